@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.analysis import bag_events, derived_signals, measured, run_signals
+from delta3_pacdrive.analysis import bag_cell, bag_events, cell_story, derived_signals, measured, run_signals
+from delta3_pacdrive.analysis.cell_story import CellStory
 from delta3_pacdrive.analysis.inputs import is_recording, is_table, noted
 from delta3_pacdrive.analysis.planning.evaluation import study
 from delta3_pacdrive.analysis.planning.report import limited_text
@@ -112,6 +113,8 @@ class Run:
         Sentences about it.
     origin
         Its name with the digest of the file.
+    cell
+        What was around the robot, and where parts were; None if it tells of no cell.
 
     """
 
@@ -130,6 +133,7 @@ class Run:
     drives: tuple[tuple[DriveChange, ...], ...]
     notes: tuple[str, ...]
     origin: str
+    cell: CellStory | None = None
 
     @property
     def period_s(self) -> float:
@@ -217,7 +221,8 @@ def load(
     (origin,) = noted([text])
     used = source if kind == PROGRAM or note else None
     about = text, title, kind, robot, program, used or '', note
-    return Run(*about, trace, part, moves, marks, outputs, drives, notes, origin)
+    cell = bag_cell.read(Path(text), trace) if kind == BAG else cell_story.of_trace(trace, text)
+    return Run(*about, trace, part, moves, marks, outputs, drives, notes, origin, cell)
 
 
 def _part(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:

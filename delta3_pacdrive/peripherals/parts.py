@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -19,6 +19,44 @@ class Outcome(StrEnum):
     PRESSED = 'pressed'  # let go lower than there was room
     LOST = 'lost'  # fell while it was carried
     PASSED = 'passed'  # left the end of its belt
+
+
+class How(StrEnum):
+    """How a part stays where it is."""
+
+    LYING = 'lying'
+    RIDING = 'riding'  # on a belt
+    IN_HAND = 'in hand'
+    GONE = 'gone'
+
+
+STAYS_MAX = 200  # the newest ones of a part: it may be carried to and fro for days
+DIGITS = 7  # of places: 0.1 um
+
+
+@dataclass(frozen=True)
+class Stay:
+    """From a bus cycle on a part goes with what bears it, until its next stay.
+
+    Attributes
+    ----------
+    cycle
+        Bus cycle at whose begin it is there.
+    how
+        What it goes with.
+    belt, count
+        The belt that it rides on, and what its encoder reads then; else empty and 0.
+    at_m, angle_rad
+        Middle of its underside then [m], and its angle about the vertical [rad]. In hand it is seen from the TCP.
+
+    """
+
+    cycle: int
+    how: How
+    at_m: Place
+    angle_rad: float
+    belt: str = ''
+    count: int = 0
 
 
 @dataclass
@@ -51,6 +89,10 @@ class PartRecord:
         Box and number of the place in which it is: layer by layer, along x first; -1 without a box.
     place_error_m
         From that place to the part in x and y, and how far it fell [m].
+    size_m
+        Its length, width and height [m].
+    stays
+        Where it has been, the newest ``STAYS_MAX``.
 
     """
 
@@ -69,6 +111,8 @@ class PartRecord:
     where: str = ''
     place: int = -1
     place_error_m: Place = (0.0, 0.0, 0.0)
+    size_m: Place = (0.0, 0.0, 0.0)
+    stays: list[Stay] = field(default_factory=list)
 
     def to_document(self) -> dict[str, Any]:
         """Return it for a file."""
@@ -102,6 +146,15 @@ class Part:
         """Middle of its top [m]."""
         x, y, z = self.at_m
         return (x, y, z + self.type.size_m[2])
+
+    def stay(
+        self, cycle: int, how: How, seen_from_m: Place = (0.0, 0.0, 0.0), belt: str = '', count: int = 0
+    ) -> None:
+        """Note how it stays where it is from a bus cycle on, its place seen from another one [m]."""
+        x, y, z = (round(own - other, DIGITS) for own, other in zip(self.at_m, seen_from_m, strict=True))
+        stays = self.record.stays
+        stays.append(Stay(cycle, how, (x, y, z), round(self.angle_rad, DIGITS), belt, count))
+        del stays[:-STAYS_MAX]
 
     def is_above(self, other: 'Part') -> bool:
         """Whether another part lies below this one, seen from above; both as if they stood along x and y."""

@@ -5,17 +5,19 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 
 from delta3_pacdrive.errors import TelegramError, shown
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.peripherals.parts import Miss, Outcome, PartRecord
+from delta3_pacdrive.peripherals.parts import STAYS_MAX, How, Miss, Outcome, PartRecord, Stay
 
 ABOUT = ('cell', 'inputs', 'belts')
 PLACE, NUMBER_MAX = 3, 2**53  # numbers of a place, and the largest that is told
 KEPT_MAX = 10_000  # parts, and misses, that a log keeps one by one
+# recordings of before they were told
+OF_OLDER: dict[str, Any] = {'size_m': (0.0, 0.0, 0.0), 'stays': []}
 NOT_OVER = (Outcome.WAITING, Outcome.IN_HAND)
 
 
@@ -106,6 +108,28 @@ def report_of(
     }
 
 
+class Told(NamedTuple):
+    """A message tells names of a cell, documents of parts by their numbers, and misses by the cycles of their begin."""
+
+    about: dict[str, Any]
+    parts: dict[int, dict[str, Any]]
+    misses: dict[int, dict[str, Any]]
+
+
+def read_message(text: str) -> Told:
+    """Return what a message tells of parts; raises TelegramError for one that is none."""
+    try:
+        told = json.loads(text)
+        parts = {one['number']: _read(PartRecord, one) for one in told['parts']}
+        misses = {one['opened_cycle']: _read(Miss, one) for one in told['misses']}
+        about = {name: told[name] for name in ABOUT}
+        if not isinstance(about['cell'], str) or not all(map(_are_names, (about['inputs'], about['belts']))):
+            raise ValueError('a cell, or what it has, has no name')
+    except (ValueError, KeyError, TypeError, RecursionError, AttributeError):
+        raise TelegramError(f'{shown(text)} is no log of parts') from None
+    return Told(about, parts, misses)
+
+
 class PartsLog:
     """The log of a robot's cell, as it comes message by message.
 
@@ -130,22 +154,12 @@ class PartsLog:
 
     def add(self, text: str) -> None:
         """Take a message; raises TelegramError for one that is none."""
-        try:
-            told = json.loads(text)
-            parts = {one['number']: _read(PartRecord, one) for one in told['parts']}
-            misses = {one['opened_cycle']: _read(Miss, one) for one in told['misses']}
-            about = {name: told[name] for name in ABOUT}
-            if not isinstance(about['cell'], str) or not all(
-                map(_are_names, (about['inputs'], about['belts']))
-            ):
-                raise ValueError('a cell, or what it has, has no name')
-        except (ValueError, KeyError, TypeError, RecursionError, AttributeError):
-            raise TelegramError(f'{shown(text)} is no log of parts') from None
-        self._about = about
-        for number, one in parts.items():
+        told = read_message(text)
+        self._about = told.about
+        for number, one in told.parts.items():
             self._parts.pop(number, None)
             self._parts[number] = one
-        self._misses |= misses
+        self._misses |= told.misses
         self._forget()
 
     def _forget(self) -> None:
@@ -167,17 +181,24 @@ class PartsLog:
         return report_of(self._about, parts, misses, self._before)
 
 
-def _read(kind: type[PartRecord | Miss], told: dict[str, Any]) -> dict[str, Any]:
-    """Return the document of a part, or of a miss; raises ValueError or TypeError for what is none."""
+def _read(kind: type[PartRecord | Miss | Stay], told: dict[str, Any]) -> dict[str, Any]:
+    """Return the document of a part, a stay or a miss; raises ValueError or TypeError for what is none."""
     hints = get_type_hints(kind)
+    if kind is PartRecord:
+        told = OF_OLDER | told
     if told.keys() != hints.keys():
         raise ValueError(f'{shown(told)} has other fields')
     for name, value in told.items():
-        if hints[name] is Outcome:
-            Outcome(value)
+        if hints[name] in (Outcome, How):
+            hints[name](value)
         elif hints[name] is str:
             if not isinstance(value, str):
                 raise TypeError(f'{name} is {shown(value)}')
+        elif hints[name] == list[Stay]:
+            if not isinstance(value, list) or len(value) > STAYS_MAX:
+                raise TypeError(f'{name} is {shown(value)}')
+            for stay in value:
+                _read(Stay, stay)
         else:
             whole, is_place = hints[name] is int, hints[name] not in (int, float)
             numbers = value if is_place else [value]

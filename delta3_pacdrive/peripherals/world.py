@@ -9,12 +9,13 @@ import numpy as np
 
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.peripherals import cell_scene
 from delta3_pacdrive.peripherals.belt import BeltState, OnBelt
 from delta3_pacdrive.peripherals.binary_signal import BinarySignal
 from delta3_pacdrive.peripherals.camera import CameraState, Sighting
 from delta3_pacdrive.peripherals.cell import Box, Cell, CellFault, Input, Place
 from delta3_pacdrive.peripherals.gripper import Gripper
-from delta3_pacdrive.peripherals.parts import Landing, Miss, Outcome, Part, PartRecord, landing
+from delta3_pacdrive.peripherals.parts import How, Landing, Miss, Outcome, Part, PartRecord, landing
 from delta3_pacdrive.peripherals.parts_report import report_of
 from delta3_pacdrive.recording.signals import CELL_BELTS, CELL_INPUTS
 
@@ -50,6 +51,8 @@ class World:
         What each belt does, by its name.
     sightings
         What the camera of each belt tells in this bus cycle.
+    scene
+        What stands there, for who draws it: the document of ``cell_scene``.
 
     """
 
@@ -99,6 +102,7 @@ class World:
         }
         self.sightings: dict[str, list[Sighting]] = {name: [] for name in self._cameras}
         self._on_belts: dict[str, dict[int, tuple[OnBelt, Part]]] = {name: {} for name in cell.belts}
+        self.scene = cell_scene.document_of(cell)
         self._refill(0)
 
     def _generator(self, name: str) -> np.random.Generator:
@@ -157,7 +161,7 @@ class World:
             output = bool(outputs & self._output)
             left = gripper.step(cycle, place, self._acceleration(), output, pump, self._lying.values())
             if gripper.part is not None:
-                self._pick_up(gripper.part, cycle)
+                self._pick_up(gripper.part, cycle, place)
             if left is not None:
                 self._land(left, cycle)
                 self.changed.append(left.record)
@@ -173,6 +177,7 @@ class World:
         """Let what hangs at the robot fall off: a fault is injected."""
         lost = None if self._gripper is None else self._gripper.drop(cycle, FAULT_OF_RUN)
         if lost is not None:
+            lost.stay(cycle, How.GONE)
             self._lost.append(lost.record)
 
     def under_way(self) -> tuple[list[PartRecord], list[Miss]]:
@@ -217,7 +222,9 @@ class World:
         for name, supply in self._cell.supplies.items():
             if name not in self._waiting and self._left[name] > 0 and cycle >= self._next[name]:
                 self._left[name] -= 1
-                self._waiting[name] = self._new_part(supply.part, name, supply.at_m, supply.angle_rad)
+                part = self._new_part(supply.part, name, supply.at_m, supply.angle_rad)
+                part.stay(cycle, How.LYING)
+                self._waiting[name] = part
 
     def _move_belt(self, name: str, cycle: int) -> None:
         """Move a belt with its parts."""
@@ -228,6 +235,7 @@ class World:
                 part = self._new_part(
                     come.type, name, state.place_m(come), state.belt.direction_rad + come.angle_rad
                 )
+                part.stay(cycle, How.RIDING, belt=name, count=state.count)
                 on_it[part.record.number] = come, part
         for on_belt, part in on_it.values():
             part.at_m = state.place_m(on_belt)
@@ -235,6 +243,7 @@ class World:
             number = next(number for number, (one, _) in on_it.items() if one is gone)
             _, part = on_it.pop(number)
             self._lying.pop(number, None)
+            part.stay(cycle, How.GONE)
             if part.record.outcome is Outcome.WAITING:
                 part.record.outcome = Outcome.PASSED
             self.changed.append(part.record)
@@ -246,17 +255,19 @@ class World:
         state.jump(0.0 if jump is None else jump.value)
 
     def _new_part(self, kind: str, source: str, at_m: Place, angle_rad: float) -> Part:
-        part = Part(self._cell.parts[kind], at_m, angle_rad, PartRecord(self._came, kind, source))
+        record = PartRecord(self._came, kind, source, size_m=self._cell.parts[kind].size_m)
+        part = Part(self._cell.parts[kind], at_m, angle_rad, record)
         self._came += 1
-        self.records.append(part.record)
-        self.changed.append(part.record)
-        self._lying[part.record.number] = part
+        self.records.append(record)
+        self.changed.append(record)
+        self._lying[record.number] = part
         return part
 
-    def _pick_up(self, part: Part, cycle: int) -> None:
+    def _pick_up(self, part: Part, cycle: int, tcp_m: Place) -> None:
         """Take a part away from where it has lain."""
         if self._lying.pop(part.record.number, None) is None:
             return
+        part.stay(cycle, How.IN_HAND, tcp_m)
         self.changed.append(part.record)
         source = part.record.source
         if self._waiting.get(source) is part:
@@ -272,6 +283,7 @@ class World:
         """Put down a part that was let go; one that was lost is gone."""
         record = part.record
         if record.outcome is Outcome.LOST:
+            part.stay(cycle, How.GONE)
             return
         found = landing(part, self._places, self._lying.values())
         on_belt = None
@@ -279,6 +291,7 @@ class World:
             found, on_belt = self._belt_below(part)
         if found is None:
             record.outcome, record.reason = Outcome.DROPPED, 'there was nothing below it'
+            part.stay(cycle, How.GONE)
             return
         x, y, z = part.at_m
         drop = z - found.height_m
@@ -300,6 +313,9 @@ class World:
         if on_belt is not None and record.outcome is not Outcome.DROPPED:
             self.belts[found.where].put(on_belt)
             self._on_belts[found.where][record.number] = on_belt, part
+            part.stay(cycle, How.RIDING, belt=found.where, count=self.belts[found.where].count)
+        else:
+            part.stay(cycle, How.LYING)
         if box is not None and math.isfinite(box.clears_s):
             self._clearing.append(
                 (cycle + math.ceil(box.clears_s / self._cycle_time_s - 1e-9), record.number)
@@ -320,8 +336,10 @@ class World:
     def _clear(self, cycle: int) -> None:
         if self._clearing:
             for due, number in self._clearing:
-                if due <= cycle:
-                    self._lying.pop(number, None)
+                part = self._lying.pop(number, None) if due <= cycle else None
+                if part is not None:
+                    part.stay(cycle, How.GONE)
+                    self.changed.append(part.record)
             self._clearing = [one for one in self._clearing if one[0] > cycle]
 
     def _tell_inputs(self, cycle: int) -> None:

@@ -336,6 +336,12 @@ PARTS = Topic(
     'JSON: cycle, and what has happened in it to parts of a cell, with the numbers of the picks and places; misses',
     CHANGE, recorded=True,
 )
+SCENE = Topic(
+    'cell/scene', String, LATCHED, (PLANT,), (),
+    'JSON: what stands around the robot, as level areas: belts with their windows, barriers and cameras, boxes, '
+    'supplies, sensors',
+    'at the start, if there is a cell', recorded=True,
+)
 PHASE_CURRENT = Topic(
     'axisN/phase_current', JointState, REPORT, (DRIVE,), (),
     "phase currents I1s, I2s, I3s [A] at the cycle's start, as efforts", 'every cycle, while somebody listens',

@@ -54,7 +54,7 @@ class LiveView:
         self._wishes = PageWishes(page, robot, self._jog)
         self._scope = PageScope(page, robot)
         self._session = ''
-        self._planned = 0  # changes of the path that is drawn
+        self._planned = self._stands = 0  # changes of the path and of the cell that are drawn
         self._drawn_s = self._read_s = 0.0
         self._watched_s = time.monotonic()
         self._waiting: list[Wish] = []
@@ -121,6 +121,9 @@ class LiveView:
             self._session = session
             page.forget()
         instant = robot.instant()
+        if robot.cell.now.changes != self._stands:
+            self._stands = robot.cell.now.changes
+            page.stand(robot.cell.now.things)
         if instant is not None:
             page.show(instant)
         if now - self._read_s >= FACTS_S:

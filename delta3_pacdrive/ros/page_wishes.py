@@ -161,6 +161,8 @@ class PageWishes:
         operator, text = self._operator, wish.text
         if wish.action == 'inject':
             return operator.inject(text)
+        if wish.action == 'input':
+            return operator.input(text)
         if wish.action == 'teach':
             return self._teach(text)
         if wish.action == 'forget':

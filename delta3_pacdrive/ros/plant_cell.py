@@ -1,7 +1,7 @@
 """The cell of the plant node on the graph: its inputs, the log of its parts, and inputs that are set from outside.
 
 In: ``sercos/mdt`` (outputs). Out, in every cycle: ``sercos/at/io`` (inputs), ``sercos/at/belts`` (counts, parts). And
-``cell/parts`` (JSON). Service: ``input``.
+``cell/parts`` and ``cell/scene`` (JSON). Service: ``input``.
 """
 
 import json
@@ -23,7 +23,7 @@ from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.plant.bus_plant import BusPlant
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.belt_receiver import parts_of
-from delta3_pacdrive.ros.interfaces import BELTS, INPUT, INPUTS, MDT, PARTS
+from delta3_pacdrive.ros.interfaces import BELTS, INPUT, INPUTS, MDT, PARTS, SCENE
 from delta3_pacdrive.ros.parameters import declare, descriptor
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
@@ -79,7 +79,8 @@ class PlantCell:
         names = [belt.name for belt in self._axes]
         self._belts_codec = cdr.codec(telegrams.belts(names or ('',)))
         self._publish_belts = cdr.raw_publish(BELTS.publisher(node))
-        self._parts = PARTS.publisher(node)
+        self._parts, self._scene = PARTS.publisher(node), SCENE.publisher(node)
+        self._scene.publish(String(data=json.dumps(self._world.scene)))
 
     def receive_for(self, bus_plant: BusPlant) -> None:
         """Receive for a plant from now on."""

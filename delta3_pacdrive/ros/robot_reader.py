@@ -1,13 +1,14 @@
 """What a robot tells of itself, as the page shows it.
 
-It is read from what the robot tells anyway: joint states (100 Hz), reports and states; and one cyclic topic, the
-following error, of which only the newest message is looked at when a picture is due. Nothing of it wakes the process a
-thousand times a second.
+It is read from what the robot tells anyway: joint states (100 Hz), reports and states; and cyclic topics, following
+error and TCP error, of which only the newest message is looked at when a picture is due. Nothing of it wakes the
+process a thousand times a second.
 """
 
 import json
 import math
 import time
+from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
@@ -22,14 +23,18 @@ from delta3_pacdrive.controller.planned_path import PlannedPath
 from delta3_pacdrive.errors import Delta3Error, TelegramError, sources_of
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.peripherals.cell_scene import brings_parts
 from delta3_pacdrive.ros import cdr, interfaces
+from delta3_pacdrive.ros.cell_reader import CellReader
 from delta3_pacdrive.ros.numbers import row_of
+from delta3_pacdrive.ros.polling import Taken
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.told_parameters import ToldParameters
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
 from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
 
 SILENT_S = 2.0  # without a report, after which no robot is there
@@ -45,6 +50,8 @@ class RobotReader:
         Of the robot, as far as they are known.
     planned
         The path that is driven.
+    cell
+        What stands around it.
 
     """
 
@@ -54,9 +61,12 @@ class RobotReader:
         self.planned = PlannedPath(parameters.kinematics)
         self._joints = interfaces.JOINT_STATES.polled_subscription(operator, profile=NEWEST)
         self._lags = interfaces.FOLLOWING_ERROR.polled_subscription(operator, profile=NEWEST)
+        self._errors = interfaces.TCP_ERROR.polled_subscription(operator, profile=NEWEST)
         self._joint_codec = cdr.codec(telegrams.JOINT_STATES)
         self._lag_codec = cdr.codec(telegrams.FOLLOWING_ERROR)
-        self._lag = np.zeros(3)
+        self._error_codec = cdr.codec(telegrams.TCP_ERROR)
+        self._lag, self._error = np.zeros(3), np.zeros(3)
+        self.cell = CellReader(operator)
         self._overload = np.zeros(3)
         self._drives = [DriveFacts()] * len(DRIVES)
         self._prefix = operator.get_namespace().rstrip('/') + '/mc4_drive_'
@@ -76,9 +86,9 @@ class RobotReader:
     def instant(self) -> Instant | None:
         """Return the newest joint states, None if there are no new ones."""
         found = None
-        while (taken := self._lags()) is not None:
-            with suppress(TelegramError):
-                self._lag = np.array(self._lag_codec.decode(taken[0])[3])
+        self._lag = _newest(self._lags, self._lag_codec, self._lag)
+        self._error = _newest(self._errors, self._error_codec, self._error)
+        self.cell.read()
         while (taken := self._joints()) is not None:
             with suppress(TelegramError):  # joints of somebody else: the topic belongs to everybody
                 found = self._joint_codec.decode(taken[0])
@@ -87,19 +97,20 @@ class RobotReader:
         sec, nanosec, _, values = found
         theta, speed, effort = np.array(values).reshape(3, -1)[:, :3]  # behind them come the passive joints
         torque = effort / self.parameters.dynamics.gear_ratio
-        return Instant(
-            sec + nanosec / NANOSECONDS, theta, self._lag, torque,
-            torque / self.parameters.motor.torque_constant_n_m_a, self._overload, self._tcp_speed(theta, speed),
-        )  # fmt: skip
-
-    def _tcp_speed(self, theta: Floats, speed: Floats) -> float:
+        time_s = sec + nanosec / NANOSECONDS
         tcp = kinematics.forward(theta, self.parameters, unreachable='nan')
-        if not np.isfinite(tcp).all():
-            return 0.0
-        return float(np.linalg.norm(kinematics.jacobian(theta, tcp, self.parameters) @ speed))
+        there = bool(np.isfinite(tcp).all())
+        x, y, z = tcp.tolist()
+        return Instant(
+            time_s, theta, self._lag, torque,
+            torque / self.parameters.motor.torque_constant_n_m_a, self._overload,
+            float(np.linalg.norm(kinematics.jacobian(theta, tcp, self.parameters) @ speed)) if there else 0.0,
+            error_m=self._error, cell=self.cell.at(time_s, (x, y, z)) if there else None,
+        )  # fmt: skip
 
     def facts(self) -> Facts:
         """Return what there is to read."""
+        self.cell.look()
         p, queue = self.operator.progress, self.operator.queue
         if not self.here:
             where = self.operator.get_namespace()
@@ -124,8 +135,9 @@ class RobotReader:
             queue=queue.moves if queue else 0,
             working=queue.working if queue else '',
             operator=p['operator'],
-            payload_kg=min(max(p['payload_kg'], 0.0), core.PAYLOAD_MAX_KG),
+            payload_kg=None if brings_parts(self.cell.now.things) else _payload(p['payload_kg']),
             outputs=int(p['outputs']),
+            inputs=self.cell.inputs,
             controller=self._controller,
         )
 
@@ -164,3 +176,16 @@ class RobotReader:
         self._controller = found.controller
         self.planned.use(found.kinematics)
         return found.checksum != before.checksum
+
+
+def _newest(take: Callable[[], Taken | None], codec: TelegramCodec, before: Floats) -> Floats:
+    """Return the three numbers of the newest message that has come, those of before if none is of this telegram."""
+    while (taken := take()) is not None:
+        with suppress(TelegramError):
+            before = np.array(codec.decode(taken[0])[3])
+    return before
+
+
+def _payload(told_kg: float) -> float:
+    """Return a payload that a robot may carry [kg], whatever is told."""
+    return min(max(told_kg, 0.0), core.PAYLOAD_MAX_KG)

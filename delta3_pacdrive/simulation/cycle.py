@@ -182,7 +182,8 @@ class SimulatedOperation:
         world: World | None = None,
     ) -> None:
         self._robot, self._task, self._parameters, self._world = robot, task, parameters, world
-        self._requested = Requested(signals, robot, parameters, world)
+        of_belts = ('cell_belts',) if world is not None and world.belts else ()
+        self._requested = Requested((*signals, *of_belts), robot, parameters, world)
         self._start = parameters.motion.start_cycle
         self._must_succeed = not faults
         self._schedule = Schedule()

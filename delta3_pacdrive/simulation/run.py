@@ -197,6 +197,6 @@ def trace_of(
     }
     if world is not None:
         world.finish()
-        meta['cell'] = world.report()
+        meta['cell'], meta['cell_scene'] = world.report(), world.scene
     times_s = np.arange(len(found['current']), dtype=np.float64) * parameters.bus.cycle_time_s
     return Trace(times_s, found, meta)

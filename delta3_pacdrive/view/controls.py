@@ -13,6 +13,7 @@ from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.faults.fault import KINDS, NODES
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.view import readout
+from delta3_pacdrive.view.input_rows import InputRows
 from delta3_pacdrive.view.jog import BEATS_HZ, DIRECTIONS
 from delta3_pacdrive.view.values import Facts, Wish
 
@@ -55,6 +56,7 @@ class Controls:
             self._add_teach()
         with tabs.add_tab('Faults'):
             self._add_faults()
+        self._inputs = InputRows(gui, tabs, lambda text: self._ask('input', text))
         self._answers = gui.add_html('')
 
     def _ask(self, action: str, text: str = '') -> None:
@@ -196,7 +198,9 @@ class Controls:
         self._override_shown = math.nan
 
     def show(self, facts: Facts) -> None:
-        """Let the slider follow the override, whoever has set it."""
+        """Let the slider follow the override, whoever has set it, and show the inputs of a robot that is there."""
+        if facts.state:
+            self._inputs.show(facts.inputs)
         if facts.state and facts.override != self._override_shown:
             self._override_shown = facts.override
             self._override.value = min(max(round(100.0 * facts.override), OVERRIDE_MIN), OVERRIDE_MAX)

@@ -7,7 +7,7 @@ import contextlib
 import io
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,9 @@ import numpy as np
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.peripherals.cell_scene import Thing
 from delta3_pacdrive.view import readout
+from delta3_pacdrive.view.cell_figure import CellFigure
 from delta3_pacdrive.view.controls import Controls
 from delta3_pacdrive.view.figure import BLUE, Figure, segments
 from delta3_pacdrive.view.history import History
@@ -71,6 +73,8 @@ class Page:
         self.wishes: deque[Wish] = deque()
         self.controls: Controls | None = None
         self.scope: ScopePanel | None = None
+        self._things: tuple[Thing, ...] = ()
+        self._cell: CellFigure | None = None
         self._tcp_m: Floats | None = None
         self._instant: Instant | None = None
         self._history = History(round(HISTORY_S * PICTURES_HZ), COLUMNS)
@@ -123,7 +127,17 @@ class Page:
         self._figure = Figure(scene, parameters)
         home = np.array(parameters.motion.home_m)  # until it is known where the robot is
         self._figure.place(kinematics.inverse(home, parameters), home, None)
+        self._cell = None  # it has gone with the rest
         self.forget()
+        self.stand(self._things)
+
+    def stand(self, things: Sequence[Thing]) -> None:
+        """Show what stands around the robot; nothing: it has no cell."""
+        self._things = tuple(things)
+        if self._cell is not None:
+            self._cell.remove()
+        self._cell = CellFigure(self.server.scene, things) if things else None
+        self._boxes['cell'].visible = bool(things)
         self._apply_looks()
 
     def _add_looks(self, gui: Any) -> None:
@@ -134,7 +148,7 @@ class Page:
             self._window = gui.add_dropdown('plots, s', WINDOWS_S, initial_value='10')
             self._boxes = {
                 name: gui.add_checkbox(name, True)
-                for name in ('workspace', 'planned path', 'travelled path', 'labels')
+                for name in ('workspace', 'planned path', 'travelled path', 'labels', 'cell')
             }
             self._dark = gui.add_checkbox('dark', False)
         for handle in (self._ghost, self._magnified, self._window, self._dark, *self._boxes.values()):
@@ -148,6 +162,8 @@ class Page:
         figure.travelled.visible = boxes['travelled path'].value
         for handle in (*figure.labels, *figure.axes):
             handle.visible = boxes['labels'].value
+        if self._cell is not None:
+            self._cell.show(boxes['cell'].value, boxes['labels'].value)
         if self._window.value in WINDOWS_S:  # a page may say anything
             self._seconds = float(self._window.value)
         if self._magnified.value in MAGNIFIED:
@@ -212,6 +228,7 @@ class Page:
             instant.torque_n_m[None],
             instant.current_a[None],
             np.array([instant.speed_m_s]),
+            instant.error_m[None],
             self._parameters,
         )
         if not np.isfinite(row).all():
@@ -224,6 +241,8 @@ class Page:
         now = time.monotonic()
         with self.server.atomic():
             self._figure.place(instant.theta_rad, tcp, self._ghost_of(instant, tcp, error))
+            if self._cell is not None and instant.cell is not None:
+                self._cell.place(instant.cell)
             if now - self._read_s >= READ_S:
                 self._read_s = now
                 self._write()
@@ -255,7 +274,7 @@ class Page:
         if not self.watched:
             return
         self._write()
-        self._figure.carry(facts.payload_kg)
+        self._figure.carry(facts.payload_kg or 0.0)
         self._flash(time.monotonic())
         if self.controls is not None:
             self.controls.show(facts)

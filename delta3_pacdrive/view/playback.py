@@ -3,7 +3,7 @@
 import time
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -15,10 +15,12 @@ from delta3_pacdrive.drive.state_machine import overload_after
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.peripherals.cell_scene import Thing, brings_parts
 from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
 from delta3_pacdrive.view.plots import rows_of
-from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
+from delta3_pacdrive.view.values import CellInstant, DriveFacts, Facts, InputFacts, Instant, PartPlace
 
 PICTURE_S = 1.0 / PICTURES_HZ
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
@@ -95,9 +97,12 @@ class Film:
         nominal, limit = robot.motor.nominal_current_a, robot.drive.overload_time_s
         # the drives' monitoring takes all samples of a cycle
         load = trace.signals.get('current_rms', self._current)
+        self._error = error_of(trace.signals, self._tcp, self._theta + self._lag, robot)
         self._overload = overload_of(load / nominal, run.period_s) / limit
         torque = robot.motor.torque_constant_n_m_a * self._current
-        self._rows = rows_of(self.time_s, self._theta, self._lag, torque, self._current, self._speed, robot)
+        self._rows = rows_of(
+            self.time_s, self._theta, self._lag, torque, self._current, self._speed, self._error, robot
+        )
         self._rows = self._rows[np.isfinite(self._rows).all(axis=1)]
 
     def row(self, time_s: float) -> int:
@@ -123,7 +128,36 @@ class Film:
             self._overload[row],
             float(self._speed[row]),
             None if self._true is None else self._true[row],
+            self._error[row],
+            self._cell_at(row),
         )
+
+    @property
+    def things(self) -> tuple[Thing, ...]:
+        """What stands around the robot."""
+        return () if self.run.cell is None else self.run.cell.things
+
+    def _cell_at(self, row: int) -> CellInstant | None:
+        """Return what moves around the robot in a cycle."""
+        story = self.run.cell
+        if story is None:
+            return None
+        start = int(self.run.part.meta.get('start_cycle') or 0)  # of the program, from which times count
+        cycle = round(float(self.time_s[row]) / self.run.period_s) + start
+        x, y, z = self._tcp[row].tolist()
+        parts = []
+        for part, place, angle in story.at(cycle, (x, y, z)):
+            length, width, height = part['size_m']
+            parts.append(PartPlace(part['number'], part['type'], (length, width, height), place, angle))
+        return CellInstant(tuple(parts), {name: story.way_m(name, cycle) for name in story.belts})
+
+    def _inputs(self, row: int) -> tuple[InputFacts, ...]:
+        """Return the inputs of a cycle, if they are recorded."""
+        cell = self.run.part.meta.get('cell')
+        if cell is None or 'cell_inputs' not in self._signals:
+            return ()
+        values = self._signals['cell_inputs'][row]
+        return tuple(InputFacts(name, bool(on)) for name, on in zip(cell['inputs'], values, strict=False))
 
     def facts(self, row: int, state: str, speed: float) -> Facts:
         """Return what there is to read in a cycle, while it is played at a speed or stands."""
@@ -149,8 +183,9 @@ class Film:
             moves=len(run.moves),
             drives=self._drives(time_s),
             remaining_s=max(float(self.time_s[-1]) - time_s, 0.0),
-            payload_kg=payload_kg,
+            payload_kg=None if brings_parts(self.things) else payload_kg,
             outputs=sum(1 << number for number, name in enumerate(OUTPUTS) if on.get(name)),
+            inputs=self._inputs(row),
             controller='' if run.robot_note else run.robot.controller,
         )
 
@@ -171,6 +206,28 @@ class Film:
         points = self._signals.get('tcp_command', self._tcp)
         points = points[np.isfinite(points).all(axis=1)]
         return np.asarray(points[:: max(1, len(points) // PLAN_POINTS)])
+
+
+def error_of(
+    signals: Mapping[str, Floats], tcp_m: Floats, command_rad: Floats, parameters: Parameters
+) -> Floats:
+    """Return the TCP error [m], shape (n, 3): as the robot has told it, else from where the arms should be.
+
+    Parameters
+    ----------
+    signals
+        Of a recording.
+    tcp_m
+        Places of the TCP [m], shape (n, 3).
+    command_rad
+        Arm angles with the following errors that were told, shape (n, 3).
+    parameters
+        Of the robot.
+
+    """
+    if 'tcp_error' in signals:
+        return signals['tcp_error']
+    return kinematics.forward(command_rad, parameters, unreachable='nan') - tcp_m
 
 
 def overload_of(ratio: Floats, period_s: float) -> Floats:
@@ -230,6 +287,7 @@ class Player:
         again.on_update(lambda _: self._asked.append(partial(setattr, self.clock, 'again', again.value)))
         page.rows = lambda seconds: film.before(self.clock.time_s, seconds)
         page.plan(film.path())
+        page.stand(film.things)
 
     def _slide(self, event: Any) -> None:
         if event.client is not None:  # the clock moves it as well

@@ -35,6 +35,7 @@ def rows_of(
     torque_n_m: Floats,
     current_a: Floats,
     speed_m_s: Floats,
+    error_m: Floats,
     parameters: Parameters,
 ) -> Floats:
     """Return what is plotted of instants.
@@ -43,7 +44,7 @@ def rows_of(
     ----------
     time_s, speed_m_s
         Bus time [s] and speed of the TCP [m/s], shape (n,).
-    theta_rad, lag_rad, torque_n_m, current_a
+    theta_rad, lag_rad, torque_n_m, current_a, error_m
         As ``Instant`` has them, shape (n, 3).
     parameters
         Of the robot.
@@ -55,11 +56,10 @@ def rows_of(
 
     """
     tcp = kinematics.forward(theta_rad, parameters, unreachable='nan')
-    error = kinematics.forward(theta_rad + lag_rad, parameters, unreachable='nan') - tcp
     return np.column_stack(
         [
             time_s,
-            1e3 * error,
+            1e3 * error_m,
             1e3 * np.degrees(lag_rad),
             torque_n_m,
             current_a,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from delta3_pacdrive.controller.motion_state import UNDER_WAY
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
+from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant
 
 GREEN, AMBER, RED, GREY, BLUE = '#2f9e5b', '#e08a00', '#d92d3a', '#868e96', '#3a86ff'
 STATE_COLOURS = {
@@ -71,9 +71,12 @@ def status(facts: Facts, tcp_m: Floats | None) -> str:
         )
     outputs = ' '.join(str(n) for n in range(8) if facts.outputs >> n & 1)
     queue = () if facts.recording else (('queue', f'{facts.queue}'),)
-    rows.append(_pairs(*queue, ('outputs', outputs or 'none'), ('payload', f'{facts.payload_kg:g} kg')))
+    payload = () if facts.payload_kg is None else (('payload', f'{facts.payload_kg:g} kg'),)
+    rows.append(_pairs(*queue, ('outputs', outputs or 'none'), *payload))
+    if facts.inputs:
+        rows.append(_inputs(facts.inputs))
     if facts.controller:
-        rows.append(_pairs(('controller', html.escape(facts.controller))))
+        rows.append(f'<span style="opacity:.65">controller</span> <b>{html.escape(facts.controller)}</b>')
     if facts.operator:
         rows.append(_pairs(('control', html.escape(facts.operator))))
     rows += [html.escape(text) for text in (facts.working, facts.waiting) if text]
@@ -105,6 +108,26 @@ def _of_recording(facts: Facts) -> list[str]:
             ('speed', f'{facts.override:g}'),
         ),
     ]
+
+
+def _inputs(inputs: Sequence[InputFacts]) -> str:
+    """Return the inputs: which are on, which were set from outside."""
+    told = [
+        f'<span style="white-space:nowrap">{html.escape(one.name)}&nbsp;{_switch(one)}</span>'
+        for one in inputs
+    ]
+    return f'<span style="opacity:.65">inputs</span>&ensp;{" &ensp;".join(told)}'
+
+
+def _switch(one: InputFacts) -> str:
+    """Return whether an input is on, and whether it was set from outside."""
+    colour = AMBER if one.forced else GREEN if one.on else GREY
+    return chip(f'{"on" if one.on else "off"}{", set" if one.forced else ""}', colour)
+
+
+def input_row(one: InputFacts) -> str:
+    """Return the name of an input and what it tells."""
+    return _boxed(f'<b>{html.escape(one.name)}</b>&ensp;{_switch(one)}')
 
 
 def alarm(sentence: str) -> str:

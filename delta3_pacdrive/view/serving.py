@@ -5,6 +5,7 @@ import http
 import importlib
 import importlib.util
 import ipaddress
+import logging
 import os
 import selectors
 import socket
@@ -36,6 +37,9 @@ fetch('{IS_THERE}').finally(() => {{
 }});
 </script>
 """.encode()
+# Whoever leaves before he has asked for anything (a browser that is closed, a look whether a port is open) is no news.
+CONNECTIONS = logging.getLogger(__name__)
+CONNECTIONS.addFilter(lambda record: record.getMessage() != 'opening handshake failed')
 REPLY = b'HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\nContent-Length: %d\r\n\r\n'
 
 
@@ -342,7 +346,8 @@ def own_pages_only(host: str, listener: socket.socket) -> Iterator[list[Callable
                 return connection.respond(http.HTTPStatus.OK, '')
             return process_request(connection, request)
 
-        found = plain(handler, sock=listener, start_serving=False, process_request=judged, **options)
+        options |= {'process_request': judged, 'logger': CONNECTIONS}
+        found = plain(handler, sock=listener, start_serving=False, **options)
         loop = asyncio.get_running_loop()
         begin.append(
             lambda: asyncio.run_coroutine_threadsafe(found.server.start_serving(), loop).result(START_S)

@@ -1,15 +1,49 @@
 """What the page shows, and what people ask for on it, as plain values."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
 
+PARTS_MAX = 1000  # of a cell that are drawn: the newest
+Point = tuple[float, float, float]
+
 
 def _zeros() -> Floats:
     return np.zeros(3)
+
+
+@dataclass(frozen=True)
+class PartPlace:
+    """A part at one moment.
+
+    Attributes
+    ----------
+    number, type
+        As ``PartRecord`` has them.
+    size_m
+        Its length, width and height [m].
+    at_m, angle_rad
+        Middle of its underside [m], and its angle about the vertical [rad].
+
+    """
+
+    number: int
+    type: str
+    size_m: Point
+    at_m: Point
+    angle_rad: float
+
+
+@dataclass(frozen=True)
+class CellInstant:
+    """The parts of a cell at one moment, and how far the surfaces of its belts have come [m], by their names."""
+
+    parts: tuple[PartPlace, ...] = ()
+    ways_m: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -32,6 +66,10 @@ class Instant:
         Of the TCP.
     true_m
         Where the TCP of the built robot really is [m], shape (3,); None where nobody knows.
+    error_m
+        TCP error as the robot tells it: command minus actual, the set-point delay removed [m], shape (3,).
+    cell
+        What moves around the robot; None: there is no cell.
 
     """
 
@@ -43,6 +81,8 @@ class Instant:
     overload: Floats = field(default_factory=_zeros)
     speed_m_s: float = 0.0
     true_m: Floats | None = None
+    error_m: Floats = field(default_factory=_zeros)
+    cell: CellInstant | None = None
 
 
 @dataclass(frozen=True)
@@ -52,6 +92,15 @@ class DriveFacts:
     state: str = ''
     brake: str = ''
     warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class InputFacts:
+    """An input of a cell: its name, whether it is on, and whether it was set from outside."""
+
+    name: str
+    on: bool
+    forced: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +134,9 @@ class Facts:
     recording
         Its title, if this is one; ``override`` is the speed at which it is played then.
     payload_kg, outputs
-        What it carries, and its digital outputs as bits.
+        What it is told to carry, None where a cell tells what is in hand; and its digital outputs as bits.
+    inputs
+        Of its cell.
     controller
         Which one it is, in words; empty as long as that is not known.
 
@@ -111,8 +162,9 @@ class Facts:
     working: str = ''
     operator: str = ''
     recording: str = ''
-    payload_kg: float = 0.0
+    payload_kg: float | None = 0.0
     outputs: int = 0
+    inputs: tuple[InputFacts, ...] = ()
     controller: str = ''
 
 
@@ -126,7 +178,8 @@ class Wish:
         As ``delta3 move`` has it; besides ``packaged`` (name of a program), ``program`` (its text), ``step`` (a
         direction such as +x, a distance [mm] and a speed [mm/s]), ``press`` (a beat of a button that is held: direction
         and speed), ``jog`` (number of the press that sets off), ``inject`` (a fault in YAML), ``teach`` (a name),
-        ``forget``, ``scope`` (what an oscilloscope is to record, as ``scope_panel`` reads it) and ``end_scope``.
+        ``forget``, ``input`` (a request of the service of that name), ``scope`` (what an oscilloscope is to record, as
+        ``scope_panel`` reads it) and ``end_scope``.
     text
         What belongs to it.
     by_force

@@ -216,13 +216,18 @@ def test_a_foreign_log_of_parts_is_refused_and_changes_nothing(text):
     assert log.report() is None
 
 
+STAY = {'cycle': 1, 'how': 'riding', 'at_m': [0, 0, 0], 'angle_rad': 0.0, 'belt': 'line', 'count': 2}
+FOREIGN_STAYS = ({'how': 'flying'}, {'at_m': [0, 0]}, {'count': 0.5}, {'belt': 7}, {'more': 1})
 STRANGE = {
     'outcome': ['eaten', None, 3],
     'number': [1e999, '1', True, 10**400, None],
     'hold_use': [float('nan'), 'much', 10**400],
     'place_error_m': [[1e-3], 'far', None, [0.0, 0.0, float('inf')]],
     'where': [5, None],
+    'size_m': [[1.0], None],
+    'stays': [None, [3], [{}], [STAY] * 201, *([STAY | more] for more in FOREIGN_STAYS)],
 }
+OF_LATER = ('size_m', 'stays')  # a recording of before does not tell them
 
 
 @pytest.mark.parametrize(('name', 'value'), [(name, value) for name in STRANGE for value in STRANGE[name]])
@@ -233,9 +238,18 @@ def test_a_part_that_is_none_is_refused_and_changes_nothing(name, value):
     before = log.report()
     with pytest.raises(TelegramError, match='no log of parts'):
         log.add(json.dumps(told | {'parts': [part(2) | {name: value}]}))
-    with pytest.raises(TelegramError, match='no log of parts'):
-        log.add(json.dumps(told | {'parts': [{key: one for key, one in part(2).items() if key != name}]}))
+    if name not in OF_LATER:
+        with pytest.raises(TelegramError, match='no log of parts'):
+            log.add(json.dumps(told | {'parts': [{key: one for key, one in part(2).items() if key != name}]}))
     assert log.report() == before
+
+
+def test_a_part_of_a_recording_of_before_has_been_nowhere():
+    log = PartsLog()
+    told = {'cell': 'bench', 'inputs': [], 'belts': [], 'misses': []}
+    log.add(json.dumps(told | {'parts': [{key: one for key, one in part(2).items() if key not in OF_LATER}]}))
+    (found,) = log.report()['parts']
+    assert (found['stays'], found['size_m']) == ([], (0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize('about', [{'cell': 3}, {'inputs': 'all'}, {'belts': [1]}])

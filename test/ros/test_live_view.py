@@ -52,6 +52,8 @@ class Cell:
         # the robot, and what is known of it
         self.operator, self.parameters, self.here = self, parameters, True
         self.planned = SimpleNamespace(points_m=np.empty((0, 3)), changes=0)
+        self.cell = SimpleNamespace(now=SimpleNamespace(things=(), changes=0))
+        self.stood: list[Any] = []  # what the page was told to draw around the robot
         self.state, self.in_control, self.queue = 'idle', False, SimpleNamespace(moves=0)
         self.states = deque([self.state], ON_ITS_WAY_STEPS)
         self._tell_progress()
@@ -108,6 +110,9 @@ class Cell:
     def forget(self) -> None:
         pass
 
+    def stand(self, things: Any) -> None:
+        self.stood.append(things)
+
     # what is known of the robot
 
     def _tell_progress(self) -> None:
@@ -145,6 +150,9 @@ class Cell:
 
     def send_program(self, text: str) -> str:
         return self.call('program')
+
+    def input(self, request: str) -> str:
+        return self.call(f'input {request}')
 
     def call(self, action: str) -> str:
         self.asked.append((action, self.now))
@@ -394,3 +402,25 @@ def test_whatever_a_page_asks_for_does_not_end_the_view(cell: Cell, action: str,
     cell.run(1.0)
     assert cell.now >= 1.0
     assert any(refused for _, refused in cell.told)
+
+
+def test_an_input_is_set_without_control_and_a_refusal_is_told(cell: Cell) -> None:
+    control = []
+    cell.click(0.5, 'input', 'start on')
+    cell.at(0.8, lambda: control.append(cell.in_control))
+    cell.refuses.add('input moon on')
+    cell.click(1.0, 'input', 'moon on')
+    cell.run(2.0)
+    assert [name for name, _ in cell.asked if name.startswith('input')] == ['input start on', 'input moon on']
+    assert cell.told == [('input start on accepted', False), ('input moon on is refused', True)]
+    assert control == [False]
+
+
+def test_the_cell_is_drawn_once_when_it_is_known_and_again_when_it_is_another_one(cell: Cell) -> None:
+    def known(*things: str) -> None:
+        cell.cell.now = SimpleNamespace(things=things, changes=cell.cell.now.changes + 1)
+
+    cell.at(0.5, lambda: known('belt'))
+    cell.at(1.5, lambda: known('belt', 'box'))
+    cell.run(3.0)
+    assert cell.stood == [('belt',), ('belt', 'box')]

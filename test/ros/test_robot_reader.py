@@ -7,13 +7,16 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from diagnostic_msgs.srv import AddDiagnostics
+from geometry_msgs.msg import Vector3, Vector3Stamped
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import MarkerArray
 
-from delta3_pacdrive import parameters
+from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.controller.messages import ORDER, Origin
+from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.numbers import numbers
@@ -21,6 +24,8 @@ from delta3_pacdrive.ros.qos import PLAN_WRITER, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_reader import RobotReader
 from delta3_pacdrive.ros.told_parameters import TELL_PARAMETERS
+from delta3_pacdrive.sercos import telegrams
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}
@@ -190,3 +195,33 @@ def test_parameters_of_strangers_are_not_believed(graph: Any, reader: RobotReade
     graph.spin_until(look, 'the answers')
     assert not any(learned)
     assert reader.parameters is ROBOT
+
+
+def test_the_tcp_error_is_the_one_that_the_robot_tells(graph: Any, reader: RobotReader) -> None:
+    joints = interfaces.JOINT_STATES.publisher(graph.listener)
+    errors = interfaces.TCP_ERROR.publisher(graph.listener)
+    lags = interfaces.FOLLOWING_ERROR.publisher(graph.listener)
+    theta = kinematics.inverse(np.array(A), ROBOT).tolist()
+    length = len(telegrams.JOINTS)
+    state = JointState(name=list(telegrams.JOINTS), position=[*theta, *[0.0] * (length - 3)])
+    state.velocity = state.effort = [0.0] * length
+    state.header.frame_id = telegrams.BASE_FRAME.decode()
+    lag = JointState(name=list(DRIVES), position=[1e-3] * 3)
+    lag.header.frame_id = telegrams.BASE_FRAME.decode()
+    error = Vector3Stamped(vector=Vector3(x=1e-5, y=-2e-5, z=3e-5))
+    error.header.frame_id = telegrams.BASE_FRAME.decode()
+
+    told: list[Any] = []
+
+    def look() -> bool:
+        state.header.stamp.nanosec += 1_000_000
+        for publisher, message in ((errors, error), (lags, lag), (joints, state)):
+            publisher.publish(message)
+        instant = reader.instant()
+        if instant is not None and instant.error_m.any() and instant.lag_rad.any():
+            told.append(instant)
+        return bool(told)
+
+    graph.spin_until(look, 'an instant')
+    assert told[0].error_m.tolist() == [1e-5, -2e-5, 3e-5]
+    assert told[0].cell is None

@@ -30,7 +30,8 @@ def _folder(domain: str) -> Path:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        start_new_session=True,
+        # in the session of the tests: the kernel shares processors between sessions, and may let a small one wait
+        process_group=0,
     )
     servers.append(server.pid)
     atexit.register(server.communicate)  # at the end of its standard input it ends

@@ -33,3 +33,30 @@ def signals_of(series):
     rows = series['cycles']
     time_s = series['first_s'] + np.arange(rows) * series['period_s']
     return time_s, {name: unpacked(packed, rows) for name, packed in series['signals'].items()}
+
+
+def cell_of(document):
+    """Return the cell of a page with its packed columns put back, shapes (cycles, belts), (rows, 4) and (rows, 5)."""
+    cell = dict(document['cell'])
+    if cell['ways'] is not None:
+        cell['ways'] = unpacked(cell['ways'], document['runs'][0]['cycles'])
+    cell['stays'] = np.rint(unpacked(cell['stays'], cell['rows'])).astype(int)
+    cell['places'] = unpacked(cell['places'], cell['rows'])
+    return cell
+
+
+def parts_at(cell, cycle, tcp_m):
+    """Return where parts are in a bus cycle from the first one of the page on: places [m], by their numbers."""
+    found = {}
+    for (row, begin, how, belt), place in zip(cell['stays'], cell['places'], strict=True):
+        if begin > cycle:
+            continue
+        at, kind = place[:3].copy(), cell['hows'][how]
+        if kind == 'in hand':
+            at += tcp_m
+        if kind == 'riding':
+            direction = cell['things'][cell['belts'][belt]][4]
+            gone = cell['ways'][cycle, belt] - place[4]
+            at += gone * np.array([np.cos(direction), np.sin(direction), 0.0])
+        found[cell['parts'][row][0]] = None if kind == 'gone' else at
+    return {number: at for number, at in found.items() if at is not None}

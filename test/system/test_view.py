@@ -24,6 +24,13 @@ pytestmark = pytest.mark.timeout(900)
 WAIT_S = 180.0  # a browser without a graphics card, on a machine that has other things to do
 SLOW = ('--single-process', '--ordinary-priority', '--real-time-factor', '0.3')
 JERK_OVER_S = 0.02
+CELL = """
+name: one supply
+cup: {output: gripper, diameter_mm: 40, vacuum_pa: 60000, build_up_s: 0.01}
+parts: {carton: {mass_kg: 0.2, size_mm: [80, 60, 20], friction: 0.5}}
+supplies: {infeed: {part: carton, at_mm: [-150, 0, -870]}}
+inputs: {start: {changes: []}}
+"""
 
 
 def wait_for(condition: Callable[[], Any], what: str) -> Any:
@@ -206,3 +213,31 @@ def test_the_oscilloscope_of_the_page_shows_samples_and_says_who_else_has_a_driv
         press(visit, 'Record')
         # above the charts, and beside the fields instead of the refusal
         visit.page.get_by_text('8000 samples of 2 channels at 16000 Hz').nth(1).wait_for()
+
+
+def test_an_input_that_is_set_on_the_page_is_set_without_control_of_the_robot(
+    fork_delta3: Any, nothing_left_behind: None, browser: Any, delta3: Runner, tmp_path: Path
+) -> None:
+    (tmp_path / 'cell.yaml').write_text(CELL)
+    robot = fork_delta3('up', *SLOW, '--cell', str(tmp_path / 'cell.yaml'))
+    ready(robot)
+    view = fork_delta3('view')
+    found = re.search(r'http\S+', view.stderr.readline())
+    assert found
+
+    def start() -> Any:
+        return json.loads(delta3('io', 'start', '--json').stdout)['inputs']['start']
+
+    with Visit(browser, found[0], height=1000) as visit:
+        visit.page.get_by_role('tab', name='Inputs').click()
+        press(visit, 'on')
+        visit.page.get_by_text('start is on from bus cycle').first.wait_for()
+        visit.page.get_by_text('on, set').first.wait_for()
+        assert start() == {'value': True, 'forced': True}
+        assert not state_of(delta3)['operator']  # it needs no control
+        assert delta3('io', 'start', 'auto').returncode == 0
+        visit.page.get_by_text('on, set').first.wait_for(state='detached')
+        assert start() == {'value': False, 'forced': False}
+        assert visit.page.get_by_text('payload').count() == 0
+    assert ended(view) == (0, '')
+    assert ended(robot)[0] == 0

@@ -1,6 +1,8 @@
 """Facts about the page, in a real browser, fed with plain values."""
 
+import json
 import time
+from dataclasses import replace
 from io import BytesIO
 
 import matplotlib.pyplot as plt
@@ -11,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from browser import Visit
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
 from delta3_pacdrive.view.jog import BEATS_HZ, SILENT_S
-from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
+from delta3_pacdrive.view.values import CellInstant, DriveFacts, Facts, InputFacts, Instant, PartPlace
 
 pytest.importorskip('viser', reason='the page needs the extra "view"')
 
@@ -192,3 +195,65 @@ def test_a_page_that_nobody_may_operate_has_no_buttons(robot, browser):
             assert visit.page.get_by_text('EMERGENCY STOP').count() == 0
     finally:
         page.close()
+
+
+BELT = Thing(Kind.BELT, 'line', (0.0, 0.0, -0.95), 0.0, (1.2, 0.4), 1000.0)
+CRATE = PartPlace(0, 'crate', (0.3, 0.3, 0.2), (0.0, -0.3, -0.95), 0.0)
+
+
+def shows(visit, client, point_m, wanted):
+    """Wait until a place of the picture has a colour, or has it no more."""
+    deadline = time.monotonic() + WAIT_S
+    while True:
+        picture = 255 * plt.imread(BytesIO(visit.page.screenshot(timeout=1e3 * WAIT_S)))
+        x, y = np.rint(seen_at(client, np.array(point_m))).astype(int)
+        red, _, blue = picture[y, x, :3].astype(float)
+        if (red > 1.1 * blue) == wanted:  # that of the first type of parts, in bright light
+            return
+        assert time.monotonic() < deadline, picture[y, x]
+
+
+def test_a_page_shows_the_cell_that_its_robot_has(page, visit, robot):
+    (client,) = page.server.get_clients().values()
+    instant = replace(instant_at(PLACES[0], robot, 20.0), cell=CellInstant((CRATE,), {'line': 0.02}))
+    top = (0.0, -0.3, -0.75)
+    page.show(instant)
+    shows(visit, client, top, False)  # nobody has told of a cell yet
+    page.stand([BELT])
+    page.show(replace(instant, time_s=20.1))
+    shows(visit, client, top, True)
+    visit.page.get_by_text('Look', exact=True).click()
+    switch = visit.page.get_by_label('cell', exact=True)
+    switch.click()
+    shows(visit, client, top, False)
+    switch.click()
+    shows(visit, client, top, True)
+    page.use(robot)  # another robot has come up in the same cell
+    page.show(replace(instant, time_s=20.2))
+    shows(visit, client, top, True)
+    page.stand([])
+    shows(visit, client, top, False)
+    switch.wait_for(state='detached')
+
+
+def test_inputs_have_a_tab_of_their_own_with_what_sets_them(page, visit, robot):
+    tab = visit.page.get_by_role('tab', name='Inputs')
+    page.read(Facts(state='idle', phase='CP4'))
+    assert tab.count() == 0
+    inputs = (InputFacts('start', False), InputFacts('part_there', True, True))
+    page.read(Facts(state='idle', phase='CP4', inputs=inputs, payload_kg=None))
+    tab.click()
+    visit.page.get_by_text('part_there').first.wait_for()
+    visit.page.get_by_text('on, set').first.wait_for()
+    assert visit.page.get_by_text('payload').count() == 0
+    for row, word, value in ((0, 'on', True), (1, 'off', False), (1, 'auto', 'auto')):
+        visit.page.get_by_role('button', name=word, exact=True).nth(row).click()
+        wait_for(lambda: page.wishes, f'the wish {word}')
+        wish = page.wishes.popleft()
+        assert (wish.action, json.loads(wish.text)) == ('input', {'name': inputs[row].name, 'value': value})
+    page.read(
+        Facts(waiting='no word of a robot')
+    )  # a robot that is started again: nothing moves away from a finger
+    assert tab.count() == 1
+    page.read(Facts(state='idle', phase='CP4'))
+    tab.wait_for(state='detached')

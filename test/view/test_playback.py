@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import delta3_pacdrive as d3
+from cell_truth import picks_from_a_belt
 from delta3_pacdrive import kinematics, simulation
 from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.errors import TraceError
@@ -136,3 +138,53 @@ def test_the_load_of_a_recording_stays_as_it_was_where_the_current_is_not_known(
     found = overload_of(ratio, 1e-3)
     assert found[-1] == pytest.approx([0.9, 0.75, 0.9])
     assert (found[100:150, 1] == found[99, 1]).all()
+
+
+def test_the_tcp_error_is_the_recorded_one_and_only_without_it_that_of_the_following_error(run, robot):
+    film, told = Film(run), run.part['tcp_error']
+    row = int(np.linalg.norm(told, axis=1).argmax())
+    assert film.at(row).error_m.tolist() == told[row].tolist()
+    signals = {name: values for name, values in run.part.signals.items() if name != 'tcp_error'}
+    bare = Film(replace(run, part=Trace(run.part.time_s, signals, run.part.meta)))
+    lag = run.part['following_error'][row]
+    commanded = kinematics.forward(film.at(row).theta_rad + lag, robot)
+    assert bare.at(row).error_m == pytest.approx(commanded - run.part['tcp_actual'][row], abs=1e-9)
+    assert film.before(10.0, 100.0)[row, 1:4] == pytest.approx(1e3 * told[row])
+
+
+def test_parts_of_a_recording_are_where_they_truly_were(tmp_path):
+    trace, truth = picks_from_a_belt()
+    trace.save(tmp_path / 'run.npz')
+    film = Film(runs.load(str(tmp_path / 'run.npz')))
+    assert [thing.kind for thing in film.things] == ['belt', 'window', 'barrier', 'box']
+    start, shown = trace.meta['start_cycle'], 0
+    assert start > 0  # times of a recording count from the start of its program
+    for row in range(1200, 1800, 7):
+        instant = film.at(row)
+        cycle = round(instant.time_s / film.run.period_s) + start
+        _, true = truth.cycles[cycle]
+        assert instant.cell.ways_m['line'] == pytest.approx(trace['cell_belts'][cycle, 0], abs=1e-9)
+        shown += len(instant.cell.parts)
+        for part in instant.cell.parts:
+            assert part.size_m == (0.06, 0.04, 0.02)
+            # in hand it goes with the TCP that is drawn, which the encoders see
+            assert part.at_m == pytest.approx(true[part.number][0], abs=2e-4)
+    assert shown >= 100
+    assert film.facts(1400, 'playing', 1.0).payload_kg is None
+
+
+def test_inputs_of_a_recording_are_read_and_a_recording_without_a_cell_has_none(run, tmp_path):
+    trace = d3.simulate('packaging', signals=['cell_inputs'], cell='cell')
+    trace.save(tmp_path / 'run.npz')
+    film = Film(runs.load(str(tmp_path / 'run.npz')))
+    names, seen = trace.meta['cell']['inputs'], set()
+    for row in range(0, len(film.time_s), 20):
+        told = film.facts(row, 'playing', 1.0).inputs
+        assert [one.name for one in told] == names
+        assert [one.on for one in told] == [
+            value > 0.0 for value in film.run.part['cell_inputs'][row][: len(names)]
+        ]
+        seen |= {(one.name, one.on) for one in told}
+    assert {on for _, on in seen} == {True, False}
+    bare = Film(run)
+    assert (bare.things, bare.at(0).cell, bare.facts(0, 'playing', 1.0).inputs) == ((), None, ())

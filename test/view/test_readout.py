@@ -1,9 +1,12 @@
 """Facts about what there is to read beside the picture."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 
 from delta3_pacdrive.view import readout
-from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
+from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant
 
 HOSTILE = '<script>alert(1)</script> & "more"'
 SAFE = '&lt;script&gt;alert(1)&lt;/script&gt; &amp; &quot;more&quot;'
@@ -13,9 +16,11 @@ def test_texts_of_others_are_shown_and_not_carried_out():
     facts = Facts(
         state='moving', fault=HOSTILE, operator=HOSTILE, working=HOSTILE, phase=HOSTILE, waiting=HOSTILE
     )
+    facts = replace(facts, inputs=(InputFacts(HOSTILE, True),), controller=HOSTILE)
     shown = readout.status(facts, None)
     assert '<script' not in shown
-    assert shown.count(SAFE) == 5
+    assert shown.count(SAFE) == 7
+    assert '<script' not in readout.input_row(InputFacts(HOSTILE, True))
     drives = (DriveFacts(HOSTILE, HOSTILE, (HOSTILE,)),) * 3
     bars = readout.bars(Instant(0.0, np.zeros(3)), drives, readout.Scales(1.0, 1.0, 1.0))
     assert '<script' not in bars
@@ -62,3 +67,19 @@ def test_a_page_without_a_robot_says_so_and_a_fault_is_an_alert():
     assert 'role="alert"' in shown
     assert 'axis2: too hot' in shown
     assert '100.00, 200.00, -800.00 mm' in shown
+
+
+def words(shown):
+    """Return what people read."""
+    return ' '.join(re.sub('<[^>]*>|&[a-z]+;', ' ', shown).split())
+
+
+def test_inputs_are_told_with_what_was_set_from_outside_and_without_a_cell_the_payload():
+    facts = Facts(state='idle', payload_kg=0.5, outputs=0b101)
+    assert 'outputs 0 2 payload 0.5 kg' in words(readout.status(facts, None))
+    assert 'inputs' not in readout.status(facts, None)
+    inputs = (InputFacts('start', True), InputFacts('part', False), InputFacts('door', True, True))
+    shown = words(readout.status(replace(facts, payload_kg=None, inputs=inputs), None))
+    assert shown.endswith('outputs 0 2 inputs start on part off door on, set')
+    assert 'payload' not in shown
+    assert [words(readout.input_row(one)) for one in inputs] == ['start on', 'part off', 'door on, set']

@@ -261,3 +261,18 @@ def test_a_page_of_others_cannot_connect(robot):
             connect(renamed, sock=way, origin=renamed.replace('ws', 'http'))
     finally:
         page.close()
+
+
+def test_who_leaves_before_he_has_asked_for_anything_is_no_news(robot, caplog):
+    with serving.held(serving.HOST, None) as place:
+        page = Page(robot, place, 'a robot of the tests')
+    try:
+        for said in (b'', b'GET / HT', b'\x16\x03\x01\r\n\r\n'):
+            with socket.create_connection((serving.HOST, place.port), timeout=WAIT_S) as visitor:
+                visitor.sendall(said)
+                visitor.shutdown(socket.SHUT_WR)
+                while visitor.recv(4096):  # until it is closed on the other side, too
+                    pass
+    finally:
+        page.close()
+    assert [record.getMessage() for record in caplog.records if record.levelname == 'ERROR'] == []

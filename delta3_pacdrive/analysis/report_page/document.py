@@ -2,7 +2,8 @@
 
 Times are seconds from the start of the program, or bus time where there is none; runs after the first one are shifted
 to its time. ``signals`` of a run are packed as ``columns`` says, one row for each bus cycle from ``first_s`` on, every
-``period_s``. ``differences`` are later runs minus the first one, on the cycles of that.
+``period_s``. ``differences`` are later runs minus the first one, on the cycles of that. ``cell`` is
+what was around the robot in the first run, if it tells of that: see ``around``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.analysis.report_page.around import around
 from delta3_pacdrive.analysis.report_page.columns import packed, resolution_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES, others
 from delta3_pacdrive.analysis.run_comparison import Comparison, subtracted
@@ -42,6 +44,7 @@ def report_document(
     shifts = [0.0, *(comparison.alignment.shift_s for comparison in comparisons)]
     every = list(dict.fromkeys(name for signals in held for name in signals))
     shown = [plot.document(every) for plot in (*PLOTS, *others(every))]
+    cell = around(runs[0])
     return {
         'version': VERSION,
         'title': title,
@@ -55,7 +58,7 @@ def report_document(
             for run, signals, comparison in zip(runs[1:], held[1:], comparisons, strict=True)
         ],
         'plots': [plot for plot in shown if plot is not None],
-    }
+    } | ({} if cell is None else {'cell': cell})
 
 
 def signals_of(run: Run) -> dict[str, Floats]:

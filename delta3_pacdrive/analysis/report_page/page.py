@@ -24,6 +24,11 @@ LONGEST_S = 300.0  # of all runs together
 BASE_BYTES, BYTES_PER_S = 1_000_000, 100_000  # of a page, and more for each second of a run
 COARSER, COARSEST = 4.0, 1024.0  # how data that is too large is rounded
 RUNS_MAX = 4
+# a robot is drawn by one of each
+POSE = {
+    'place of its TCP': ('tcp_actual', 'tcp_command'),
+    'angle of its motors': ('motor_position', 'motor_command'),
+}
 
 
 def require_writable_page(path: Path) -> None:
@@ -42,7 +47,7 @@ def write(path: Path, runs: Sequence[Run], origin: Provenance, how: str = START)
     Raises
     ------
     ReportError
-        There are too many runs, they last too long, or the file cannot be written.
+        There are too many runs, they last too long, one tells no pose, or the file cannot be written.
     TraceError
         The runs cannot be compared.
 
@@ -59,6 +64,8 @@ def page(runs: Sequence[Run], origin: Provenance, how: str = START) -> str:
         raise ReportError(
             f'the runs last {length_s:.0f} s, a page takes at most {LONGEST_S:g} s: choose a part with --from and --to'
         )
+    for run in runs:
+        _require_pose(run)
     comparisons = [compare(runs[0], other, how) for other in runs[1:]]
     title = ' and '.join(dict.fromkeys(run.title for run in runs))
     tables = sections(runs, comparisons, origin)
@@ -69,6 +76,13 @@ def page(runs: Sequence[Run], origin: Provenance, how: str = START) -> str:
         if len(text.encode()) <= BASE_BYTES + BYTES_PER_S * length_s or coarser >= COARSEST:
             return text
         coarser *= COARSER
+
+
+def _require_pose(run: Run) -> None:
+    """Refuse a run whose robot cannot be drawn; raises ReportError."""
+    for what, names in POSE.items():
+        if not any(name in run.part.signals for name in names):
+            raise ReportError(f'{run.name} cannot be shown: it tells no {what} ({" or ".join(names)})')
 
 
 def _assembled(title: str, runs: Sequence[Run], tables: str, document: str) -> str:

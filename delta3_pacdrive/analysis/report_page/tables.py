@@ -1,4 +1,4 @@
-"""Tables of a page as HTML: moves, statistics, what differs, where everything comes from. They read without scripts."""
+"""Tables of a page as HTML: moves, parts, statistics, differences, origin. They read without scripts."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,6 +9,7 @@ import numpy as np
 
 from delta3_pacdrive.analysis.alignment import BY_START
 from delta3_pacdrive.analysis.provenance import Provenance
+from delta3_pacdrive.analysis.report_page.around import first_cycle, shown_stays
 from delta3_pacdrive.analysis.report_page.document import signals_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES
 from delta3_pacdrive.analysis.run_comparison import Comparison, move_figures
@@ -18,6 +19,8 @@ from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 NOTHING = '&ndash;'
 MOVES_SHOWN = 400  # rows of the table of moves
 DRIVES_SHOWN = 400  # and of that of the drives
+PARTS_SHOWN = 400  # and of that of the parts: the newest ones
+TEXT_MAX = 200  # characters of a text of a part, which anybody may have told
 _MOVE_COLUMNS = (
     ('duration', 's', 1.0, 3),
     ('TCP speed', 'm/s', 1.0, 3),
@@ -37,6 +40,7 @@ def sections(runs: Sequence[Run], comparisons: Sequence[Comparison], origin: Pro
         _notes(runs, names),
         *(_comparison(names, n, one) for n, one in enumerate(comparisons, start=1)),
         _moves(runs, names),
+        *(_parts(n, run, names[n] if len(runs) > 1 else '') for n, run in enumerate(runs)),
         *(_drives(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
         *(_statistics(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
         *(_parameters(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
@@ -46,7 +50,7 @@ def sections(runs: Sequence[Run], comparisons: Sequence[Comparison], origin: Pro
 
 
 def _section(identity: str, title: str, body: str) -> str:
-    return f'<section class="card" id="{identity}">\n<h2>{escape(title)}</h2>\n{body}\n</section>'
+    return f'<section class="card" id="{escape(identity)}">\n<h2>{escape(title)}</h2>\n{body}\n</section>'
 
 
 def _table(
@@ -57,7 +61,7 @@ def _table(
     given = list(attributes)
     lines = []
     for n, row in enumerate(rows):
-        more = f' {given[n]}' if given else ''
+        more = f' {given[n]}' if given and given[n] else ''
         cells = ''.join(f'<td{" class=n" if _is_number(cell) else ""}>{cell}</td>' for cell in row)
         lines.append(f'<tr{more}>{cells}</tr>')
     body = '\n'.join(lines)
@@ -164,6 +168,65 @@ def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
     return _section(
         'moves', 'Moves', f'<p class="hint">{hint}</p>' + _table(header, rows, attributes, 'wide tall')
     )
+
+
+def _parts(number: int, run: Run, name: str) -> str:
+    """Return the table of the parts that were there in the part that is shown, and of those that do not tell where."""
+    story = run.cell
+    if story is None or not story.parts:
+        return ''
+    there = {row for row, _ in shown_stays(run, story)}
+    listed = [part for row, part in enumerate(story.parts) if row in there or not story.stays[row]][
+        -PARTS_SHOWN:
+    ]
+    if not listed:
+        return ''
+    rows, attributes = [], []
+    for part in listed:
+        picked, released = (_time(run, part[key]) for key in ('picked_cycle', 'released_cycle'))
+        in_box = part['where'] and part['place'] >= 0
+        place = f'{part["where"]} {part["place"]}' if in_box else part['where']
+        taken = part['picked_cycle'] >= 0
+        rows.append(
+            [
+                str(part['number']),
+                *(_told(part[key]) for key in ('type', 'source', 'outcome')),
+                _number(picked, 3),
+                _number(released, 3),
+                _number(1e3 * math.hypot(*part['pick_error_m'][:2]), 2) if taken else NOTHING,
+                _told(place),
+                _number(1e3 * math.hypot(*part['place_error_m'][:2]), 2) if in_box else NOTHING,
+                _number(100.0 * part['hold_use'], 0) if taken else NOTHING,
+                _told(part['reason']),
+            ]
+        )
+        end = released if math.isfinite(released) else float(run.part.time_s[-1])
+        attributes.append(
+            f'data-from="{picked:.6f}" data-to="{end:.6f}" data-run="{number}"' if taken else ''
+        )
+    header = ['part', 'type', 'from', 'outcome', 'picked [s]', 'released [s]', 'pick error [mm]', 'where']
+    header += ['place error [mm]', 'hold use [%]', 'reason']
+    counts = ', '.join(f'{count} {outcome}' for outcome, count in story.outcomes.items() if count)
+    more = sum(story.outcomes.values()) - len(listed)
+    hint = f'{counts}. Click a row to see the part in hand.' + (
+        f' {more} more parts are not listed.' if more > 0 else ''
+    )
+    return _section(
+        f'parts{number}',
+        f'Parts {name}'.strip(),
+        f'<p class="hint">{hint}</p>' + _table(header, rows, attributes, 'wide tall'),
+    )
+
+
+def _time(run: Run, cycle: int) -> float:
+    """Return when a bus cycle begins [s], as the times of a run count; nan for none."""
+    begin = float(run.part.time_s[0])
+    return begin + (cycle - first_cycle(run)) * run.period_s if cycle >= 0 else math.nan
+
+
+def _told(text: str) -> str:
+    """Return a text of a part, or a dash for none."""
+    return escape(text if len(text) <= TEXT_MAX else f'{text[:TEXT_MAX]} ...') or NOTHING
 
 
 def _drives(run: Run, name: str) -> str:

@@ -1,8 +1,5 @@
 """Facts about the report page in a real browser: what it draws, and that everything follows one time."""
 
-import io
-
-import matplotlib.image
 import numpy as np
 import pytest
 
@@ -16,14 +13,13 @@ from delta3_pacdrive.analysis.report_page.plots import QUANTITIES
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.scene.parts import RODS
 from delta3_pacdrive.scene.poses import poses
+from report_views import READY, middle_of, pixels, place_of, seek, until
 
 INSTANTS_S = (0.0, 0.111, 0.35, 0.62, 0.75)  # within four moves of the packaging cycle
 ROUNDING = 1.0 + 1e-6  # of half a step
 PIXELS = 2.0  # between what is drawn and where it has to be
 DOT = (230, 0, 126)  # colour of the mark at the TCP
 NEAR = 60  # between colours, for edges that are blended
-WAIT_MS = 30_000
-READY = 'html[data-ready="yes"]'
 
 
 @pytest.fixture(scope='module')
@@ -57,49 +53,6 @@ def visit(opened):
     )
     opened.page.get_by_label('command').check()
     return opened
-
-
-def until(visit, condition):
-    """Wait in the page until a condition holds."""
-    visit.page.evaluate(
-        'new Promise((done, failed) => {'
-        f' setTimeout(() => failed(new Error("waited too long for {condition}")), {WAIT_MS});'
-        f' const look = () => ({condition}) ? done() : requestAnimationFrame(look); look() }})'
-    )
-
-
-def seek(visit, time_s):
-    """Go to an instant, and wait until it is drawn."""
-    visit.page.evaluate(
-        'time => new Promise(done => {'
-        ' delta3.clock.seek(time); requestAnimationFrame(() => requestAnimationFrame(done)) })',
-        time_s,
-    )
-
-
-def pixels(visit):
-    """Return what is on the screen, shape (height, width, 3), 0 to 255."""
-    picture = matplotlib.image.imread(io.BytesIO(visit.page.screenshot()), format='png')
-    return np.rint(255.0 * picture[:, :, :3])
-
-
-def place_of(visit, point_m):
-    """Return the pixel (x, y) of a place [m], by the camera of the page."""
-    view = visit.page.evaluate('delta3.stage.projection()')
-    x, y, _, w = np.reshape(view['matrix'], (4, 4)).T @ [*point_m, 1.0]
-    return np.array(
-        [
-            view['left'] + (0.5 + 0.5 * x / w) * view['width'],
-            view['top'] + (0.5 - 0.5 * y / w) * view['height'],
-        ]
-    )
-
-
-def middle_of(mask):
-    """Return the middle (x, y) of the pixels that are chosen."""
-    rows, columns = np.nonzero(mask)
-    assert len(rows), 'nothing is drawn there'
-    return np.array([columns.mean() + 0.5, rows.mean() + 0.5])
 
 
 def tcp_at(run, time_s):

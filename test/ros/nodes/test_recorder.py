@@ -91,7 +91,7 @@ def test_who_joins_a_robot_that_is_up_counts_from_the_first_message_on(graph: An
 EVERY_TOPIC = {
     'sercos/mdt', 'sercos/phase', 'sercos/participants', 'plant/motor_shafts', 'following_error', 'joint_states',
     'tcp/command', 'tcp/actual', 'tcp/error', 'joint_motion', 'jacobian', 'outputs', 'faults/schedule',
-    'control/operator', 'sercos/at/io', 'sercos/at/belts', 'cell/parts',
+    'control/operator', 'sercos/at/io', 'sercos/at/belts', 'cell/parts', 'cell/scene',
     *(f'sercos/at/{axis}' for axis in DRIVES), *(f'{axis}/motor_current' for axis in DRIVES),
     *(f'motion/{name}' for name in ('master', 'plan', 'located', 'progress', 'course', 'state', 'status', 'verdict')),
     'unit_robot/answer', 'unit_robot/queue', 'unit_robot/requests', 'robot_description',

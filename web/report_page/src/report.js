@@ -53,6 +53,17 @@ export class Report {
 
   async unpack() {
     await Promise.all([...this.runs, ...this.differences].map((series) => series.unpack()));
+    if (this.cell) await this.unpackCell();
+  }
+
+  // The columns of the cell, which is that of the first run.
+  async unpackCell() {
+    const { ways, stays, places, rows } = this.cell;
+    const [of, from, at] = await Promise.all([
+      ways ? unpacked(ways, this.runs[0].cycles) : [], unpacked(stays, rows), unpacked(places, rows),
+    ]);
+    this.cell.table = { ways: of, stays: from, places: at };
+    for (const name of ['ways', 'stays', 'places']) delete this.cell[name]; // the text is not needed any more
   }
 }
 

@@ -2,6 +2,7 @@
 //
 // A ghost stands off the actual pose by the error times the magnification: the command by the following error with the
 // set-point delay removed, the truth by what encoders do not see, another run by its difference. At 1 it is where it is.
+// The cell is that of the first run; its parts go with the actual pose.
 
 import {
   AmbientLight, DirectionalLight, HemisphereLight, Mesh, MeshBasicMaterial, PerspectiveCamera, Scene, SphereGeometry,
@@ -12,6 +13,7 @@ import { Line2 } from 'three/addons/lines/Line2.js';
 import { LineGeometry } from 'three/addons/lines/LineGeometry.js';
 import { LineMaterial } from 'three/addons/lines/LineMaterial.js';
 
+import { Cell } from './cell.js';
 import { Robot } from './robot.js';
 import { colour, isDark, onTheme } from './theme.js';
 
@@ -55,6 +57,8 @@ export class Stage {
     this.robot = new Robot(run.robot);
     this.robot.repaint(isDark());
     this.scene.add(this.robot.group);
+    this.cell = this.report.cell ? new Cell(run, this.report.cell) : null;
+    if (this.cell) this.scene.add(this.cell.group);
     this.ghosts = ghostsOf(this.report).map((ghost) => {
       const robot = new Robot(ghost.run.robot, { colour: colour(ghost.colour), opacity: 0.42 });
       this.scene.add(robot.group);
@@ -125,6 +129,7 @@ export class Stage {
     option('planned path', 'planned', true, (checked) => { this.shown.planned = checked; });
     option('travelled', 'travelled', true, (checked) => { this.shown.travelled = checked; });
     option('workspace', 'air', true, (checked) => this.robot.showPart('workspace', checked));
+    if (this.cell) option('cell', 'belt', true, (checked) => { this.cell.group.visible = checked; });
 
     const slider = document.getElementById('magnify');
     const value = document.getElementById('magnified');
@@ -151,6 +156,7 @@ export class Stage {
   // New colours: of ghosts, dots and paths.
   repaint() {
     this.robot.repaint(isDark());
+    this.cell?.repaint();
     this.ghosts.forEach((ghost, n) => {
       ghost.robot.group.traverse((object) => {
         object.material?.color.set(colour(ghost.colour));
@@ -178,7 +184,9 @@ export class Stage {
     const [run] = this.report.runs;
     const actual = actualPose(run, time);
     this.robot.place(actual.angles, actual.tcp);
-    this.robot.showPart('payload', carries(run, time));
+    // where parts are known they are seen themselves
+    this.robot.showPart('payload', !this.cell?.parts.length && carries(run, time));
+    this.cell?.place(time, this.robot.tcp);
     this.showDot(0, actual.tcp, true);
     this.ghosts.forEach((ghost, n) => {
       const pose = ghost.pose(time, actual, this.magnified);

@@ -1,0 +1,104 @@
+"""What a bag tells of the cell around the robot: its scene, what has happened to parts, and the counts of belts."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.typesys.store import Typestore
+
+from delta3_pacdrive.analysis.bag_events import JOINT_STATE, SPOILT, TEXT
+from delta3_pacdrive.analysis.cell_story import CellStory, cycles_of, told_of
+from delta3_pacdrive.analysis.run_signals import positive
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.peripherals import cell_scene
+from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
+from delta3_pacdrive.peripherals.parts_report import PartsLog
+from delta3_pacdrive.recording.sessions import Sessions
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.sercos.bus_time import NANOSECONDS
+from delta3_pacdrive.sercos.telegrams import BELTS_TOPIC
+
+SCENE, PARTS = 'cell/scene', 'cell/parts'
+
+
+def read(path: Path, trace: Trace) -> CellStory | None:
+    """Return what the bag of a trace tells of its cell; None if there was none.
+
+    What was written by somebody who does not know how is not there.
+
+    Raises
+    ------
+    TraceError
+        The bag cannot be read.
+
+    """
+    from rosbags.typesys import Stores, get_typestore
+
+    from delta3_pacdrive.recording.bag_reader import PHASE, open_bag
+
+    bag = open_bag(path)
+    heard = _Heard(get_typestore(Stores.ROS2_JAZZY), positive(trace, 'cycle_time_s'))
+    bag.read(
+        {
+            bag.robot + SCENE: heard.take(TEXT, heard.scene),
+            bag.robot + PARTS: heard.take(TEXT, heard.parts),
+            bag.robot + BELTS_TOPIC: heard.take(JOINT_STATE, heard.belts),
+            bag.robot + PHASE: heard.sessions.add,
+        }
+    )
+    return told_of(heard.log, heard.things, trace, heard.ways(cycles_of(trace)), counted=True)
+
+
+class _Heard:
+    """What was heard of a cell, message by message."""
+
+    def __init__(self, typestore: Typestore, period_s: float) -> None:
+        self._typestore, self._period_s = typestore, period_s
+        self.sessions, self.log = Sessions(), PartsLog()
+        self.things: tuple[Thing, ...] = ()
+        self._counts: list[tuple[str, int, Mapping[str, float]]] = []  # session, bus cycle, by the belts
+
+    def take(self, kind: str, add: Callable[[Any], None]) -> Callable[[bytes], None]:
+        """Return what takes the bytes of a message."""
+        from rosbags.serde import SerdeError
+
+        def take(data: bytes) -> None:
+            try:
+                add(self._typestore.deserialize_cdr(data, kind))
+            except (SerdeError, *SPOILT):
+                return  # a foreign writer
+
+        return take
+
+    def scene(self, message: Any) -> None:
+        """Take what stands there."""
+        self.things = tuple(cell_scene.read(json.loads(message.data)))
+
+    def parts(self, message: Any) -> None:
+        """Take what has happened to parts."""
+        self.log.add(message.data)
+
+    def belts(self, message: Any) -> None:
+        """Take the counts of a bus cycle."""
+        stamp = message.header.stamp
+        cycle = round((stamp.sec + stamp.nanosec / NANOSECONDS) / self._period_s)
+        counts = dict(zip(message.name, message.position[: len(message.name)].tolist(), strict=True))
+        if np.isfinite(list(counts.values())).all():
+            self._counts.append((message.header.frame_id, cycle, counts))
+
+    def ways(self, cycles: Floats) -> dict[str, Floats]:
+        """Return the ways of belts in bus cycles [m]; over a cycle that is missing they go straight."""
+        own = {cycle: counts for session, cycle, counts in self._counts if self.sessions.holds(session)}
+        found = {}
+        for thing in self.things:
+            if thing.kind is Kind.BELT and thing.increments_per_m > 0.0:
+                known = sorted(
+                    (cycle, counts[thing.name]) for cycle, counts in own.items() if thing.name in counts
+                )
+                if known:
+                    told, counted = np.array(known).T
+                    way = counted / thing.increments_per_m
+                    found[thing.name] = np.interp(cycles, told, way, left=np.nan, right=np.nan)
+        return found

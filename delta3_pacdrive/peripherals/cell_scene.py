@@ -1,0 +1,128 @@
+"""What stands around a robot, for who draws it: plain areas, as a document that traces, bags and a topic carry."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from enum import StrEnum
+from typing import Any
+
+from delta3_pacdrive.errors import TelegramError, shown
+from delta3_pacdrive.peripherals.belt import Belt
+from delta3_pacdrive.peripherals.cell import Box, Cell, Place
+
+BEAM_M = 0.004  # as wide as a light barrier is drawn
+THINGS_MAX = 5000  # a cell file has at most 1,000 names in each section
+REACH_MAX_M = 1e4  # a box of 1,000 places that are 10 m apart
+
+
+class Kind(StrEnum):
+    """What a thing is."""
+
+    BELT = 'belt'
+    WINDOW = 'window'  # of a belt: there a robot may work on it
+    BARRIER = 'barrier'
+    CAMERA = 'camera'  # what it sees of a belt
+    BOX = 'box'
+    SUPPLY = 'supply'
+    SENSOR = 'sensor'
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A level area of the cell.
+
+    Attributes
+    ----------
+    kind, name
+        What it is, and its name in the cell file; what belongs to a belt has that of the belt.
+    at_m, angle_rad
+        Its middle [m], and its angle about the vertical [rad].
+    size_m
+        Its length and width [m]; those of a sensor are the diameter of what it sees.
+    increments_per_m
+        Of the encoder of a belt [1/m]; 0 for anything else.
+
+    """
+
+    kind: Kind
+    name: str
+    at_m: Place
+    angle_rad: float
+    size_m: tuple[float, float]
+    increments_per_m: float = 0.0
+
+
+def document_of(cell: Cell) -> dict[str, Any]:
+    """Return the scene of a cell as a document."""
+    return {'cell': cell.name, 'things': [asdict(thing) for thing in things_of(cell)]}
+
+
+def things_of(cell: Cell) -> list[Thing]:
+    """Return what stands in a cell: belts with what belongs to them, boxes, supplies, sensors."""
+    found = [thing for belt in cell.belts.values() for thing in _of_belt(belt)]
+    largest = max((part.size_m for part in cell.parts.values()), default=(0.1, 0.1, 0.1))
+    found += [_of_box(box, largest) for box in cell.boxes.values()]
+    for supply in cell.supplies.values():
+        length, width, _ = cell.parts[supply.part].size_m
+        found.append(Thing(Kind.SUPPLY, supply.name, supply.at_m, supply.angle_rad, (length, width)))
+    for name, one in cell.inputs.items():
+        if one.sensor is not None:
+            seen = 2.0 * one.sensor.radius_m
+            found.append(Thing(Kind.SENSOR, name, one.sensor.at_m, 0.0, (seen, seen)))
+    return found
+
+
+def _of_belt(belt: Belt) -> Iterable[Thing]:
+    def part(kind: Kind, begin_m: float, end_m: float, increments_per_m: float = 0.0) -> Thing:
+        middle, size = belt.place_m(0.5 * (begin_m + end_m)), (end_m - begin_m, belt.width_m)
+        return Thing(kind, belt.name, middle, belt.direction_rad, size, increments_per_m)
+
+    yield part(Kind.BELT, 0.0, belt.length_m, belt.increments_per_m)
+    if belt.window_m is not None:
+        yield part(Kind.WINDOW, *belt.window_m)
+    if belt.camera is not None:
+        half = 0.5 * belt.camera.length_m
+        yield part(Kind.CAMERA, belt.camera.at_m - half, belt.camera.at_m + half)
+    if belt.barrier is not None:
+        at = belt.barrier.at_m
+        yield part(Kind.BARRIER, at - 0.5 * BEAM_M, at + 0.5 * BEAM_M)
+
+
+def _of_box(box: Box, part_m: Place) -> Thing:
+    """Return the area of the places of a box, each as large as the pitch, or as a part where there is none."""
+    spans = [(count - 1) * pitch for count, pitch in zip((box.columns, box.rows), box.pitch_m, strict=True)]
+    sides = [abs(pitch) or part for pitch, part in zip(box.pitch_m, part_m, strict=False)]
+    x, y, z = box.at_m
+    middle = (x + 0.5 * spans[0], y + 0.5 * spans[1], z)
+    return Thing(Kind.BOX, box.name, middle, 0.0, (abs(spans[0]) + sides[0], abs(spans[1]) + sides[1]))
+
+
+def brings_parts(things: Iterable[Thing]) -> bool:
+    """Whether parts come to a robot with these things around it, so that nobody has to believe what is in its hand."""
+    return any(thing.kind in (Kind.BELT, Kind.SUPPLY) for thing in things)
+
+
+def read(document: Any) -> list[Thing]:
+    """Return the things of a document that somebody tells; raises TelegramError for one that is none."""
+    try:
+        told = document['things']
+        if not isinstance(document['cell'], str) or not isinstance(told, list) or len(told) > THINGS_MAX:
+            raise ValueError('no list of things, or too long a one')
+        return [_read(one) for one in told]
+    except (ValueError, KeyError, TypeError, OverflowError):
+        raise TelegramError(f'{shown(document)} is no scene of a cell') from None
+
+
+def _read(told: dict[str, Any]) -> Thing:
+    names = [field.name for field in fields(Thing)]
+    if sorted(told) != sorted(names):
+        raise ValueError('other fields')
+    (x, y, z), (length, width) = told['at_m'], told['size_m']
+    numbers = [x, y, z, told['angle_rad'], length, width]
+    for value in numbers:
+        if isinstance(value, bool) or not abs(value) <= REACH_MAX_M:
+            raise ValueError('no length or angle')
+    per_m, name = told['increments_per_m'], told['name']
+    if isinstance(per_m, bool) or not 0.0 <= per_m < math.inf or not isinstance(name, str):
+        raise ValueError('no encoder, or no name')
+    return Thing(Kind(told['kind']), name, (x, y, z), told['angle_rad'], (length, width), float(per_m))

@@ -1,0 +1,127 @@
+"""The cell around a robot that is up, from what is told of it: where every part is at a moment."""
+
+import json
+import math
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any
+
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.peripherals import cell_scene
+from delta3_pacdrive.peripherals.cell_scene import REACH_MAX_M, Kind, Thing
+from delta3_pacdrive.peripherals.part_places import place_m
+from delta3_pacdrive.peripherals.parts import How, Stay
+from delta3_pacdrive.peripherals.parts_report import read_message
+from delta3_pacdrive.view.values import PARTS_MAX, CellInstant, PartPlace, Point
+
+
+@dataclass(frozen=True)
+class _Present:
+    """A part that is there: as its stay has begun, since when it is told so [ns], and its stay."""
+
+    place: PartPlace
+    told_ns: int
+    stay: Stay
+
+
+class CellNow:
+    """What is known of a cell at the moment. What is no message of a cell changes nothing.
+
+    Attributes
+    ----------
+    things
+        What stands in it.
+    changes
+        How often that has changed.
+
+    """
+
+    def __init__(self) -> None:
+        self.things: tuple[Thing, ...] = ()
+        self.changes = 0
+        self._belts: dict[str, Thing] = {}
+        self._parts: dict[int, _Present] = {}  # by number, in the order in which they were told last
+        self._before: tuple[float, dict[str, float]] = (-math.inf, {})  # bus time [s], counts
+        self._newest = self._before
+
+    def clear(self) -> None:
+        """Forget the cell: it is not there any more."""
+        self._parts.clear()
+        self._use(())
+
+    def _use(self, things: tuple[Thing, ...]) -> None:
+        if things != self.things:
+            self.things = things
+            self.changes += 1
+        self._belts = {thing.name: thing for thing in things if thing.kind is Kind.BELT}
+
+    def take_scene(self, text: str, told_ns: int = 0) -> None:
+        """Take a message of ``cell/scene``; parts that were told of before it are of a cell that is gone."""
+        with suppress(TelegramError, ValueError, RecursionError):
+            self._use(tuple(cell_scene.read(json.loads(text))))
+            self._parts = {n: one for n, one in self._parts.items() if one.told_ns >= told_ns}
+
+    def take_parts(self, text: str, told_ns: int = 0) -> None:
+        """Take a message of ``cell/parts``."""
+        with suppress(TelegramError):
+            for number, told in read_message(text).parts.items():
+                self._parts.pop(number, None)
+                present = _present(told, told_ns)
+                if present is not None:
+                    self._parts[number] = present
+            while len(self._parts) > PARTS_MAX:
+                del self._parts[next(iter(self._parts))]
+
+    def take_counts(self, time_s: float, counts: Mapping[str, float]) -> None:
+        """Take what the encoders of the belts count at a bus time [s]."""
+        if time_s != self._newest[0]:
+            self._before, self._newest = self._newest, (time_s, dict(counts))
+
+    def at(self, time_s: float, tcp_m: Point) -> CellInstant:
+        """Return what there is to be drawn at a bus time [s] with the TCP at a place [m]."""
+        counts = {name: self._count(name, time_s) for name in self._belts if name in self._newest[1]}
+        ways = {
+            name: count / self._belts[name].increments_per_m
+            for name, count in counts.items()
+            if self._moves(name)
+        }
+        return CellInstant(tuple(self._now(one, counts, tcp_m) for one in self._parts.values()), ways)
+
+    def _moves(self, name: str) -> bool:
+        return name in self._belts and self._belts[name].increments_per_m > 0.0
+
+    def _count(self, name: str, time_s: float) -> float:
+        """Return the count of a belt at a time between the last two times that it was told, or at the nearer one."""
+        (before_s, before), (newest_s, newest) = self._before, self._newest
+        if name not in before or not before_s < newest_s:
+            return newest[name]
+        share = min(max((time_s - before_s) / (newest_s - before_s), 0.0), 1.0)
+        return before[name] + share * (newest[name] - before[name])
+
+    def _now(self, one: _Present, counts: Mapping[str, float], tcp_m: Point) -> PartPlace:
+        stay, way, direction = one.stay, 0.0, 0.0
+        if stay.how is How.LYING:
+            return one.place
+        if stay.how is How.RIDING and stay.belt in counts and self._moves(stay.belt):
+            belt = self._belts[stay.belt]
+            way, direction = (counts[stay.belt] - stay.count) / belt.increments_per_m, belt.angle_rad
+        return replace(one.place, at_m=place_m(stay, tcp_m, way, direction) or stay.at_m)
+
+
+def _present(told: dict[str, Any], told_ns: int) -> _Present | None:
+    """Return a part from its document, None if it is not there, or nowhere near."""
+    if not told['stays']:
+        return None
+    last = told['stays'][-1]
+    x, y, z = last['at_m']
+    length, width, height = told['size_m']
+    near = (
+        max(map(abs, (x, y, z))) <= REACH_MAX_M
+        and 0.0 < min(told['size_m']) <= max(told['size_m']) <= REACH_MAX_M
+    )
+    if last['how'] == How.GONE or not near:
+        return None
+    stay = Stay(**last | {'how': How(last['how']), 'at_m': (x, y, z)})
+    place = PartPlace(told['number'], told['type'], (length, width, height), (x, y, z), stay.angle_rad)
+    return _Present(place, told_ns, stay)

@@ -1,0 +1,63 @@
+"""The inputs of a cell on the page: a tab with their values, and what sets them from outside."""
+
+import json
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from delta3_pacdrive.view import readout
+from delta3_pacdrive.view.values import InputFacts
+
+VALUES = {'on': True, 'off': False, 'auto': 'auto'}
+
+
+class InputRows:
+    """A tab with a row for each input. Without inputs there is none.
+
+    Parameters
+    ----------
+    gui
+        Of the viser server.
+    tabs
+        Where the tab is added.
+    ask
+        Takes a request for an input, as the service ``input`` has it.
+
+    """
+
+    def __init__(self, gui: Any, tabs: Any, ask: Callable[[str], None]) -> None:
+        self._gui, self._tabs, self._ask = gui, tabs, ask
+        self._tab: Any = None
+        self._shown: dict[str, tuple[InputFacts, Any]] = {}
+
+    def show(self, inputs: Sequence[InputFacts]) -> None:
+        """Show the values of inputs; others than before have rows of their own."""
+        if [one.name for one in inputs] != list(self._shown):
+            self._rebuild(inputs)
+        for one in inputs:
+            before, value = self._shown[one.name]
+            if one != before:
+                value.content = readout.input_row(one)
+                self._shown[one.name] = one, value
+
+    def _rebuild(self, inputs: Sequence[InputFacts]) -> None:
+        if self._tab is not None:
+            self._tab.remove()
+            self._tab = None
+        self._shown = {}
+        if not inputs:
+            return
+        self._tab = self._tabs.add_tab('Inputs')
+        with self._tab:
+            for one in inputs:
+                value = self._gui.add_html(readout.input_row(one))
+                buttons = self._gui.add_button_group('set to', tuple(VALUES))
+                buttons.on_click(self._asks(one.name))
+                self._shown[one.name] = one, value
+
+    def _asks(self, name: str) -> Callable[[Any], None]:
+        def ask(event: Any) -> None:
+            word = event.target.value
+            if word in VALUES:  # a page may say anything
+                self._ask(json.dumps({'name': name, 'value': VALUES[word]}))
+
+        return ask
