@@ -30,6 +30,7 @@ ROS = ['ros-jazzy-rclpy>=7.1.6', 'ros-jazzy-common-interfaces>=5.3.6', 'ros-jazz
 TEST = [
     'toppra>=0.6.3',
     'casadi>=3.6.5',
+    'h5py>=3.10',
     'hypothesis>=6.98.15',
     'import-linter>=2.16',
     'mujoco>=4.0',
@@ -46,6 +47,7 @@ TEST = [
 ]
 VIEW = ['viser>=1.1', 'trimesh>=4.0', 'msgspec>=0.18', 'websockets>=13.1']
 PARQUET = ['pyarrow>=15.0']
+MATLAB = ['h5py>=3.10']
 DOCS = ['furo>=2024.1.29', 'latex2mathml>=3.77', 'myst-parser>=2.0', 'sphinx>=7.2']
 # A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers
 # (shell first, then Python) go to lib/delta3_pacdrive/ and start the interpreter of their own environment.
@@ -130,9 +132,10 @@ setup(
         'ros': ROS,
         'view': VIEW,
         'parquet': PARQUET,
+        'matlab': MATLAB,
         'test': TEST,
         'docs': DOCS,
-        'all': ROS + VIEW + PARQUET + TEST + DOCS,
+        'all': ROS + VIEW + PARQUET + MATLAB + TEST + DOCS,
     },
     entry_points={'console_scripts': [f'{name} = {target}' for name, target in scripts.items()]},
     options=options,

@@ -1,11 +1,12 @@
-"""Tables as MATLAB files up to version 7: variables whose names end in their unit, ``time_s``, ``tcp_command_mm``.
+"""Tables as MATLAB files: variables whose names end in their unit, ``time_s``, ``tcp_command_mm``.
 
 A variable of three columns, or of three rows, is a whole signal; one with ``_1 _2 _3`` or ``_x _y _z`` before the unit
-is a column of it. Version 7.3 is HDF5, which MATLAB itself writes only if it is asked to: it is refused.
+is a column of it. Version 7.3 is HDF5, which h5py reads, all others scipy.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,10 @@ from delta3_pacdrive.recording.trace import reason
 
 HDF5 = b'\x89HDF'
 OF_MATLAB_73 = b'MATLAB 7.3 MAT-file'
+TEXT, CLASS = b'char', 'MATLAB_class'  # what MATLAB calls a variable in HDF5, where texts are numbers as well
+NEEDED = (
+    "MATLAB files of version 7.3 need h5py: pip install 'delta3_pacdrive[matlab]', or save them with '-v7'"
+)
 # at the end of a name: its unit
 ENDS = {unit.replace(' ', '_').replace('/', '_').lower(): unit for unit in UNITS}
 
@@ -30,23 +35,16 @@ def read(path: Path) -> Table:
     Raises
     ------
     TraceError
-        The file is of version 7.3, cannot be read, or its variables are of different lengths.
+        The file cannot be read, h5py is not installed for version 7.3, or variables are of different lengths.
 
     """
-    from scipy.io import loadmat
-
     try:
         with path.open('rb') as stream:
             begin = stream.read(512)
-            if begin.startswith((HDF5, OF_MATLAB_73)):
-                raise TraceError(
-                    f"{path} is a MATLAB file of version 7.3 (HDF5), which is not read: save it with '-v7', or as CSV"
-                )
-            stream.seek(0)
-            variables: dict[str, Any] = loadmat(stream)
+        variables = _of_hdf5(path) if begin.startswith((HDF5, OF_MATLAB_73)) else _of_matlab(path)
     except TraceError:
         raise
-    except Exception as error:  # what scipy trips over in a damaged file is not bounded
+    except Exception as error:  # what scipy and h5py trip over in a damaged file is not bounded
         raise TraceError(f'cannot read trace {path}: {reason(error)}') from error
     headings: list[str] = []
     columns: list[Floats] = []
@@ -66,6 +64,34 @@ def read(path: Path) -> Table:
     if not columns:
         raise TraceError(f'{path} has no variable of numbers')
     return Table(path, headings, np.column_stack(columns))
+
+
+def _of_matlab(path: Path) -> dict[str, Any]:
+    """Return the variables of a file up to version 7."""
+    from scipy.io import loadmat
+
+    with path.open('rb') as stream:
+        return dict(loadmat(stream))
+
+
+def _of_hdf5(path: Path) -> dict[str, Any]:
+    """Return the variables of a file of version 7.3 that are arrays, as MATLAB has them: HDF5 turns rows to columns."""
+    try:
+        import h5py
+    except ModuleNotFoundError:
+        raise TraceError(f'cannot read {path}: {NEEDED}') from None
+    with h5py.File(path, 'r') as file:
+        return {name: item[()].T for name, item in file.items() if _is_array(h5py, item)}
+
+
+def _is_array(h5py: Any, item: Any) -> bool:
+    told: Mapping[str, Any] = item.attrs
+    return (
+        isinstance(item, h5py.Dataset)
+        and item.ndim > 0
+        and told.get(CLASS, b'') != TEXT
+        and not told.get('MATLAB_empty', 0)
+    )
 
 
 def _columns(name: str, values: Floats) -> list[tuple[str, Floats]]:

@@ -4,13 +4,13 @@ The thesis names no figures, only what one sees in its plots; what counts as see
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from delta3_pacdrive.analysis.experiments.attribution import Attribution
-from delta3_pacdrive.analysis.experiments.comparison import Comparison, Statistics
+from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run, Statistics
 
 HOLDS, FAILS, UNKNOWN = 'holds', 'does not hold', 'cannot be known'
 ALIKE_PERCENT = 1.0  # rms of the deviation, of the peak: nobody sees it in a figure of a page
@@ -48,15 +48,33 @@ class Claim:
         return f'{self.section}: {self.text}: {self.verdict.upper()}: {self.figure}'
 
 
-def claims(number: int | None, comparison: Comparison, attribution: Attribution | None) -> list[Claim]:
-    """Hold a run of an experiment against every claim of its section and of 11.1.4; none for other programs."""
+def claims(
+    number: int | None,
+    comparison: Comparison,
+    attribution: Attribution | None,
+    elsewhere_deg_s: Mapping[int, float] | None = None,
+) -> list[Claim]:
+    """Hold a run of an experiment against every claim of its section and of 11.1.4; none for other programs.
+
+    Parameters
+    ----------
+    number
+        Of the experiment.
+    comparison
+        Of model and robot.
+    attribution
+        What explains it, if that is known.
+    elsewhere_deg_s
+        Ripple of the arm speeds of the same robot in other experiments [deg/s], by their numbers, if that is known.
+
+    """
     if number is None:
         return []
     rows = {(row.signal, row.column): row for row in comparison.statistics()}
     section = f'11.1.{number}'
     found = [
         _row(section, 'arm velocities match', rows, 'arm_speed', 'all', _alike),
-        _ripple(section, number, comparison),
+        _ripple(section, number, comparison, elsewhere_deg_s or {}),
         _row(
             section,
             'the acceleration follows its reference in the mean',
@@ -158,8 +176,7 @@ def _larger_norm(row: Statistics) -> tuple[str, str]:
     return _answer(row.model_rms > row.robot_rms), figure
 
 
-def _ripple(section: str, number: int, comparison: Comparison) -> Claim:
-    """The small amplitude variation of velocities: what is left of them without their mean over 11 cycles."""
+def _ripple(section: str, number: int, comparison: Comparison, elsewhere_deg_s: Mapping[int, float]) -> Claim:
     text = (
         'the robot has a smaller ripple of its velocities than in experiments 1 and 2'
         if number == 3
@@ -167,17 +184,25 @@ def _ripple(section: str, number: int, comparison: Comparison) -> Claim:
     )
     if 'arm_speed' not in comparison.names:
         return Claim(section, text, UNKNOWN, 'the runs do not both tell arm_speed')
-    runs = (comparison.model, comparison.robot)
-    model, robot = (_ripple_deg_s(comparison.measured(run.actual['arm_speed'])) for run in runs)
+    model, robot = (ripple_deg_s(comparison, run) for run in (comparison.model, comparison.robot))
     figure = f'robot {robot:.3g}, model {model:.3g} deg/s rms'
     if number == 3:
+        others = [elsewhere_deg_s.get(n) for n in (1, 2)]
+        if None in others:
+            return Claim(section, text, UNKNOWN, f'{figure}; that of experiments 1 and 2 is not known')
+        told = ', '.join(f'{other:.3g} in experiment {n}' for n, other in enumerate(others, start=1))
         return Claim(
-            section, text, UNKNOWN, f'{figure}; delta3 experiment 1 and 2 tell theirs in the same line'
+            section,
+            text,
+            _answer(all(robot < other for other in elsewhere_deg_s.values())),
+            f'{figure}; robot {told}',
         )
     return Claim(section, text, _answer(robot > RIPPLE_RATIO * model), figure)
 
 
-def _ripple_deg_s(speed: np.ndarray) -> float:
+def ripple_deg_s(comparison: Comparison, run: Run) -> float:
+    """Return the small amplitude variation of arm speeds [deg/s rms]: what their mean over 11 cycles leaves."""
+    speed = comparison.measured(run.actual['arm_speed'])
     width = 2 * RIPPLE_CYCLES + 1
     if len(speed) <= width:
         return 0.0

@@ -5,7 +5,7 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution
-from delta3_pacdrive.analysis.experiments.claims import claims
+from delta3_pacdrive.analysis.experiments.claims import Claim, claims
 from delta3_pacdrive.analysis.experiments.comparison import OF_SAMPLES, QUANTITIES, Comparison, Statistics
 from delta3_pacdrive.analysis.experiments.conclusions import OTHER, conclusions, explanations, truth, verdict
 from delta3_pacdrive.analysis.experiments.study import Results
@@ -23,10 +23,14 @@ def tables(found: Results) -> list[Table]:
     made = [_signals(found.comparison), _statistics(found.comparison.statistics())]
     if found.attribution is not None:
         made.append(_attribution(found.attribution))
-    if told := claims(found.number, found.comparison, found.attribution):
+    if told := _claims(found):
         header = ['section', 'claim', 'verdict', 'figure']
         made.append(Table(TABLES[3], header, [[c.section, c.text, c.verdict, c.figure] for c in told]))
     return made
+
+
+def _claims(found: Results) -> list[Claim]:
+    return claims(found.number, found.comparison, found.attribution, found.elsewhere_deg_s)
 
 
 def _signals(comparison: Comparison) -> Table:
@@ -95,10 +99,7 @@ def summary(found: Results) -> dict[str, Any]:
         'reproduced': all(conclusion.holds for conclusion in concluded) if of_experiment else None,
         'verdict': verdict(concluded) if of_experiment else None,
         'findings': [asdict(conclusion) for conclusion in concluded],
-        'claims': [
-            asdict(claim) | {'sentence': claim.sentence}
-            for claim in claims(found.number, comparison, found.attribution)
-        ],
+        'claims': [asdict(claim) | {'sentence': claim.sentence} for claim in _claims(found)],
         'truth': truth(rows),
         'signals': [{'text': QUANTITIES[row.signal].text} | asdict(row) for row in rows],
         'attribution': None if found.attribution is None else _attribution_summary(found.attribution),

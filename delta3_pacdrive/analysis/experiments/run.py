@@ -15,6 +15,7 @@ from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.analysis import study as studies
 from delta3_pacdrive.analysis.alignment import BY_START, align
 from delta3_pacdrive.analysis.experiments import attribution, figures, report
+from delta3_pacdrive.analysis.experiments.claims import ripple_deg_s
 from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
 from delta3_pacdrive.analysis.experiments.study import Pair, Results, Settings
 from delta3_pacdrive.analysis.provenance import Provenance, digest, excused
@@ -24,6 +25,7 @@ from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.trace import Trace
 
+RIPPLES_LESS = 3  # of the experiments: 11.1.3 compares its ripple with that of the others
 FILES = {'model': 'model.yaml', 'robot': 'robot.yaml'}  # their parameters
 
 Graph = Callable[
@@ -75,7 +77,10 @@ class Study(studies.Study):
         if self.settings.attributed:
             run = Run.of(simulated['model'], model)
             explained = attribution.attribute(self._program, run, model, robot, self.on_progress)
-        found = Results(number, self._program.name, comparison, explained, self._notes)
+        elsewhere = self._ripples_elsewhere() if number == RIPPLES_LESS else {}
+        found = Results(
+            number, self._program.name, comparison, explained, self._notes, elsewhere_deg_s=elsewhere
+        )
         self.on_progress('tables and figures', 0, 0)
         for path in files.values():
             folder.add(path)
@@ -96,6 +101,15 @@ class Study(studies.Study):
             f'the bus cycles are {1e3 * cycle_s["model"]:g} ms of the model and {1e3 * cycle_s["robot"]:g} ms of the '
             f'robot: both are compared every {1e3 * max(cycle_s.values()):g} ms'
         )
+
+    def _ripples_elsewhere(self) -> dict[int, float]:
+        """Return the ripple of the robot in the experiments before, which are simulated on the spot."""
+        found, robot = {}, self.robots['robot']
+        for number in range(1, RIPPLES_LESS):
+            program = programs.load(self._path.with_stem(f'experiment{number}'), robot.motion)
+            run = Run.of(simulation.run(program, robot), robot)
+            found[number] = ripple_deg_s(Comparison.of(run, run), run)
+        return found
 
     def _provenance(self) -> Provenance:
         chosen, robot = self.settings, self.robots['robot']

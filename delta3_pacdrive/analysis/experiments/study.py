@@ -1,6 +1,7 @@
 """What an experiment, or the comparison of any two runs, depends on, and what it finds."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from delta3_pacdrive.analysis import alignment, runs
 from delta3_pacdrive.analysis.alignment import Alignment
@@ -73,6 +74,8 @@ class Results:
         In sentences.
     alignment
         How any two runs were brought to one time.
+    elsewhere_deg_s
+        Ripple of the arm speeds of the robot in other experiments [deg/s], by their numbers.
 
     """
 
@@ -82,6 +85,7 @@ class Results:
     attribution: Attribution | None
     notes: list[str]
     alignment: Alignment | None = None
+    elsewhere_deg_s: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def title(self) -> str:

@@ -22,7 +22,10 @@ NOTHING = -(2**31)
 ORDERS = range(4)
 # of signals whose unit says too little, and of others by their unit: finer than what drives, plots or eyes tell apart
 RESOLUTIONS = {'tcp_error': 1e-8, 'following_error': 1e-8}
-OF_UNITS = {'rad': 1e-7, 'rad/s': 1e-3, 'A': 1e-4, 'm': 1e-8, 'm/s': 1e-6, 'm/s2': 1e-3, 'N m': 1e-4}
+OF_UNITS = {
+    'rad': 1e-7, 'rad/s': 1e-3, 'rad/s2': 1e-2, 'A': 1e-4, 'm': 1e-8, 'm/s': 1e-6, 'm/s2': 1e-3, 'N m': 1e-4, 'V': 1e-3,
+    'N': 1e-3, 'Pa': 1.0, 'kg': 1e-5, 's': 1e-6, 'bits': 1.0, 'increments': 1.0,
+}  # fmt: skip
 OTHERWISE = 1e-6
 ON_GRID = ('motor_command', 'motor_position')  # lie on the grid of increments: nothing is lost
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from delta3_pacdrive.analysis.report_page.around import around
 from delta3_pacdrive.analysis.report_page.columns import packed, resolution_of
-from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES, others
+from delta3_pacdrive.analysis.report_page.plots import APART, PLOTS, is_shown, others, quantity
 from delta3_pacdrive.analysis.run_comparison import Comparison, subtracted
 from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.numerics.types import Floats
@@ -63,14 +63,15 @@ def report_document(
 
 def signals_of(run: Run) -> dict[str, Floats]:
     """Return the signals that a page shows of a run, with what it computes from them, each (cycles, columns)."""
-    found = {name: values for name, values in run.part.signals.items() if name in QUANTITIES}
+    found = {name: values for name, values in run.part.signals.items() if is_shown(name)}
     if 'tcp_velocity' in run.part.signals:
         found['tcp_speed'] = np.linalg.norm(run.part['tcp_velocity'], axis=1, keepdims=True)
     if 'tcp_acceleration' in run.part.signals:
         found['tcp_acceleration_norm'] = np.linalg.norm(run.part['tcp_acceleration'], axis=1, keepdims=True)
-    if 'master' in run.part.signals:
-        for n, name in enumerate(('distance', 'speed', 'acceleration')):
-            found[f'master_{name}'] = run.part['master'][:, n : n + 1]
+    for name, columns in APART.items():
+        if name in run.part.signals:
+            for n, column in enumerate(columns):
+                found[f'{name}_{column}'] = run.part[name][:, n : n + 1]
     if 'tcp_error' in found:
         found['tcp_error_norm'] = np.linalg.norm(found['tcp_error'], axis=1, keepdims=True)
     return found
@@ -139,6 +140,6 @@ def _differences(
 def _packed(signals: Mapping[str, Floats], run: Run, coarser: float) -> dict[str, Any]:
     grid = run.robot.bus.increments_per_rev
     return {
-        name: packed(values, coarser * resolution_of(name, QUANTITIES[name][0], grid))
+        name: packed(values, coarser * resolution_of(name, quantity(name)[0], grid))
         for name, values in signals.items()
     }

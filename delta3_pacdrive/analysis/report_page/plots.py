@@ -5,7 +5,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
+from delta3_pacdrive.recording import quantities
+from delta3_pacdrive.recording.signals import (
+    CURRENT_SIGNALS,
+    DERIVED_SIGNALS,
+    SIGNALS,
+    TORQUE_SIGNALS,
+    TRUE_SIGNALS,
+    columns_of,
+)
 
 AXES, XYZ = ('axis 1', 'axis 2', 'axis 3'), ('x', 'y', 'z')
 ACTUAL, COMMAND, TRUE = 'actual', 'command', 'true'
@@ -18,8 +26,25 @@ DERIVED = {
     'master_speed': ('m/s', 'speed of the virtual master'),
     'master_acceleration': ('m/s2', 'acceleration of the virtual master'),
     'tcp_acceleration_norm': ('m/s2', 'acceleration of the actual TCP, norm'),
+    'jacobian_condition': ('1', 'condition number of J at the TCP of the command'),
+    'jacobian_speed': ('m/s', 'speed of the TCP of the command'),
+    'jacobian_acceleration': ('m/s2', 'acceleration of the TCP of the command'),
 }
-QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED
+# signals whose columns have units of their own, so that each is one for itself
+APART = {'master': ('distance', 'speed', 'acceleration'), 'jacobian': ('condition', 'speed', 'acceleration')}
+USUAL = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED
+
+
+def is_shown(name: str) -> bool:
+    """Whether a page shows a signal as it is held; of some it shows the norm, or each column for itself."""
+    return name not in DERIVED_SIGNALS and name not in APART and quantities.unit_of(name) is not None
+
+
+def quantity(name: str) -> tuple[str, str]:
+    """Return unit and meaning of a signal of a page."""
+    if name in USUAL:
+        return USUAL[name]
+    return quantities.unit_of(name) or quantities.ONE, quantities.meaning_of(name)
 
 
 @dataclass(frozen=True)
@@ -40,6 +65,8 @@ class Plot:
         Whether motor values are shown as those of the arm: over the gear ratio (4.17).
     shown
         Whether it is there when the page is opened.
+    what
+        What it is, in more words.
 
     """
 
@@ -50,6 +77,7 @@ class Plot:
     columns: tuple[str, ...]
     of_arm: bool = False
     shown: bool = True
+    what: str = ''
 
     def document(self, held: Iterable[str]) -> dict[str, Any] | None:
         """Return what a page has to know of it, with the signals that runs hold; None if they hold none."""
@@ -68,6 +96,7 @@ class Plot:
             'columns': list(self.columns),
             'signals': signals,
             'shown': self.shown,
+            'what': self.what,
         }
 
 
@@ -116,10 +145,13 @@ PLOTS = (
 
 
 def others(held: Iterable[str]) -> list[Plot]:
-    """Return a plot for each signal that none of ``PLOTS`` shows."""
+    """Return a plot for each signal that none of ``PLOTS`` shows; those on request bear their names."""
     known = {name for plot in PLOTS for name, _ in plot.signals}
-    return [
-        Plot(QUANTITIES[name][1], QUANTITIES[name][0], 1.0, ((name, ACTUAL),), ('1', '2', '3'), shown=False)
-        for name in held
-        if name not in known and name in QUANTITIES
-    ]
+    return [_of(name) for name in held if name not in known]
+
+
+def _of(name: str) -> Plot:
+    unit, what = quantity(name)
+    title = what if name in USUAL else name.replace('_', ' ')
+    columns = tuple(column for column, _ in columns_of(name, unit))
+    return Plot(title, unit, 1.0, ((name, ACTUAL),), columns, shown=False, what=what)

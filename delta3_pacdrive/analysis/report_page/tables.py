@@ -11,7 +11,7 @@ from delta3_pacdrive.analysis.alignment import BY_START
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page.around import first_cycle, shown_stays
 from delta3_pacdrive.analysis.report_page.document import signals_of
-from delta3_pacdrive.analysis.report_page.plots import PLOTS, QUANTITIES
+from delta3_pacdrive.analysis.report_page.plots import PLOTS, quantity
 from delta3_pacdrive.analysis.run_comparison import Comparison, move_figures
 from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
@@ -113,7 +113,7 @@ def _comparison(names: Sequence[str], number: int, found: Comparison) -> str:
         rows.append(
             [
                 f'<code>{name}</code>',
-                escape(QUANTITIES[name][1]),
+                escape(quantity(name)[1]),
                 f'{factor * figure.rms:.4g}',
                 f'{factor * figure.largest:.4g}',
                 unit,
@@ -255,9 +255,9 @@ def _drives(run: Run, name: str) -> str:
 def _statistics(run: Run, name: str) -> str:
     rows = []
     for signal, values in signals_of(run).items():
-        unit, factor = _READ_IN.get(signal, (QUANTITIES[signal][0], 1.0))
+        unit, factor = _READ_IN.get(signal, (quantity(signal)[0], 1.0))
         if signal.startswith('motor_'):
-            unit, factor = QUANTITIES[signal][0], 1.0
+            unit, factor = quantity(signal)[0], 1.0
         finite = values[np.isfinite(values).all(axis=1)]
         if not len(finite):
             continue
@@ -265,7 +265,7 @@ def _statistics(run: Run, name: str) -> str:
         rows.append(
             [
                 f'<code>{signal}</code>',
-                escape(QUANTITIES[signal][1]),
+                escape(quantity(signal)[1]),
                 *(' / '.join(f'{factor * value:.4g}' for value in one) for one in (low, high, rms)),
                 unit,
             ]

@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.analysis.experiments import run
 from delta3_pacdrive.analysis.experiments.attribution import Attribution, outcome_of
-from delta3_pacdrive.analysis.experiments.claims import FAILS, HOLDS, UNKNOWN, claims
+from delta3_pacdrive.analysis.experiments.claims import FAILS, HOLDS, UNKNOWN, claims, ripple_deg_s
 from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
+from delta3_pacdrive.analysis.experiments.study import Settings
+from delta3_pacdrive.analysis.study import silent
 from delta3_pacdrive.motion import program_file as programs
 
 
@@ -62,3 +65,30 @@ def test_dynamics_explain_a_deviation_if_more_than_half_of_it_is_theirs(first, f
     claim = by_text(claims(1, first, attribution), 'lacks of the dynamics')
     assert claim.verdict == verdict
     assert claim.figure.startswith(f'{100 * friction:.0f} % of the mean square')
+
+
+def test_experiment_3_has_less_ripple_if_it_has_less_than_both_others():
+    third = compared(3, parameters.load('rich'))
+    own = ripple_deg_s(third, third.robot)
+
+    def verdict(first, second):
+        return by_text(claims(3, third, None, {1: first, 2: second}), 'smaller ripple').verdict
+
+    assert verdict(1.1 * own, 1.1 * own) == HOLDS
+    assert verdict(1.1 * own, 0.9 * own) == FAILS
+    assert verdict(0.9 * own, 1.1 * own) == FAILS
+    assert by_text(claims(3, third, None, {1: own}), 'smaller ripple').verdict == UNKNOWN
+
+
+def test_an_experiment_3_simulates_the_others_to_judge_its_ripple(undrawn, tmp_path):
+    settings = Settings(3, robot='rich', attributed=False)
+    report = run.Study(settings, tmp_path, 'a test', silent).run()
+    (claim,) = [claim for claim in report['claims'] if 'smaller ripple' in claim['text']]
+    first, second = (compared(number, parameters.load('rich')) for number in (1, 2))
+    told = [
+        f'{ripple_deg_s(one, one.robot):.3g} in experiment {n}'
+        for n, one in enumerate((first, second), start=1)
+    ]
+    assert claim['figure'].endswith(f'robot {told[0]}, {told[1]}')
+    # the thesis saw less; this robot swings as much as it did before
+    assert claim['verdict'] == FAILS

@@ -9,7 +9,7 @@ from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page import page
 from delta3_pacdrive.analysis.report_page.columns import resolution_of
-from delta3_pacdrive.analysis.report_page.plots import QUANTITIES
+from delta3_pacdrive.analysis.report_page.plots import quantity
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.scene.parts import RODS
 from delta3_pacdrive.scene.poses import poses
@@ -128,7 +128,7 @@ def test_numbers_in_the_browser_are_those_of_the_trace(visit, one, robot):
     for name in (*SIGNALS, *TRUE_SIGNALS):
         values = one.part[name]
         held = np.array(visit.page.evaluate(f'{series}[{name!r}].map(column => Array.from(column))')).T
-        step = resolution_of(name, QUANTITIES[name][0], robot.bus.increments_per_rev)
+        step = resolution_of(name, quantity(name)[0], robot.bus.increments_per_rev)
         assert np.abs(held - values).max() <= 0.5 * step * ROUNDING, name
 
 

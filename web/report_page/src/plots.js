@@ -2,7 +2,7 @@
 
 import uPlot from 'uplot';
 
-import { axisColours, colour, onTheme } from './theme.js';
+import { AXIS_COLOURS, axisColours, colour, onTheme } from './theme.js';
 
 const HEIGHT = 150;
 const GUTTER = 58; // width of the scale at the left; the track of moves keeps the same
@@ -39,6 +39,7 @@ export class Plots {
     chip.className = 'chip';
     chip.type = 'button';
     chip.textContent = plot.title;
+    chip.title = plot.what;
     chip.addEventListener('click', () => show(!this.isShown(made)));
     this.chips.append(chip);
     const show = (shown) => {
@@ -96,6 +97,7 @@ class Panel {
     this.body = this.element.appendChild(document.createElement('div'));
     this.body.className = 'plot';
     const title = this.caption.appendChild(document.createElement('b'));
+    title.title = plot.what;
     title.textContent = subtracted ? `${plot.title}: ${subtracted} − ${plots.report.runs[0].name}` : plot.title;
     const unit = this.caption.appendChild(document.createElement('span'));
     unit.className = 'unit';
@@ -133,7 +135,7 @@ class Panel {
   }
 
   colourName(curve) {
-    return this.plot.columns.length === 1 ? 'norm' : `axis${curve.column + 1}`;
+    return this.plot.columns.length === 1 ? 'norm' : `axis${(curve.column % AXIS_COLOURS) + 1}`;
   }
 
   toggle(n) {
@@ -209,7 +211,7 @@ class Panel {
           {},
           ...this.curves.map((curve, n) => ({
             show: !this.hidden.has(n),
-            stroke: this.plot.columns.length === 1 ? norm : axes[curve.column],
+            stroke: this.plot.columns.length === 1 ? norm : axes[curve.column % AXIS_COLOURS],
             width: curve.role === 'actual' ? 1.4 : 1,
             alpha: curve.role === 'actual' ? 1 : 0.75,
             dash: curve.role === 'actual' ? DASHES.run[curve.difference ? 0 : curve.series.number] : DASHES[curve.role],

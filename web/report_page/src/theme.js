@@ -4,9 +4,11 @@ export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
-// Colours of the three axes, or of x, y, z, and of the norm.
+export const AXIS_COLOURS = 6; // columns beyond begin anew
+
+// Colours of the three axes, or of x, y, z, and of further columns.
 export function axisColours() {
-  return [1, 2, 3].map((axis) => colour(`axis${axis}`));
+  return Array.from({ length: AXIS_COLOURS }, (_, n) => colour(`axis${n + 1}`));
 }
 
 export function isDark() {
