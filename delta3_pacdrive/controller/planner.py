@@ -180,6 +180,10 @@ class Planner:
         self._go_on()
         return True
 
+    def played_back(self, now_s: float) -> Reason | None:
+        """Return why what comes by topic is not believed now: a recording is played back here."""
+        return self._task.played_back(now_s)
+
     def _begin_session(self) -> None:
         """Give up what belongs to a bus that has ended; a program that ran can be started again."""
         self.trajectory.give_up(PHASED_UP)

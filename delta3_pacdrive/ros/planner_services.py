@@ -76,15 +76,15 @@ class PlannerServices:
             refuse=self._refuse_request,
         )
         for topic, receive in (
-            (interfaces.PROGRAM, lambda message: self._ask('program', message.data)),
+            (interfaces.PROGRAM, lambda message: self._ask_openly('program', message.data)),
             (interfaces.MOVE_L, self._enqueue(move_messages.move_l)),
             (interfaces.MOVE_C, self._enqueue(move_messages.move_c)),
             (interfaces.MOVE_SB, self._enqueue(move_messages.move_sb)),
             (
                 interfaces.JOINT_TRAJECTORY,
-                lambda message: self._ask('trajectory', joint_trajectory(message).to_json()),
+                lambda message: self._ask_openly('trajectory', joint_trajectory(message).to_json()),
             ),
-            (interfaces.OVERRIDE, lambda message: self._ask('override', repr(message.data))),
+            (interfaces.OVERRIDE, lambda message: self._ask_openly('override', repr(message.data))),
         ):
             topic.bounded_subscription(node, receive, PROGRAM_BYTES_MAX, self._refuse)
         self._requests = interfaces.REQUESTS.publisher(node)
@@ -97,6 +97,14 @@ class PlannerServices:
     def _ask(self, action: str, text: str = '', tell: Tell | None = None) -> None:
         """Pass on the request of a client that has no identity."""
         self.pass_on(self.request(action, text), tell)
+
+    def _ask_openly(self, action: str, text: str) -> None:
+        """Pass on what came on a topic, unless it may come from a bag that is played back."""
+        reason = self._planner.played_back(time.monotonic())
+        if reason is None:
+            self._ask(action, text)
+        else:
+            self._say(reason, '')
 
     def request(self, action: str, text: str = '') -> Request:
         """Return the request of a client that has no identity."""
@@ -131,7 +139,7 @@ class PlannerServices:
             self.pass_on(asked, answer)
 
     def _enqueue(self, statement: Callable[[Any], move_messages.Statement]) -> Callable[[Any], None]:
-        return lambda message: self._ask('program', json.dumps({'moves': [statement(message)]}))
+        return lambda message: self._ask_openly('program', json.dumps({'moves': [statement(message)]}))
 
     def _on_request(self, request: Request) -> None:
         speeds = (*request.caps, request.approach_m_s)

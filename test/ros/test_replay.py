@@ -1,16 +1,22 @@
 """Bags that are played back into a live robot: nothing moves, no node ends, and one sentence says what was refused."""
 
 import tempfile
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PointStamped
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import Point, PointStamped
 from rclpy.node import Node
-from std_msgs.msg import Header, String
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Float64, Header, String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from delta3_pacdrive import kinematics
 from delta3_pacdrive.parameters import load
 from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.interfaces import MOTION_CHANGE, RECORDED
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
@@ -47,9 +53,17 @@ MORE = {
     'control/reply': (String, REQUEST),
     'control/alive': (Header, REPORT),
 }
+# what clients publish: open to everybody, and alone no different from a request
+OPEN = {
+    topic.name: (topic.type, REQUEST)
+    for topic in (interfaces.JOINT_TRAJECTORY, interfaces.OVERRIDE, interfaces.PROGRAM, interfaces.MOVE_L)
+}
 CYCLIC = {name for topic in RECORDED if topic.cyclic for name in topic.names}
-TOPICS = {name: (topic.type, topic.delivery.publisher) for topic in RECORDED for name in topic.names} | MORE
+TOPICS = (
+    {name: (topic.type, topic.delivery.publisher) for topic in RECORDED for name in topic.names} | MORE | OPEN
+)
 BURST = 2  # messages that a player publishes at once: bags are played back at the pace of the robot
+ANSWERS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # of a whole bag
 STATES = ('idle', 'moving', 'stopped', 'error', 'disabled')
 
 
@@ -91,6 +105,35 @@ class Cell:
         self.operator.call('start')
         self.wait_for('moving')
 
+    def publish(self, topic: str, message: Any, done: Callable[[], bool]) -> None:
+        """Publish as a client without a name does, and wait for what comes of it."""
+        publisher = self.player.create_publisher(OPEN[topic][0], topic, REQUEST)
+        self.graph.spin_until(
+            lambda: publisher.get_subscription_count() == 2, f'recorder and planner of {topic}'
+        )
+        publisher.publish(message)
+        self.graph.spin_until(done, topic)
+        self.player.destroy_publisher(publisher)
+
+    def ask_openly(self) -> None:
+        """Do by topics what clients without a name may do: an override, moves, a trajectory."""
+        queue = self.operator
+        self.publish('unit_robot/override', Float64(data=80.0), lambda: queue.queue.override == 0.8)
+        self.publish('unit_robot/override', Float64(data=100.0), lambda: queue.queue.override == 1.0)
+        self.publish('unit_robot/program', String(data=AWAY), lambda: queue.queue.moves == 1)
+        there = PointStamped(point=Point(x=0.05, y=0.0, z=-0.75))
+        there.header.frame_id = 'base'
+        self.publish('unit_robot/move_l', there, lambda: queue.queue.moves == 2)
+        queue.call('clear')
+        home = [*kinematics.inverse((0.0, 0.0, -0.75), load())]
+        points = [
+            JointTrajectoryPoint(positions=[angle + 0.05 for angle in home], time_from_start=Duration(sec=1)),
+            JointTrajectoryPoint(positions=home, time_from_start=Duration(sec=2)),
+        ]
+        moved = JointTrajectory(joint_names=['axis1', 'axis2', 'axis3'], points=points)
+        self.publish('joint_trajectory', moved, lambda: queue.state == 'moving')
+        self.wait_for('idle')
+
     def do_everything(self) -> None:
         """Do what leaves a trace on every topic: programs, override, hold, resume, faults, reset, enabling."""
         operator = self.operator
@@ -110,6 +153,7 @@ class Cell:
         self.drive(BACK)
         self.wait_for('idle')
         operator.release_control()
+        self.ask_openly()
 
     def play(self, messages: list[tuple[str, bytes]], cycles: int = 20) -> None:
         """Publish recorded messages as a player of bags does, and let the robot go on by some bus cycles."""
@@ -170,9 +214,17 @@ class Cell:
 
 
 def thinned(messages: list[tuple[str, bytes]]) -> list[tuple[str, bytes]]:
-    """Of every topic the last fifty messages: what a topic of every bus cycle told before is over for longer."""
-    newest = {id(m) for topic in TOPICS for m in [m for m in messages if m[0] == topic][-50:]}
-    return [m for m in messages if id(m) in newest]
+    """Of every topic the last fifty messages: what a topic of every bus cycle told before is over for longer.
+
+    Of the status also fifty over the whole time: a bag tells it from its begin on.
+    """
+    kept = set()
+    for topic in TOPICS:
+        own = [m for m in messages if m[0] == topic]
+        kept |= {id(m) for m in own[-50:]}
+        if topic == 'motion/status':
+            kept |= {id(m) for m in own[:: 1 + len(own) // 50]}
+    return [m for m in messages if id(m) in kept]
 
 
 @pytest.fixture
@@ -195,10 +247,27 @@ def assert_unmoved(
     assert cell.facts() == before
     if state == 'moving':
         return
-    newer = [m for m in commands if m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec > since_s]
-    path = np.array([[m.point.x, m.point.y, m.point.z] for m in newer])
-    assert len(path) > 50
+
+    def newer() -> list[Any]:
+        return [m for m in commands if m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec > since_s]
+
+    cell.graph.spin_until(lambda: len(newer()) > 50, 'fifty commands')
+    path = np.array([[m.point.x, m.point.y, m.point.z] for m in newer()])
     assert np.abs(np.diff(path, axis=0)).max() < 1e-9
+
+
+def assert_nothing_asked(cell: Cell, state: str, messages: list[tuple[str, bytes]]) -> None:
+    """Play a whole bag: what clients had published is refused, the queue and the override stay as they are."""
+    answers = cell.graph.listen(String, 'unit_robot/answer', ANSWERS)
+    queue = cell.operator.queue
+    cell.play(messages, 100)
+    asked = sum(topic in OPEN for topic, _ in messages)
+    cell.graph.spin_until(
+        lambda: sum('a recording is played back' in m.data for m in answers) >= asked, 'refusals'
+    )
+    assert asked >= len(OPEN)
+    now = cell.operator.queue
+    assert (now.moves, now.override) == (queue.moves, queue.override), state
 
 
 def test_a_bag_of_this_very_session_changes_nothing_topic_by_topic_nor_as_a_whole(
@@ -207,13 +276,14 @@ def test_a_bag_of_this_very_session_changes_nothing_topic_by_topic_nor_as_a_whol
     cell, messages = recorded
     # who copies the session of a running robot on the cyclic topics is found by the contradiction, and stops it
     slow = [topic for topic in TOPICS if topic not in CYCLIC and topic != 'joint_states']
+    alone = [topic for topic in slow if topic not in OPEN]
     for state in STATES:
         cell.enter(state)
         before = cell.facts()
-        for topic in slow:
+        for topic in alone:
             cell.play([m for m in messages if m[0] == topic])
             assert cell.facts() == before, (state, topic)
-        cell.play([m for m in messages if m[0] in slow], 100)
+        assert_nothing_asked(cell, state, [m for m in messages if m[0] in slow])
         assert cell.facts() == before, state
         cell.leave(state)
 
@@ -240,13 +310,13 @@ def test_a_bag_of_an_earlier_session_moves_nothing(earlier: list[tuple[str, byte
     for state in STATES:
         cell.enter(state)
         before = cell.facts()
-        for topic in topics:
+        for topic in [topic for topic in topics if topic not in OPEN]:
             commands.clear()
             since_s = cell.newest_s()  # commands of the stop may still be on their way
             cell.play([m for m in earlier if m[0] == topic], 60)
             assert_unmoved(cell, state, commands, before, since_s)
         refusals.clear()
-        cell.play([m for m in earlier if m[0] in topics], 100)
+        assert_nothing_asked(cell, state, [m for m in earlier if m[0] in topics])
         assert cell.facts() == before, state
         assert any('is it a recording?' in m.data for m in refusals), state
         cell.leave(state)

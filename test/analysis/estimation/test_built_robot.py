@@ -100,7 +100,7 @@ def test_from_30_percent_off_every_identifiable_quantity_of_a_built_robot_is_fou
 def test_95_percent_intervals_hold_the_truth_on_built_robots():
     found = benchmark.built(40)
     assert 0.92 <= found['pooled'] <= 0.98
-    assert all(0.85 <= rate <= 1.0 for rate in found['coverage'].values())
+    assert all(rate >= 0.85 for rate in found['coverage'].values())
     assert found['coverage'].keys() >= {'K_m', 'F_s', 'F_b', 'w_st', 'c_g', 'b_g', 'offset_1'}
 
 
