@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from delta3_pacdrive.parameters import Parameters
 
 EVEN = 0.01  # of a period: how far a sample may be from its place
-GAP = 1.5  # periods between two samples: from there on one is missing
 LONG = 3.0  # periods between two samples that are not evenly spaced: no straight line is drawn any more
 INSTANTS_MIN = 3
 

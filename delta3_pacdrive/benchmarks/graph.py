@@ -165,6 +165,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
     if watchers:
         result['page_kb_s'] = 1e-3 * watchers[0].received_bytes / max(watchers[0].watched_s, 1e-3)
         result |= {'page_watched_s': watchers[0].watched_s, 'page_cores': watchers[0].cores}
+        result['page_pictures_hz'] = watchers[0].pictures_hz
     return result | meters[0].figures(result['cycles'] - first_cycle)
 
 
@@ -269,7 +270,8 @@ def _rows(result: dict[str, Any]) -> dict[str, str]:
         )
     if 'page_kb_s' in result:
         watched = f'{result["page_kb_s"]:.0f} kB/s for {result["page_watched_s"]:.0f} s'
-        rows['page'] = f'{result["page_cores"]:.3f} cores, {watched}'
+        pictures = f'{result["page_pictures_hz"]:.0f} pictures a second in motion'
+        rows['page'] = f'{result["page_cores"]:.3f} cores, {pictures}, {watched}'
     rows['memory (PSS)'] = f'{sum(result["memory_mib"].values()):.0f} MiB'
     return rows
 

@@ -4,9 +4,12 @@ import threading
 import time
 from contextlib import suppress
 from importlib import metadata
+from itertools import pairwise
+from statistics import median
 
 APPEAR_S = 30.0  # for the page to be served
 LOOK_S, TRY_S, SETTLE_S = 0.5, 0.2, 2.0
+TURNED = b'SetOrientationMessage'  # of an arm, in whatever is packed beside it
 CAMERA = {
     'type': 'ViewerCameraMessage',
     'wxyz': (1.0, 0.0, 0.0, 0.0),
@@ -35,6 +38,8 @@ class PageWatcher:
     ----------
     received_bytes, watched_s
         How much came, and for how long.
+    pictures_s
+        When something came in which the robot has another pose [s].
     cores
         Processor time of the page while it was watched, its start left out, over that time.
 
@@ -46,6 +51,7 @@ class PageWatcher:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self.received_bytes, self.watched_s = 0, 0.0
+        self.pictures_s: list[float] = []
         self._thread.start()
 
     def _watch(self) -> None:
@@ -65,11 +71,22 @@ class PageWatcher:
                     start, spent_s = time.monotonic(), self._spent_s()
                     while not self._stop.is_set():
                         with suppress(TimeoutError):
-                            self.received_bytes += len(socket.recv(timeout=LOOK_S))
+                            self._take(socket.recv(timeout=LOOK_S))
                         self.watched_s = max(time.monotonic() - start, 1e-3)
                         if (now_s := self._spent_s()) > spent_s:
                             self.cores = (now_s - spent_s) / self.watched_s
             self._stop.wait(TRY_S)
+
+    def _take(self, data: bytes | str) -> None:
+        self.received_bytes += len(data)
+        if isinstance(data, bytes) and TURNED in data:
+            self.pictures_s.append(time.monotonic())
+
+    @property
+    def pictures_hz(self) -> float:
+        """How many pictures there are in a second while the robot moves: by the median of the times between two."""
+        between = [b - a for a, b in pairwise(self.pictures_s)]
+        return 1.0 / max(median(between), 1e-3) if between else 0.0
 
     def _spent_s(self) -> float:
         import psutil

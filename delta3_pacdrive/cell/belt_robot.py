@@ -321,6 +321,16 @@ class BeltRobot(PartsRobot):
         way = leaving(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)), block.limits)
         self._leaving = Leaving(end, block.belt, way)
 
+    def _change(self, override: float) -> None:
+        super()._change(override)
+        block, tracking = self._working, self._link.tracking
+        if block is None or tracking is None or not block.closed or self._held:
+            return
+        # with another speed the plan leaves its belt in another cycle
+        leaves = self._moves.leaves_belt_in(self._link.look().cycle)
+        if leaves is not None:
+            self._note_leaving(block, tracking, leaves)
+
     def _leave_time(self, tracking: BeltKnowledge) -> None:
         """Let moves behind a belt begin so late that the robot has left it before the first of them ends."""
         last, batch = self._leaving, self._batch

@@ -4,6 +4,7 @@ Pure: statements and bus cycles come in, what has to be ordered goes out.
 """
 
 import re
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -163,6 +164,18 @@ class Moves:
         move, starts = plan.move(now.number), plan.tables.starts
         driven = now.distance_m / move.length_m if move.length_m > 0.0 else 0.0
         return float(starts[ends[0] + 1] - starts[now.number]) - driven * move.duration_s
+
+    def leaves_belt_in(self, cycle: int) -> int | None:
+        """Return the first bus cycle from one on in which the plan has left its belt; None if it does not leave it."""
+        timeline = self.timeline
+        if timeline is None:
+            return None
+        plan = timeline.plan
+        ends = [n for n in range(timeline.at(cycle).number, len(plan)) if _leaves_belt(plan.move(n))]
+        if not ends:
+            return None
+        cycles = range(cycle, timeline.end_cycle)
+        return cycles.start + bisect_right(cycles, ends[0], key=lambda one: timeline.at(one).number)
 
     def drop(self, payload_kg: float) -> None:
         """Forget what is under way; the robot carries a payload [kg]."""

@@ -222,6 +222,20 @@ def test_an_override_changes_the_work_and_not_the_belt(robot, percent):
     assert far.max() < 0.25e-3
 
 
+@pytest.mark.parametrize('percent', [50, 75, 150])
+def test_an_override_behind_the_work_lets_moves_wait_until_the_robot_has_left_the_belt(robot, percent):
+    with cell.simulate(robot, around=around(SLOW, 1), signals=['outputs']) as called:
+        above(called, lambda robot: robot.dwell(0.3))
+        called.override(percent)
+        called.move_l(to_m={'by_m': [0.0, 0.0, 0.001]}, **QUICK)
+        called.output('output1', True)
+        called.dwell(0.5)
+    trace = called.trace
+    ends = int(np.argmax(trace['outputs'][:, 1] > 0.0))
+    assert ends > 0
+    assert np.linalg.norm(trace['tcp_command'][ends + 1] - trace['tcp_command'][-1]) < 1e-5
+
+
 def test_a_script_that_dies_on_a_belt_leaves_the_robot_in_a_stop(robot):
     def dies(called):
         called.wait()

@@ -62,6 +62,8 @@ CYCLIC = {name for topic in RECORDED if topic.cyclic for name in topic.names}
 TOPICS = (
     {name: (topic.type, topic.delivery.publisher) for topic in RECORDED for name in topic.names} | MORE | OPEN
 )
+NEWEST = 20  # messages of a topic that are played back
+LOOKED_AT = 20  # bus cycles after them, in which nothing moves
 BURST = 2  # messages that a player publishes at once: bags are played back at the pace of the robot
 ANSWERS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # of a whole bag
 STATES = ('idle', 'moving', 'stopped', 'error', 'disabled')
@@ -214,16 +216,16 @@ class Cell:
 
 
 def thinned(messages: list[tuple[str, bytes]]) -> list[tuple[str, bytes]]:
-    """Of every topic the last fifty messages: what a topic of every bus cycle told before is over for longer.
+    """Of every topic the newest messages: what a topic of every bus cycle told before is over for longer.
 
-    Of the status also fifty over the whole time: a bag tells it from its begin on.
+    Of the status also some over the whole time: a bag tells it from its begin on.
     """
     kept = set()
     for topic in TOPICS:
         own = [m for m in messages if m[0] == topic]
-        kept |= {id(m) for m in own[-50:]}
+        kept |= {id(m) for m in own[-NEWEST:]}
         if topic == 'motion/status':
-            kept |= {id(m) for m in own[:: 1 + len(own) // 50]}
+            kept |= {id(m) for m in own[:: 1 + len(own) // NEWEST]}
     return [m for m in messages if id(m) in kept]
 
 
@@ -251,7 +253,7 @@ def assert_unmoved(
     def newer() -> list[Any]:
         return [m for m in commands if m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec > since_s]
 
-    cell.graph.spin_until(lambda: len(newer()) > 50, 'fifty commands')
+    cell.graph.spin_until(lambda: len(newer()) >= LOOKED_AT, 'commands')
     path = np.array([[m.point.x, m.point.y, m.point.z] for m in newer()])
     assert np.abs(np.diff(path, axis=0)).max() < 1e-9
 
@@ -313,7 +315,7 @@ def test_a_bag_of_an_earlier_session_moves_nothing(earlier: list[tuple[str, byte
         for topic in [topic for topic in topics if topic not in OPEN]:
             commands.clear()
             since_s = cell.newest_s()  # commands of the stop may still be on their way
-            cell.play([m for m in earlier if m[0] == topic], 60)
+            cell.play([m for m in earlier if m[0] == topic], LOOKED_AT)
             assert_unmoved(cell, state, commands, before, since_s)
         refusals.clear()
         assert_nothing_asked(cell, state, [m for m in earlier if m[0] in topics])

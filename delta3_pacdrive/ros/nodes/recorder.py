@@ -2,6 +2,8 @@
 
 Out: ``recorder/state``, latched: ``recording``, or ``stopped: ...`` with the reason. A recorder that cannot write any
 more, for want of space, says so and goes on living: it never stops a machine.
+
+It is longer than other nodes because it has topics of whole robots instead of some of its own.
 """
 
 import time

@@ -2,6 +2,8 @@
 
 In, while somebody listens to what comes of it: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``; always
 ``motion/plan`` and ``motion/status``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
+
+It is longer than other nodes because its subscriptions come and go with who listens.
 """
 
 from collections.abc import Callable

@@ -4,6 +4,8 @@ In: ``motion/status``, ``motion/course``, ``motion/verdict`` of the transformati
 (5 Hz), and what ``ros.planner_outputs`` carries out. What operators ask and are told: see ``ros.planner_services``, and
 ``ros.follow_joint_trajectory`` for the action.
 What is decided, ``controller.planner`` decides.
+
+It is longer than other nodes because it joins the planner to its thread, its operators and its outputs.
 """
 
 import time

@@ -104,19 +104,24 @@ def test_95_percent_intervals_hold_the_truth_on_built_robots():
     assert found['coverage'].keys() >= {'K_m', 'F_s', 'F_b', 'w_st', 'c_g', 'b_g', 'offset_1'}
 
 
+def lines_of(page):
+    """Return the arguments of each line of the block of a page that says that it is run here."""
+    (block,) = (
+        block
+        for block in pages.blocks(pages.SOURCE / 'docs' / page)
+        if block.mark == 'elsewhere' and (pages.SOURCE / block.words).samefile(__file__)
+    )
+    found = [shlex.split(line, comments=True) for line in block.text.splitlines()]
+    assert all(program == 'delta3' for program, *_ in found)
+    return [arguments for _, *arguments in found]
+
+
 @pytest.fixture(scope='module')
 def applied(excited, tmp_path_factory):
     """Run the commands of the documentation with a shorter recording; return folder, report and exit statuses."""
-    (block,) = (
-        block
-        for block in pages.blocks(pages.SOURCE / 'docs/tuning.md')
-        if block.mark == 'elsewhere' and (pages.SOURCE / block.words).samefile(__file__)
-    )
     folder, statuses = tmp_path_factory.mktemp('applied'), {}
     with contextlib.chdir(folder):
-        for line in block.text.splitlines():
-            program, *arguments = shlex.split(line, comments=True)
-            assert program == 'delta3'
+        for arguments in lines_of('tuning.md'):
             if arguments[:2] == ['simulate', 'excitation']:
                 excited.save(folder / arguments[arguments.index('--trace') + 1])
                 continue
@@ -125,6 +130,24 @@ def applied(excited, tmp_path_factory):
             statuses[arguments[0]] = main(arguments)
     out = folder / 'estimation'
     return out, json.loads((out / 'report.json').read_text()), statuses
+
+
+def test_the_story_of_a_log_ends_with_a_model_that_is_nearer(applied, undrawn):
+    folder, *_ = applied
+    excitation, estimation, comparison = lines_of('control_engineer.md')
+    assert [excitation, estimation] == lines_of('tuning.md')[:2]
+    with contextlib.chdir(folder.parent):
+        assert main(['simulate', 'experiment1', '--parameters', 'rich', '--trace', 'robot.csv']) == 0
+        assert main(['compare', 'experiment1', 'robot.csv', '--no-attribution', '--output', 'before']) == 0
+        assert main([*comparison, '--no-attribution']) == 0
+
+    def rms(name, signal):
+        found = json.loads((folder.parent / name / 'report.json').read_text())['signals']
+        (row,) = [row for row in found if row['signal'] == signal and row['column'] in ('all', '')]
+        return row['deviation_rms']
+
+    assert rms('after', 'tcp_error_norm') < rms('before', 'tcp_error_norm') / 3.0
+    assert rms('after', 'current') < rms('before', 'current') / 2.0
 
 
 def test_a_nominal_model_does_not_explain_a_built_robot_and_what_it_lacks_is_named(applied):
