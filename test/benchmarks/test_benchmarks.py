@@ -82,6 +82,23 @@ def test_the_benchmark_of_the_graph_prints_its_columns_side_by_side(monkeypatch,
     assert rows[fast + 1] == 'cycles 20000, slip 12.5 ms'  # one column: nothing is scheduled in real time
 
 
+@pytest.mark.parametrize(
+    ('options', 'cases'),
+    [
+        (['--view'], ['separate', 'viewed']),
+        (['--scope'], ['separate', 'scoped']),
+        (['--view', '--scope'], ['separate', 'viewed', 'scoped']),
+    ],
+)
+def test_what_looks_at_a_robot_is_measured_beside_a_robot_that_nobody_looks_at(
+    options, cases, monkeypatch, capsys
+):
+    monkeypatch.setattr(graph, 'in_child', lambda action: {'case': action.args[0]})
+    result = run(capsys, 'graph', '--scheduling', 'ordinary', *options)
+    assert [case for case in result if case in graph.CASES] == cases
+    assert [result[case]['ordinary']['case'] for case in cases] == cases
+
+
 def test_real_time_is_not_measured_where_it_is_not_permitted(monkeypatch, capsys):
     monkeypatch.setattr(graph, 'real_time_is_permitted', lambda: False)
     assert bench.main(['graph', '--scheduling', 'real-time']) == 1
@@ -98,6 +115,8 @@ def test_real_time_is_not_measured_where_it_is_not_permitted(monkeypatch, capsys
         (['motion', '--case', 'bare'], '--case is for graph, not for motion'),
         (['simulate', '--scheduling', 'ordinary'], '--scheduling is for graph, not for simulate'),
         (['graph', '--no-graph'], '--no-graph is for motion, not for graph'),
+        (['kinematics', '--view'], '--view is for graph, not for kinematics'),
+        (['kinematics', '--scope'], '--scope is for graph, not for kinematics'),
         (['graph', '--seconds', '0.5'], '--seconds is 0.5, but must be between 1 and 3600'),
     ],
 )

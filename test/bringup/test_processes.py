@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ pytest.importorskip(
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.bringup.bringup import Bringup
-from delta3_pacdrive.bringup.environment import only_one
+from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all
 from delta3_pacdrive.bringup.robot_processes import RobotProcesses
@@ -43,6 +44,44 @@ def test_the_lock_of_a_robot_is_that_of_its_namespace_and_domain(monkeypatch):
         monkeypatch.setenv('ROS_DOMAIN_ID', '7')
     with only_one(f'/{name}'):
         pass
+
+
+# folders for logs
+
+LOGGING = """
+import signal
+from delta3_pacdrive.bringup.environment import log_folder
+with log_folder(None) as folder:
+    print(folder, flush=True)
+    signal.pause()
+"""
+
+
+def test_logs_that_a_killed_bring_up_has_left_are_removed_by_the_next_and_those_of_the_living_are_kept(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    foreign = tmp_path / 'delta3_logs_of_somebody'
+    foreign.mkdir()
+    other = subprocess.Popen(
+        [sys.executable, '-c', LOGGING],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {'TMPDIR': str(tmp_path)},
+    )
+    try:
+        theirs = Path(other.stdout.readline().rstrip())
+        assert theirs.parent == tmp_path
+        with log_folder(None) as own, log_folder(None):
+            assert theirs.is_dir()
+            assert own.is_dir()
+    finally:
+        other.kill()
+        other.communicate()
+    (theirs / 'plant.log').write_text('the last words')
+    with log_folder(None) as own:
+        assert sorted(tmp_path.iterdir()) == sorted([foreign, own])
+    assert list(tmp_path.iterdir()) == [foreign]
 
 
 # children

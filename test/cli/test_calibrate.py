@@ -27,9 +27,12 @@ from delta3_pacdrive.motion import program_file
         (['home', 'a.csv', '--height', '-900', '--arm', '4'], 'must be a whole number between 1 and 3'),
         (['plan', '--noise', 'x'], 'must be a number between 0 and 10 mm'),
         (['plan', '--diameter', '50'], '--diameter is for poses that are planned with --method ball'),
+        (['plan', '--columns', 'c.yaml'], '--columns is for fit and home, not for plan'),
+        (['fit', '--simulate', 'rich', '--columns', 'c.yaml'], '--columns is for a table of measurements'),
     ],
 )
-def test_what_it_cannot_obey_is_a_usage_error(arguments, sentence, capsys):
+def test_what_it_cannot_obey_is_a_usage_error(arguments, sentence, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit, match='2'):
         calibrate.main(arguments)
     assert sentence in ' '.join(capsys.readouterr().err.split())
@@ -81,3 +84,21 @@ def test_a_table_that_was_not_filled_in_is_refused(tmp_path, capsys):
     assert calibrate.main(['fit', str(folder / 'poses.csv'), '--output', str(tmp_path / 'b')]) == 1
     assert 'has no measured_x [mm]: was it not taken?' in capsys.readouterr().err
     assert not (tmp_path / 'b').exists()
+
+
+def test_a_table_of_somebody_else_is_read_as_its_column_file_says(tmp_path, capsys):
+    table, columns = tmp_path / 'theirs.csv', tmp_path / 'columns.yaml'
+    table.write_text('W1,W2,W3,X,Y,Z\n10,20,30,1,2,-800\n')
+    told = [('arm_position', n, 'deg', f'W{n}') for n in (1, 2, 3)]
+    told += [('tcp_measured', axis, 'mm', axis.upper()) for axis in 'xyz']
+    rows = [f'- {{signal: {a}, axis: {b}, unit: {c}, column: {d}}}\n' for a, b, c, d in told]
+    columns.write_text('columns:\n' + ''.join(rows))
+
+    def refused(*arguments):
+        assert calibrate.main([*arguments, '--output', str(tmp_path / 'out')]) == 1
+        return capsys.readouterr().err
+
+    fit, home = ('fit', str(table)), ('home', str(table), '--height', '-900')
+    assert 'is no file of measurements' in refused(*fit)
+    assert 'is 181.6 mm from where the arms are' in refused(*fit, '--columns', str(columns))
+    assert 'has points of an instrument, not touches' in refused(*home, '--columns', str(columns))

@@ -9,10 +9,13 @@ from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis.estimation import measurement
 from delta3_pacdrive.analysis.estimation import run as estimation_run
 from delta3_pacdrive.analysis.jacobian import run as jacobian_run
+from delta3_pacdrive.analysis.learning import run as learning_run
+from delta3_pacdrive.analysis.one_motor import run as one_motor_run
+from delta3_pacdrive.analysis.ripple import run as ripple_run
 from delta3_pacdrive.analysis.tuning import axis_excitation
 from delta3_pacdrive.analysis.tuning import run as tuning_run
 from delta3_pacdrive.analysis.tuning.bench import Place
-from delta3_pacdrive.cli import estimate, experiment, jacobian, simulate, tune
+from delta3_pacdrive.cli import estimate, experiment, jacobian, learn, ripple, simulate, tune
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
@@ -170,7 +173,65 @@ def test_an_option_of_estimate_is_a_setting_of_the_study_and_changes_no_other(ar
     assert changed == ESTIMATE[arguments]
 
 
+# learn
+
+
+LEARN = {
+    ('--bandwidth', '60'): {'bandwidth_hz': 60.0},
+    ('--repetitions', '3'): {'repetitions': 3},
+    ('--machine', 'rich'): {'machine': 'model+rich'},
+    ('--parameters', 'rich'): {'parameters': 'model+rich'},
+    ('experiment3', '--parameters', 'model'): {'program': 'experiment3'},
+}
+
+
+@pytest.mark.parametrize('arguments', LEARN, ids=' '.join)
+def test_an_option_of_learn_is_a_setting_of_the_study_and_changes_no_other(arguments, monkeypatch):
+    monkeypatch.setattr(learning_run, 'Study', asking())
+    default, chosen = asked(learn, ['--parameters', 'model'])[0], asked(learn, arguments)[0]
+    changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}
+    assert changed == LEARN[arguments]
+
+
+# ripple
+
+
+RIPPLE = {
+    ('--axis', '3'): {'axis': 3},
+    ('--at', '0.2'): {'at_s': 0.2},
+    ('--cycle-time', '4', '--cycle-time', '2'): {'cycle_times_s': (4e-3, 2e-3)},
+    ('--interpolation', 'cubic'): {'interpolations': ('cubic',)},
+    ('--parameters', 'rich'): {'parameters': 'rich'},
+    ('packaging',): {'program': 'packaging'},
+}
+
+
+@pytest.mark.parametrize('arguments', RIPPLE, ids=' '.join)
+def test_an_option_of_ripple_is_a_setting_of_the_study_and_changes_no_other(arguments, monkeypatch):
+    monkeypatch.setattr(ripple_run, 'Study', asking())
+    default, chosen = asked(ripple, [])[0], asked(ripple, arguments)[0]
+    changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}
+    assert changed == RIPPLE[arguments]
+
+
 # simulate
+
+
+ONE_MOTOR = {
+    ('--axis', '2'): {'axis': 2},
+    ('--load-inertia', '0.3'): {'load_inertia_kg_m2': 0.3},
+    ('--load-torque', '-2'): {'load_torque_n_m': -2.0},
+    ('--coupling', '0.5'): {'coupling_effect': 0.5},
+    ('--parameters', 'rich'): {'parameters': 'rich'},
+}
+
+
+@pytest.mark.parametrize('arguments', ONE_MOTOR, ids=' '.join)
+def test_an_option_of_a_single_motor_is_a_setting_of_it_and_changes_no_other(arguments, monkeypatch):
+    monkeypatch.setattr(one_motor_run, 'Study', asking())
+    default, chosen = (asked(simulate, ['--one-motor', *more])[0] for more in ((), arguments))
+    changed = {key: value for key, value in vars(chosen).items() if value != vars(default)[key]}
+    assert changed == ONE_MOTOR[arguments]
 
 
 @pytest.fixture

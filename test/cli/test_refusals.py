@@ -134,3 +134,10 @@ def test_kinds_of_faults_are_listed_with_their_values(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == list(KINDS)
     assert 'jump_rad -100 to 100' in next(line for line in lines if line.startswith('encoder_jump'))
+
+
+def test_an_oscilloscope_waits_for_a_robot_as_long_as_it_is_told_to(refused, tmp_path):
+    arguments = ['scope', 'axis1.current', '--timeout', '0.3', '--output', tmp_path / 'scope.csv']
+    sentence = 'no drives with an oscilloscope within 0.3 s: is a robot up in namespace /?'
+    assert refused(arguments) == (1, f'error: {sentence}\n')
+    assert not list(tmp_path.iterdir())

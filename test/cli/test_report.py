@@ -1,6 +1,7 @@
 """Facts about ``delta3 report`` and ``delta3 compare``: what they leave and print, and what they refuse."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -58,6 +59,36 @@ def test_compare_prints_the_figures_of_the_difference(trace, capsys):
     (current,) = [line.split() for line in lines if line.startswith('current ')]
     assert float(current[1]) == pytest.approx(result['signals']['current']['rms'], rel=1e-3)
     assert '  rich.enabled: False and True' in lines
+
+
+def test_runs_are_brought_to_one_time_in_the_way_that_is_asked_for_and_told_so(here, trace, capsys):
+    whole = Trace.load(trace)
+    whole.meta['start_cycle'] += 50  # whoever recorded it has noted it too late
+    whole.save(here / 'late.npz')
+
+    def found(*how):
+        options = ['a.npz', 'late.npz', '--from', '0', '--to', '0.5', *how]
+        capsys.readouterr()
+        assert main(['compare', *options, '--json']) == 0
+        result = json.loads(capsys.readouterr().out)
+        assert main(['report', *options]) == 0
+        text = (here / 'report.html').read_text(encoding='utf-8')
+        (told,) = re.findall(r'late.npz</b> minus <b>a.npz</b>, (.*); motor speeds correlate', text)
+        cycles = result['cycles'], result['model_and_robot']['cycles']
+        shifts = result['alignment']['shift_s'], document_of(text)['runs'][1]['shift_s']
+        return result['alignment']['by'], told, cycles, shifts
+
+    by_start = found('--align', 'start')
+    assert found() == by_start
+    assert by_start == ('program start', 'aligned by program start', (501, 501), (0.0, 0.0))
+    shift_s = pytest.approx(0.05, abs=1e-9)
+    for name in ('correlation', 'best'):
+        by, told, cycles, shifts = found('--align', name)
+        assert (by, cycles, shifts) == ('best correlation', (451, 451), (shift_s, shift_s))
+        assert told == 'shifted by +0.050 s for the best correlation'
+    by, told, _, shifts = found('--align', 'none')
+    assert (by, shifts) == ('their own times', (0.0, 0.0))
+    assert told == 'aligned by their own times'
 
 
 def test_compare_says_that_a_trace_is_what_its_program_gives(trace, capsys):

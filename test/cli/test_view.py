@@ -1,10 +1,16 @@
-"""Facts about the command line of the page: what it refuses before it serves anything."""
+"""Facts about the command line of the page: what it refuses before it serves anything, and what its options do."""
 
+import os
+import queue
 import socket
+import webbrowser
 
+import numpy as np
 import pytest
 
 from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.view import serving
 
 pytest.importorskip('viser', reason='the page needs the extra "view"')
 
@@ -86,3 +92,109 @@ def test_a_robot_takes_a_port_only_for_its_page(capsys):
     with pytest.raises(SystemExit):
         main(['up', '--view-port', '0'])
     assert '--view-port is 0, but must be between 1 and 65535' in capsys.readouterr().err
+
+
+# what options do
+
+SOON_S = 10.0
+
+
+@pytest.fixture
+def own_ports(monkeypatch):
+    """Keep away from the ports of pages that other tests serve meanwhile."""
+    monkeypatch.setattr(serving, 'PORT', 18742)
+
+
+@pytest.fixture
+def shown(tmp_path, monkeypatch, capsys, own_ports):
+    """Return the function that shows a short recording, and returns what the page is asked for while it is there."""
+    from delta3_pacdrive.view import playback
+
+    cycles, found = 5, []
+    meta = {'cycle_time_s': 1e-3, 'gear_ratio': 32.0}
+    Trace(np.arange(cycles) * 1e-3, {'motor_position': np.zeros((cycles, 3))}, meta).save(tmp_path / 'a.npz')
+
+    def show(*options, look=lambda _: None):
+        monkeypatch.setattr(playback, 'run', lambda page, _: found.append((page.url, look(page))))
+        assert main(['view', str(tmp_path / 'a.npz'), *options]) == 0
+        url, seen = found.pop()
+        assert f'the page is at {url} ; Ctrl-C ends' in capsys.readouterr().err
+        return url, seen
+
+    return show
+
+
+def test_a_page_is_served_at_the_address_that_is_asked_for_and_at_no_other(shown):
+    with socket.socket() as other:
+        other.bind(('', 0))
+        port = other.getsockname()[1]  # that nobody has at any address
+
+    def answering(_):
+        found = []
+        for host in ('127.0.0.1', '127.0.0.2'):
+            with socket.socket() as visitor:
+                if visitor.connect_ex((host, port)) == 0:
+                    found.append(host)
+        return found
+
+    assert shown('--port', str(port), look=answering) == (f'http://127.0.0.1:{port}', ['127.0.0.1'])
+    elsewhere = shown('--port', str(port), '--host', '127.0.0.2', look=answering)
+    assert elsewhere == (f'http://127.0.0.2:{port}', ['127.0.0.2'])
+
+
+def test_a_page_begins_dark_where_that_is_asked_for_and_light_elsewhere(shown, monkeypatch):
+    import viser
+
+    plain, themes = viser.GuiApi.configure_theme, queue.Queue()
+
+    def configure(gui, **look):
+        themes.put(look.get('dark_mode', False))
+        plain(gui, **look)
+
+    monkeypatch.setattr(viser.GuiApi, 'configure_theme', configure)
+
+    def until_now(page):
+        page.stand(())  # it tells its look once more
+        return [themes.get() for _ in range(themes.qsize())]
+
+    def until_dark(_):
+        return next(filter(None, iter(lambda: themes.get(timeout=SOON_S), None)))
+
+    assert not any(shown(look=until_now)[1])
+    assert shown('--dark', look=until_dark)[1]
+
+
+def test_the_page_is_opened_in_the_browser_of_the_desktop_only_if_that_is_asked_for(
+    shown, monkeypatch, tmp_path, capsys
+):
+    opened = []
+
+    class Browser:
+        @staticmethod
+        def open(url):
+            opened.append(url)
+
+    monkeypatch.setattr(webbrowser, 'get', Browser)
+    shown()
+    assert opened == []
+    url, _ = shown('--open')
+    assert opened == [url]
+
+    def no_browser():
+        raise webbrowser.Error
+
+    monkeypatch.setattr(webbrowser, 'get', no_browser)
+    assert main(['view', str(tmp_path / 'a.npz'), '--open']) == 1
+    assert f'there is no browser here that could open {url}' in capsys.readouterr().err
+
+
+def test_a_robot_is_waited_for_as_long_as_it_takes_only_if_that_is_asked_for(monkeypatch, capsys, own_ports):
+    pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
+    from delta3_pacdrive.ros import live_view
+
+    waits = []
+    monkeypatch.setattr(os, 'nice', lambda _: 0)  # the tests go on
+    monkeypatch.setattr(live_view, 'run', lambda *asked: waits.append(asked[2:]))
+    assert main(['view']) == 0
+    assert main(['view', '--wait', '--namespace', 'cell2']) == 0
+    assert waits == [('/', live_view.APPEAR_S), ('cell2', float('inf'))]

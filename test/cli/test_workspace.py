@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from delta3_pacdrive import parameters
 from delta3_pacdrive.analysis.workspace import evaluation
 from delta3_pacdrive.cli import workspace
 
@@ -26,6 +27,19 @@ def test_people_read_a_line_per_quantity(capsys):
     assert lines[1] == 'accelerations with 2 kg, payloads with 40 m/s2'
     assert len(lines) == 3 + 9
     assert lines[3].split()[:4] == ['condition', 'of', 'the', 'Jacobian']
+
+
+def test_the_workspace_is_that_of_the_robot_of_a_parameter_file(tmp_path, capsys, robot):
+    slow = robot.replace(dynamics__payload_mass_kg=3.0, motor__max_speed_rpm=0.5 * robot.motor.max_speed_rpm)
+    file = str(parameters.write(slow, tmp_path / 'slow.yaml'))
+    found = []
+    for more in ([], ['--parameters', file]):
+        assert workspace.main(['--resolution', '200', '--json', *more]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    usual, changed = found
+    assert (usual['payload_kg'], changed['payload_kg']) == (robot.dynamics.payload_mass_kg, 3.0)
+    speeds = [one['quantities']['speed_m_s']['median'] for one in found]
+    assert speeds[1] == pytest.approx(0.5 * speeds[0])
 
 
 def test_figures_tables_and_the_volume_are_written(tmp_path, capsys):

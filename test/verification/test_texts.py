@@ -70,6 +70,16 @@ def test_a_case_that_went_otherwise_says_so_and_the_command_fails(judged, capsys
     assert [row['ok'] for row in result['cases']] == [True, False]
 
 
+def test_the_logs_of_the_processes_are_kept_where_that_is_asked_for(monkeypatch, tmp_path, capsys):
+    robots = []
+    monkeypatch.setattr(catalogue, 'Bringup', lambda options, **_: robots.append(options))
+    monkeypatch.setattr(catalogue, 'run_operated', lambda *_: None)
+    assert faults.main(['--short']) == 0
+    assert faults.main(['--short', '--logs', str(tmp_path / 'logs')]) == 0
+    assert [options.logs for options in robots] == [None, tmp_path / 'logs']
+    assert lines(capsys)[-1].startswith('0 of 8 cases')
+
+
 FIGURES = {
     'programs': 11,
     'refused': 2,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.alignment import BY_START
+from delta3_pacdrive.analysis.alignment import BY_CORRELATION
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page.around import first_cycle, shown_stays
 from delta3_pacdrive.analysis.report_page.document import signals_of
@@ -93,9 +93,9 @@ def _comparison(names: Sequence[str], number: int, found: Comparison) -> str:
     first, second = escape(names[0]), escape(names[number])
     how = found.alignment
     told = (
-        f'aligned by {how.by}'
-        if how.by == BY_START
-        else f'shifted by {how.shift_s:+.3f} s for the best correlation'
+        f'shifted by {how.shift_s:+.3f} s for the best correlation'
+        if how.by == BY_CORRELATION
+        else f'aligned by {how.by}'
     )
     correlation = '' if math.isnan(how.correlation) else f'; motor speeds correlate by {how.correlation:.6f}'
     lead = f'<p><b>{second}</b> minus <b>{first}</b>, {told}{correlation}.</p>'

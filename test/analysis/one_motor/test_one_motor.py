@@ -91,6 +91,17 @@ def test_the_folder_has_figures_8_2_to_8_4_and_the_trace_reads_back(tmp_path, ca
     assert loaded['phase_current'].any(axis=0).all()
 
 
+def test_the_load_of_the_command_line_is_the_load_of_the_motor(tmp_path, capsys, monkeypatch, undrawn):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'short.yaml').write_text('moves: [{move_l: {to_m: [0.02, 0.0, -0.76]}}]\n', encoding='utf-8')
+    load = ['--load-inertia', '0.3', '--load-torque', '6.4']
+    assert main(['simulate', 'short.yaml', '--one-motor', *load, '--json']) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document['load_inertia_kg_m2'], document['load_torque_n_m']) == (0.3, 6.4)
+    assert document['shaft_inertia_kg_m2'] == pytest.approx(ROTOR + 0.3 / GEAR**2)
+    assert (tmp_path / 'one_motor' / 'index.html').exists()  # where nothing else is asked for
+
+
 def test_a_trace_as_csv_holds_the_same_numbers(as_in_robot, tmp_path):
     trace = report.trace(as_in_robot)
     trace_file.save(trace, tmp_path / 'motor.csv')

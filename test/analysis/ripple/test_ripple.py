@@ -128,6 +128,19 @@ def test_the_picture_shows_one_cycle_before_and_one_after_with_the_samples_of_th
         assert at[time_ms] == pytest.approx(samples[time_ms], rel=1e-12)
 
 
+def test_the_motor_that_is_asked_for_is_the_one_that_is_shown(tmp_path, capsys, undrawn):
+    program, folder = tmp_path / 'short.yaml', tmp_path / 'out'
+    program.write_text('moves: [{move_l: {to_m: [0.1, 0.05, -0.8]}}]\n')
+    case = ['--cycle-time', '1', '--interpolation', 'linear', '--axis', '3']
+    assert main(['ripple', str(program), *case, '--output', str(folder)]) == 0
+    printed = [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    document = json.loads((folder / 'report.json').read_text(encoding='utf-8'))
+    (found,) = document['cases']
+    assert printed[0].endswith(', motor 3')
+    assert f'{found["current_peak_a"][2]:.2f} / {found["current_rms_a"][2]:.2f}' in ' '.join(printed)
+    assert document['axis'] == 3
+
+
 @pytest.mark.parametrize(
     ('arguments', 'told'),
     [

@@ -9,6 +9,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from delta3_pacdrive import dynamics, parameters
+from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.plant.plant_clock import REST_S
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
@@ -104,6 +105,11 @@ class Drive(Bus):
 @pytest.fixture
 def drive(graph: Any) -> Drive:
     return Drive(graph)
+
+
+def test_a_drive_that_is_not_told_its_axis_is_none(graph: Any) -> None:
+    with pytest.raises(ParameterError, match=r'^/mc4_drive needs the parameter axis: 1, 2 or 3$'):
+        MC4DriveNode(context=graph.context)
 
 
 @pytest.mark.parametrize(('control', 'cycles'), [(NO_POWER, 3), (STOP, 400)])

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 import yaml
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Vector3Stamped
@@ -18,8 +19,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.bringup import scheduling
+from delta3_pacdrive.cli import record
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording.bag_recovery import recover
+from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.interfaces import RECORDED
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, PLAN_WRITER
@@ -144,6 +148,25 @@ def test_every_topic_of_a_robot_is_recorded_under_its_name_with_time_and_constan
         'exchange_period_s': robot.bus.exchange_period_s,
         'lost': {},
     }
+
+
+def test_the_robot_that_is_recorded_is_the_one_of_the_namespace_that_is_asked_for(
+    tmp_path: Path, monkeypatch: Any
+) -> None:
+    def built(factories: Any, arguments: list[str]) -> int:
+        rclpy.init(args=arguments)
+        try:
+            factories[0]().destroy_node()
+        finally:
+            rclpy.shutdown()
+        return 0
+
+    monkeypatch.setattr(node_process, 'run', built)
+    monkeypatch.setattr(scheduling, 'prefer', lambda _: None)  # the tests stay as they are
+    assert record.main([str(tmp_path / 'bag'), '--namespace', 'cell2']) == 0
+    with Reader(tmp_path / 'bag') as reader:
+        topics = {connection.topic for connection in reader.connections}
+    assert topics == {f'/cell2/{topic}' for topic in EVERY_TOPIC}
 
 
 def test_a_recorder_without_a_folder_is_none(graph: Any, tmp_path: Path, monkeypatch: Any) -> None:
