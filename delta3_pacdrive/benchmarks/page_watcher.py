@@ -9,7 +9,6 @@ from statistics import median
 
 APPEAR_S = 30.0  # for the page to be served
 LOOK_S, TRY_S, SETTLE_S = 0.5, 0.2, 2.0
-TURNED = b'SetOrientationMessage'  # of an arm, in whatever is packed beside it
 CAMERA = {
     'type': 'ViewerCameraMessage',
     'wxyz': (1.0, 0.0, 0.0, 0.0),
@@ -39,7 +38,7 @@ class PageWatcher:
     received_bytes, watched_s
         How much came, and for how long.
     pictures_s
-        When something came in which the robot has another pose [s].
+        When each of it came [s]: all that is new for a picture comes at once.
     cores
         Processor time of the page while it was watched, its start left out, over that time.
 
@@ -79,8 +78,7 @@ class PageWatcher:
 
     def _take(self, data: bytes | str) -> None:
         self.received_bytes += len(data)
-        if isinstance(data, bytes) and TURNED in data:
-            self.pictures_s.append(time.monotonic())
+        self.pictures_s.append(time.monotonic())
 
     @property
     def pictures_hz(self) -> float:
