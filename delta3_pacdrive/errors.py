@@ -54,6 +54,10 @@ class LearnedError(Delta3Error, ValueError):
     """Learned torques that cannot be read, do not fit what is driven, or cannot be learned."""
 
 
+class SweepError(Delta3Error, ValueError):
+    """A sweep cannot be made as its file has it, or on the cluster that is there."""
+
+
 class FigureError(Delta3Error, OSError):
     """Figures that cannot be written."""
 

@@ -27,7 +27,18 @@ ROSDEP_KEYS = {
     'rosbags': 'python3-rosbags-pip',
 }  # the other keys are python3- and the distribution's name
 # of the extra "test", where benchmarks compare with them, and of the extra "view"
-OPTIONAL = {'pyarrow', 'h5py', 'toppra', 'mujoco', 'viser', 'trimesh', 'websockets', 'msgspec'}
+OPTIONAL = {
+    'pyarrow',
+    'h5py',
+    'dask',
+    'distributed',
+    'toppra',
+    'mujoco',
+    'viser',
+    'trimesh',
+    'websockets',
+    'msgspec',
+}
 WITHOUT_ROSDEP_KEY = {'ruckig'}  # named in a comment of package.xml
 DISTRIBUTIONS = {'yaml': 'PyYAML', 'mpl_toolkits': 'matplotlib'}  # the others bear the name that is imported
 

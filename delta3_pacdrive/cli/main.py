@@ -44,6 +44,7 @@ COMMANDS = {
     'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
     'learn': 'the torques that a program still lacks, from repetitions of it, for simulate and run',
     'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',
+    'sweep': 'many runs with varying parameters, on all cores or a cluster: distributions, effects, yield',
     'completion': 'print what a shell needs to complete all of this',
     'bench': 'measure: graph, motion, simulate, kinematics, estimation, control, cell',
 }

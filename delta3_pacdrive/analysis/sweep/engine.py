@@ -1,0 +1,157 @@
+"""Runs on many processes: an own cluster of dask workers on this machine, or one that is up.
+
+Batches of runs travel, not single ones. Which runs are in a batch depends on the sweep alone, and each run on its own
+values, so that nobody sees in the table who has made it. A batch whose worker is lost is made by another one.
+"""
+
+import json
+import os
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.provenance import versions
+from delta3_pacdrive.analysis.sweep.single_run import Row, Runner
+from delta3_pacdrive.analysis.sweep.study import Settings, Sweep
+from delta3_pacdrive.errors import SweepError
+
+BATCHES = 400  # that a large sweep has, about
+BATCH_MIN, BATCH_MAX = 5, 100  # runs in one
+AHEAD = 3  # batches that wait at each worker
+CONNECT_S = 10.0
+QUIET = {
+    'distributed.worker.daemon': True,
+    'distributed.admin.tick.limit': '1h',
+    'distributed.scheduler.allowed-failures': 10,
+    'logging': {'distributed': 'error'},
+}
+Values = Mapping[str, Any]
+_runners: dict[str, Runner] = {}  # of a worker, by the digests of sweeps
+
+
+def batches(sweep: Sweep, missing: Sequence[int]) -> Iterator[list[int]]:
+    """Return the runs that are still missing, in batches."""
+    size = int(np.clip(sweep.runs // BATCHES, BATCH_MIN, BATCH_MAX))
+    lacking = set(missing)
+    for first in range(1, sweep.runs + 1, size):
+        batch = [number for number in range(first, min(first + size, sweep.runs + 1)) if number in lacking]
+        if batch:
+            yield batch
+
+
+def values_in(values: Values, number: int) -> dict[str, Any]:
+    """Return the values of a run, by what varies."""
+    return {key: column[number - 1] for key, column in values.items()}
+
+
+def told(values: Values) -> Row:
+    """Return values as a row of the table has them: numbers, and all else as JSON."""
+    row: Row = {}
+    for key, value in values.items():
+        plain = value.item() if isinstance(value, np.generic) else value
+        is_number = isinstance(plain, (int, float)) and not isinstance(plain, bool)
+        row[key] = float(plain) if is_number else json.dumps(plain)
+    return row
+
+
+def made(sweep: Sweep, batch: Sequence[tuple[int, dict[str, Any]]]) -> list[Row]:
+    """Make the runs of a batch; a worker does this."""
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    runner = _runners.get(sweep.digest)
+    if runner is None:
+        _runners.clear()
+        runner = _runners[sweep.digest] = Runner(sweep)
+    rows = []
+    for number, values in batch:
+        row = runner.run(number, values)
+        head = {name: row.pop(name) for name in ('run', 'outcome', 'reason')}
+        rows.append(head | told(values) | row)
+    return rows
+
+
+@contextmanager
+def cluster(settings: Settings) -> Iterator[Any]:
+    """Give a client of an own cluster, or of the one that is up; raises SweepError."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    with dask.config.set(QUIET), warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        if settings.scheduler:
+            try:
+                client = Client(settings.scheduler, timeout=CONNECT_S, set_as_default=False)
+            except (OSError, ValueError) as error:
+                raise SweepError(f'no cluster answers at {settings.scheduler}: {error}') from error
+            with client:
+                require_same_version(client, settings.scheduler)
+                yield client
+            return
+        workers = settings.workers or os.cpu_count() or 1
+        with (
+            LocalCluster(
+                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address='127.0.0.1:0', silence_logs=50,
+                host='127.0.0.1',
+            ) as own,
+            Client(own, set_as_default=False) as client,
+        ):  # fmt: skip
+            yield client
+
+
+def require_same_version(client: Any, address: str) -> None:
+    """Refuse workers of other sources: their numbers would be others; raises SweepError."""
+    own = versions()
+    try:
+        found = client.run(versions)
+    except Exception as error:  # what a worker without this package raises is not bounded
+        raise SweepError(
+            f'the workers at {address} cannot compute: {type(error).__name__}: {error}'
+        ) from error
+    if not found:
+        raise SweepError(f'the cluster at {address} has no worker')
+    for worker, theirs in found.items():
+        if theirs != own:
+            raise SweepError(f'worker {worker} has {theirs}, but this is {own}')
+
+
+def workers_of(client: Any) -> int:
+    """Return how many workers there are."""
+    return len(client.scheduler_info(n_workers=-1)['workers'])
+
+
+def make(
+    client: Any, sweep: Sweep, values: Values, missing: Sequence[int], keep: Callable[[list[Row]], None]
+) -> None:
+    """Make the runs that are missing; each batch is kept as soon as it is there.
+
+    Raises
+    ------
+    SweepError
+        A batch cannot be made, whoever tries.
+
+    """
+    from distributed import as_completed
+
+    waiting = batches(sweep, missing)
+
+    def submit(batch: list[int]) -> Any:
+        work = [(number, values_in(values, number)) for number in batch]
+        return client.submit(made, sweep, work, pure=False)  # what is scattered is lost with its workers
+
+    begun = [submit(batch) for batch in islice(waiting, AHEAD * max(workers_of(client), 1))]
+    done = as_completed(begun, loop=client.loop)
+    for future in done:
+        try:
+            rows = future.result()
+        except SweepError:
+            raise
+        except Exception as error:  # of the cluster: those of a run are rows
+            raise SweepError(f'the cluster cannot go on: {type(error).__name__}: {error}') from error
+        future.release()
+        keep(rows)
+        batch = next(waiting, None)
+        if batch is not None:
+            done.add(submit(batch))

@@ -1,0 +1,107 @@
+"""Figures of a sweep: how each number is distributed, and how it depends on what varies."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive.analysis.figure_style import COLOURS, dress, titled_figure
+from delta3_pacdrive.analysis.report_folder import Drawings
+from delta3_pacdrive.analysis.sweep.effects import effects
+from delta3_pacdrive.analysis.sweep.study import Law, Results
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DRAWN = 6  # numbers, and quantities, that are drawn
+DOTS = 5000
+COLUMNS, HEIGHT_IN = 2, 2.4
+LIMIT = '#d92d3a'
+DISTRIBUTIONS, EFFECTS, SCATTER = 'distributions.png', 'effects.png', 'scatter_{}.png'
+
+
+def file_names() -> list[str]:
+    """Return patterns of the names of all figures."""
+    return [DISTRIBUTIONS, EFFECTS, SCATTER.format('*')]
+
+
+def by_name(found: Results) -> Drawings:
+    """Return what draws each figure, by the name of its file."""
+    names = [name for name in (found.sweep.limits or found.kept) if _known(found, name).sum() > 1][:DRAWN]
+    varied = [one.key for one in found.sweep.vary if one.law is not Law.RUN and one.is_number]
+    drawings = {}
+    if names:
+        drawings[DISTRIBUTIONS] = partial(distribution_figure, found, names)
+        if any(one.name in names for one in effects(found)):
+            drawings[EFFECTS] = partial(effect_figure, found, names)
+    if varied:
+        drawings |= {
+            SCATTER.format(name): partial(scatter_figure, found, name, varied[:DRAWN]) for name in names
+        }
+    return drawings
+
+
+def _panels(title: str, count: int) -> tuple[Figure, list[Axes]]:
+    rows = -(-count // COLUMNS)
+    figure = titled_figure(title, 1.0 + HEIGHT_IN * rows)
+    return figure, [figure.add_subplot(rows, min(count, COLUMNS), n + 1) for n in range(count)]
+
+
+def _known(found: Results, name: str) -> np.ndarray:
+    return found.done & np.isfinite(found.kept[name])
+
+
+def distribution_figure(found: Results, names: list[str]) -> Figure:
+    """How often each value was met; the red line is its limit."""
+    figure, axes = _panels(f'{found.sweep.name}: distributions', len(names))
+    for axis, name in zip(axes, names, strict=True):
+        values = found.kept[name][_known(found, name)]
+        axis.hist(values, bins=min(60, max(10, len(values) // 20)), color=COLOURS[0])
+        dress(axis, xlabel=name, ylabel='runs')
+        if name in found.sweep.limits:
+            axis.axvline(found.sweep.limits[name], color=LIMIT)
+    return figure
+
+
+def effect_figure(found: Results, names: list[str]) -> Figure:
+    """Share of the variance of each number that a quantity stands for; with a Saltelli design its Sobol indices."""
+    told = effects(found)
+    shown = [name for name in names if any(one.name == name for one in told)]
+    figure, axes = _panels(f'{found.sweep.name}: what the variance comes from', len(shown))
+    for axis, name in zip(axes, shown, strict=True):
+        rows = [one for one in told if one.name == name]
+        of_sobol = all(np.isfinite(one.total) for one in rows)
+        rows.sort(key=lambda one: one.total if of_sobol else one.share)
+        places = np.arange(len(rows))
+        if of_sobol:
+            for shift, kind, label, colour in ((0.2, 'first', 'alone', 0), (-0.2, 'total', 'with others', 1)):
+                widths, errors = ([getattr(one, f'{kind}{end}') for one in rows] for end in ('', '_interval'))
+                axis.barh(places + shift, widths, 0.4, xerr=errors, color=COLOURS[colour], label=label)
+            axis.legend(fontsize=8, frameon=False)
+        else:
+            axis.barh(places, [one.share for one in rows], color=COLOURS[0])
+        axis.set_yticks(places, [one.key for one in rows])
+        dress(axis, name, xlabel='share of its variance')
+        axis.set_xlim(0.0, None)
+    return figure
+
+
+def scatter_figure(found: Results, name: str, keys: list[str]) -> Figure:
+    """Each dot is a run: the number over what varies."""
+    figure, axes = _panels(f'{found.sweep.name}: {name}', len(keys))
+    known = np.flatnonzero(_known(found, name))[:DOTS]
+    for axis, key in zip(axes, keys, strict=True):
+        axis.plot(
+            found.values[key][known].astype(float),
+            found.kept[name][known],
+            '.',
+            markersize=2,
+            color=COLOURS[0],
+        )
+        dress(axis, xlabel=key, ylabel=name)
+        if name in found.sweep.limits:
+            axis.axhline(found.sweep.limits[name], color=LIMIT)
+    return figure

@@ -1,0 +1,219 @@
+"""One run of a sweep: its parameters and its program from a row of values, and the row of numbers that it leaves."""
+
+import json
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis.sweep.program_values import with_value
+from delta3_pacdrive.analysis.sweep.study import FUNCTION, PROGRAM, Kept, Outcome, Reduction, Sweep
+from delta3_pacdrive.controller.transformation import Figures
+from delta3_pacdrive.errors import Delta3Error, SweepError, shown
+from delta3_pacdrive.motion import program_file, program_planner
+from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import UNSHAPED, Parameters, flatten, from_flat
+from delta3_pacdrive.recording.signals import OF_DRIVES, REQUESTED_SIGNALS
+from delta3_pacdrive.recording.trace import Trace
+
+PROGRAM_S = 'program_s'
+PLANS_MAX = 64  # that a process keeps
+# what a plan does not depend on: groups, and single parameters
+UNPLANNED = ('rich.', 'drive.')
+PLANNED = ('drive.torque_limit_n_m', 'drive.dc_link_voltage_v')
+Row = dict[str, Any]
+
+
+class Runner:
+    """A runner makes the runs of a sweep, one by one, in one process.
+
+    It plans a program anew only if something has changed that a plan depends on.
+
+    Parameters
+    ----------
+    sweep
+        Whose runs they are.
+
+    """
+
+    def __init__(self, sweep: Sweep) -> None:
+        self._sweep = sweep
+        self._plans: OrderedDict[str, program_planner.Planned] = OrderedDict()
+        self._function = function_of(sweep.function)
+
+    def run(self, number: int, values: Mapping[str, Any]) -> Row:
+        """Make a run; whatever becomes of it is told in its row."""
+        row: Row = {'run': number, 'outcome': Outcome.DONE, 'reason': ''}
+        try:
+            parameters, program = self.made(values)
+            trace = self.traced(parameters, program, tuple(self._signals()))
+            if trace.meta['stopped']:
+                row |= {'outcome': Outcome.STOPPED, 'reason': trace.meta['stopped']}
+            row |= self.numbers(trace)
+        except SweepError:
+            raise  # what is kept, or how: no run can be made
+        except Delta3Error as error:
+            row |= {'outcome': Outcome.REFUSED, 'reason': str(error)}
+        return row
+
+    def made(self, values: Mapping[str, Any]) -> tuple[Parameters, Program]:
+        """Return parameters and program of a run; raises Delta3Error."""
+        flat, document = dict(self._sweep.parameters), self._sweep.program
+        for key, value in values.items():
+            plain = value.item() if isinstance(value, np.generic) else value
+            if key.startswith(PROGRAM):
+                document = with_value(document, key.removeprefix(PROGRAM), plain)
+                continue
+            name, bracket, rest = key.partition('[')
+            if bracket:
+                several = list(flat[name])
+                several[int(rest.removesuffix(']'))] = plain
+                flat[name] = several
+            else:
+                flat[name] = plain
+        parameters = from_flat(flat)
+        return parameters, program_file.parse(document, parameters.motion, self._sweep.program_name)
+
+    def traced(self, parameters: Parameters, program: Program, signals: Sequence[str] = ()) -> Trace:
+        """Return the trace of a run; raises Delta3Error."""
+
+        def planner(program: Program, place: Floats, robot: Parameters) -> program_planner.Planned:
+            key = plan_key(program, place, robot)
+            if key not in self._plans:
+                self._plans[key] = program_planner.plan(program, place, robot)
+                if len(self._plans) > PLANS_MAX:
+                    self._plans.popitem(last=False)
+            self._plans.move_to_end(key)
+            return self._plans[key]
+
+        return simulation.run(program, parameters, signals=signals, planner=planner)
+
+    def numbers(self, trace: Trace) -> dict[str, float]:
+        """Return the numbers that are kept of a trace; raises Delta3Error."""
+        figures = figures_of(trace)
+        found = figures if not self._sweep.keep else {}
+        for one in self._sweep.keep:
+            found[one.name] = figures[one.name] if one.name in figures else reduced(trace, one)
+        if self._function is not None:
+            found |= own_numbers(self._function, trace)
+        return found
+
+    def _signals(self) -> set[str]:
+        """Signals that are asked for, and that a trace holds on request only."""
+        named = {name for one in self._sweep.keep for name in (one.signal, one.less) if name}
+        return {name for name in named if name in REQUESTED_SIGNALS or name.startswith(OF_DRIVES)}
+
+
+def figure_names() -> list[str]:
+    """Return the names of the figures of a run."""
+    found = []
+    for one in fields(Figures):
+        several = str(one.type).startswith('list')
+        found += [f'{one.name}_{n}' for n in (1, 2, 3)] if several else [one.name]
+    return [*found, PROGRAM_S]
+
+
+def plan_key(program: Program, place: Floats, robot: Parameters) -> str:
+    """Return a text that is the same for runs with the same plan, to the last bit."""
+    everything = robot.control.shaping != UNSHAPED  # shapes moves for the vibration of this very robot
+    values = {
+        name: value
+        for name, value in flatten(robot).items()
+        if everything or not name.startswith(UNPLANNED) or name in PLANNED
+    }
+    return json.dumps(
+        [repr(program), np.asarray(place).tobytes().hex(), values], sort_keys=True, default=repr
+    )
+
+
+def figures_of(trace: Trace) -> dict[str, float]:
+    """Return the figures of a trace as single numbers: those of an axis, or of x, y, z, are numbered."""
+    found: dict[str, float] = {}
+    for name, value in trace.meta['figures'].items():
+        if isinstance(value, (list, tuple)):
+            found |= {f'{name}_{n}': _float(one) for n, one in enumerate(value, start=1)}
+        else:
+            found[name] = _float(value)
+    found[PROGRAM_S] = _float(trace.meta[PROGRAM_S])
+    return found
+
+
+def _float(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def reduced(trace: Trace, kept: Kept) -> float:
+    """Return a number of a signal.
+
+    Raises
+    ------
+    SweepError
+        There is no such figure, no such signal, or no such part of it.
+
+    """
+    if not kept.signal:
+        raise SweepError(f'there is no figure {shown(kept.name)}: figures are {", ".join(figures_of(trace))}')
+    for name in filter(None, (kept.signal, kept.less)):
+        if name not in trace.signals:
+            raise SweepError(f'{kept.name}: a run tells no signal {name}')
+    values = trace[kept.signal]
+    if kept.less:
+        values = values - trace[kept.less]
+    begin = trace.meta['start_cycle']
+    time_s = trace.time_s - begin * trace.meta['cycle_time_s']
+    values = values[(time_s >= kept.from_s) & (time_s <= kept.to_s)]
+    if kept.axis > values.shape[1]:
+        raise SweepError(f'{kept.name}: axis is {kept.axis}, but {kept.signal} has {values.shape[1]} columns')
+    if not len(values):
+        raise SweepError(f'{kept.name}: from {kept.from_s:g} to {kept.to_s:g} s there is nothing')
+    if kept.axis:
+        column = values[:, kept.axis - 1]
+    elif kept.signal.startswith('tcp_'):
+        column = np.linalg.norm(values, axis=1)
+    else:
+        column = values if kept.reduction is not Reduction.FINAL else values[:, 0]
+    return _number(column, kept.reduction)
+
+
+def _number(values: Floats, reduction: Reduction) -> float:
+    match reduction:
+        case Reduction.MAX:
+            return float(np.abs(values).max())
+        case Reduction.RMS:
+            return float(np.sqrt(np.mean(np.square(values))))
+        case Reduction.MEAN:
+            return float(np.mean(values))
+        case Reduction.MIN:
+            return float(np.min(values))
+        case Reduction.FINAL:
+            return float(np.ravel(values)[-1])
+
+
+def function_of(source: str) -> Callable[[Trace], Mapping[str, float]] | None:
+    """Return the function ``figures`` of a source text that the operator has named, None for none."""
+    if not source:
+        return None
+    names: dict[str, Any] = {'__name__': 'sweep_function'}
+    try:
+        exec(compile(source, 'function of the sweep', 'exec'), names)  # noqa: S102 (the operator has named it)
+    except Exception as error:
+        raise SweepError(
+            f'the function of the sweep cannot be read: {type(error).__name__}: {error}'
+        ) from error
+    if not callable(names.get(FUNCTION)):
+        raise SweepError(f'the file of the function holds no function {FUNCTION}')
+    function: Callable[[Trace], Mapping[str, float]] = names[FUNCTION]
+    return function
+
+
+def own_numbers(function: Callable[[Trace], Mapping[str, float]], trace: Trace) -> dict[str, float]:
+    """Return what an own function makes of a trace; raises SweepError."""
+    try:
+        return {str(name): float(value) for name, value in function(trace).items()}
+    except Exception as error:
+        raise SweepError(f'{FUNCTION} of the sweep: {type(error).__name__}: {error}') from error

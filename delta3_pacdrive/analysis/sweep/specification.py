@@ -1,0 +1,274 @@
+"""Files of sweeps, read strictly: every complaint has file, line and column, up to ten of them at once.
+
+name: tolerances                # optional
+program: experiment1            # packaged, or a file beside this one
+parameters: rich                # optional: as delta3 simulate takes it
+runs: 1000
+sampling: latin_hypercube       # optional: random, latin_hypercube, sobol, saltelli (for Sobol indices), grid
+seed: 1                         # optional
+vary:
+  motor.torque_constant_n_m_a: {normal: [0.78, 0.008]}          # mean, standard deviation
+  dynamics.payload_mass_kg: {uniform: [0.0, 2.0]}               # least, greatest
+  drive.velocity_gain_a_s_rad: {list: [0.3, 0.35, 0.4]}
+  rich.sensor_seed: run                                         # the number of the run
+  rich.current_gain_error[0]: {normal: [0.0, 0.01]}             # one of several values
+  program.moves[0].move_l.speed_m_s: {uniform: [0.5, 1.0]}      # any value of the program; its faults as well
+keep:                           # optional: all figures of a run
+- tcp_error_max_m               # a figure
+- {name: true_rms_m, signal: tcp_true, less: tcp_command, of: rms}      # a signal, or the difference of two
+- {name: peak_a, signal: current_max, of: max, axis: 1, from_s: 0.1, to_s: 0.5}
+limits: {tcp_error_max_m: 0.0003}       # optional: how many runs keep within these is told
+function: own.py                # optional: its figures(trace) returns more numbers, by their names
+
+A file in Python holds the same as a dictionary ``SPEC``, and may hold that function itself.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive.analysis.provenance import versions
+from delta3_pacdrive.analysis.sweep.program_values import value_at
+from delta3_pacdrive.analysis.sweep.single_run import figure_names
+from delta3_pacdrive.analysis.sweep.study import (
+    FUNCTION,
+    PROGRAM,
+    Kept,
+    Law,
+    Reduction,
+    Sampling,
+    Sweep,
+    Variation,
+)
+from delta3_pacdrive.configuration import yaml_file
+from delta3_pacdrive.configuration.checked import Errors, Section, nearest_of, refuse
+from delta3_pacdrive.configuration.located import place_in, place_of, place_of_key
+from delta3_pacdrive.configuration.readers import line_of_text, number, one_of, whole_number_between
+from delta3_pacdrive.errors import ProgramError, SweepError, shown
+from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.recording import quantities
+
+RUNS_MAX, VARIED_MAX, KEPT_MAX, LIST_MAX = 10_000_000, 50, 100, 1000
+NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]{0,59}')
+KEYS = ('name', 'program', 'parameters', 'runs', 'sampling', 'seed', 'vary', 'keep', 'limits', 'function')
+OF_KEPT = ('name', 'signal', 'less', 'of', 'axis', 'from_s', 'to_s')
+
+
+def load(path: str | Path) -> Sweep:
+    """Read the file of a sweep; raises SweepError, and ParameterError and ProgramError of what it names."""
+    path = Path(path)
+    document, source = _document(path)
+    errors = Errors(str(path))
+    found: list[Sweep] = []
+    with errors.raised_as(SweepError), errors.noted(place_of(document)):
+        found.append(_sweep(document, path, errors, source))
+    return found[0]
+
+
+def _document(path: Path) -> tuple[Any, str]:
+    """Return the document of a sweep, and the source of its function if it has one; raises SweepError."""
+    if path.suffix != '.py':
+        return yaml_file.read(path, 'sweep', SweepError), ''
+    try:
+        source = path.read_text(encoding='utf-8')
+        names: dict[str, Any] = {'__name__': path.stem, '__file__': str(path)}
+        exec(compile(source, str(path), 'exec'), names)  # noqa: S102 (the operator has named it)
+    except OSError as error:
+        raise SweepError(f'cannot read {path}: {error.strerror}') from error
+    except Exception as error:
+        raise SweepError(f'{path} cannot be run: {type(error).__name__}: {error}') from error
+    if 'SPEC' not in names:
+        raise SweepError(f'{path} holds no dictionary SPEC')
+    return names['SPEC'], source if callable(names.get(FUNCTION)) else ''
+
+
+def _sweep(document: Any, path: Path, errors: Errors, source: str) -> Sweep:
+    fields = Section(document, 'the sweep', errors, KEYS, ('program', 'runs', 'vary'))
+    beside = partial(_beside, path.parent)
+    named = fields.read('program', line_of_text(1000), '', prefix='')
+    program_path = program_file.find(beside(named))
+    parameters = fields.read('parameters', line_of_text(1000), None, prefix='')
+    told = core.of_run(
+        None if parameters is None else _parameters_beside(path.parent, parameters), program_path
+    )
+    robot = core.load(told)
+    program = yaml_file.read(program_path, 'program file', ProgramError) if named else {}
+    known = core.flatten(robot)
+    vary = fields.read(
+        'vary', partial(_variations, errors=errors, known=known, program=program), (), prefix=''
+    )
+    if not source and 'function' in fields:
+        source = fields.read('function', partial(_source, folder=path.parent), '', prefix='')
+    elif 'function' in fields:
+        fields.read(
+            'function', lambda *_: refuse(f'function: {path.name} holds {FUNCTION} itself'), prefix=''
+        )
+    keep = fields.read('keep', partial(_kept, errors=errors), (), prefix='')
+    names = [one.name for one in keep] or figure_names()
+    limits = fields.read(
+        'limits', partial(_limits, errors=errors, names=None if source else names), {}, prefix=''
+    )
+    sweep = Sweep(
+        fields.read('name', line_of_text(60), path.stem, prefix=''),
+        program,
+        program_path.stem,
+        core.flat_document(robot),
+        fields.read('runs', whole_number_between(1, RUNS_MAX), 1, prefix=''),
+        Sampling(fields.read('sampling', one_of(tuple(Sampling)), Sampling.RANDOM, prefix='')),
+        fields.read('seed', whole_number_between(0, 2**31 - 1), 1, prefix=''),
+        vary,
+        keep,
+        limits,
+        source,
+    )
+    return Sweep(**vars(sweep) | {'digest': digest_of(sweep)})
+
+
+def digest_of(sweep: Sweep) -> str:
+    """Return a digest of all that the numbers of the runs depend on, the version of the package included."""
+    told = {name: value for name, value in vars(sweep).items() if name not in ('name', 'limits', 'digest')}
+    told['vary'] = [[one.key, one.law, list(one.values)] for one in sweep.vary]
+    told['keep'] = [list(vars(one).values()) for one in sweep.keep]
+    text = json.dumps([versions(), told], sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _beside(folder: Path, name: str) -> str:
+    """Return a file beside that of the sweep if there is one, else what it says: a packaged one, or a path."""
+    return str(folder / name) if name and (folder / name).is_file() else name
+
+
+def _parameters_beside(folder: Path, names: str) -> str:
+    return '+'.join(_beside(folder, name) for name in names.split('+'))
+
+
+def _source(value: Any, where: str, folder: Path) -> str:
+    """Read the file of a function."""
+    path = folder / line_of_text(1000)(value, where)
+    try:
+        return path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        refuse(f'{where}: cannot read {path}: {error}')
+
+
+def _variations(
+    value: Any, where: str, errors: Errors, known: Mapping[str, Any], program: Any
+) -> tuple[Variation, ...]:
+    if not isinstance(value, dict) or not value:
+        refuse(f'{where} must name what varies, not {shown(value)}')
+    if len(value) > VARIED_MAX:
+        refuse(f'{where} names {len(value)} quantities, the limit is {VARIED_MAX}')
+    found = []
+    for key, told in value.items():
+        with errors.noted(place_of_key(value, key)):
+            _require_known(key, known, program)
+            with errors.noted(place_in(value, key)):
+                found.append(_variation(key, told, errors))
+    return tuple(found)
+
+
+def _require_known(key: Any, known: Mapping[str, Any], program: Any) -> None:
+    if not isinstance(key, str):
+        refuse(f'{shown(key)} is no name of a parameter')
+    if key.startswith(PROGRAM):
+        try:
+            value_at(program, key.removeprefix(PROGRAM))
+        except KeyError as error:
+            refuse(f'{key}: the program has no {error.args[0]}')
+        return
+    name, bracket, number_ = key.partition('[')
+    if name not in known:
+        refuse(f'unknown parameter {shown(key)}{nearest_of(name, known)}')
+    if bracket:
+        values = known[name]
+        place = number_.removesuffix(']')
+        if not isinstance(values, tuple) or not place.isdecimal() or int(place) >= len(values):
+            refuse(
+                f'{key}: {name} has {len(values) if isinstance(values, tuple) else 1} values, counted from 0'
+            )
+
+
+def _variation(key: str, told: Any, errors: Errors) -> Variation:
+    if told == Law.RUN:
+        return Variation(key, Law.RUN)
+    fields = Section(told, key, errors, (Law.LIST, Law.UNIFORM, Law.NORMAL))
+    given = [law for law in (Law.LIST, Law.UNIFORM, Law.NORMAL) if law in fields]
+    if len(given) != 1:
+        refuse(f'{key} must be run, or one of list, uniform, normal, not {shown(told)}')
+    (law,) = given
+
+    def read(value: Any, where: str) -> tuple[Any, ...]:
+        if not isinstance(value, list) or not value:
+            refuse(f'{where} must be a list, not {shown(value)}')
+        if law is Law.LIST:
+            if len(value) > LIST_MAX:
+                refuse(f'{where} has {len(value)} values, the limit is {LIST_MAX}')
+            return tuple(value)
+        if len(value) != 2:
+            refuse(f'{where} must be two numbers, not {shown(value)}')
+        first, second = (number(one, where) for one in value)
+        if law is Law.UNIFORM and not first < second:
+            refuse(f'{where} is {shown(value)}, but the first number must be the smaller one')
+        if law is Law.NORMAL and not 0.0 <= second < float('inf'):
+            refuse(f'{where} is {shown(value)}, but the second number is a standard deviation')
+        return first, second
+
+    return Variation(key, law, fields.read(law, read, ()))
+
+
+def _kept(value: Any, where: str, errors: Errors) -> tuple[Kept, ...]:
+    if not isinstance(value, list) or not value:
+        refuse(f'{where} must be a list, not {shown(value)}')
+    if len(value) > KEPT_MAX:
+        refuse(f'{where} has {len(value)} entries, the limit is {KEPT_MAX}')
+    found: list[Kept] = []
+    for n, told in enumerate(value):
+        with errors.noted(place_in(value, n)):
+            one = _one_kept(told, f'{where}[{n}]', errors)
+            if one.name in (other.name for other in found):
+                refuse(f'{where}[{n}]: {one.name} is kept twice')
+            found.append(one)
+    return tuple(found)
+
+
+def _one_kept(told: Any, where: str, errors: Errors) -> Kept:
+    if isinstance(told, str):
+        return Kept(one_of(figure_names())(told, where))
+    fields = Section(told, where, errors, OF_KEPT, ('name', 'signal'))
+    return Kept(
+        fields.read('name', _name, ''),
+        fields.read('signal', _signal, ''),
+        fields.read('less', _signal, ''),
+        Reduction(fields.read('of', one_of(tuple(Reduction)), Reduction.MAX)),
+        fields.read('axis', whole_number_between(0, 16), 0),
+        fields.read('from_s', number, 0.0),
+        fields.read('to_s', number, float('inf')),
+    )
+
+
+def _name(value: Any, where: str) -> str:
+    if not isinstance(value, str) or not NAME.fullmatch(value):
+        refuse(f'{where} must be a name of letters, digits and _, not {shown(value)}')
+    return value
+
+
+def _signal(value: Any, where: str) -> str:
+    if not isinstance(value, str) or quantities.unit_of(value) is None:
+        refuse(f'{where} is {shown(value)}, but must be a signal: see delta3 export trace --help')
+    return value
+
+
+def _limits(value: Any, where: str, errors: Errors, names: list[str] | None) -> dict[str, float]:
+    if not isinstance(value, dict):
+        refuse(f'{where} must be a mapping, not {shown(value)}')
+    found = {}
+    for name, limit in value.items():
+        with errors.noted(place_in(value, name)):
+            known = _name(name, where) if names is None else one_of(names)(name, f'{where}: a name')
+            found[known] = number(limit, f'{where}.{name}')
+    return found

@@ -1,0 +1,70 @@
+"""``delta3 sweep`` as it is typed: options that go together, a dry run, one run again, an interruption."""
+
+import json
+
+import pytest
+
+from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.recording import trace_file
+
+pytest.importorskip('distributed', reason='sweeps need the extra "sweep"')
+
+SPEC = """\
+program: experiment1
+runs: 3
+vary:
+  dynamics.payload_mass_kg: {list: [0.4, 0.6]}
+"""
+
+
+@pytest.fixture
+def spec(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'own.yaml').write_text(SPEC, encoding='utf-8')
+    return 'own.yaml'
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (['--workers', '2', '--scheduler', 'tcp://127.0.0.1:1'], 'give one of them'),
+        (['--run', '1'], 'give both'),
+        (['--trace', 'own.npz'], 'give both'),
+        (['--run', '1', '--trace', 'own.npz', '--dry-run'], 'it goes with --trace alone'),
+        (['--run', '4', '--trace', 'own.npz'], 'run is 4, but the sweep has runs 1 to 3'),
+        (['--run', '1', '--trace', 'own.xlsx'], 'own.xlsx'),
+        (['--output', '/proc/nowhere'], 'cannot write to /proc/nowhere'),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused_in_one_sentence(
+    options, sentence, spec, tmp_path, capsys
+):
+    assert main(['sweep', spec, *options]) == 1
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert told.count('\n') == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['own.yaml']
+
+
+def test_a_file_that_is_not_there_gets_one_sentence(spec, capsys):
+    assert main(['sweep', 'other.yaml', '--dry-run']) == 1
+    assert capsys.readouterr().err == 'error: cannot read sweep other.yaml: No such file or directory\n'
+
+
+def test_a_dry_run_says_how_many_how_long_and_how_much(spec, tmp_path, capsys):
+    assert main(['sweep', spec, '--dry-run']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == 'own: 3 runs, 0 of them are there'
+    assert lines[1].endswith(' s for all that lack')
+    assert lines[2].endswith(' MB on the disk')
+    assert main(['sweep', spec, '--dry-run', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['runs'] == 3
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['own.yaml']
+
+
+def test_a_run_is_made_again_and_leaves_its_trace(spec, capsys):
+    assert main(['sweep', spec, '--run', '2', '--trace', 'own.npz', '--json']) == 0
+    told = json.loads(capsys.readouterr().out)
+    trace = trace_file.load('own.npz')
+    assert trace.meta['figures'] == told['figures']
+    assert trace.meta['parameters']['dynamics.payload_mass_kg'] in (0.4, 0.6)
