@@ -4,16 +4,20 @@ Batches of runs travel, not single ones. Which runs are in a batch depends on th
 values, so that nobody sees in the table who has made it. A batch whose worker is lost is made by another one.
 """
 
+import atexit
 import json
 import os
+import signal
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any
 
 import numpy as np
+import psutil
 
+from delta3_pacdrive import interrupts
 from delta3_pacdrive.analysis.provenance import versions
 from delta3_pacdrive.analysis.sweep.single_run import Row, Runner
 from delta3_pacdrive.analysis.sweep.study import Settings, Sweep
@@ -23,6 +27,7 @@ BATCHES = 400  # that a large sweep has, about
 BATCH_MIN, BATCH_MAX = 5, 100  # runs in one
 AHEAD = 3  # batches that wait at each worker
 CONNECT_S = 10.0
+CLOSE_S = 1.0  # for workers in the middle of a batch, which nobody needs any more
 QUIET = {
     'distributed.worker.daemon': True,
     'distributed.admin.tick.limit': '1h',
@@ -90,15 +95,45 @@ def cluster(settings: Settings) -> Iterator[Any]:
                 require_same_version(client, settings.scheduler)
                 yield client
             return
-        workers = settings.workers or os.cpu_count() or 1
-        with (
-            LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address='127.0.0.1:0', silence_logs=50,
+        with interrupts.raising(False), _deaf_children():
+            own = LocalCluster(
+                n_workers=settings.workers or os.cpu_count() or 1,
+                threads_per_worker=1,
+                processes=True,
                 host='127.0.0.1',
-            ) as own,
-            Client(own, set_as_default=False) as client,
-        ):  # fmt: skip
+                dashboard_address='127.0.0.1:0',
+                silence_logs=50,
+            )
+            client = Client(own, set_as_default=False)
+        try:
             yield client
+        finally:
+            for one in (client, own):
+                with suppress(Exception):  # what is done is on the disk
+                    one.close(timeout=CLOSE_S)
+            _end_workers()
+
+
+def _end_workers() -> None:
+    """End workers of this process that are still in the middle of a batch, for which nobody waits any more."""
+    from distributed.deploy import spec
+
+    atexit.unregister(spec.close_clusters)  # would wait for them for ten seconds
+    for child in psutil.Process().children(recursive=True):
+        with suppress(psutil.NoSuchProcess):
+            if any('spawn_main' in word for word in child.cmdline()):
+                child.kill()
+
+
+@contextmanager
+def _deaf_children() -> Iterator[None]:
+    """Let processes that are started meanwhile hear no Ctrl-C: it reaches all of a terminal, and this one ends them."""
+    os.environ.setdefault('PYTHONWARNINGS', 'ignore')  # of what tidies up behind processes that were ended
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def require_same_version(client: Any, address: str) -> None:
