@@ -19,7 +19,8 @@ ELSEWHERE = 5e-3
 NOTHING = 1e-9
 NOTHING_ELSEWHERE = 1e-3
 # the loops of a motor that stands hunt for an increment of its encoder: four of them in a bus cycle are 0.05 rad/s
-HUNTING = {'motor_speed': 0.05, 'shaft_speed': 0.05, 'current': 0.02, 'coupling_torque': 0.1}
+HUNTING = {'motor_speed': 0.05, 'shaft_speed': 0.05, 'coupling_torque': 0.1}
+HUNTING |= dict.fromkeys(('current', 'current_mean', 'current_rms', 'current_min', 'current_max'), 0.02)
 
 SPEC = importlib.util.spec_from_file_location('golden_make', GOLDEN / 'make.py')
 make = importlib.util.module_from_spec(SPEC)
