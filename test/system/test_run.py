@@ -106,11 +106,12 @@ def test_interrupt_stops_every_process_and_leaves_a_readable_bag(
 ) -> None:
     process, bag = long_run
     assert len(processes()) >= 8
+    crowded = crowding()  # with this robot, which has to end itself
     process.send_signal(signal.SIGINT)
     duration, errors = _end(process)
     assert process.returncode == 130
     assert errors.strip().endswith('error: interrupted')
-    assert duration < END_DEADLINE_S * crowding()
+    assert duration < END_DEADLINE_S * max(crowded, crowding())
     assert processes() == []
     from delta3_pacdrive.recording import trace_file
 
