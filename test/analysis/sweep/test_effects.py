@@ -33,6 +33,14 @@ def test_shares_of_the_variance_are_those_of_the_terms_of_a_sum():
     assert abs(told['x.c'].correlation) < 0.06
 
 
+def test_what_does_nothing_has_no_share_by_chance_in_few_runs_either():
+    idle = [Variation(f'x.idle{n}', Law.UNIFORM, (-1.0, 1.0)) for n in range(9)]
+    told = effects(found(lambda a, *others: a, 200, vary=(A, *idle)))
+    # 20 bins of 10 runs each would have 19 of 200 parts of the variance between them
+    assert np.mean([one.share for one in told[1:]]) < 0.05
+    assert told[0].share > 0.95
+
+
 def test_an_effect_without_a_direction_is_seen_and_a_choice_of_words_as_well():
     told = {one.key: one for one in effects(found(lambda a, b, c: a**2))}
     assert told['x.a'].share > 0.95

@@ -135,7 +135,12 @@ def test_a_file_in_python_that_is_none_gets_one_sentence(source, sentence, tmp_p
 def test_the_digest_depends_on_what_numbers_depend_on_and_on_nothing_else(tmp_path):
     first = load(written(tmp_path, SMALL)).digest
     assert load(written(tmp_path, f'{SMALL}name: other\nlimits: {{tcp_error_max_m: 1.0}}\n')).digest == first
-    for other in (SMALL.replace('4', '5'), f'{SMALL}seed: 2\n', f'{SMALL}keep: [tcp_error_max_m]\n'):
+    for other in (
+        SMALL.replace('4', '5'),
+        SMALL.replace('2.0]', '3.0]'),
+        f'{SMALL}seed: 2\n',
+        f'{SMALL}keep: [tcp_error_max_m]\n',
+    ):
         assert load(written(tmp_path, other)).digest != first
 
 
