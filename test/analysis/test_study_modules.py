@@ -26,6 +26,7 @@ def test_every_study_is_looked_at():
         'learning',
         'one_motor',
         'ripple',
+        'sweep',
         'tuning',
     ]
     assert set(RUN) <= set(WITH_DATA)

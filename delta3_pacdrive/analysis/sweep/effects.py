@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from delta3_pacdrive.analysis.sweep.design import Law, Runs, Sampling
 from delta3_pacdrive.analysis.sweep.sampling import base_runs, problem_of, salib
-from delta3_pacdrive.analysis.sweep.study import Law, Results, Sampling
 from delta3_pacdrive.numerics.types import Floats
 
 SHARES = (0.01, 0.05, 0.5, 0.95, 0.99)
@@ -71,7 +71,7 @@ class Yield:
         return self.within / self.runs
 
 
-def distributions(found: Results) -> list[Distribution]:
+def distributions(found: Runs) -> list[Distribution]:
     """Return the distribution of each number."""
     told = []
     for name, values in found.kept.items():
@@ -84,7 +84,7 @@ def distributions(found: Results) -> list[Distribution]:
     return told
 
 
-def effects(found: Results) -> list[Effect]:
+def effects(found: Runs) -> list[Effect]:
     """Return the effect of each quantity on each number that varies at all."""
     told = []
     for name, values in found.kept.items():
@@ -135,7 +135,7 @@ def _rank_correlation(levels: Floats, values: Floats) -> float:
     return float(spearmanr(levels, values).statistic) if np.ptp(levels) > 0.0 else np.nan
 
 
-def _sobol(found: Results, values: Floats) -> dict[str, tuple[float, ...]]:
+def _sobol(found: Runs, values: Floats) -> dict[str, tuple[float, ...]]:
     keys = [one.key for one in found.sweep.vary if one.law is not Law.RUN]
     if not base_runs(len(values), len(keys)):
         return {}
@@ -149,7 +149,7 @@ def _sobol(found: Results, values: Floats) -> dict[str, tuple[float, ...]]:
     }
 
 
-def yields(found: Results) -> list[Yield]:
+def yields(found: Runs) -> list[Yield]:
     """Return how many runs keep each limit; a run that did not come to its end keeps none."""
     from scipy.stats import binomtest
 
@@ -162,7 +162,7 @@ def yields(found: Results) -> list[Yield]:
     return told
 
 
-def worst(found: Results, name: str) -> list[int]:
+def worst(found: Runs, name: str) -> list[int]:
     """Return the numbers of the runs with the largest values, largest first; those that are not done come first."""
     values = np.where(found.done, found.kept[name], np.inf)
     known = np.where(np.isnan(values), -np.inf, values)

@@ -19,8 +19,8 @@ import psutil
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.analysis.provenance import versions
+from delta3_pacdrive.analysis.sweep.design import Sweep
 from delta3_pacdrive.analysis.sweep.single_run import Row, Runner
-from delta3_pacdrive.analysis.sweep.study import Settings, Sweep
 from delta3_pacdrive.errors import SweepError
 
 BATCHES = 400  # that a large sweep has, about
@@ -79,25 +79,25 @@ def made(sweep: Sweep, batch: Sequence[tuple[int, dict[str, Any]]]) -> list[Row]
 
 
 @contextmanager
-def cluster(settings: Settings) -> Iterator[Any]:
+def cluster(workers: int, scheduler: str) -> Iterator[Any]:
     """Give a client of an own cluster, or of the one that is up; raises SweepError."""
     import dask
     from distributed import Client, LocalCluster
 
     with dask.config.set(QUIET), warnings.catch_warnings():
         warnings.simplefilter('ignore')
-        if settings.scheduler:
+        if scheduler:
             try:
-                client = Client(settings.scheduler, timeout=CONNECT_S, set_as_default=False)
+                client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
             except (OSError, ValueError) as error:
-                raise SweepError(f'no cluster answers at {settings.scheduler}: {error}') from error
+                raise SweepError(f'no cluster answers at {scheduler}: {error}') from error
             with client:
-                require_same_version(client, settings.scheduler)
+                require_same_version(client, scheduler)
                 yield client
             return
-        with interrupts.raising(False), _deaf_children():
+        with interrupts.answered_by(lambda: None), _deaf_children():
             own = LocalCluster(
-                n_workers=settings.workers or os.cpu_count() or 1,
+                n_workers=workers or os.cpu_count() or 1,
                 threads_per_worker=1,
                 processes=True,
                 host='127.0.0.1',
@@ -106,6 +106,8 @@ def cluster(settings: Settings) -> Iterator[Any]:
             )
             client = Client(own, set_as_default=False)
         try:
+            if interrupts.asked():
+                raise interrupts.Interrupted(interrupts.asked())
             yield client
         finally:
             for one in (client, own):
@@ -129,11 +131,13 @@ def _end_workers() -> None:
 def _deaf_children() -> Iterator[None]:
     """Let processes that are started meanwhile hear no Ctrl-C: it reaches all of a terminal, and this one ends them."""
     os.environ.setdefault('PYTHONWARNINGS', 'ignore')  # of what tidies up behind processes that were ended
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = signal.pthread_sigmask(
+        signal.SIG_BLOCK, {signal.SIGINT}
+    )  # what is blocked is so in children as well
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def require_same_version(client: Any, address: str) -> None:

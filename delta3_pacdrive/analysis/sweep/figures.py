@@ -9,8 +9,8 @@ import numpy as np
 
 from delta3_pacdrive.analysis.figure_style import COLOURS, dress, titled_figure
 from delta3_pacdrive.analysis.report_folder import Drawings
+from delta3_pacdrive.analysis.sweep.design import Law, Runs
 from delta3_pacdrive.analysis.sweep.effects import effects
-from delta3_pacdrive.analysis.sweep.study import Law, Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,7 +28,7 @@ def file_names() -> list[str]:
     return [DISTRIBUTIONS, EFFECTS, SCATTER.format('*')]
 
 
-def by_name(found: Results) -> Drawings:
+def by_name(found: Runs) -> Drawings:
     """Return what draws each figure, by the name of its file."""
     names = [name for name in (found.sweep.limits or found.kept) if _known(found, name).sum() > 1][:DRAWN]
     varied = [one.key for one in found.sweep.vary if one.law is not Law.RUN and one.is_number]
@@ -50,11 +50,11 @@ def _panels(title: str, count: int) -> tuple[Figure, list[Axes]]:
     return figure, [figure.add_subplot(rows, min(count, COLUMNS), n + 1) for n in range(count)]
 
 
-def _known(found: Results, name: str) -> np.ndarray:
+def _known(found: Runs, name: str) -> np.ndarray:
     return found.done & np.isfinite(found.kept[name])
 
 
-def distribution_figure(found: Results, names: list[str]) -> Figure:
+def distribution_figure(found: Runs, names: list[str]) -> Figure:
     """How often each value was met; the red line is its limit."""
     figure, axes = _panels(f'{found.sweep.name}: distributions', len(names))
     for axis, name in zip(axes, names, strict=True):
@@ -66,7 +66,7 @@ def distribution_figure(found: Results, names: list[str]) -> Figure:
     return figure
 
 
-def effect_figure(found: Results, names: list[str]) -> Figure:
+def effect_figure(found: Runs, names: list[str]) -> Figure:
     """Share of the variance of each number that a quantity stands for; with a Saltelli design its Sobol indices."""
     told = effects(found)
     shown = [name for name in names if any(one.name == name for one in told)]
@@ -89,7 +89,7 @@ def effect_figure(found: Results, names: list[str]) -> Figure:
     return figure
 
 
-def scatter_figure(found: Results, name: str, keys: list[str]) -> Figure:
+def scatter_figure(found: Runs, name: str, keys: list[str]) -> Figure:
     """Each dot is a run: the number over what varies."""
     figure, axes = _panels(f'{found.sweep.name}: {name}', len(keys))
     known = np.flatnonzero(_known(found, name))[:DOTS]

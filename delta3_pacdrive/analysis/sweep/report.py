@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.analysis.report_folder import Table
+from delta3_pacdrive.analysis.sweep.design import Outcome, Runs
 from delta3_pacdrive.analysis.sweep.effects import SHARES, distributions, effects, worst, yields
-from delta3_pacdrive.analysis.sweep.study import Outcome, Results
+from delta3_pacdrive.analysis.sweep.study import Results
 
 TABLES = ('distributions.csv', 'effects.csv', 'worst.csv', 'runs.csv')
 TOLD = 3  # effects of each number that are told in words
@@ -18,8 +19,9 @@ REASONS = 5
 CSV_RUNS_MAX = 100_000  # rows of a table for people
 
 
-def summary(found: Results, specification: str) -> dict[str, Any]:
+def summary(results: Results, specification: str) -> dict[str, Any]:
     """Return the summary of a sweep, ready for JSON."""
+    found = results.runs
     outcomes = {str(kind): found.outcomes.count(kind) for kind in Outcome}
     reasons: dict[str, int] = {}
     for reason in filter(None, found.reasons):
@@ -30,10 +32,10 @@ def summary(found: Results, specification: str) -> dict[str, Any]:
         'program': found.sweep.program_name,
         'sampling': str(found.sweep.sampling),
         'runs': found.sweep.runs,
-        'runs_made': found.made,
-        'workers': found.workers,
-        'seconds': _known(found.seconds),
-        'runs_per_second': _known(found.made / found.seconds) if found.seconds > 0.0 else None,
+        'runs_made': results.made,
+        'workers': results.workers,
+        'seconds': _known(results.seconds),
+        'runs_per_second': _known(results.made / results.seconds) if results.seconds > 0.0 else None,
         'outcomes': outcomes,
         'reasons': [{'reason': reason, 'runs': count} for reason, count in common],
         'distributions': [
@@ -109,7 +111,7 @@ def _effects(name: str, found: list[dict[str, Any]]) -> Iterator[str]:
     yield f'{name}: of its variance {", ".join(told)}'
 
 
-def tables(found: Results, specification: str) -> list[Table]:
+def tables(found: Runs, specification: str) -> list[Table]:
     """Return the tables of a sweep; that of the runs has the first ones only, if there are very many."""
     made = []
     if told := distributions(found):
@@ -136,7 +138,7 @@ def tables(found: Results, specification: str) -> list[Table]:
     return [*made, _runs(found)]
 
 
-def _runs(found: Results) -> Table:
+def _runs(found: Runs) -> Table:
     columns = {**found.values, **found.kept}
     count = min(found.sweep.runs, CSV_RUNS_MAX)
     rows = [

@@ -14,9 +14,10 @@ from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.sweep import engine, figures, report, specification, store
+from delta3_pacdrive.analysis.sweep.design import Outcome, Runs, Sweep
 from delta3_pacdrive.analysis.sweep.sampling import values_of
 from delta3_pacdrive.analysis.sweep.single_run import Row, Runner
-from delta3_pacdrive.analysis.sweep.study import Outcome, Results, Settings, Sweep
+from delta3_pacdrive.analysis.sweep.study import Results, Settings
 from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import from_flat
@@ -54,7 +55,7 @@ class Study(studies.Study):
             # once, before workers need them: they would compile against one another
             simulation.load_kernels(from_flat(dict(self.sweep.parameters)))
             self.on_progress('workers start', 0, 0)
-            with engine.cluster(self.settings) as client:
+            with engine.cluster(self.settings.workers, self.settings.scheduler) as client:
                 workers, start = engine.workers_of(client), time.monotonic()
 
                 def keep(batch: list[Row]) -> None:
@@ -70,12 +71,12 @@ class Study(studies.Study):
                 seconds = time.monotonic() - start
         self.on_progress('tables and figures', 0, 0)
         table = kept.finish(rows.values())
-        found = results_of(self.sweep, self.values, rows, seconds, len(missing), workers)
+        found = runs_of(self.sweep, self.values, rows)
         folder = ReportFolder(self.folder, self._provenance())
         folder.clear([*report.TABLES, *figures.file_names()])
         folder.add(table)
         named = str(self.settings.specification)
-        document = report.summary(found, named)
+        document = report.summary(Results(found, seconds, len(missing), workers), named)
         return folder.results(
             f'Sweep {self.sweep.name}',
             document,
@@ -126,20 +127,13 @@ def require_engine() -> None:
         raise SweepError(store.NEEDED)
 
 
-def results_of(
-    sweep: Sweep,
-    values: Mapping[str, NDArray[Any]],
-    rows: Mapping[int, Row],
-    seconds: float,
-    made: int,
-    workers: int,
-) -> Results:
-    """Return the results in the rows of all runs."""
+def runs_of(sweep: Sweep, values: Mapping[str, NDArray[Any]], rows: Mapping[int, Row]) -> Runs:
+    """Return the table of all runs."""
     ordered = [rows[number] for number in range(1, sweep.runs + 1)]
     names = dict.fromkeys(name for row in ordered for name in row)
     kept = {name: _numbers(ordered, name) for name in names if name not in HEAD and name not in values}
     outcomes = [Outcome(row['outcome']) for row in ordered]
-    return Results(sweep, values, kept, outcomes, [row['reason'] for row in ordered], seconds, made, workers)
+    return Runs(sweep, values, kept, outcomes, [row['reason'] for row in ordered])
 
 
 def _numbers(rows: list[Row], name: str) -> Floats:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.analysis.sweep.study import Law, Sampling, Sweep, Variation
+from delta3_pacdrive.analysis.sweep.design import Law, Sampling, Sweep, Variation
 from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.numerics.types import Floats
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis.sweep.design import FUNCTION, PROGRAM, Kept, Outcome, Reduction, Sweep
 from delta3_pacdrive.analysis.sweep.program_values import with_value
-from delta3_pacdrive.analysis.sweep.study import FUNCTION, PROGRAM, Kept, Outcome, Reduction, Sweep
 from delta3_pacdrive.controller.transformation import Figures
 from delta3_pacdrive.errors import Delta3Error, SweepError, shown
 from delta3_pacdrive.motion import program_file, program_planner

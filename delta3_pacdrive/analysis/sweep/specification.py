@@ -33,9 +33,7 @@ from typing import Any
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis.provenance import versions
-from delta3_pacdrive.analysis.sweep.program_values import value_at
-from delta3_pacdrive.analysis.sweep.single_run import figure_names
-from delta3_pacdrive.analysis.sweep.study import (
+from delta3_pacdrive.analysis.sweep.design import (
     FUNCTION,
     PROGRAM,
     Kept,
@@ -45,6 +43,8 @@ from delta3_pacdrive.analysis.sweep.study import (
     Sweep,
     Variation,
 )
+from delta3_pacdrive.analysis.sweep.program_values import value_at
+from delta3_pacdrive.analysis.sweep.single_run import figure_names
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.configuration.checked import Errors, Section, nearest_of, refuse
 from delta3_pacdrive.configuration.located import place_in, place_of, place_of_key

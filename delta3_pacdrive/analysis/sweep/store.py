@@ -11,7 +11,7 @@ from typing import Any
 
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.analysis.provenance import versions
-from delta3_pacdrive.analysis.sweep.study import Sweep
+from delta3_pacdrive.analysis.sweep.design import Sweep
 from delta3_pacdrive.errors import SweepError
 
 TABLE, MANIFEST, PARTS = 'runs.parquet', 'sweep.json', 'part_*.parquet'

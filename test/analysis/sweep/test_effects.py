@@ -7,9 +7,10 @@ import pytest
 from scipy.stats import beta
 
 from delta3_pacdrive.analysis.sweep import figures, report
+from delta3_pacdrive.analysis.sweep.design import Law, Outcome, Runs, Sampling, Sweep, Variation
 from delta3_pacdrive.analysis.sweep.effects import distributions, effects, worst, yields
 from delta3_pacdrive.analysis.sweep.sampling import values_of
-from delta3_pacdrive.analysis.sweep.study import Law, Outcome, Results, Sampling, Sweep, Variation
+from delta3_pacdrive.analysis.sweep.study import Results
 
 A, B, C = (Variation(f'x.{name}', Law.UNIFORM, (-1.0, 1.0)) for name in 'abc')
 WORD = Variation('x.word', Law.LIST, ('linear', 'cubic'))
@@ -20,7 +21,7 @@ def found(number, runs=2048, vary=(A, B, C), sampling=Sampling.RANDOM, **more):
     sweep = Sweep('test', {}, 'test', {}, runs, sampling, 1, vary, (), **more)
     values = values_of(sweep)
     kept = {'y': np.asarray(number(*values.values()), dtype=np.float64)}
-    return Results(sweep, values, kept, [Outcome.DONE] * runs, [''] * runs, 1.0, runs, 2)
+    return Runs(sweep, values, kept, [Outcome.DONE] * runs, [''] * runs)
 
 
 def test_shares_of_the_variance_are_those_of_the_terms_of_a_sum():
@@ -90,9 +91,9 @@ def test_the_summary_for_people_tells_counts_reasons_yield_and_the_command_of_th
     outcomes = [Outcome.REFUSED, *[Outcome.DONE] * 99]
     some = replace(
         found(lambda a, b, c: 3.0 * a + b, 100, limits={'y': 2.0}),
-        outcomes=outcomes, reasons=['too heavy', *[''] * 99], seconds=4.0, made=80,
+        outcomes=outcomes, reasons=['too heavy', *[''] * 99],
     )  # fmt: skip
-    document = report.summary(some, 'my sweep.yaml')
+    document = report.summary(Results(some, 4.0, 80, 2), 'my sweep.yaml')
     lines = list(report.text(document))
     assert lines[0] == 'test: 100 runs of test, random: 99 done, 1 refused'
     assert lines[1] == '80 made now by 2 workers in 4.0 s, 20.0 a second'

@@ -75,8 +75,8 @@ def test_a_killed_worker_and_an_interruption_change_no_bit_of_the_table(path, se
     clients = []
     cluster = engine.cluster
 
-    def watched(settings):
-        return Watched(cluster(settings), clients)
+    def watched(workers, scheduler):
+        return Watched(cluster(workers, scheduler), clients)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(engine, 'cluster', watched)

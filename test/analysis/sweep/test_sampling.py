@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from delta3_pacdrive.analysis.sweep.design import Law, Sampling, Sweep, Variation
 from delta3_pacdrive.analysis.sweep.sampling import values_of
-from delta3_pacdrive.analysis.sweep.study import Law, Sampling, Sweep, Variation
 from delta3_pacdrive.errors import SweepError
 
 UNIFORM = Variation('a.b', Law.UNIFORM, (2.0, 4.0))

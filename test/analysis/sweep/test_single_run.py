@@ -7,10 +7,10 @@ import pytest
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis.sweep import single_run
+from delta3_pacdrive.analysis.sweep.design import Kept, Outcome, Reduction
 from delta3_pacdrive.analysis.sweep.program_values import value_at, with_value
 from delta3_pacdrive.analysis.sweep.single_run import Runner, figure_names, figures_of, reduced
 from delta3_pacdrive.analysis.sweep.specification import load
-from delta3_pacdrive.analysis.sweep.study import Kept, Outcome, Reduction
 from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.motion import program_file, program_planner
 

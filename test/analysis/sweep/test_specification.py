@@ -2,8 +2,8 @@
 
 import pytest
 
+from delta3_pacdrive.analysis.sweep.design import Kept, Law, Reduction, Sampling, Variation
 from delta3_pacdrive.analysis.sweep.specification import load
-from delta3_pacdrive.analysis.sweep.study import Kept, Law, Reduction, Sampling, Variation
 from delta3_pacdrive.errors import SweepError
 
 SMALL = """\
