@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ from delta3_pacdrive.errors import RunInterruptedError
 from delta3_pacdrive.recording import trace_file
 
 COMMAND = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
-MOMENTS = 5
+MOMENTS = int(os.environ.get('DELTA3_MOMENTS', '2'))  # and one more, of each command
 REACH_S = 1.2  # of processor: until then a command has loaded all it needs, and works
 LIMIT_S = 900.0  # of one command on a machine whose cores are all busy
 LOOK_S = 1e-3  # between two looks
@@ -32,6 +33,16 @@ OFFLINE = {
     'jacobian': ['jacobian', 'experiment1'],
     'tune': ['tune', '--program', 'experiment1'],
     'estimate': ['estimate', '{program}'],
+    'plan': ['plan', '{program}', '--output', 'plan'],
+    'pose': ['pose', '--output', 'pose'],
+    'workspace': ['workspace', '--resolution', '30', '--output', 'workspace'],
+    'export': ['export', 'trace', '{trace}', '--output', 'run.csv'],
+    'report': ['report', '{trace}'],
+    'compare': ['compare', '{trace}', '{trace}', '--output', 'compare', '--no-attribution'],
+    'calibrate': ['calibrate', 'plan', '--number', '24', '--output', 'calibration'],
+    'learn': ['learn', '{program}', '--repetitions', '1', '--parameters', 'model'],
+    'ripple': ['ripple', '{program}', '--cycle-time', '1'],
+    'sweep': ['sweep', '{sweep}', '--workers', '1'],
 }
 PROGRAM = """
 start_m: [0.0, 0.0, -0.75]
@@ -42,15 +53,23 @@ moves:
   - move_l: {to_m: [0.0, 0.0, -0.75]}
 """
 
+SWEEP = """
+program: program.yaml
+runs: 3
+vary:
+  dynamics.payload_mass_kg: {uniform: [0.4, 0.6]}
+"""
+
 
 @pytest.fixture(scope='module')
 def files(tmp_path_factory):
     """Return the files of a short program and of a trace; kernels are compiled after this."""
     folder = tmp_path_factory.mktemp('files')
-    program, path = folder / 'program.yaml', folder / 'trace.npz'
+    program, sweep, path = (folder / name for name in ('program.yaml', 'sweep.yaml', 'trace.npz'))
     program.write_text(PROGRAM, encoding='utf-8')
+    sweep.write_text(SWEEP, encoding='utf-8')
     subprocess.run([*COMMAND, 'simulate', '--trace', path], check=True, capture_output=True, timeout=LIMIT_S)
-    return {'program': program, 'trace': path}
+    return {'program': program, 'sweep': sweep, 'trace': path}
 
 
 @pytest.fixture(scope='module', autouse=True)
@@ -112,6 +131,16 @@ def worked_until(process, seconds):
     return worked
 
 
+def children_of(folder):
+    """Return the processes that still work in a folder."""
+    found = []
+    for path in Path('/proc').glob('[0-9]*'):
+        with suppress(OSError):
+            if path.joinpath('cwd').resolve() == folder:
+                found.append(path.joinpath('cmdline').read_text())
+    return found
+
+
 def ended(command, **options):
     """Return a command that has ended."""
     defaults = {'capture_output': True, 'text': True, 'timeout': LIMIT_S}
@@ -143,6 +172,7 @@ def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, fi
         elif moment == MOMENTS:
             reach_s = worked_s
     assert interrupted >= MOMENTS // 2
+    assert children_of(tmp_path) == []
 
 
 @pytest.mark.parametrize('name', ['simulate', 'tune'])
