@@ -11,7 +11,7 @@ from delta3_pacdrive.controller.belt_axes import belts_text
 from delta3_pacdrive.controller.control import Operator
 from delta3_pacdrive.controller.messages import COURSE, EXACT, EXTEND, ORDER, Origin, Request
 from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
-from delta3_pacdrive.controller.robot_actions import Answered
+from delta3_pacdrive.controller.robot_actions import Answered, Asked
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.controller.script_gate import GateState
 from delta3_pacdrive.controller.script_service import (
@@ -31,6 +31,7 @@ from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PARTICIPANTS, Identity
 from delta3_pacdrive.sercos.participants import Announcement, Occasion
+from delta3_pacdrive.sercos.service_channel import Answer
 from delta3_pacdrive.simulation.belts import axes_of, readings
 from delta3_pacdrive.simulation.robot import Robot
 
@@ -93,6 +94,8 @@ class BusPort:
         for action in actions:
             if isinstance(action, Answered):
                 action.request(action.reason, action.sentence)
+            elif isinstance(action, Asked):  # drives without a fault have nothing to say against it
+                action.done(action.index, Answer(action.access.idn, 0))
 
     def report(self) -> None:
         self.change()
