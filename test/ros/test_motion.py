@@ -405,3 +405,20 @@ def test_a_program_that_is_held_before_it_begins_can_be_resumed(graph: Any, tmp_
     graph.spin_until(lambda: operator.state == 'idle', 'the end')
     point = commands[-1].point
     assert [point.x, point.y, point.z] == pytest.approx([0.1, 0.0, -0.75], abs=1e-6)
+
+
+def test_a_program_of_thousands_of_different_moves_costs_no_bus_cycle_and_can_be_given_up(cell: Cell) -> None:
+    angles = np.radians(37.0 * np.arange(2000))
+    radii = 0.02 + 1e-5 * np.arange(2000)
+    moves = [
+        f'{{move_l: {{to_m: [{r * math.cos(a):.6f}, {r * math.sin(a):.6f}, -0.75]}}}}'
+        for r, a in zip(radii, angles, strict=True)
+    ]
+    accepted = cell.operator.send_program(f'moves: [{", ".join(moves)}]')
+    assert '2000 moves' in accepted
+    cell.operator.call('start')
+    cell.graph.spin_until(lambda: cell.task.progress()['move'] > 5, 'some of its moves', 60.0)
+    assert cell.task.progress()['lost_telegrams'] == 0
+    cell.operator.call('abort')
+    cell.wait_for('idle')
+    assert_smooth(cell.path())
