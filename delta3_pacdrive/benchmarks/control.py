@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,13 @@ from delta3_pacdrive.analysis.learning.run import Study
 from delta3_pacdrive.analysis.learning.study import Settings
 from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.analysis.study import silent
+from delta3_pacdrive.analysis.tuning.proposal import Kept, margins_kept, spread
 from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.errors import Delta3Error
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.learned import Learned
 from delta3_pacdrive.motion.program import Program
+from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 
@@ -27,6 +30,7 @@ PACKAGING, FAST = 'packaging', 'packaging_fast'
 ROUNDS = 3
 MASSES_OFF = 0.3
 LEARNED, REPETITIONS, BANDWIDTH_HZ = 'learned', 5, 80.0
+SHAFT_SPEED_RAD_S = 10.0  # at which friction is as steep as ``tune`` takes it
 MM = 1e3
 
 
@@ -52,7 +56,7 @@ CONTROLLERS = {
     'shaped': Controller(core.MODEL_CONTROLLER, shaping=core.SMOOTH),
     'time-optimal': Controller(core.MODEL_CONTROLLER, FAST),
 }
-NOMINAL, BUILT, LIGHTER, HEAVIER = ROBOTS = ('nominal', 'built', 'masses - 30 %', 'masses + 30 %')
+NOMINAL, LIGHTER, HEAVIER, BUILT = ROBOTS = ('nominal', 'masses - 30 %', 'masses + 30 %', 'built')
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,8 @@ class Row:
         TCP, commanded against true.
     peak_current_a, rms_current_a
         Of the motor with the largest.
+    heat
+        Of its windings, over what they may give off for ever: square of the rms current over the nominal one.
     lost_j
         In windings and friction, in a round.
     cycle_s, planning_s
@@ -80,6 +86,7 @@ class Row:
     true_error_rms_m: float
     peak_current_a: float
     rms_current_a: float
+    heat: float
     lost_j: float
     cycle_s: float
     planning_s: float
@@ -105,23 +112,49 @@ def measure(
                 found[name][robot] = asdict(_row(name, robot))
             except Delta3Error as error:
                 found[name][robot] = {'failed': str(error)}
-    return {'program': PACKAGING, 'time_optimal_program': FAST, 'rounds': ROUNDS, 'controllers': found}
+    kept = {robot: asdict(margins(robot)) for robot in robots}
+    return {
+        'program': PACKAGING,
+        'time_optimal_program': FAST,
+        'rounds': ROUNDS,
+        'controllers': found,
+        'margins': kept,
+    }
+
+
+def margins(robot: str) -> Kept:
+    """Return the least margins of the drives on a robot: over loops, workspace, and payloads from 0 to the rated one.
+
+    What is fed forward closes no loop, so they are those of every controller.
+    """
+    machine = _machine(core.load('rich' if robot == BUILT else None), robot)
+    return margins_kept(machine, spread(machine, core.RATED_PAYLOAD_KG), SHAFT_SPEED_RAD_S)
+
+
+def _machine(known: Parameters, robot: str) -> Parameters:
+    """Return the robot that is driven by a controller that takes it for the one it knows."""
+    if robot in (LIGHTER, HEAVIER):
+        return with_masses(known, 1.0 - MASSES_OFF if robot == LIGHTER else 1.0 + MASSES_OFF)
+    return known
 
 
 def _row(name: str, robot: str) -> Row:
     chosen = CONTROLLERS[name]
     known = chosen.parameters(robot == BUILT)
-    machine = known
-    if robot in (LIGHTER, HEAVIER):
-        machine = with_masses(known, 1.0 - MASSES_OFF if robot == LIGHTER else 1.0 + MASSES_OFF)
+    machine = _machine(known, robot)
     program = replace(programs.load(chosen.program, known.motion), repeat=ROUNDS)
     learned = _learned(chosen, program, known, machine) if name == LEARNED else None
-    placed = simulation.placed(known, program)
-    started = time.perf_counter()
-    planned = simulation.plan_of(program, placed)
-    planning_s = time.perf_counter() - started
+    planned, planning_s = _planned(program, simulation.placed(known, program))
     trace = simulation.run(program, known, learned=learned, machine=machine, planner=lambda *_: planned)
     return _figures(trace, machine, planning_s)
+
+
+@lru_cache(maxsize=1)
+def _planned(program: Program, known: Parameters) -> tuple[Planned, float]:
+    """Plan a program, once for all robots that the controller takes for the same; return how long it took [s], too."""
+    started = time.perf_counter()
+    planned = simulation.plan_of(program, known)
+    return planned, time.perf_counter() - started
 
 
 def _learned(chosen: Controller, program: Program, known: Parameters, machine: Parameters) -> Learned:
@@ -151,7 +184,8 @@ def _figures(trace: Trace, machine: Parameters, planning_s: float) -> Row:
         float(true.max()),
         float(np.sqrt((true**2).mean())),
         max(told['current_peak_a']),
-        max(told['current_rms_a']),
+        rms_a := max(told['current_rms_a']),
+        (rms_a / machine.motor.nominal_current_a) ** 2,
         0.0 if energy is None else energy.lost_j,
         meta['program_s'] / meta['repeat'],
         planning_s,
@@ -162,8 +196,8 @@ def show(result: dict[str, Any]) -> None:
     """Print the figures, a line for each controller and robot."""
     print(f'{result["program"]}; time-optimal: {result["time_optimal_program"]}. TCP errors max / rms [mm]')
     print(
-        f'{"controller":>13} {"robot":>14} {"encoders":>15} {"true":>15} {"peak":>7} {"rms":>7} {"lost":>7} '
-        f'{"round":>8} {"planned in":>10}'
+        f'{"controller":>13} {"robot":>14} {"encoders":>15} {"true":>15} {"peak":>7} {"rms":>7} {"heat":>6} '
+        f'{"lost":>7} {"round":>8} {"planned in":>10}'
     )
     for controller, robots in result['controllers'].items():
         for robot, row in robots.items():
@@ -174,5 +208,16 @@ def show(result: dict[str, Any]) -> None:
             print(
                 f'{controller:>13} {robot:>14} {MM * own.error_max_m:7.3f} /{MM * own.error_rms_m:6.3f} '
                 f'{MM * own.true_error_max_m:7.3f} /{MM * own.true_error_rms_m:6.3f} {own.peak_current_a:5.2f} A '
-                f'{own.rms_current_a:5.2f} A {own.lost_j:5.1f} J {own.cycle_s:6.3f} s {MM * own.planning_s:7.0f} ms'
+                f'{own.rms_current_a:5.2f} A {100.0 * own.heat:4.0f} % '
+                f'{own.lost_j:5.1f} J {own.cycle_s:6.3f} s {MM * own.planning_s:7.0f} ms'
             )
+    print(
+        f'\nleast margins over loops, workspace, and 0 to {core.RATED_PAYLOAD_KG:g} kg, of every controller'
+    )
+    for robot, told in result['margins'].items():
+        kept = Kept(**told)
+        state = '' if kept.stable else ', not stable'
+        print(
+            f'{robot:>28} {kept.gain_db:5.1f} dB ({kept.gain_where}), '
+            f'{kept.phase_deg:4.1f} deg ({kept.phase_where}){state}'
+        )

@@ -1,19 +1,26 @@
 """Facts about the comparison of controllers, which do not depend on the machine."""
 
 import json
+import math
 
 import pytest
 
+from delta3_pacdrive import parameters
 from delta3_pacdrive.benchmarks import control
 from delta3_pacdrive.cli import bench
 from delta3_pacdrive.errors import RunError
 
 
 @pytest.fixture(scope='module')
-def rows():
-    """Figures by controller and robot, but for learning, which takes longest."""
-    found = control.measure([name for name in control.CONTROLLERS if name != control.LEARNED])
-    return found['controllers']
+def measured():
+    """Return what is measured, but for learning, which takes longest."""
+    return control.measure([name for name in control.CONTROLLERS if name != control.LEARNED])
+
+
+@pytest.fixture(scope='module')
+def rows(measured):
+    """Return the figures by controller and robot."""
+    return measured['controllers']
 
 
 def test_the_model_is_better_on_every_robot_and_with_wrong_masses(rows):
@@ -38,6 +45,27 @@ def test_it_asks_for_more_current_where_masses_are_larger(rows):
     for own in rows.values():
         lighter, heavier = (own[robot]['rms_current_a'] for robot in (control.LIGHTER, control.HEAVIER))
         assert lighter < own[control.NOMINAL]['rms_current_a'] < heavier
+
+
+def test_a_time_optimal_round_warms_the_motors_as_much_as_they_may_and_more_with_larger_masses(rows):
+    fast = rows['time-optimal']
+    assert 0.9 < fast[control.NOMINAL]['heat'] <= 1.001
+    assert fast[control.HEAVIER]['heat'] > 1.3
+    assert rows['off'][control.NOMINAL]['heat'] == pytest.approx(
+        (rows['off'][control.NOMINAL]['rms_current_a'] / parameters.load().motor.nominal_current_a) ** 2
+    )
+
+
+def test_the_drives_are_stable_on_every_robot_and_lighter_masses_leave_less_gain_margin(measured):
+    kept = measured['margins']
+    assert all(kept[robot]['stable'] for robot in control.ROBOTS)
+    lighter, nominal, heavier, built = (
+        kept[robot]['gain_db'] for robot in (control.LIGHTER, control.NOMINAL, control.HEAVIER, control.BUILT)
+    )
+    # to the lightest mode a gain of the velocity loop is one over its mass
+    assert nominal - lighter == pytest.approx(-20.0 * math.log10(1.0 - control.MASSES_OFF), abs=1.0)
+    assert heavier > nominal
+    assert built < 2.0  # the resonance of its gears: what delta3 tune --auto is for
 
 
 def test_learned_torques_are_learned_on_the_robot_that_is_driven():
@@ -66,7 +94,7 @@ def test_the_command_prints_a_line_for_each_robot(monkeypatch, capsys):
     monkeypatch.setattr(control, 'measure', lambda show: result)
     assert bench.main(['control']) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 4
+    assert len(lines) == 4 + 4
     assert 'masses + 30 %' in lines[3]
     assert bench.main(['control', '--json']) == 0
     assert json.loads(capsys.readouterr().out)['controllers'] == result['controllers']
