@@ -13,6 +13,7 @@ from delta3_pacdrive.analysis.report_page.around import first_cycle, shown_stays
 from delta3_pacdrive.analysis.report_page.document import signals_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, quantity
 from delta3_pacdrive.analysis.run_comparison import Comparison, move_figures
+from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 
@@ -165,9 +166,20 @@ def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
             attributes.append(f'data-from="{move.start_s:.6f}" data-to="{move.end_s:.6f}" data-run="{n}"')
     more = len(numbers) - MOVES_SHOWN
     hint = 'Click a row to see the move.' + (f' {more} more moves are not listed.' if more > 0 else '')
-    return _section(
-        'moves', 'Moves', f'<p class="hint">{hint}</p>' + _table(header, rows, attributes, 'wide tall')
-    )
+    table = _table(header, rows, attributes, 'wide tall')
+    return _section('moves', 'Moves', f'<p class="hint">{hint}</p>{table}{_energies(runs, names)}')
+
+
+def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:
+    """Return the energy of each run that tells it."""
+    lines = []
+    for run, name in zip(runs, names, strict=True):
+        repeat = run.whole.meta.get('repeat', 1)
+        found = energy_of_round(run.whole, run.robot, repeat)
+        if found is not None:
+            whose = f' of <b>{escape(name)}</b>' if len(runs) > 1 else ''
+            lines.append(f'<p>Energy{whose}: {escape(found.text(repeat))}.</p>')
+    return ''.join(lines)
 
 
 def _parts(number: int, run: Run, name: str) -> str:

@@ -15,6 +15,7 @@ from delta3_pacdrive.analysis.report_page import page
 from delta3_pacdrive.analysis.report_page.columns import resolution_of
 from delta3_pacdrive.analysis.report_page.plots import DERIVED, quantity
 from delta3_pacdrive.analysis.run_comparison import compare, move_figures
+from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from page_data import document_of, signals_of
@@ -74,6 +75,13 @@ def test_the_numbers_in_the_page_are_those_of_the_trace(one, text, robot):
     for name in (*SIGNALS, *TORQUE_SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS):
         step = resolution_of(name, quantity(name)[0], robot.bus.increments_per_rev)
         assert np.abs(found[name] - one.part[name]).max() <= 0.5 * step * ROUNDING, name
+
+
+def test_the_page_tells_the_energy_of_a_round_as_simulate_does(one, text, both):
+    found = energy_of_round(one.whole, one.robot, one.program.repeat)
+    assert f'<p>Energy: {found.text(one.program.repeat)}.</p>' in text
+    assert '>Energy' not in both.replace('<p>Energy of <b>', '')
+    assert both.count('<p>Energy of <b>') == 2
 
 
 def test_a_page_has_every_signal_of_a_trace_and_hides_those_on_request_at_first(tmp_path, robot):
