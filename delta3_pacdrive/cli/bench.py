@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.benchmarks import graph
+from delta3_pacdrive.benchmarks import graph, network
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.cli.progress import Progress
 
-SECONDS = 60.0
+SECONDS, NETWORK_SECONDS = 60.0, 4.0
 
 
 @dataclass
@@ -18,13 +18,13 @@ class Options(JsonOptions):
 
     what: str = argument(
         'what is measured',
-        choices=['graph', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell'],
+        choices=['graph', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell', 'network'],
     )
     seconds: float | None = option(
-        f'bus time of motion per case [s]; {SECONDS:g}, for cell 12, unless told',
+        f'bus time of motion per case [s]; {SECONDS:g}, for cell 12, for network 4, unless told',
         'S',
         type=float,
-        only=('graph', 'motion', 'simulate', 'cell'),
+        only=('graph', 'motion', 'simulate', 'cell', 'network'),
     )
     case: list[str] | None = option(
         'only this case of graph (may be repeated)', choices=graph.CASES, action='append', only=('graph',)
@@ -43,6 +43,13 @@ class Options(JsonOptions):
         'estimation: noises of the sensors, 200 unless told', 'N', type=int, only=('estimation',)
     )
 
+    link: list[str] | None = option(
+        'network: only this link (may be repeated)',
+        'LINK',
+        choices=tuple(network.CASES),
+        action='append',
+        only=('network',),
+    )
     output: str | None = option('cell: a folder for table and figures', 'DIR', only=('cell',))
 
     def check(self) -> str:
@@ -78,6 +85,11 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
         return graph.show, graph.measure(seconds, cases, options.scheduling, options.json)
     if options.what == 'cell':
         return _cell(options)
+    if options.what == 'network':
+        with Progress() as progress:
+            return network.show, network.measure(
+                options.link, options.seconds or NETWORK_SECONDS, progress.show
+            )
     from delta3_pacdrive.benchmarks import control, estimation, motion, simulation
 
     if options.what == 'estimation':
@@ -113,7 +125,8 @@ def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
 main = Command(
     'bench',
     'Measure the graph (timing, processor time, memory), planning, the speed of simulation and kinematics, how '
-    'often intervals of estimates hold the truth, the packaging cycle by each controller, or picking from a belt.',
+    'often intervals of estimates hold the truth, the packaging cycle by each controller, picking from a belt, or a '
+    'robot whose drives are on another host.',
     Options,
     run,
 )

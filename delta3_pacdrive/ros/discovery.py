@@ -1,30 +1,134 @@
-"""Discovery on one machine, and a folder for logs: the environment that every process of a robot starts with."""
+"""Discovery, and a folder for logs: the environment that every process of a robot starts with.
+
+A robot keeps to this machine, or to this one and those that ``ROS_STATIC_PEERS`` names.
+"""
 
 import os
+import socket
+import stat
 import tempfile
+import zlib
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
+from delta3_pacdrive import whole_file
+from delta3_pacdrive.errors import RunError, shown
 from delta3_pacdrive.parameters import config_directory
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+PEERS = 'ROS_STATIC_PEERS'
 PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+MIDDLEWARE = 'RMW_IMPLEMENTATION'
 LOGS = 'ROS_LOG_DIR'
+FAST_DDS = ('', 'rmw_fastrtps_cpp', 'rmw_fastrtps_dynamic_cpp')  # nothing: what Jazzy takes
+# they know ``LOCALHOST`` and ``ROS_STATIC_PEERS`` themselves
+KEEP_THEMSELVES = ('rmw_cyclonedds_cpp', 'rmw_connextdds')
+HERE = '127.0.0.1'
+PEERS_MAX = 16
+INTERFACE, PEER = '<address>{}</address>', '<locator><udpv4><address>{}</address></udpv4></locator>'
 
 
 def keep_to_this_machine() -> None:
     """Choose the loopback profile, unless the environment asks for a profile of its own or for the network.
 
-    ``LOCALHOST`` alone would use the middleware's shared memory: a process that is killed leaves files behind, and may
-    take a lock with it on which the others hang. Where there is no home, logs go to a temporary folder.
+    With ``ROS_STATIC_PEERS`` the profile has these machines as well, and the addresses from which they are reached; on
+    no other address anybody listens. ``LOCALHOST`` alone would use the middleware's shared memory: a process that is
+    killed leaves files behind, and may take a lock with it on which the others hang. Where there is no home, logs go to
+    a temporary folder.
+
+    Raises
+    ------
+    RunError
+        The middleware does not keep to a machine, or a peer is none.
+
     """
     if not os.environ.get(LOGS) and not _ros_finds_a_log_folder():  # it would end with an error
         os.environ[LOGS] = f'{tempfile.gettempdir()}/delta3_pacdrive_{os.getuid()}_log'
     own_profile = PROFILE in os.environ or 'FASTDDS_DEFAULT_PROFILES_FILE' in os.environ
     if own_profile or os.environ.get(RANGE, 'LOCALHOST') != 'LOCALHOST':
         return
-    os.environ[PROFILE] = str(config_directory() / 'localhost.xml')
+    middleware = os.environ.get(MIDDLEWARE, '')
+    if middleware not in FAST_DDS:
+        if middleware not in KEEP_THEMSELVES:
+            raise RunError(
+                f'{MIDDLEWARE} is {shown(middleware)}: nobody knows that it keeps a robot to this machine; '
+                f'{RANGE}=SUBNET lets it go beyond'
+            )
+        os.environ[RANGE] = 'LOCALHOST'
+        return
+    peers = peers_of(os.environ.get(PEERS, ''))
+    os.environ[PROFILE] = str(_profile_with(peers) if peers else _profile())
     # with any other range the middleware would add its own transports to the profile's
     os.environ[RANGE] = 'SYSTEM_DEFAULT'
+
+
+def is_on_network() -> bool:
+    """Whether what this process publishes may leave the machine."""
+    own = os.environ.get(PROFILE) or os.environ.get('FASTDDS_DEFAULT_PROFILES_FILE')
+    if own:
+        return Path(own) != _profile()
+    return os.environ.get(RANGE, 'SUBNET') != 'LOCALHOST' or bool(os.environ.get(PEERS))
+
+
+def peers_of(text: str) -> list[str]:
+    """Return the IPv4 addresses of peers, whose names or addresses have semicolons between them; raises RunError."""
+    names = [name.strip() for name in text.split(';') if name.strip()]
+    if len(names) > PEERS_MAX:
+        raise RunError(f'{PEERS} names {len(names)} machines, at most {PEERS_MAX} are possible')
+    found: list[str] = []
+    for name in names:
+        try:
+            found.append(socket.gethostbyname(name))
+        except (OSError, UnicodeError):
+            raise RunError(
+                f'{PEERS} names {shown(name)}, which is no machine that has an IPv4 address'
+            ) from None
+    return sorted(set(found))
+
+
+def way_to(address: str) -> str:
+    """Return the address of this machine from which another one is reached; raises RunError if there is no way."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((address, 1))  # sends nothing
+        except OSError as error:
+            raise RunError(f'{PEERS} names {address}, but no way leads there: {error.strerror}') from None
+        return str(probe.getsockname()[0])
+
+
+def _profile() -> Path:
+    return config_directory() / 'localhost.xml'
+
+
+def profile_text(peers: Sequence[str], ways: Sequence[str]) -> str:
+    """Return the loopback profile with other machines, and with the addresses from which they are reached."""
+    text = _profile().read_text(encoding='utf-8')
+    for form, more in ((INTERFACE, ways), (PEER, peers)):
+        here = form.format(HERE)
+        text = text.replace(here, here + ''.join(form.format(address) for address in more), 1)
+    return text
+
+
+def _profile_with(peers: Sequence[str]) -> Path:
+    """Write the profile of some peers where every process of a robot finds it; raises RunError."""
+    ways = sorted({way_to(address) for address in peers} - {HERE})
+    text = profile_text([address for address in peers if address != HERE], ways)
+    folder = Path(tempfile.gettempdir(), f'delta3_pacdrive_{os.getuid()}_network')
+    path = folder / f'{zlib.crc32(text.encode()):08x}.xml'
+    try:
+        with suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        own = folder.lstat()
+        if own.st_uid != os.getuid() or not stat.S_ISDIR(own.st_mode) or own.st_mode & 0o022:
+            raise RunError(
+                f'{folder} is not a folder that only this user can write: no network profile goes there'
+            )
+        if not path.exists():
+            whole_file.write_text(text, path)
+    except OSError as error:
+        raise RunError(f'cannot write the network profile {path}: {error.strerror}') from None
+    return path
 
 
 def _ros_finds_a_log_folder() -> bool:

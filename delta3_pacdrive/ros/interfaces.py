@@ -28,7 +28,7 @@ from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
 from delta3_pacdrive.recording.carried import CARRIED
-from delta3_pacdrive.ros import cdr, qos
+from delta3_pacdrive.ros import cdr, discovery, qos
 from delta3_pacdrive.ros.deferred_service import Tell, create_deferred_service
 from delta3_pacdrive.ros.polling import PollingNode, Taken
 from delta3_pacdrive.sercos import telegrams
@@ -59,6 +59,11 @@ class Delivery:
     reason: str
 
     @property
+    def robot(self) -> QoSProfile:
+        """What the robot asks for, from this machine or from others."""
+        return qos.CYCLIC_FROM_AFAR if self is CYCLIC and discovery.is_on_network() else self.subscription
+
+    @property
     def recorder(self) -> QoSProfile:
         """What the recorder asks for."""
         if self is PLAN:
@@ -80,7 +85,8 @@ CYCLIC = Delivery(
     'Any client may ask for reliable delivery, and lag by as many cycles as the queue is deep. The robot itself asks '
     'for best effort: on one machine the flow control of the bus (at most 16 outstanding cycles) keeps queues from '
     "overflowing, so that acknowledgements, a third of the bus's processor time, buy nothing. A telegram that is lost "
-    'all the same is seen by its stamp, as on a real SERCOS bus, where cyclic telegrams are never repeated either.',
+    'all the same is seen by its stamp, as on a real SERCOS bus, where cyclic telegrams are never repeated either. '
+    'Where the robot goes beyond one machine it asks for reliable delivery: what a network loses is repeated.',
 )
 CYCLIC_NEWEST = Delivery(
     'cyclic, newest', qos.CYCLIC_PUBLISHER, qos.NEWEST, 'The robot itself needs only the newest message.'
@@ -217,7 +223,7 @@ class Topic:
     ) -> Subscription:
         """Create a subscription; ``raw`` gives the callback bytes."""
         return node.create_subscription(
-            self.type, self.of(axis), callback, profile or self.delivery.subscription, raw=raw
+            self.type, self.of(axis), callback, profile or self.delivery.robot, raw=raw
         )
 
     def bounded_subscription(
@@ -256,9 +262,7 @@ class Topic:
         self, node: PollingNode, axis: str = '', profile: QoSProfile | None = None
     ) -> Callable[[], Taken | None]:
         """Create a subscription that nobody is woken by; the returned call takes the next serialised message."""
-        return node.create_polled_subscription(
-            self.type, self.of(axis), profile or self.delivery.subscription
-        )
+        return node.create_polled_subscription(self.type, self.of(axis), profile or self.delivery.robot)
 
 
 CYCLE, EXCHANGE, CHANGE, ASKED = 'every cycle', 'every exchange', 'on a change', 'on request'

@@ -129,9 +129,9 @@ def run_single(factory: Callable[[], Node]) -> int:
 
     # an exception would be lost where the compiler calls back; whatever the node is to leave behind comes later
     interrupts.install()
-    discovery.keep_to_this_machine()
 
     def prepare() -> None:
+        discovery.keep_to_this_machine()
         simulation.compile_kernels(Lines().show)  # nodes started together compile once, not each for itself
         simulation.rehearse(parameters.load())
 

@@ -4,6 +4,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 CYCLIC_PUBLISHER = QoSProfile(depth=256)
 CYCLIC_SUBSCRIPTION = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
+# where a network may lose packets: without a message of the exchange no bus cycle would ever come to its end
+CYCLIC_FROM_AFAR = QoSProfile(depth=64)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LATCHED_FROM_MANY = QoSProfile(depth=16, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)

@@ -1,12 +1,17 @@
 """The environment of a robot's processes: this machine only, and a folder for logs wherever they run."""
 
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pytest
+from rclpy.qos import ReliabilityPolicy
 
-from delta3_pacdrive.ros import discovery
+from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.ros import discovery, interfaces
 
 JOIN = (
     'from delta3_pacdrive.ros import discovery; discovery.keep_to_this_machine(); '
@@ -31,3 +36,122 @@ def test_a_folder_that_is_asked_for_stays(monkeypatch, tmp_path):
     discovery.keep_to_this_machine()
     assert os.environ['ROS_LOG_DIR'] == str(tmp_path)
     assert os.environ[discovery.RANGE] == 'SUBNET'
+
+
+@pytest.fixture
+def alone(monkeypatch, tmp_path):
+    """Take away what says how far the tests' robots go."""
+    for name in (discovery.PROFILE, 'FASTDDS_DEFAULT_PROFILES_FILE', discovery.RANGE, discovery.PEERS):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(discovery.MIDDLEWARE, 'rmw_fastrtps_cpp')
+    monkeypatch.setattr(discovery.tempfile, 'gettempdir', lambda: str(tmp_path))
+    return tmp_path
+
+
+def test_without_a_word_a_robot_keeps_to_this_machine(alone):
+    discovery.keep_to_this_machine()
+    assert os.environ[discovery.PROFILE].endswith('config/localhost.xml')
+    assert os.environ[discovery.RANGE] == 'SYSTEM_DEFAULT'
+    assert not discovery.is_on_network()
+    assert interfaces.MDT.delivery.robot.reliability == ReliabilityPolicy.BEST_EFFORT
+
+
+def addresses(xml, tag):
+    found = ET.fromstring(xml).iter(f'{{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}}{tag}')
+    return [
+        address.text.strip()
+        for parent in found
+        for address in parent.iter()
+        if address.tag.endswith('}address')
+    ]
+
+
+def test_peers_are_looked_for_and_listened_to_where_they_are_reached_and_nowhere_else(alone, monkeypatch):
+    monkeypatch.setenv(discovery.PEERS, ' 192.0.2.7 ;localhost;192.0.2.5; ')
+    monkeypatch.setattr(
+        discovery, 'way_to', lambda address: {'127.0.0.1': '127.0.0.1'}.get(address, '192.0.2.1')
+    )
+    discovery.keep_to_this_machine()
+    path = Path(os.environ[discovery.PROFILE])
+    assert path.parent == alone / f'delta3_pacdrive_{os.getuid()}_network'
+    assert path.stat().st_mode & 0o022 == path.parent.stat().st_mode & 0o077 == 0
+    text = path.read_text(encoding='utf-8')
+    assert addresses(text, 'interfaceWhiteList') == ['127.0.0.1', '192.0.2.1']
+    assert addresses(text, 'initialPeersList') == ['127.0.0.1', '192.0.2.5', '192.0.2.7']
+    assert discovery.is_on_network()
+    # what a network loses is repeated
+    assert interfaces.MDT.delivery.robot.reliability == ReliabilityPolicy.RELIABLE
+    discovery.keep_to_this_machine()  # as every process of the robot does
+    assert os.environ[discovery.PROFILE] == str(path)
+
+
+@pytest.mark.parametrize(
+    ('peers', 'sentence'),
+    [
+        (
+            'no such host',
+            "ROS_STATIC_PEERS names 'no such host', which is no machine that has an IPv4 address",
+        ),
+        (';'.join(f'192.0.2.{n}' for n in range(17)), 'names 17 machines, at most 16 are possible'),
+        ('x' * 300, 'which is no machine that has an IPv4 address'),
+    ],
+)
+def test_a_peer_that_is_none_is_refused_in_one_sentence(peers, sentence, alone, monkeypatch):
+    monkeypatch.setenv(discovery.PEERS, peers)
+    with pytest.raises(RunError, match=re.escape(sentence)) as refused:
+        discovery.keep_to_this_machine()
+    assert len(str(refused.value)) < 300
+
+
+def test_a_way_to_this_machine_begins_here():
+    assert discovery.way_to('127.0.0.1') == '127.0.0.1'
+
+
+def test_a_folder_that_others_can_write_takes_no_profile(alone, monkeypatch):
+    folder = alone / f'delta3_pacdrive_{os.getuid()}_network'
+    folder.mkdir()
+    folder.chmod(0o777)
+    monkeypatch.setenv(discovery.PEERS, '127.0.0.1')
+    with pytest.raises(RunError, match='is not a folder that only this user can write'):
+        discovery.keep_to_this_machine()
+    folder.rmdir()
+    folder.symlink_to(alone)
+    with pytest.raises(RunError, match='is not a folder that only this user can write'):
+        discovery.keep_to_this_machine()
+
+
+def test_a_middleware_that_keeps_to_a_machine_by_itself_is_told_to(alone, monkeypatch):
+    monkeypatch.setenv(discovery.MIDDLEWARE, 'rmw_cyclonedds_cpp')
+    discovery.keep_to_this_machine()
+    assert os.environ[discovery.RANGE] == 'LOCALHOST'
+    assert discovery.PROFILE not in os.environ
+    assert not discovery.is_on_network()
+    monkeypatch.setenv(discovery.PEERS, '192.0.2.7')
+    assert discovery.is_on_network()
+
+
+def test_one_of_which_nobody_knows_that_is_refused_unless_it_may_go_beyond(alone, monkeypatch):
+    monkeypatch.setenv(discovery.MIDDLEWARE, 'rmw_zenoh_cpp')
+    with pytest.raises(RunError, match="RMW_IMPLEMENTATION is 'rmw_zenoh_cpp': nobody knows"):
+        discovery.keep_to_this_machine()
+    monkeypatch.setenv(discovery.RANGE, 'SUBNET')
+    discovery.keep_to_this_machine()
+    assert discovery.is_on_network()
+
+
+def test_a_node_says_in_one_sentence_that_its_peer_is_none(tmp_path):
+    environment = {
+        key: value for key, value in os.environ.items() if key not in (discovery.PROFILE, discovery.RANGE)
+    }
+    command = [sys.executable, '-P', '-c', 'from delta3_pacdrive.ros.nodes.start import plant; plant()']
+    done = subprocess.run(
+        command,
+        env=environment | {discovery.PEERS: '???'},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert (
+        done.stderr == "error: ROS_STATIC_PEERS names '???', which is no machine that has an IPv4 address\n"
+    )
