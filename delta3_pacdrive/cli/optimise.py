@@ -34,19 +34,16 @@ class Options(JsonOptions):
 
     parameters = None  # they stand in its file
 
-    def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
-        if self.workers and self.scheduler:
-            return (
-                '--workers is for own processes, --scheduler for a cluster that has its own: give one of them'
-            )
-        return ''
-
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive.analysis.optimisation import report, run, study
+    from delta3_pacdrive.errors import SweepError
 
+    if options.workers and options.scheduler:
+        raise SweepError(
+            '--workers is for own processes, --scheduler for a cluster that has its own: give one of them'
+        )
     settings = study.Settings(Path(options.specification), options.workers, options.scheduler or '')
     folder = Path(options.output).absolute()
     studies: list[run.Study] = []

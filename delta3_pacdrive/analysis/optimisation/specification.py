@@ -25,7 +25,7 @@ from delta3_pacdrive.analysis.sweep import specification as sweeps
 from delta3_pacdrive.analysis.sweep.design import Law, Sampling, Sweep
 from delta3_pacdrive.analysis.sweep.single_run import figure_names
 from delta3_pacdrive.configuration.checked import Errors, Section, refuse
-from delta3_pacdrive.configuration.located import place_of
+from delta3_pacdrive.configuration.located import place_of, place_of_key
 from delta3_pacdrive.configuration.readers import one_of, whole_number_between
 from delta3_pacdrive.errors import SweepError, shown
 
@@ -48,7 +48,7 @@ def load(path: str | Path) -> Optimisation:
         sweep = sweeps.sweep_of(fields, path, errors, source, trials, Sampling.RANDOM)
         for one in sweep.vary:
             if one.law not in (Law.LIST, Law.UNIFORM):
-                with errors.noted(place_of(document)):
+                with errors.noted(place_of_key(document['vary'], one.key)):
                     refuse(f'{one.key} is {one.law}, but an optimisation chooses out of list or uniform')
         names = [one.name for one in sweep.keep] or figure_names()
         maximise, goal = fields.read(
