@@ -49,6 +49,7 @@ VIEW = ['viser>=1.1', 'trimesh>=4.0', 'msgspec>=0.18', 'websockets>=13.1']
 PARQUET = ['pyarrow>=15.0']
 MATLAB = ['h5py>=3.10']
 SWEEP = ['dask>=2024.1', 'distributed>=2024.1', 'pyarrow>=15.0', 'SALib>=1.5']
+OPTIMISE = [*SWEEP, 'optuna>=4.0']
 DOCS = ['furo>=2024.1.29', 'latex2mathml>=3.77', 'myst-parser>=2.0', 'sphinx>=7.2']
 # A wheel can install scripts in bin/ only, where names like "plant" are too common. There, these launchers
 # (shell first, then Python) go to lib/delta3_pacdrive/ and start the interpreter of their own environment.
@@ -135,9 +136,10 @@ setup(
         'parquet': PARQUET,
         'matlab': MATLAB,
         'sweep': SWEEP,
+        'optimise': OPTIMISE,
         'test': TEST,
         'docs': DOCS,
-        'all': ROS + VIEW + PARQUET + MATLAB + SWEEP + TEST + DOCS,
+        'all': ROS + VIEW + PARQUET + MATLAB + OPTIMISE + TEST + DOCS,
     },
     entry_points={'console_scripts': [f'{name} = {target}' for name, target in scripts.items()]},
     options=options,

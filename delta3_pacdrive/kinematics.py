@@ -44,6 +44,7 @@ Arguments of the functions and kernels here:
 """
 
 import math
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -80,7 +81,12 @@ def geometry(kinematics: Lengths, deviations: ArmDeviations | None = None) -> ND
         Of the arms from the drawing; without them what the controller takes for true: its corrections.
 
     """
-    kinematics = kinematics.kinematics if isinstance(kinematics, Parameters) else kinematics
+    lengths = kinematics.kinematics if isinstance(kinematics, Parameters) else kinematics
+    return _geometry(lengths, deviations).copy()
+
+
+@lru_cache(maxsize=16)
+def _geometry(kinematics: Kinematics, deviations: ArmDeviations | None) -> NDArray[Any]:
     deviations = kinematics.corrections if deviations is None else deviations
     record = np.zeros(1, GEOMETRY)
     azimuth = np.array(kinematics.drawn_azimuth_rad) + deviations.azimuth_rad

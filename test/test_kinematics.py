@@ -395,3 +395,11 @@ def test_the_parallel_measure_is_six_times_the_tetrahedron_of_elbows_and_plate(r
     area = 0.25 * np.sqrt((a + b + c) * (-a + b + c) * (a - b + c) * (a + b - c))  # Heron
     height = np.sqrt(L_B**2 - (a * b * c / (4.0 * area)) ** 2)  # above the circumcentre
     assert np.abs(parallel - 2.0 * area * height / L_B**3).max() < ROUNDING
+
+
+def test_lengths_that_somebody_changes_are_those_of_nobody_else(robot):
+    own = kinematics.geometry(robot)
+    kept = own.copy()
+    own['l_a'] += 0.1
+    assert kinematics.geometry(robot) == kept
+    assert kinematics.geometry(robot.replace(kinematics__upper_arm_length_m=0.31))['l_a'][0, 0] == 0.31

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.sercos.increments import on_grid
+from delta3_pacdrive.sercos.increments import all_on_grid
 from delta3_pacdrive.simulation.robot import Robot
 
 Changes = Sequence[tuple[str, float]]
@@ -93,8 +93,10 @@ class Oscilloscope:
     def signals(self) -> dict[str, Floats]:
         """Return what the drives measure, by the names of signals."""
         per_rad = float(self._robot.drives[0].constants['increments_per_rad'][0])
+        positions = np.empty(self.found['position'].shape)
+        all_on_grid(self.found['position'].reshape(-1), per_rad, positions.reshape(-1))
         return {
-            'motor_position': np.asarray(on_grid(self.found['position'], per_rad)),
+            'motor_position': positions,
             'motor_speed': self.found['speed'],
             'current': self.found['motor_current'],
             'phase_voltage': self.found['voltage'],

@@ -10,6 +10,7 @@ from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.cli.progress import Progress
 
 SECONDS, NETWORK_SECONDS = 60.0, 4.0
+KINDS = ('graph', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell', 'sweep', 'network')
 
 
 @dataclass
@@ -18,7 +19,7 @@ class Options(JsonOptions):
 
     what: str = argument(
         'what is measured',
-        choices=['graph', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell', 'network'],
+        choices=KINDS,
     )
     seconds: float | None = option(
         f'bus time of motion per case [s]; {SECONDS:g}, for cell 12, for network 4, unless told',
@@ -50,6 +51,10 @@ class Options(JsonOptions):
         action='append',
         only=('network',),
     )
+    runs: int | None = option(
+        'sweep: runs with one worker and with two, 300 unless told', 'N', type=int, only=('sweep',)
+    )
+
     output: str | None = option('cell: a folder for table and figures', 'DIR', only=('cell',))
 
     def check(self) -> str:
@@ -60,6 +65,8 @@ class Options(JsonOptions):
             return f'--seconds is {self.seconds}, but must be between 1 and 3600'
         if self.seeds is not None and not 2 <= self.seeds <= 10_000:
             return f'--seeds is {self.seeds}, but must be between 2 and 10000'
+        if self.runs is not None and not 20 <= self.runs <= 1_000_000:
+            return f'--runs is {self.runs}, but must be between 20 and 1000000'
         return ''
 
 
@@ -90,6 +97,11 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
             return network.show, network.measure(
                 options.link, options.seconds or NETWORK_SECONDS, progress.show
             )
+    if options.what == 'sweep':
+        from delta3_pacdrive.benchmarks import sweep
+
+        with Progress() as progress:
+            return sweep.show, sweep.measure(options.runs or sweep.RUNS, progress.show)
     from delta3_pacdrive.benchmarks import control, estimation, motion, simulation
 
     if options.what == 'estimation':
@@ -125,8 +137,8 @@ def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
 main = Command(
     'bench',
     'Measure the graph (timing, processor time, memory), planning, the speed of simulation and kinematics, how '
-    'often intervals of estimates hold the truth, the packaging cycle by each controller, picking from a belt, or a '
-    'robot whose drives are on another host.',
+    'often intervals of estimates hold the truth, the packaging cycle by each controller, picking from a belt, many '
+    'runs on one worker and on two, or a robot whose drives are on another host.',
     Options,
     run,
 )

@@ -45,8 +45,9 @@ COMMANDS = {
     'learn': 'the torques that a program still lacks, from repetitions of it, for simulate and run',
     'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',
     'sweep': 'many runs with varying parameters, on all cores or a cluster: distributions, effects, yield',
+    'optimise': 'values of parameters and programs for which a number is best, within limits',
     'completion': 'print what a shell needs to complete all of this',
-    'bench': 'measure: graph, motion, simulate, kinematics, estimation, control, cell',
+    'bench': 'measure: graph, motion, simulate, kinematics, estimation, control, cell, sweep',
 }
 # these have a robot to bring to rest before they end
 OF_ROBOTS = frozenset(

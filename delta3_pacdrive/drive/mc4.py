@@ -235,6 +235,8 @@ class MC4:
         Which of the three drives it is, 0 to 2: each has sensors of its own.
     shared
         Of a robot, whose compiled loop runs all drives: records ``DRIVE``, shape (3,), and currents, shape (steps, 3).
+    constants
+        Of the drives, as ``drive_constants`` returns them; None: they are computed.
 
     Attributes
     ----------
@@ -251,9 +253,13 @@ class MC4:
     """
 
     def __init__(
-        self, parameters: Parameters, axis: int = 0, shared: tuple[NDArray[Any], Floats] | None = None
+        self,
+        parameters: Parameters,
+        axis: int = 0,
+        shared: tuple[NDArray[Any], Floats] | None = None,
+        constants: NDArray[Any] | None = None,
     ) -> None:
-        constants = drive_constants(parameters)
+        constants = drive_constants(parameters) if constants is None else constants
         self._place = place = 0 if shared is None else axis
         self._drives, self._currents = shared or (
             np.zeros(1, DRIVE),

@@ -70,13 +70,6 @@ def sampled_energy(
     friction += motor.viscous_friction_n_m_s_rad * speed_rad_s
     copper = (PHASES * motor.winding_resistance_ohm / 2.0 * square_a2).sum(axis=1)
     power = (motor.torque_constant_n_m_a * current_a * speed_rad_s).sum(axis=1) + copper
-
-    def total(values: Floats) -> float:
-        return float(np.trapezoid(values, time_s))
-
-    return Energy(
-        total(copper),
-        total((friction * speed_rad_s).sum(axis=1)),
-        total(np.maximum(power, 0.0)),
-        total(np.maximum(-power, 0.0)),
-    )
+    lost = (friction * speed_rad_s).sum(axis=1)
+    powers = np.stack([copper, lost, np.maximum(power, 0.0), np.maximum(-power, 0.0)])
+    return Energy(*np.trapezoid(powers, time_s).tolist())

@@ -170,6 +170,8 @@ class CheckedPath:
 
     def _require(self, bound: Bound, sign: float) -> None:
         rising, highest = sign * bound.values, np.asarray(sign * bound.limit)
+        if rising.max() <= highest + ROUNDING:  # which nan is not
+            return
         if self.returning:
             highest = np.maximum(highest, np.minimum.accumulate(rising))
             highest[-1] = sign * bound.limit
@@ -321,13 +323,18 @@ class Excess:
     ----------
     stretch
         Factor of time that each sample needs to keep every limit, shape (n,); inf where no slowness helps.
-    text
-        The worst excess in words: quantity, axis, value, limit and place.
+    telling
+        Returns the worst excess in words: quantity, axis, value, limit and place.
 
     """
 
     stretch: Floats
-    text: str
+    telling: Callable[[], str]
+
+    @property
+    def text(self) -> str:
+        """The worst excess in words."""
+        return self.telling()
 
     @property
     def worst(self) -> float:
@@ -350,12 +357,16 @@ def excess(
     """Tell how far a motion exceeds the limits that it is ``compared`` with."""
     entries = compared(dynamics, parameters, limits)
     total = np.maximum.reduce([entry.stretch for entry in entries])
-    worst = int(np.argmax(total))
-    found = next(entry for entry in entries if entry.stretch[worst] == total[worst])
-    bound = np.broadcast_to(found.limit, total.shape)[worst]
-    place = where(worst) if where else place_text(dynamics.distance_m, dynamics.position_m, worst)
-    what = f'{found.name} would be {found.value[worst]:.4g} {found.unit}'
-    return Excess(total, f'{what} {place}, the limit is {bound:.4g} {found.unit}')
+
+    def text() -> str:
+        worst = int(np.argmax(total))
+        found = next(entry for entry in entries if entry.stretch[worst] == total[worst])
+        bound = np.broadcast_to(found.limit, total.shape)[worst]
+        place = where(worst) if where else place_text(dynamics.distance_m, dynamics.position_m, worst)
+        what = f'{found.name} would be {found.value[worst]:.4g} {found.unit}'
+        return f'{what} {place}, the limit is {bound:.4g} {found.unit}'
+
+    return Excess(total, text)
 
 
 class Limited(StrEnum):
@@ -430,10 +441,11 @@ def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator
     # what exceeds only because moving and standing share were counted with the same sign does not
     over = amperes > motor.peak_current_a
     current = np.where(over, np.maximum(current, 1.0), amperes / motor.peak_current_a)
+    quantities = (
+        (rpm / motor.max_speed_rpm, Limited.MOTOR_SPEED, 'rpm', rpm, motor.max_speed_rpm),
+        (volts / voltage_max, Limited.MOTOR_VOLTAGE, 'V', volts, voltage_max),
+        (current, Limited.MOTOR_CURRENT, 'A', amperes, motor.peak_current_a),
+    )
     for axis in range(AXES):
-        for stretch, name, unit, values, limit in (
-            (rpm / motor.max_speed_rpm, Limited.MOTOR_SPEED, 'rpm', rpm, motor.max_speed_rpm),
-            (volts / voltage_max, Limited.MOTOR_VOLTAGE, 'V', volts, voltage_max),
-            (current, Limited.MOTOR_CURRENT, 'A', amperes, motor.peak_current_a),
-        ):
+        for stretch, name, unit, values, limit in quantities:
             yield Comparison(stretch[:, axis], name, axis + 1, unit, values[:, axis], limit)

@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple
+from dataclasses import astuple, dataclass, field
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_parametrization
@@ -47,6 +49,11 @@ CURVATURE_SHARE, JERK_SHARE = 0.98, 0.8  # of the TCP's limits that may be used 
 
 def limits_at(places_m: Floats, stretches: Stretches) -> tuple[Floats, Floats, Floats]:
     """Limits of speed, acceleration and jerk at places on a move, shape (n,)."""
+    if len(stretches) == 1:
+        only = stretches[0][1]
+        every = (only.speed_m_s, only.acceleration_m_s2, only.jerk_m_s3)
+        speed, acceleration, jerk = (np.full(len(places_m), limit, np.float64) for limit in every)
+        return speed, acceleration, jerk
     # where a stretch ends and the next begins, both limits hold
     ends, limits = zip(*stretches, strict=True)
     table = np.array([astuple(one) for one in limits])
@@ -71,6 +78,29 @@ def require_end_of_time(duration_s: float) -> None:
     """Refuse a move that would take too long; raises ProgramError."""
     if not duration_s <= MOVE_MAX_S:
         raise ProgramError(f'it would take {duration_s:.3g} s, the limit is {MOVE_MAX_S:g} s')
+
+
+@dataclass(frozen=True)
+class _Course:
+    """A course is what of a move does not depend on the robot; two are equal if their paths are so to the last bit."""
+
+    table: bytes  # of the path's pieces
+    length_m: float
+    stretches: tuple[tuple[float, Limits], ...]
+    changes_m: tuple[float, ...]  # where other payloads begin to be carried
+    curve: Curve = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _laid_out(
+    course: _Course,
+) -> tuple[Floats, Floats, Floats, NDArray[np.int64], tuple[Floats, Floats, Floats]]:
+    """Return grid, both sides of its places, samples, payloads and limits there; robots that differ share them."""
+    distance = grid(course.curve)
+    places = _both_sides(distance)
+    samples = sample_path(places, course.curve.segments)
+    payload = np.searchsorted(course.changes_m, places, side='right')
+    return distance, places, samples, payload, limits_at(places, course.stretches)
 
 
 class MovePlanner:
@@ -100,18 +130,22 @@ class MovePlanner:
         returning: bool = False,
     ) -> None:
         self.curve, self._parameters = curve, parameters
-        self.distance = grid(curve)
-        self.places = _both_sides(self.distance)
-        self.samples = sample_path(self.places, curve.segments)
         changes, carried = zip(*payloads, strict=True)
-        payload = np.searchsorted(changes[1:], self.places, side='right')
+        course = _Course(curve.segments.tobytes(), curve.length_m, tuple(stretches), changes[1:], curve)
+        self.distance, self.places, self.samples, payload, limits = _laid_out(course)
+        self.speed, self.acceleration, self.jerk = limits
         self._coefficients = legal_coefficients(
             self.places, self.samples, payload, carried, parameters, returning
         )
-        self.speed, self.acceleration, self.jerk = limits_at(self.places, stretches)
+        self._evaluated: tuple[Floats, PathDynamics] | None = None
 
     def dynamics(self, phases: Floats) -> PathDynamics:
-        """Evaluate a master on both sides of the places of the grid."""
+        """Evaluate a master on both sides of the places of the grid; of the same phases once."""
+        if self._evaluated is None or self._evaluated[0] is not phases:
+            self._evaluated = phases, self._dynamics(phases)
+        return self._evaluated[1]
+
+    def _dynamics(self, phases: Floats) -> PathDynamics:
         passed = master_at_distances(self.places, phases)
         master = np.ascontiguousarray(passed[:, 1:])
         # the end is reached, as the start is left, with the acceleration and the jerk of the phase beside it
@@ -189,7 +223,7 @@ class MovePlanner:
             require_end_of_time(time_parametrization.duration(self.distance, profile) + window)
             phases, jerk_found = time_parametrization.smoothed(self.distance, profile, jerk, window)
             d = self.dynamics(phases)
-            found = self.excess(d) if with_motors else Excess(self._tcp_stretch(d), '')
+            found = self.excess(d) if with_motors else Excess(self._tcp_stretch(d), str)
             stretch = np.maximum(worse_of_both(found.stretch), self._stretch_at_joints(phases))
             factor = max(
                 float(stretch.max()), (jerk_found / jerk) ** (1.0 / 3.0) if math.isfinite(jerk) else 1.0, 1.0

@@ -15,6 +15,7 @@ Arguments of the kernels here:
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,6 +49,11 @@ def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk
             raise ProgramError(f'{name} is {value}, but must be a positive number')
     if not jerk_max > 0.0:
         raise ProgramError(f'jerk_m_s3 is {jerk_max}, but must be positive (.inf for infinite jerk)')
+    return _from_rest_to_rest(length_m, speed_max, acceleration_max, jerk_max).copy()
+
+
+@lru_cache(maxsize=64)
+def _from_rest_to_rest(length_m: float, speed_max: float, acceleration_max: float, jerk_max: float) -> Floats:
     rows = way_between((0.0, 0.0, 0.0), (length_m, 0.0, 0.0), (speed_max, acceleration_max, jerk_max))
     rows[-1] = rows[-1, 0], length_m, 0.0, 0.0, 0.0
     return rows

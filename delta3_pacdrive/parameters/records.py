@@ -1,6 +1,7 @@
 """P2 to P4 (Table 9-1), what a built robot has beside them, bus and motion."""
 
 import dataclasses
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -240,8 +241,10 @@ class Rich:
     @property
     def effects(self) -> 'Rich':
         """The effects that are on: their switches, all off without ``enabled``."""
-        if self.enabled:
-            return self
+        return self if self.enabled else self._without_effects
+
+    @functools.cached_property
+    def _without_effects(self) -> 'Rich':
         switches: dict[str, Any] = {f.name: False for f in dataclasses.fields(self) if f.type is bool}
         return dataclasses.replace(self, **switches)
 

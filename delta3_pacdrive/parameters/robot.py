@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -143,16 +144,36 @@ class Parameters:
 
     def replace(self, **values: Any) -> 'Parameters':
         """Return a copy with values replaced by dotted name, dots written as ``__``."""
-        flat = flatten(self)
-        for key, value in values.items():
-            name = key.replace('__', '.')
-            if name not in flat:
+        return self.replaced({key.replace('__', '.'): value for key, value in values.items()})
+
+    def replaced(self, values: Mapping[str, Any]) -> 'Parameters':
+        """Return a copy with values replaced by dotted name; only groups with such values are read anew.
+
+        Raises
+        ------
+        ParameterError
+            A name is unknown, or a value has the wrong type or breaks a rule; names the key and the rule.
+
+        """
+        tree: dict[str, Any] = {}
+        for name, value in values.items():
+            group, _, key = name.partition('.')
+            if key not in _FIELDS.get(group, ()):
                 raise ParameterError(f'unknown parameter {name}')
-            flat[name] = value
-        return from_flat(flat)
+            if group not in tree:
+                own = getattr(self, group)
+                tree[group] = {one: getattr(own, one) for one in _FIELDS[group]}
+            tree[group][key] = value
+        others = {name: getattr(self, name) for name in _GROUPS if name not in tree}
+        return _built(
+            tree, {name: cls for name, cls in _GROUPS.items() if name in tree}, others, 'parameters'
+        )
 
 
 _GROUPS: dict[str, Any] = {f.name: f.type for f in dataclasses.fields(Parameters)}
+_FIELDS: dict[str, tuple[str, ...]] = {
+    group: tuple(f.name for f in dataclasses.fields(cls)) for group, cls in _GROUPS.items()
+}
 
 
 def groups() -> dict[str, Any]:
@@ -163,9 +184,9 @@ def groups() -> dict[str, Any]:
 def flatten(parameters: Parameters) -> dict[str, Any]:
     """Return every value of ``parameters`` by its dotted name, for example ``motor.peak_current_a``."""
     return {
-        f'{group}.{f.name}': getattr(getattr(parameters, group), f.name)
-        for group, cls in _GROUPS.items()
-        for f in dataclasses.fields(cls)
+        f'{group}.{name}': getattr(getattr(parameters, group), name)
+        for group, names in _FIELDS.items()
+        for name in names
     }
 
 
@@ -212,9 +233,16 @@ def from_tree(tree: parameter_file.Tree, where: str) -> Parameters:
     if 'plant' in tree and isinstance(tree.get('rich'), dict):
         tree = tree | {'rich': tree['rich'] | {'enabled': is_rich(tree['plant'], where)}}
         del tree['plant']
+    return _built(tree, _GROUPS, {}, where)
+
+
+def _built(
+    tree: parameter_file.Tree, groups: Mapping[str, Any], others: Mapping[str, Any], where: str
+) -> Parameters:
+    """Build parameters from groups that are read, and others that are there; raises ParameterError."""
     errors = Errors(where)
     with errors.raised_as(ParameterError):
-        built = parameter_file.checked_groups(tree, _GROUPS, errors)
+        built = {**others, **parameter_file.checked_groups(tree, groups, errors)}
         if len(built) == len(_GROUPS):
             for name, sentence in broken_rules(**built):
                 with errors.noted(parameter_file.place_of(tree, name)):

@@ -71,36 +71,53 @@ def _braked_acceleration(mass, force, speed, s, c):
     A sticking brake gives way where the torque that holds its shaft exceeds the brake's; ``brake_share`` is what wear
     has left of that.
     """
-    f = [force[0], force[1], force[2]]
-    for i in range(3):
-        if s.brake_released[i] == 0 and s.brake_locked[i] == 0:
-            if speed[i] > 0.0:
-                f[i] -= s.brake_share[i] * c.brake_torque
-            elif speed[i] < 0.0:
-                f[i] += s.brake_share[i] * c.brake_torque
+    f = (
+        _slipping_force(0, force[0], speed[0], s, c),
+        _slipping_force(1, force[1], speed[1], s, c),
+        _slipping_force(2, force[2], speed[2], s, c),
+    )
     acceleration = _with_locked_axes(mass, f, s)
     needed = multiply(mass, acceleration)
-    slipping = False
-    for i in range(3):
-        if s.brake_locked[i] != 0:
-            reaction = needed[i] - f[i]
-            torque = s.brake_share[i] * c.brake_torque
-            if abs(reaction) > torque:
-                s.brake_locked[i] = 0
-                f[i] += torque if reaction > 0.0 else -torque
-                slipping = True
-    if slipping:
+    locked = s.brake_locked[0] + s.brake_locked[1] + s.brake_locked[2]
+    f = (
+        _held_force(0, needed[0] - f[0], f[0], s, c),
+        _held_force(1, needed[1] - f[1], f[1], s, c),
+        _held_force(2, needed[2] - f[2], f[2], s, c),
+    )
+    if s.brake_locked[0] + s.brake_locked[1] + s.brake_locked[2] != locked:
         acceleration = _with_locked_axes(mass, f, s)
     return acceleration
 
 
 @kernel
+def _slipping_force(i, force, speed, s, c):
+    """Force on shaft ``i`` with that of its brake, if it slips."""
+    if s.brake_released[i] == 0 and s.brake_locked[i] == 0:
+        if speed > 0.0:
+            return force - s.brake_share[i] * c.brake_torque
+        if speed < 0.0:
+            return force + s.brake_share[i] * c.brake_torque
+    return force
+
+
+@kernel
+def _held_force(i, reaction, force, s, c):
+    """Force on shaft ``i``, whose brake has to hold ``reaction``; with that of the brake, if it gives way now."""
+    torque = s.brake_share[i] * c.brake_torque
+    if s.brake_locked[i] != 0 and abs(reaction) > torque:
+        s.brake_locked[i] = 0
+        return force + (torque if reaction > 0.0 else -torque)
+    return force
+
+
+@kernel
 def _with_locked_axes(mass, f, s):
     """Solve mass x = f with x_i = 0 on locked axes."""
-    free = [1.0, 1.0, 1.0]
-    for i in range(3):
-        if s.brake_locked[i] != 0:
-            free[i] = 0.0
+    free = (
+        0.0 if s.brake_locked[0] != 0 else 1.0,
+        0.0 if s.brake_locked[1] != 0 else 1.0,
+        0.0 if s.brake_locked[2] != 0 else 1.0,
+    )
     reduced = (
         mass[0] if free[0] else 1.0,
         mass[1] if free[1] else 1.0,

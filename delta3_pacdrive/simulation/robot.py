@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from delta3_pacdrive.drive.arrays import DRIVE
+from delta3_pacdrive.drive.arrays import DRIVE, drive_constants
 from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
@@ -125,7 +125,8 @@ class Robot:
         self.currents: Floats = np.zeros((samples, 3))
         self.plant = Plant(parameters, self.record['plant'][0])
         shared = self.record['drives'][0], self.currents
-        self.drives = [MC4(parameters, index, shared) for index in range(len(DRIVES))]
+        constants = drive_constants(parameters)
+        self.drives = [MC4(parameters, index, shared, constants) for index in range(len(DRIVES))]
         self.received: NDArray[np.int64] = self.record['received'][0]
         self.status: NDArray[np.int64] = self.record['status'][0]
         self.answers: Floats = self.record['answers'][0]

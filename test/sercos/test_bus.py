@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
 from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, Identity, disagreements, missing
-from delta3_pacdrive.sercos.increments import on_grid, to_increments
+from delta3_pacdrive.sercos.increments import all_on_grid, on_grid, to_increments
 from delta3_pacdrive.sercos.scheduler import CycleScheduler, Histogram
 from delta3_pacdrive.sercos.words import (
     CONTROL_ENABLE,
@@ -328,3 +328,15 @@ def test_words_of_several_bits_are_those_of_sercos():
 )
 def test_torque_is_read_from_the_words_on_the_bus(status, expected):
     assert in_torque(status) is expected
+
+
+@pytest.mark.parametrize(
+    'value', [0.0, -0.5, 1e300, -1e300, math.inf, -math.inf, math.nan, 2.0**53 - 1.0, 0.49999999999999994]
+)
+def test_increments_are_those_of_numpy_whatever_the_shaft_tells(value):
+    told = to_increments(value, 1.0)
+    assert np.float64(told).tobytes() == np.floor(np.float64(value) + 0.5).tobytes()
+    several = np.array([value, 0.3, -7.6])
+    out = np.empty(3)
+    all_on_grid(several, 4.0, out)
+    assert out.tobytes() == (np.floor(several * 4.0 + 0.5) / 4.0).tobytes()

@@ -9,7 +9,7 @@ import json
 import os
 import signal
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any
@@ -35,7 +35,14 @@ QUIET = {
     'logging': {'distributed': 'error'},
 }
 Values = Mapping[str, Any]
+Batch = Sequence[tuple[int, Mapping[str, Any]]]  # numbers of runs, and their values
 _runners: dict[str, Runner] = {}  # of a worker, by the digests of sweeps
+
+
+def work_of(sweep: Sweep, values: Values, missing: Sequence[int]) -> Iterator[Batch]:
+    """Return the runs that are still missing, in batches, each run with its values."""
+    for batch in batches(sweep, missing):
+        yield [(number, values_in(values, number)) for number in batch]
 
 
 def batches(sweep: Sweep, missing: Sequence[int]) -> Iterator[list[int]]:
@@ -63,7 +70,7 @@ def told(values: Values) -> Row:
     return row
 
 
-def made(sweep: Sweep, batch: Sequence[tuple[int, dict[str, Any]]]) -> list[Row]:
+def made(sweep: Sweep, batch: Batch) -> list[Row]:
     """Make the runs of a batch; a worker does this."""
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     runner = _runners.get(sweep.digest)
@@ -161,10 +168,8 @@ def workers_of(client: Any) -> int:
     return len(client.scheduler_info(n_workers=-1)['workers'])
 
 
-def make(
-    client: Any, sweep: Sweep, values: Values, missing: Sequence[int], keep: Callable[[list[Row]], None]
-) -> None:
-    """Make the runs that are missing; each batch is kept as soon as it is there.
+def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[Row]], None]) -> None:
+    """Make runs batch by batch; each batch is kept as soon as it is there.
 
     Raises
     ------
@@ -174,11 +179,10 @@ def make(
     """
     from distributed import as_completed
 
-    waiting = batches(sweep, missing)
+    waiting = iter(work)
 
-    def submit(batch: list[int]) -> Any:
-        work = [(number, values_in(values, number)) for number in batch]
-        return client.submit(made, sweep, work, pure=False)  # what is scattered is lost with its workers
+    def submit(batch: Batch) -> Any:
+        return client.submit(made, sweep, batch, pure=False)  # what is scattered is lost with its workers
 
     begun = [submit(batch) for batch in islice(waiting, AHEAD * max(workers_of(client), 1))]
     done = as_completed(begun, loop=client.loop)

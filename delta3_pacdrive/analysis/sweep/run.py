@@ -67,7 +67,7 @@ class Study(studies.Study):
                     stage = f'runs ({rate:.1f} a second, {left_s:.0f} s left)'
                     self.on_progress(stage, self.kept, self.sweep.runs)
 
-                engine.make(client, self.sweep, self.values, missing, keep)
+                engine.make(client, self.sweep, engine.work_of(self.sweep, self.values, missing), keep)
                 seconds = time.monotonic() - start
         self.on_progress('tables and figures', 0, 0)
         table = kept.finish(rows.values())

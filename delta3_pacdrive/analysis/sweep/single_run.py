@@ -1,10 +1,11 @@
 """One run of a sweep: its parameters and its program from a row of values, and the row of numbers that it leaves."""
 
-import json
 import math
+import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,15 +18,29 @@ from delta3_pacdrive.errors import Delta3Error, SweepError, shown
 from delta3_pacdrive.motion import program_file, program_planner
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import UNSHAPED, Parameters, flatten, from_flat
+from delta3_pacdrive.parameters import UNSHAPED, Motion, Parameters, flatten, from_flat
 from delta3_pacdrive.recording.signals import OF_DRIVES, REQUESTED_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
 PROGRAM_S = 'program_s'
 PLANS_MAX = 64  # that a process keeps
-# what a plan does not depend on: groups, and single parameters
-UNPLANNED = ('rich.', 'drive.')
-PLANNED = ('drive.torque_limit_n_m', 'drive.dc_link_voltage_v')
+# beginnings of the names of what no plan depends on, unless moves are shaped for this very robot; and what is one of
+# these, but is planned with
+UNPLANNED = (
+    'rich.',
+    'drive.',
+    'control.',
+    'motor.brake_apply_s',
+    'motor.brake_release_s',
+    'motor.brake_torque_n_m',
+    'motor.coupling_effect',
+    'motor.load_',
+    'motor.pole_pairs',
+    'motor.winding_inductance_h',
+    'dynamics.arm_coupling',
+    'dynamics.end_stop_',
+)
+PLANNED = ('drive.torque_limit_n_m', 'drive.dc_link_voltage_v', 'drive.position_period_s')
 Row = dict[str, Any]
 
 
@@ -39,10 +54,20 @@ class Runner:
     sweep
         Whose runs they are.
 
+    Attributes
+    ----------
+    planning_s
+        Processor time [s] that planning took.
+
     """
 
     def __init__(self, sweep: Sweep) -> None:
         self._sweep = sweep
+        self.planning_s = 0.0
+        self._base = from_flat(dict(sweep.parameters))
+        self._parsed: tuple[Any, Motion, Program] | None = (
+            None  # the last document, what else its reader knew
+        )
         self._plans: OrderedDict[str, program_planner.Planned] = OrderedDict()
         self._function = function_of(sweep.function)
 
@@ -63,21 +88,35 @@ class Runner:
 
     def made(self, values: Mapping[str, Any]) -> tuple[Parameters, Program]:
         """Return parameters and program of a run; raises Delta3Error."""
-        flat, document = dict(self._sweep.parameters), self._sweep.program
+        changed: dict[str, Any] = {}
         for key, value in values.items():
             plain = value.item() if isinstance(value, np.generic) else value
             if key.startswith(PROGRAM):
-                document = with_value(document, key.removeprefix(PROGRAM), plain)
                 continue
             name, bracket, rest = key.partition('[')
             if bracket:
-                several = list(flat[name])
+                several = list(changed.get(name, self._sweep.parameters[name]))
                 several[int(rest.removesuffix(']'))] = plain
-                flat[name] = several
+                changed[name] = several
             else:
-                flat[name] = plain
-        parameters = from_flat(flat)
-        return parameters, program_file.parse(document, parameters.motion, self._sweep.program_name)
+                changed[name] = plain
+        parameters = self._base.replaced(changed)
+        return parameters, self._program(self.document(values), parameters.motion)
+
+    def document(self, values: Mapping[str, Any]) -> Any:
+        """Return the document of the program of a run."""
+        document: Any = self._sweep.program
+        for key, value in values.items():
+            if key.startswith(PROGRAM):
+                plain = value.item() if isinstance(value, np.generic) else value
+                document = with_value(document, key.removeprefix(PROGRAM), plain)
+        return document
+
+    def _program(self, document: Any, motion: Motion) -> Program:
+        if self._parsed is None or self._parsed[0] is not document or self._parsed[1] != motion:
+            program = program_file.parse(document, motion, self._sweep.program_name)
+            self._parsed = document, motion, program
+        return self._parsed[2]
 
     def traced(self, parameters: Parameters, program: Program, signals: Sequence[str] = ()) -> Trace:
         """Return the trace of a run; raises Delta3Error."""
@@ -85,7 +124,9 @@ class Runner:
         def planner(program: Program, place: Floats, robot: Parameters) -> program_planner.Planned:
             key = plan_key(program, place, robot)
             if key not in self._plans:
+                started = time.process_time()
                 self._plans[key] = program_planner.plan(program, place, robot)
+                self.planning_s += time.process_time() - started
                 if len(self._plans) > PLANS_MAX:
                     self._plans.popitem(last=False)
             self._plans.move_to_end(key)
@@ -118,17 +159,17 @@ def figure_names() -> list[str]:
     return [*found, PROGRAM_S]
 
 
+@cache
+def is_planned(name: str) -> bool:
+    """Whether plans depend on a parameter, if moves are not shaped."""
+    return name in PLANNED or not name.startswith(UNPLANNED)
+
+
 def plan_key(program: Program, place: Floats, robot: Parameters) -> str:
     """Return a text that is the same for runs with the same plan, to the last bit."""
-    everything = robot.control.shaping != UNSHAPED  # shapes moves for the vibration of this very robot
-    values = {
-        name: value
-        for name, value in flatten(robot).items()
-        if everything or not name.startswith(UNPLANNED) or name in PLANNED
-    }
-    return json.dumps(
-        [repr(program), np.asarray(place).tobytes().hex(), values], sort_keys=True, default=repr
-    )
+    everything = robot.control.shaping != UNSHAPED
+    values = [value for name, value in flatten(robot).items() if everything or is_planned(name)]
+    return repr((program, np.asarray(place).tobytes(), everything, values))
 
 
 def figures_of(trace: Trace) -> dict[str, float]:

@@ -27,6 +27,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -62,18 +63,22 @@ OF_KEPT = ('name', 'signal', 'less', 'of', 'axis', 'from_s', 'to_s')
 def load(path: str | Path) -> Sweep:
     """Read the file of a sweep; raises SweepError, and ParameterError and ProgramError of what it names."""
     path = Path(path)
-    document, source = _document(path)
+    document, source = document_of(path, 'sweep')
     errors = Errors(str(path))
     found: list[Sweep] = []
     with errors.raised_as(SweepError), errors.noted(place_of(document)):
-        found.append(_sweep(document, path, errors, source))
+        fields = Section(document, 'the sweep', errors, KEYS, ('program', 'runs', 'vary'))
+        runs = fields.read('runs', whole_number_between(1, RUNS_MAX), 1, prefix='')
+        sampling = Sampling(fields.read('sampling', one_of(tuple(Sampling)), Sampling.RANDOM, prefix=''))
+        sweep = sweep_of(fields, path, errors, source, runs, sampling)
+        found.append(replace(sweep, digest=digest_of(sweep)))
     return found[0]
 
 
-def _document(path: Path) -> tuple[Any, str]:
-    """Return the document of a sweep, and the source of its function if it has one; raises SweepError."""
+def document_of(path: Path, what: str) -> tuple[Any, str]:
+    """Return the document of a file, and the source of its function if it has one; raises SweepError."""
     if path.suffix != '.py':
-        return yaml_file.read(path, 'sweep', SweepError), ''
+        return yaml_file.read(path, what, SweepError), ''
     try:
         source = path.read_text(encoding='utf-8')
         names: dict[str, Any] = {'__name__': path.stem, '__file__': str(path)}
@@ -87,8 +92,23 @@ def _document(path: Path) -> tuple[Any, str]:
     return names['SPEC'], source if callable(names.get(FUNCTION)) else ''
 
 
-def _sweep(document: Any, path: Path, errors: Errors, source: str) -> Sweep:
-    fields = Section(document, 'the sweep', errors, KEYS, ('program', 'runs', 'vary'))
+def sweep_of(
+    fields: Section, path: Path, errors: Errors, source: str, runs: int, sampling: Sampling
+) -> Sweep:
+    """Read a sweep, without its digest.
+
+    Parameters
+    ----------
+    fields
+        Of its document, of which ``runs`` and ``sampling`` are read already.
+    path
+        Its file: what it names stands beside it.
+    errors
+        Takes what is wrong with it.
+    source
+        Of its function, if the file holds that itself; else empty.
+
+    """
     beside = partial(_beside, path.parent)
     named = fields.read('program', line_of_text(1000), '', prefix='')
     program_path = program_file.find(beside(named))
@@ -113,20 +133,19 @@ def _sweep(document: Any, path: Path, errors: Errors, source: str) -> Sweep:
     limits = fields.read(
         'limits', partial(_limits, errors=errors, names=None if source else names), {}, prefix=''
     )
-    sweep = Sweep(
+    return Sweep(
         fields.read('name', line_of_text(60), path.stem, prefix=''),
         program,
         program_path.stem,
         core.flat_document(robot),
-        fields.read('runs', whole_number_between(1, RUNS_MAX), 1, prefix=''),
-        Sampling(fields.read('sampling', one_of(tuple(Sampling)), Sampling.RANDOM, prefix='')),
+        runs,
+        sampling,
         fields.read('seed', whole_number_between(0, 2**31 - 1), 1, prefix=''),
         vary,
         keep,
         limits,
         source,
     )
-    return Sweep(**vars(sweep) | {'digest': digest_of(sweep)})
 
 
 def digest_of(sweep: Sweep) -> str:
@@ -241,7 +260,7 @@ def _one_kept(told: Any, where: str, errors: Errors) -> Kept:
         return Kept(one_of(figure_names())(told, where))
     fields = Section(told, where, errors, OF_KEPT, ('name', 'signal'))
     return Kept(
-        fields.read('name', _name, ''),
+        fields.read('name', name_of_number, ''),
         fields.read('signal', _signal, ''),
         fields.read('less', _signal, ''),
         Reduction(fields.read('of', one_of(tuple(Reduction)), Reduction.MAX)),
@@ -251,7 +270,8 @@ def _one_kept(told: Any, where: str, errors: Errors) -> Kept:
     )
 
 
-def _name(value: Any, where: str) -> str:
+def name_of_number(value: Any, where: str) -> str:
+    """Read the name of a number that an own function, or ``keep``, gives."""
     if not isinstance(value, str) or not NAME.fullmatch(value):
         refuse(f'{where} must be a name of letters, digits and _, not {shown(value)}')
     return value
@@ -269,6 +289,6 @@ def _limits(value: Any, where: str, errors: Errors, names: list[str] | None) -> 
     found = {}
     for name, limit in value.items():
         with errors.noted(place_in(value, name)):
-            known = _name(name, where) if names is None else one_of(names)(name, f'{where}: a name')
+            known = name_of_number(name, where) if names is None else one_of(names)(name, f'{where}: a name')
             found[known] = number(limit, f'{where}.{name}')
     return found

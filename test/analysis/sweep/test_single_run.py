@@ -1,9 +1,11 @@
 """Facts about single runs of a sweep: values arrive where they should, and what cannot be run is a row."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
+import yaml
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis.sweep import single_run
@@ -24,7 +26,7 @@ vary:
 SHORT = """\
 start_m: [0.0, 0.0, -0.8]
 moves:
-- move_l: {to_m: [0.05, 0.0, -0.8], speed_m_s: 0.5}
+- move_l: {to_m: [0.05, 0.0, -0.8], speed_m_s: 0.5, in_position: true}
 - move_l: {to_m: [0.0, 0.0, -0.8]}
 """
 
@@ -97,6 +99,11 @@ def test_what_is_refused_or_stopped_is_a_row_with_its_reason(sweep):
         ({'drive.dc_link_voltage_v': (560.0, 500.0)}, 2),
         ({'dynamics.payload_mass_kg': (0.5, 0.6)}, 2),
         ({'program.moves[0].move_l.speed_m_s': (0.5, 0.4)}, 2),
+        ({'motor.winding_inductance_h': (0.02, 0.021)}, 1),
+        ({'motor.torque_constant_n_m_a': (0.78, 0.79)}, 2),
+        ({'motion.speed_max_m_s': (0.4, 0.3)}, 2),  # of the second move
+        ({'drive.position_period_s': (250e-6, 1e-3)}, 2),  # exact stops wait as long as the drives are late
+        ({'control.shaping': ('none', 'zv')}, 2),
     ],
 )
 def test_only_what_a_plan_depends_on_is_planned_anew_and_no_bit_is_another(values, plans, sweep, monkeypatch):
@@ -113,6 +120,50 @@ def test_only_what_a_plan_depends_on_is_planned_anew_and_no_bit_is_another(value
         fresh = simulation.run(program, robot)
         assert all(np.array_equal(kept[name], fresh[name]) for name in fresh.signals)
     assert len(made) == plans
+
+
+class Read:
+    """Notes which values of parameters are read."""
+
+    def __init__(self, own, names, beginning=''):
+        self.__dict__ |= {'_own': own, '_names': names, '_beginning': beginning}
+
+    def __getattr__(self, name):
+        told = getattr(type(self._own), name, None)
+        if isinstance(told, property):
+            return told.fget(self)
+        value, full = getattr(self._own, name), f'{self._beginning}{name}'
+        if dataclasses.is_dataclass(value):
+            return Read(value, self._names, f'{full}.')
+        self._names.add(full)
+        return value
+
+
+EVERYTHING = """\
+start_m: [0.0, 0.0, -0.8]
+moves:
+- move_l: {to_m: [0.05, 0.0, -0.8], blend_m: 0.01}
+- move_l: {to_m: [0.05, 0.05, -0.8], in_position: true}
+- output: {name: gripper, value: true, payload_kg: 0.3}
+- move_l: {to_m: [0.0, 0.05, -0.8], time_optimal: true}
+- cubic: {to_m: [0.0, 0.0, -0.8], duration_s: 0.5}
+- dwell: {time_s: 0.01}
+- arch: {to_m: [0.1, 0.0, -0.8], up_m: 0.02, down_m: 0.02}
+- joints: {points: [{time_s: 1.0, angles_deg: [10.0, 10.0, 10.0]}]}
+"""
+
+
+def test_a_plan_reads_nothing_that_it_is_said_not_to_depend_on():
+    robot, names = parameters.load(), set()
+    programs = [
+        program_file.load('experiment1', robot.motion),
+        program_file.parse(yaml.safe_load(EVERYTHING), robot.motion),
+    ]
+    for program in programs:
+        placed = simulation.placed(robot, program)
+        program_planner.plan(program, placed.motion.home_m, Read(placed, names))
+    assert {'motor.torque_constant_n_m_a', 'kinematics.forearm_length_m', 'drive.position_period_s'} <= names
+    assert [name for name in sorted(names) if not single_run.is_planned(name)] == ['control.shaping']
 
 
 def test_reductions_are_those_of_the_signal(trace):

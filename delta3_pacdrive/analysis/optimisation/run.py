@@ -1,0 +1,166 @@
+"""An optimisation from its file to its folder: rounds of trials, what is there already, the best one, the report."""
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive import parameters as core
+from delta3_pacdrive import simulation
+from delta3_pacdrive.analysis import study as studies
+from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.optimisation import figures, report, specification
+from delta3_pacdrive.analysis.optimisation.design import BASE, Optimisation, Trial, Trials
+from delta3_pacdrive.analysis.optimisation.search import NEEDED, Search, base_values, trial_of
+from delta3_pacdrive.analysis.optimisation.study import Results, Settings
+from delta3_pacdrive.analysis.provenance import Provenance, excused
+from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.analysis.sweep import engine, store
+from delta3_pacdrive.analysis.sweep.run import require_engine
+from delta3_pacdrive.analysis.sweep.single_run import Row, Runner
+from delta3_pacdrive.configuration import yaml_file
+from delta3_pacdrive.errors import SweepError
+from delta3_pacdrive.parameters import from_flat
+
+PARAMETERS, PROGRAM = 'best_parameters.yaml', 'best_program.yaml'
+
+
+@dataclass
+class Study(studies.Study):
+    """The study is an optimisation in a folder; trials that are there already are not made again."""
+
+    settings: Settings
+    wanted: Optimisation = field(init=False)
+    kept: int = field(init=False, default=0)  # trials on the disk
+
+    def __post_init__(self) -> None:
+        """Read the optimisation; raises Delta3Error."""
+        require_engine()
+        require_optuna()
+        self.wanted = specification.load(self.settings.specification)
+
+    def run(self) -> dict[str, Any]:
+        """Make the trials that are missing, write everything into the folder, return the report; raises Delta3Error."""
+        sweep, search = self.wanted.sweep, Search(self.wanted)
+        kept = store.Store(self.folder, sweep)
+        rows = kept.open()
+        self.kept = len(rows)
+        maker = _Maker(self, kept, rows)
+        trials: list[Trial] = []
+        with ExitStack() as stack:
+            maker.stack = stack
+            if not search.begins_with_base:
+                maker.make([(BASE, {})])
+            for asked in search.rounds():
+                maker.make(asked)
+                told = [trial_of(self.wanted, number, values, rows[number]) for number, values in asked]
+                search.tell(told)
+                trials += told
+                self._show(trials, search)
+        self.on_progress('tables and figures', 0, 0)
+        table = kept.finish(rows.values())
+        base = trials[0] if search.begins_with_base else trial_of(self.wanted, BASE, {}, rows[BASE])
+        base = replace(base, values=base_values(self.wanted))
+        found = Trials(self.wanted, base, trials, search.importance())
+        folder = ReportFolder(self.folder, self._provenance())
+        folder.clear([*report.TABLES, *figures.file_names(), PARAMETERS, PROGRAM])
+        folder.add(table)
+        best = self._best(found, folder)
+        results = Results(found, maker.seconds, maker.made, maker.workers, best)
+        document = report.summary(results)
+        return folder.results(
+            f'Optimisation {sweep.name}',
+            document,
+            report.text(document),
+            report.tables(found),
+            figures.by_name(found),
+        )
+
+    def _show(self, trials: Sequence[Trial], search: Search) -> None:
+        found = Trials(self.wanted, trials[0], trials, {})
+        best = found.best
+        told = f', best {found.value(best):.5g}' if best else ''
+        self.on_progress(f'trials{told}', len(trials), self.wanted.sweep.runs)
+
+    def _best(self, found: Trials, folder: ReportFolder) -> tuple[Path, ...]:
+        """Write parameters and program of the best trial; return their files."""
+        if found.best is None:
+            return ()
+        runner, files = Runner(self.wanted.sweep), (self.folder / PARAMETERS, self.folder / PROGRAM)
+        head = [
+            f'trial {found.best.number} of optimisation {self.wanted.sweep.name}: '
+            f'{self.wanted.goal} {found.value(found.best):.6g}',
+            f'made by: {self.command}',
+        ]
+        with excused(f'cannot write to {self.folder}', SweepError):
+            core.write(runner.made(found.best.values)[0], files[0], head)
+            yaml_file.write(files[1], runner.document(found.best.values), head)
+        for path in files:
+            folder.add(path)
+        return files
+
+    def _provenance(self) -> Provenance:
+        sweep = self.wanted.sweep
+        inputs = [f'optimisation {sweep.digest}', *noted([str(self.settings.specification)])]
+        return Provenance.of(
+            self.command, from_flat(dict(sweep.parameters)), 'base of the optimisation', inputs, sweep.seed
+        )
+
+
+@dataclass
+class _Maker:
+    """What makes runs that are not there yet; its workers start with the first of them."""
+
+    study: Study
+    store: store.Store
+    rows: dict[int, Row]
+    stack: ExitStack = field(default_factory=ExitStack)
+    client: Any = None
+    workers: int = 0
+    made: int = 0
+    seconds: float = 0.0
+
+    def make(self, asked: Sequence[tuple[int, dict[str, Any]]]) -> None:
+        """Make a round; raises SweepError."""
+        missing = [(number, values) for number, values in asked if number not in self.rows]
+        for number, values in asked:
+            if number in self.rows:
+                self._require_same(number, values)
+        if not missing:
+            return
+        if self.client is None:
+            self._begin()
+        started = time.monotonic()
+        engine.make(self.client, self.study.wanted.sweep, [[one] for one in missing], self._keep)
+        self.seconds += time.monotonic() - started
+
+    def _begin(self) -> None:
+        settings, sweep = self.study.settings, self.study.wanted.sweep
+        simulation.load_kernels(from_flat(dict(sweep.parameters)))
+        self.study.on_progress('workers start', 0, 0)
+        self.client = self.stack.enter_context(engine.cluster(settings.workers, settings.scheduler))
+        self.workers = engine.workers_of(self.client)
+
+    def _keep(self, batch: list[Row]) -> None:
+        self.store.add(batch)
+        self.rows.update((row['run'], row) for row in batch)
+        self.made += len(batch)
+        self.study.kept = len(self.rows)
+
+    def _require_same(self, number: int, values: dict[str, Any]) -> None:
+        row = self.rows[number]
+        if any(row.get(name) != value for name, value in engine.told(values).items()):
+            raise SweepError(
+                f'trial {number} in {self.study.folder} has other values than the search chooses here: choose another '
+                '--output, or remove the folder'
+            )
+
+
+def require_optuna() -> None:
+    """Refuse optimisations where their library is not installed; raises SweepError."""
+    import importlib.util
+
+    if importlib.util.find_spec('optuna') is None:
+        raise SweepError(NEEDED)

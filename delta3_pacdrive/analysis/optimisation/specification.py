@@ -1,0 +1,82 @@
+"""Files of optimisations: those of sweeps with a goal and a number of trials in place of runs and sampling.
+
+program: experiment1
+parameters: rich                # optional
+trials: 60
+together: 8                     # optional: trials that are chosen at a time
+seed: 1                         # optional
+vary:
+  drive.velocity_gain_a_s_rad: {uniform: [0.1, 0.5]}            # between two numbers
+  drive.interpolation: {list: [linear, cubic]}                  # one of these
+goal: {minimise: tcp_error_max_m}                               # or maximise; a figure, or a number of keep
+limits: {current_rms_a_1: 3.5}                                  # optional: largest values that are allowed
+keep: []                        # optional, as function and name: all of them as sweeps have them
+"""
+
+import hashlib
+import json
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from delta3_pacdrive.analysis.optimisation.design import Optimisation
+from delta3_pacdrive.analysis.sweep import specification as sweeps
+from delta3_pacdrive.analysis.sweep.design import Law, Sampling, Sweep
+from delta3_pacdrive.analysis.sweep.single_run import figure_names
+from delta3_pacdrive.configuration.checked import Errors, Section, refuse
+from delta3_pacdrive.configuration.located import place_of, place_of_key
+from delta3_pacdrive.configuration.readers import one_of, whole_number_between
+from delta3_pacdrive.errors import SweepError, shown
+
+TRIALS_MAX, TOGETHER, TOGETHER_MAX = 10_000, 8, 64
+MINIMISE, MAXIMISE = 'minimise', 'maximise'
+KEYS = (*(key for key in sweeps.KEYS if key not in ('runs', 'sampling')), 'trials', 'together', 'goal')
+
+
+def load(path: str | Path) -> Optimisation:
+    """Read the file of an optimisation; raises SweepError, ParameterError and ProgramError of what it names."""
+    path = Path(path)
+    document, source = sweeps.document_of(path, 'optimisation')
+    errors = Errors(str(path))
+    found: list[Optimisation] = []
+    with errors.raised_as(SweepError), errors.noted(place_of(document)):
+        required = ('program', 'trials', 'vary', 'goal')
+        fields = Section(document, 'the optimisation', errors, KEYS, required)
+        trials = fields.read('trials', whole_number_between(1, TRIALS_MAX), 1, prefix='')
+        together = fields.read('together', whole_number_between(1, TOGETHER_MAX), TOGETHER, prefix='')
+        sweep = sweeps.sweep_of(fields, path, errors, source, trials, Sampling.RANDOM)
+        for one in sweep.vary:
+            if one.law not in (Law.LIST, Law.UNIFORM):
+                with errors.noted(place_of_key(document['vary'], one.key)):
+                    refuse(f'{one.key} is {one.law}, but an optimisation chooses out of list or uniform')
+        names = [one.name for one in sweep.keep] or figure_names()
+        maximise, goal = fields.read(
+            'goal',
+            partial(_goal, errors=errors, names=None if sweep.function else names),
+            (False, ''),
+            prefix='',
+        )
+        own = Optimisation(sweep, goal, maximise, together)
+        found.append(replace(own, sweep=replace(sweep, digest=digest_of(own))))
+    return found[0]
+
+
+def _goal(value: Any, where: str, errors: Errors, names: list[str] | None) -> tuple[bool, str]:
+    """Read what is best."""
+    fields = Section(value, where, errors, (MINIMISE, MAXIMISE))
+    given = [key for key in (MINIMISE, MAXIMISE) if key in fields]
+    if len(given) != 1:
+        refuse(f'{where} must be {MINIMISE} or {MAXIMISE} of one number, not {shown(value)}')
+    read = sweeps.name_of_number if names is None else one_of(names)
+    return given[0] == MAXIMISE, fields.read(given[0], read, '')
+
+
+def digest_of(wanted: Optimisation) -> str:
+    """Return a digest of all that the trials depend on; how many there are is not: more may be made later."""
+    from importlib.metadata import version
+
+    sweep: Sweep = replace(wanted.sweep, runs=0)
+    search = [version('optuna'), wanted.goal, wanted.maximise, wanted.together, dict(sweep.limits)]
+    text = json.dumps([sweeps.digest_of(sweep), search], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

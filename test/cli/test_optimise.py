@@ -1,0 +1,56 @@
+"""``delta3 optimise`` as it is typed: options that go together, and what is wrong in one sentence."""
+
+import pytest
+
+from delta3_pacdrive.cli.main import main
+
+pytest.importorskip('optuna', reason='optimisations need the extra "optimise"')
+SPEC = """\
+program: experiment1
+trials: 2
+vary:
+  drive.interpolation: {list: [linear, cubic]}
+goal: {minimise: tcp_error_max_m}
+"""
+
+
+@pytest.fixture
+def spec(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'own.yaml').write_text(SPEC, encoding='utf-8')
+    return 'own.yaml'
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (['--workers', '2', '--scheduler', 'tcp://127.0.0.1:1'], 'give one of them'),
+        (['--output', '/proc/nowhere'], 'cannot write to /proc/nowhere'),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused_in_one_sentence(
+    options, sentence, spec, tmp_path, capsys
+):
+    assert main(['optimise', spec, *options]) == 1
+    told = capsys.readouterr().err
+    assert sentence in told
+    assert told.count('\n') == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['own.yaml']
+
+
+def test_a_file_that_is_not_there_gets_one_sentence(spec, capsys):
+    assert main(['optimise', 'other.yaml']) == 1
+    assert (
+        capsys.readouterr().err == 'error: cannot read optimisation other.yaml: No such file or directory\n'
+    )
+
+
+def test_without_the_library_one_sentence_says_what_to_install(spec, capsys, monkeypatch):
+    import importlib.util
+
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, 'find_spec', lambda name, *more: None if name == 'optuna' else find(name, *more)
+    )
+    assert main(['optimise', spec]) == 1
+    assert "pip install 'delta3_pacdrive[optimise]'" in capsys.readouterr().err
