@@ -32,6 +32,7 @@ class Schedule(Enum):
     """How a process is scheduled, where the system permits it; threads inherit it."""
 
     ORDINARY = 'ordinary'
+    SHORT = 'short slices'  # with other ordinary processes, but served sooner
     PREFERRED = 'preferred'  # before other ordinary processes
     REAL_TIME = 'real time'  # before all of them: SCHED_FIFO; in short slices where that is not permitted
 
@@ -73,6 +74,8 @@ def prefer(schedule: Schedule) -> None:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
         except PermissionError:
             shorten_slices()
+    elif schedule is Schedule.SHORT:
+        shorten_slices()
     elif schedule is Schedule.PREFERRED:
         with suppress(PermissionError):
             os.setpriority(os.PRIO_PROCESS, 0, PREFERRED_NICENESS)
