@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.benchmarks import graph
+from delta3_pacdrive.benchmarks import graph, robots
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.option_types import integer_within
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.cli.progress import Progress
+from delta3_pacdrive.cli.up import ROBOTS_MAX
 
 SECONDS = 60.0
 
@@ -18,13 +20,13 @@ class Options(JsonOptions):
 
     what: str = argument(
         'what is measured',
-        choices=['graph', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell'],
+        choices=['graph', 'robots', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell'],
     )
     seconds: float | None = option(
         f'bus time of motion per case [s]; {SECONDS:g}, for cell 12, unless told',
         'S',
         type=float,
-        only=('graph', 'motion', 'simulate', 'cell'),
+        only=('graph', 'robots', 'motion', 'simulate', 'cell'),
     )
     case: list[str] | None = option(
         'only this case of graph (may be repeated)', choices=graph.CASES, action='append', only=('graph',)
@@ -37,6 +39,12 @@ class Options(JsonOptions):
     )
     view: bool = flag('graph: the robot without and with a page that somebody watches', only=('graph',))
     scope: bool = flag('graph: the robot without and with an oscilloscope in its drives', only=('graph',))
+    robots: int | None = option(
+        'robots: how many there are in real time, 2 unless told',
+        'N',
+        type=integer_within(1, ROBOTS_MAX),
+        only=('robots',),
+    )
     no_graph: bool = flag('motion: only what needs no running robot', only=('motion',))
 
     seeds: int | None = option(
@@ -76,6 +84,8 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
             dict.fromkeys(case for cases, yes in beside.items() if yes for case in cases)
         )
         return graph.show, graph.measure(seconds, cases, options.scheduling, options.json)
+    if options.what == 'robots':
+        return robots.show, robots.measure(seconds, options.robots, options.json)
     if options.what == 'cell':
         return _cell(options)
     from delta3_pacdrive.benchmarks import control, estimation, motion, simulation
@@ -112,8 +122,8 @@ def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
 
 main = Command(
     'bench',
-    'Measure the graph (timing, processor time, memory), planning, the speed of simulation and kinematics, how '
-    'often intervals of estimates hold the truth, the packaging cycle by each controller, or picking from a belt.',
+    'Measure the graph (timing, processor time, memory), several robots beside each other, planning, the speed of simulation and '
+    'kinematics, how often intervals of estimates hold the truth, the packaging cycle by each controller, or picking from a belt.',
     Options,
     run,
 )

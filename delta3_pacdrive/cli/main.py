@@ -46,7 +46,7 @@ COMMANDS = {
     'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',
     'sweep': 'many runs with varying parameters, on all cores or a cluster: distributions, effects, yield',
     'completion': 'print what a shell needs to complete all of this',
-    'bench': 'measure: graph, motion, simulate, kinematics, estimation, control, cell',
+    'bench': 'measure: graph, robots, motion, simulate, kinematics, estimation, control, cell',
 }
 # these have a robot to bring to rest before they end
 OF_ROBOTS = frozenset(
