@@ -122,8 +122,9 @@ def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
 
 main = Command(
     'bench',
-    'Measure the graph (timing, processor time, memory), several robots beside each other, planning, the speed of simulation and '
-    'kinematics, how often intervals of estimates hold the truth, the packaging cycle by each controller, or picking from a belt.',
+    'Measure the graph (timing, processor time, memory), several robots beside each other, planning, the speed of '
+    'simulation and kinematics, how often intervals of estimates hold the truth, the packaging cycle by each '
+    'controller, or picking from a belt.',
     Options,
     run,
 )

@@ -45,6 +45,7 @@ COMMANDS = {
     'learn': 'the torques that a program still lacks, from repetitions of it, for simulate and run',
     'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',
     'sweep': 'many runs with varying parameters, on all cores or a cluster: distributions, effects, yield',
+    'line': 'a shift of several robots at belts: who picks what by which rule, what is missed and why',
     'completion': 'print what a shell needs to complete all of this',
     'bench': 'measure: graph, robots, motion, simulate, kinematics, estimation, control, cell',
 }
