@@ -144,7 +144,8 @@ class Allocation:
     def _is_own(self, robot: int, parts: NDArray[np.int64], now_s: float) -> NDArray[np.bool_]:
         """Whether parts are a robot's own, or missed by those whose they are."""
         owner = self._owner[parts]
-        return (owner == robot) | (self._latest[owner, parts] < now_s)
+        own: NDArray[np.bool_] = (owner == robot) | (self._latest[owner, parts] < now_s)
+        return own
 
     def _assigned(self, robot: int, now_s: float, found: NDArray[np.int64]) -> Choice:
         """Return the next part of a robot in the best assignment of all known parts to the next picks of all robots."""

@@ -5,7 +5,7 @@ down, grips, up, leaves the belt on its straight way to the place, and lets go. 
 the work with the part in the middle of the window as if the belt stood (``program_planner``), beside it the ways on the
 belt and off again (``belt_synchronization``). So a cycle is
 
-    max(on(p), first(y)) + work(y) + max(off(d), back(y)) + release
+    max(on(p), first(y)) + work(y) + max(off(d), back(y)) + release + decisions
 
 with p where the part is when the robot starts, d where it is when the work is done, and y how far beside the middle it
 lies. Each term has one argument: it is a table.
@@ -29,7 +29,7 @@ ALONG_STEP_M = 1e-2  # between two places along the belt in a table
 ACROSS_STEP_M = 5e-3
 ACROSS_MIN = 5  # places across the belt
 BEFORE_M = 0.3  # the tables begin so far before the window: a robot starts before the part is in it
-EVENT = {'name': 'gripper'}
+Statement = dict[str, object]
 
 
 class Planned(NamedTuple):
@@ -81,15 +81,15 @@ class Station:
         x, y, z = robot.middle_m
         top = [x + self.reference_m, y + across_m, z + self.kind.height_m]
         above, place = [*top[:2], top[2] + line.above_m], list(robot.place_m)
-        held = {'output': {**EVENT, 'value': True, 'payload_kg': self.kind.mass_kg}}
-        work = [_straight(above), _straight(top), held, {'dwell': {'time_s': line.grip_s}}, _straight(above)]
-        if not line.grip_s:
-            del work[3]
+        output = {'name': 'gripper', 'value': True, 'payload_kg': self.kind.mass_kg}
+        held: list[Statement] = [{'output': output}]
+        held += [{'dwell': {'time_s': line.grip_s}}] if line.grip_s else []
+        work = [_straight(above), _straight(top), *held, _straight(above)]
         on = self._starts(work, place, 0.0)
         back = self._starts([_straight(place)], above, self.kind.mass_kg)
         return Planned(on[1], on[-1] - on[1], back[-1])
 
-    def _starts(self, moves: list[dict[str, object]], start: list[float], payload_kg: float) -> list[float]:
+    def _starts(self, moves: list[Statement], start: list[float], payload_kg: float) -> list[float]:
         limits = self.line.limits
         document = {
             'start_m': start,
@@ -114,7 +114,7 @@ class Station:
         part = part_m - self.reference_m
         gets_on = max(on_s(part, speed, limits), planned.first) + planned.work
         left = off_s(part + speed * gets_on, speed, limits)
-        return gets_on + max(left, planned.back) + self.line.release_s
+        return gets_on + max(left, planned.back) + self.line.release_s + self.line.decision_s
 
 
 def on_s(part_m: float, speed_m_s: float, limits: TrackLimits) -> float:
@@ -197,9 +197,9 @@ class CycleTable:
         first, work, back = self._of_across(across_m)
         gets_on = np.maximum(np.interp(part_m, self._along, self._on), first) + work
         done = part_m + self._speed * gets_on
-        return (
-            gets_on + np.maximum(np.interp(done, self._along, self._off), back) + self.station.line.release_s
-        )
+        back = np.maximum(np.interp(done, self._along, self._off), back)
+        cycles: Floats = gets_on + back + self.station.line.release_s + self.station.line.decision_s
+        return cycles
 
 
 def check(table: CycleTable, plans: int, seed: int) -> Floats:
@@ -210,8 +210,9 @@ def check(table: CycleTable, plans: int, seed: int) -> Floats:
     earliest, latest = table.starts_m(across)
     part = draw.uniform(earliest, np.maximum(earliest, latest))
     planned = np.array([table.station.cycle_s(float(y), float(p)) for y, p in zip(across, part, strict=True)])
-    return table.cycles_s(across, part) - planned
+    off: Floats = table.cycles_s(across, part) - planned
+    return off
 
 
-def _straight(to_m: list[float]) -> dict[str, object]:
+def _straight(to_m: list[float]) -> Statement:
     return {'move_l': {'to_m': to_m}}

@@ -110,8 +110,9 @@ class Line:
         Of the TCP.
     above_m
         How high above a part the robot gets on and off the belt.
-    grip_s, release_s
-        How long it stays on a part until it holds it, and at the place until it has let go.
+    grip_s, release_s, decision_s
+        How long it stays on a part until it holds it, at the place until it has let go, and what its script needs for
+        the decisions of a cycle.
     kinds, belts, robots
         What there is; robots in the order in which their belts reach them.
     parameters
@@ -128,6 +129,7 @@ class Line:
     above_m: float
     grip_s: float
     release_s: float
+    decision_s: float
     kinds: tuple[PartKind, ...]
     belts: tuple[LineBelt, ...]
     robots: tuple[LineRobot, ...]

@@ -102,7 +102,9 @@ def tables(results: Results) -> list[Table]:
         for belt in results.belts
         for number, name in enumerate(belt.robots)
     ]
-    minutes, missed, picks = [], [], []
+    minutes: list[list[Any]] = []
+    missed: list[list[Any]] = []
+    picks: list[list[Any]] = []
     for belt in results.belts:
         minutes += _minutes(belt, results.line.shift_s)
         names = np.array([kind.name for kind in results.line.kinds])[belt.parts.kind]

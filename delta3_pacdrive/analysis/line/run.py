@@ -11,10 +11,13 @@ from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.line import cycle_times, figures, parts, report, shift, specification
 from delta3_pacdrive.analysis.line.cycle_times import CycleTable, Station
 from delta3_pacdrive.analysis.line.design import Line
+from delta3_pacdrive.analysis.line.report import MINUTE_S
+from delta3_pacdrive.analysis.line.shift import BeltShift
 from delta3_pacdrive.analysis.line.study import Check, Results, Settings
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
-from delta3_pacdrive.errors import LineError
+from delta3_pacdrive.configuration.checked import expected
+from delta3_pacdrive.errors import LineError, shown
 
 ERROR_MAX_S = 2e-3  # of a table
 
@@ -25,16 +28,22 @@ class Study(studies.Study):
 
     settings: Settings
     line: Line = field(init=False)
+    results: Results | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         """Read the line; raises Delta3Error."""
         settings, self.line = self.settings, specification.load(self.settings.specification)
-        given = {'rule': settings.rule, 'seed': settings.seed, 'hours': settings.hours}
-        self.line = replace(self.line, **{key: value for key, value in given.items() if value is not None})
+        line = self.line
+        self.line = replace(
+            line,
+            rule=line.rule if settings.rule is None else settings.rule,
+            seed=line.seed if settings.seed is None else settings.seed,
+            hours=line.hours if settings.hours is None else settings.hours,
+        )
 
     def run(self) -> dict[str, Any]:
         """Simulate the shift, write everything into the folder, return the report; raises Delta3Error."""
-        results = self.results()
+        results = self.results = self.simulated()
         folder = ReportFolder(self.folder, self._provenance())
         folder.clear([*report.TABLES, figures.ROBOTS, figures.MINUTES])
         document = report.summary(results)
@@ -46,7 +55,7 @@ class Study(studies.Study):
             figures.by_name(results),
         )
 
-    def results(self) -> Results:
+    def simulated(self) -> Results:
         """Simulate the shift; raises LineError."""
         tables = self._tables()
         check = self._checked([table for rows in tables.values() for row in rows for table in row])
@@ -59,6 +68,19 @@ class Study(studies.Study):
             if tables[belt.name]
         )
         return Results(self.line, belts, check, time.monotonic() - start)
+
+    def require_robot(self, robot: str, minute: int) -> None:
+        """Raise LineError if the line has no such robot, or its shift no such minute."""
+        names = [one.name for one in self.line.robots]
+        if robot not in names:
+            raise LineError(f'unknown robot {shown(robot)}, {expected(robot, names)}')
+        if MINUTE_S * (minute - 1) >= self.line.shift_s:
+            raise LineError(f'minute is {minute}, but the shift ends after {self.line.shift_s / MINUTE_S:g}')
+
+    def belt_of(self, robot: str) -> BeltShift:
+        """Return what has become of the parts of a robot's belt, once the study has run."""
+        belts = () if self.results is None else self.results.belts
+        return next(belt for belt in belts if robot in belt.robots)
 
     def _tables(self) -> dict[str, list[list[CycleTable]]]:
         """Return the tables of all robots by belt, each with one of each type of parts."""

@@ -10,6 +10,7 @@ limits: {speed_m_s: 4, acceleration_m_s2: 40, jerk_m_s3: 4000}      # optional, 
 above_mm: 20                    # optional: how high above a part the robot gets on and off the belt
 grip_s: 0.04                    # optional
 release_s: 0.02                 # optional
+decision_s: 0.029               # optional: what the script of a robot needs for the decisions of a cycle
 parts:
   bar: {mass_kg: 0.2, height_mm: 20, share: 0.7}        # share: optional, 1
 belts:
@@ -37,9 +38,11 @@ NAME_MAX = 40
 REACH_M, BELT_MAX_M = 2.0, 1000.0
 PARTS_MAX = 2_000_000  # of a shift
 KEYS = (
-    'name', 'seed', 'hours', 'rule', 'horizon_s', 'parameters', 'limits', 'above_m', 'grip_s', 'release_s', 'parts',
+    'name', 'seed', 'hours', 'rule', 'horizon_s', 'parameters', 'limits', 'above_m', 'grip_s', 'release_s',
+    'decision_s', 'parts',
     'belts', 'robots',
 )  # fmt: skip
+DECISION_S = 0.029  # as delta3 line --replay finds it: bus cycles from an end to the next begin
 LIMITS = TrackLimits(4.0, 40.0, 4000.0)
 One = TypeVar('One')
 
@@ -88,6 +91,7 @@ def _line(document: Any, path: Path, errors: Errors) -> Line:
         fields.read('above_m', number_between(1e-3, 0.3), 0.02, prefix=''),
         fields.read('grip_s', number_between(0.0, 10.0), 0.04, prefix=''),
         fields.read('release_s', number_between(0.0, 10.0), 0.02, prefix=''),
+        fields.read('decision_s', number_between(0.0, 10.0), DECISION_S, prefix=''),
         kinds,
         belts,
         tuple(sorted(robots, key=lambda robot: (robot.belt, robot.at_m))),
