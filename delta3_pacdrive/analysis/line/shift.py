@@ -137,7 +137,7 @@ def _reasons(
 ) -> NDArray[np.str_]:
     """Say of each part why it was missed."""
     missed = offered & (taken_by < 0)
-    reasons = np.where(missed, str(Miss.BUSY), '')
+    reasons = np.where(missed, str(Miss.BUSY), '').astype(f'U{max(map(len, Miss))}')
     reasons[missed & np.isneginf(latest).all(axis=0)] = Miss.OUT_OF_REACH
     for robot in range(len(earliest)):
         own = np.sort(starts[taken_by == robot])
