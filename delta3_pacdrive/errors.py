@@ -58,6 +58,10 @@ class SweepError(Delta3Error, ValueError):
     """A sweep cannot be made as its file has it, or on the cluster that is there."""
 
 
+class LineError(Delta3Error, ValueError):
+    """A line of robots that cannot be as its file has it."""
+
+
 class FigureError(Delta3Error, OSError):
     """Figures that cannot be written."""
 

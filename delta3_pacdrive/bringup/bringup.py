@@ -117,8 +117,14 @@ class Bringup:
         self._process: node_process.Process
         self.ready_s = 0.0
 
-    def run(self, show: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+    def run(
+        self,
+        show: Callable[[dict[str, Any]], None],
+        rising: Callable[[dict[str, Any]], None] = lambda _: None,
+    ) -> dict[str, Any]:
         """Start, run, stop; ``show`` is called with the progress about ten times a second.
+
+        ``rising`` is called so before there is cyclic operation; what it is called with may be empty.
 
         Raises
         ------
@@ -133,7 +139,7 @@ class Bringup:
                 simulation.rehearse(self.robot)  # compiles what only the built robot needs
             try:
                 self._start(logs)
-                self._watch(show)
+                self._watch(show, rising)
                 if self.options.cell is not None:
                     self._ask_for_parts()
                 result = self._result()
@@ -183,7 +189,9 @@ class Bringup:
         interrupts.note(number)
         self.interrupted = True
 
-    def _watch(self, show: Callable[[dict[str, Any]], None]) -> None:
+    def _watch(
+        self, show: Callable[[dict[str, Any]], None], rising: Callable[[dict[str, Any]], None]
+    ) -> None:
         """Look after the run until the program has ended."""
         monitor = self._monitor
         deadline = time.monotonic() + READY_TIMEOUT_S
@@ -201,6 +209,8 @@ class Bringup:
             elif time.monotonic() > deadline:
                 waiting = progress.get('waiting') or monitor.refusal or 'the transformation task to appear'
                 raise RunError(f'the bus is not in cyclic operation after {READY_TIMEOUT_S:g} s: {waiting}')
+            else:
+                rising(progress)
         self._await_currents()
         show(self._monitor.progress)
 

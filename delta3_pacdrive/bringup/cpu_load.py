@@ -1,17 +1,96 @@
-"""Whether real-time work is too much for the machine that it runs on: robots, and whatever else is scheduled so."""
+"""Whether real-time work is too much for the machine that it runs on: robots, and whatever else is scheduled so.
+
+Before a robot comes up: whether there is room for it (``lack_of_room``). While it is up: whether there was
+(``CpuLoadMonitor``).
+"""
 
 import os
 import time
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 LOOK_S = 2.0
 SHARE = 0.85  # of the cores, above which nothing else could run beside real-time work
+ROOM = (
+    0.7  # of the cores, up to which there is room for one more robot: what robots need is only estimated then
+)
+WINDOW_S = 0.25  # in which is measured what real-time work takes
+# cores that the processes of a robot take, with a margin (delta3 bench graph: 0.24 in one process, 0.52 in five)
+SINGLE_CORES, NODE_CORES = 0.3, 0.13
+NODES = ('plant', 'transformation_task', 'mc4_drive_1', 'mc4_drive_2', 'mc4_drive_3')
+NEEDS = {'robot': SINGLE_CORES} | dict.fromkeys(NODES, NODE_CORES)  # by name of the process, as top shows it
 REAL_TIME = ('1', '2')  # SCHED_FIFO, SCHED_RR
 KERNEL_THREAD = 0x00200000  # flag of threads of the kernel, which look after themselves
 # fields of /proc/PID/task/TID/stat behind the name
 FLAGS, USER, SYSTEM, POLICY = 6, 11, 12, 38
+
+
+def cores_of_robot(single_process: bool) -> float:
+    """Return how many cores a robot takes in real time."""
+    return SINGLE_CORES if single_process else len(NODES) * NODE_CORES
+
+
+def lack_of_room(robots: int, needed: float, processes: Path = Path('/proc')) -> str:
+    """Return why some robots cannot be scheduled in real time beside all else that is; empty if they can.
+
+    A robot that comes up takes little yet: each of its processes counts with what it will take at least.
+
+    Parameters
+    ----------
+    robots, needed
+        How many, and the cores that all of them need.
+    processes
+        Where the kernel shows its processes.
+
+    """
+    cores = len(os.sched_getaffinity(0))
+    taken = _real_time_cores(processes)
+    if taken + needed <= ROOM * cores:
+        return ''
+    who = 'this robot needs' if robots == 1 else f'{robots} robots need'
+    go = 'it goes' if robots == 1 else 'they go'
+    return (
+        f'there is no room for real-time scheduling: the real-time work of this machine takes {taken:.2f} of '
+        f'{cores} cores, {who} {needed:.2f} more, and {1.0 - ROOM:.0%} are left to all else; {go} without it'
+    )
+
+
+def _real_time_cores(processes: Path) -> float:
+    """Return how many cores real-time work takes, or will take as soon as it is up."""
+    before = dict(_real_time_threads(processes))
+    if not before:
+        return 0.0
+    start_s = time.monotonic()
+    time.sleep(WINDOW_S)
+    after = dict(_real_time_threads(processes))
+    duration_s = time.monotonic() - start_s
+    measured: defaultdict[Path, float] = defaultdict(float)
+    for thread, seconds in after.items():
+        measured[_process_of(thread)] += (seconds - before.get(thread, seconds)) / duration_s
+    return sum(max(cores, NEEDS.get(_name(process), 0.0)) for process, cores in measured.items())
+
+
+def _process_of(thread: Path) -> Path:
+    return thread.parents[1]
+
+
+def _name(process: Path) -> str:
+    try:
+        return (process / 'comm').read_text(errors='replace').strip()
+    except OSError:  # it has ended
+        return ''
+
+
+def _real_time_threads(processes: Path) -> Iterator[tuple[Path, float]]:
+    """Return folder and processor time [s] of every real-time thread, without those of the kernel."""
+    tick_s = 1.0 / os.sysconf('SC_CLK_TCK')
+    for file in processes.glob('[0-9]*/task/[0-9]*/stat'):
+        with suppress(OSError, ValueError, IndexError):  # threads end while one looks
+            fields = file.read_text().rpartition(')')[2].split()
+            if fields[POLICY] in REAL_TIME and not int(fields[FLAGS]) & KERNEL_THREAD:
+                yield file.parent, (int(fields[USER]) + int(fields[SYSTEM])) * tick_s
 
 
 class CpuLoadMonitor:
@@ -19,26 +98,17 @@ class CpuLoadMonitor:
 
     def __init__(self, processes: Path = Path('/proc')) -> None:
         self._processes = processes
-        self._ticks_s = 1.0 / os.sysconf('SC_CLK_TCK')
         self._then_s = 0.0  # of the last look
-        self._spent: dict[str, float] = {}  # by thread [s]
+        self._spent: dict[Path, float] = {}  # by thread [s]
 
     def excess(self) -> float:
         """Return how many cores real-time work takes, if that is too many; 0 if not, or if it is not time to look."""
         now = time.monotonic()
         if now - self._then_s < LOOK_S:
             return 0.0
-        spent = dict(self._real_time_threads())
+        spent = dict(_real_time_threads(self._processes))
         # a thread that was not there before has spent nothing yet, or became one of real time meanwhile
         more = sum(seconds - self._spent.get(thread, seconds) for thread, seconds in spent.items())
         cores = more / (now - self._then_s)
         self._spent, self._then_s = spent, now
         return cores if cores > SHARE * len(os.sched_getaffinity(0)) else 0.0
-
-    def _real_time_threads(self) -> Iterator[tuple[str, float]]:
-        """Return identity and processor time [s] of every real-time thread."""
-        for file in self._processes.glob('[0-9]*/task/[0-9]*/stat'):
-            with suppress(OSError, ValueError, IndexError):  # threads end while one looks
-                fields = file.read_text().rpartition(')')[2].split()
-                if fields[POLICY] in REAL_TIME and not int(fields[FLAGS]) & KERNEL_THREAD:
-                    yield file.parent.name, (int(fields[USER]) + int(fields[SYSTEM])) * self._ticks_s

@@ -15,7 +15,14 @@ import psutil
 
 from delta3_pacdrive.errors import RunError, shown
 
+NAME = 'robot'  # of several robots, their number follows
 LOGS = 'delta3_logs_'  # beginning of the names of folders for logs, the process number follows
+
+
+def namespaces(robots: int, prefix: str) -> list[str]:
+    """Return the namespaces of some robots: ``/robot1``, ``/robot2`` ..., below a prefix if there is one."""
+    below = prefix.strip('/')
+    return [f'/{below}/{NAME}{n + 1}'.replace('//', '/') for n in range(robots)]
 
 
 @contextmanager

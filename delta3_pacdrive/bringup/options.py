@@ -31,6 +31,7 @@ class Options:
     single_process: bool = False
     exchange_period_s: float | None = None
     real_time_priority: bool = True
+    crowded: str | None = None  # why there is no room for real-time scheduling, empty if there is; None: look
     markers: bool = False  # whether the robot is shown in RViz and Foxglove by markers as well
     joint_motion: bool = False  # whether the task tells joint motion through the Jacobian
     logs: Path | None = None  # where the processes' logs are kept; None: nowhere

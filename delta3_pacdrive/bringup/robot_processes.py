@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup import scheduling
-from delta3_pacdrive.bringup.cpu_load import CpuLoadMonitor
+from delta3_pacdrive.bringup.cpu_load import CpuLoadMonitor, cores_of_robot, lack_of_room
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
@@ -62,12 +62,18 @@ class RobotProcesses:
         self._restarted: list[float] = []  # when [s]
         # Without a clock the robot takes all the processor time there is; that must not be in real time.
         paced = options.real_time_priority and options.real_time_factor > 0.0
-        self._schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
         # A planner whose heartbeat does not come through is taken for dead.
         self._planner_schedule = Schedule.PREFERRED if options.real_time_priority else Schedule.ORDINARY
-        self._in_real_time = paced and scheduling.real_time_is_permitted()
-        if paced and not self._in_real_time:
+        permitted = paced and scheduling.real_time_is_permitted()
+        crowded = options.crowded
+        if permitted and crowded is None:
+            crowded = lack_of_room(1, cores_of_robot(options.single_process))
+            self.notes += [crowded] if crowded else []
+        if paced and not permitted:
             self.notes.append(NOT_PERMITTED)
+        self._in_real_time = permitted and not crowded
+        beside = Schedule.SHORT if crowded else Schedule.REAL_TIME
+        self._schedule = beside if paced else Schedule.ORDINARY
         self._load = CpuLoadMonitor()
         # The planner waits for a word on its pipe: nothing may move before the recorder listens.
         self._read_end, self._go = os.pipe()

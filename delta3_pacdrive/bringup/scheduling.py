@@ -32,6 +32,7 @@ class Schedule(Enum):
     """How a process is scheduled, where the system permits it; threads inherit it."""
 
     ORDINARY = 'ordinary'
+    SHORT = 'short slices'  # with other ordinary processes, but served sooner
     PREFERRED = 'preferred'  # before other ordinary processes
     REAL_TIME = 'real time'  # before all of them: SCHED_FIFO; in short slices where that is not permitted
 
@@ -73,28 +74,32 @@ def prefer(schedule: Schedule) -> None:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
         except PermissionError:
             shorten_slices()
+    elif schedule is Schedule.SHORT:
+        shorten_slices()
     elif schedule is Schedule.PREFERRED:
         with suppress(PermissionError):
             os.setpriority(os.PRIO_PROCESS, 0, PREFERRED_NICENESS)
 
 
 def drop_real_time(pid: int) -> None:
-    """Schedule all threads of a process like any other process."""
+    """Schedule all threads of a process like any other process, in short slices."""
     with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
         for thread in Path(f'/proc/{pid}/task').iterdir():
             os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
+            shorten_slices(int(thread.name))
 
 
-def shorten_slices() -> bool:
-    """Let this thread, and those that it starts, run in slices of ``SLICE_S``; whether the kernel can (6.12 and later).
+def shorten_slices(thread: int = 0) -> bool:
+    """Let a thread (0: this one), and those that it starts, run in slices of ``SLICE_S``; whether the kernel can.
 
-    Everybody may ask for that: a thread that asks for less at a stretch is served sooner when it wakes up.
+    It can from Linux 6.12 on. Everybody may ask for that: a thread that asks for less at a stretch is served sooner
+    when it wakes up.
     """
     number = _SET_ATTRIBUTES.get(platform.machine())
     if number is None:
         return False
-    nice = os.getpriority(os.PRIO_PROCESS, 0)
+    nice = os.getpriority(os.PRIO_PROCESS, thread)
     attributes = _ATTRIBUTES.pack(
         _ATTRIBUTES.size, os.SCHED_OTHER, 0, nice, 0, round(SLICE_S * 1e9), 0, 0, 0, 0
     )
-    return ctypes.CDLL(None).syscall(number, 0, attributes, 0) == 0  # type: ignore[no-any-return]
+    return ctypes.CDLL(None).syscall(number, thread, attributes, 0) == 0  # type: ignore[no-any-return]

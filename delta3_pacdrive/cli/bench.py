@@ -4,13 +4,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.benchmarks import graph, network
+from delta3_pacdrive.benchmarks import graph, network, robots
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.option_types import integer_within
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.cli.progress import Progress
+from delta3_pacdrive.cli.up import ROBOTS_MAX
 
 SECONDS, NETWORK_SECONDS = 60.0, 4.0
-KINDS = ('graph', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell', 'sweep', 'network')
+KINDS = (
+    'graph', 'robots', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell', 'sweep', 'network',
+)  # fmt: skip
 
 
 @dataclass
@@ -25,7 +29,7 @@ class Options(JsonOptions):
         f'bus time of motion per case [s]; {SECONDS:g}, for cell 12, for network 4, unless told',
         'S',
         type=float,
-        only=('graph', 'motion', 'simulate', 'cell', 'network'),
+        only=('graph', 'robots', 'motion', 'simulate', 'cell', 'network'),
     )
     case: list[str] | None = option(
         'only this case of graph (may be repeated)', choices=graph.CASES, action='append', only=('graph',)
@@ -38,6 +42,12 @@ class Options(JsonOptions):
     )
     view: bool = flag('graph: the robot without and with a page that somebody watches', only=('graph',))
     scope: bool = flag('graph: the robot without and with an oscilloscope in its drives', only=('graph',))
+    robots: int | None = option(
+        'robots: how many there are in real time, 2 unless told',
+        'N',
+        type=integer_within(1, ROBOTS_MAX),
+        only=('robots',),
+    )
     no_graph: bool = flag('motion: only what needs no running robot', only=('motion',))
 
     seeds: int | None = option(
@@ -90,6 +100,8 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
             dict.fromkeys(case for cases, yes in beside.items() if yes for case in cases)
         )
         return graph.show, graph.measure(seconds, cases, options.scheduling, options.json)
+    if options.what == 'robots':
+        return robots.show, robots.measure(seconds, options.robots, options.json)
     if options.what == 'cell':
         return _cell(options)
     if options.what == 'network':
@@ -136,9 +148,9 @@ def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
 
 main = Command(
     'bench',
-    'Measure the graph (timing, processor time, memory), planning, the speed of simulation and kinematics, how '
-    'often intervals of estimates hold the truth, the packaging cycle by each controller, picking from a belt, many '
-    'runs on one worker and on two, or a robot whose drives are on another host.',
+    'Measure the graph (timing, processor time, memory), several robots beside each other, planning, the speed of '
+    'simulation and kinematics, how often intervals of estimates hold the truth, the packaging cycle by each '
+    'controller, picking from a belt, many runs on one worker and on two, or a robot whose drives are on another host.',
     Options,
     run,
 )

@@ -46,8 +46,9 @@ COMMANDS = {
     'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',
     'sweep': 'many runs with varying parameters, on all cores or a cluster: distributions, effects, yield',
     'optimise': 'values of parameters and programs for which a number is best, within limits',
+    'line': 'a shift of several robots at belts: who picks what by which rule, what is missed and why',
     'completion': 'print what a shell needs to complete all of this',
-    'bench': 'measure: graph, motion, simulate, kinematics, estimation, control, cell, sweep',
+    'bench': 'measure: graph, robots, motion, simulate, kinematics, estimation, control, cell, sweep, network',
 }
 # these have a robot to bring to rest before they end
 OF_ROBOTS = frozenset(

@@ -59,6 +59,9 @@ class Options(NodeOptions, JsonOptions):
 
     action: str = argument('one of the actions below', choices=ACTIONS, metavar='ACTION')
     values: list[str] = argument('numbers, or a file', default=(), nargs='*', metavar='VALUE')
+    all: bool = flag(
+        'ask all robots that are up, or all below --namespace, at the same time', only=(*STOPS, 'state')
+    )
     queue: bool = flag(
         'only append to the queue, do not start, or do not wait if the robot moves', only=MOVES
     )
@@ -166,6 +169,8 @@ def run(options: Options) -> int:
     _check(options)
     document = _document(options) if options.action in MOVES else ''
     percent = _numbers(options.values, 'move override')[0] if options.action == 'override' else 0.0
+    if options.all:
+        return _run_all(options)
     from delta3_pacdrive.ros.robot_client import operating
 
     facts: dict[str, Any] = {}
@@ -178,6 +183,30 @@ def run(options: Options) -> int:
     if options.json:
         print(json.dumps({'ok': True, 'answers': sentences, **facts}))
     return 0
+
+
+def _run_all(options: Options) -> int:
+    """Ask all robots; return the exit status."""
+    from delta3_pacdrive.ros.robots_client import ask_all
+
+    def act(operator: Any) -> dict[str, Any]:
+        if options.action == 'state':
+            facts = _state_facts(operator)
+            return {'answers': [_state_text(facts)], **facts}
+        return {'answers': [operator.call(options.action)]}
+
+    outcomes = ask_all(act, options.namespace)
+    if options.json:
+        robots = {
+            one.namespace: {'ok': not one.error, **(one.answer or {'error': one.error})} for one in outcomes
+        }
+        print(json.dumps({'ok': not any(one.error for one in outcomes), 'robots': robots}))
+    for one in outcomes:
+        if one.error:
+            print(f'error: {one.namespace}: {one.error}', file=sys.stderr)
+        elif not options.json and one.answer:
+            print(f'{one.namespace}: {" ".join(one.answer["answers"])}')
+    return int(any(one.error for one in outcomes))
 
 
 def _act(options: Options, operator: Any, document: str, percent: float) -> list[str]:

@@ -5,10 +5,10 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, ReferenceOptions, RobotOptions, flag, option
 from delta3_pacdrive.cli.output import print_json, print_run
@@ -16,6 +16,9 @@ from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.cli.reference import Chosen, program_of
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError
 from delta3_pacdrive.view import serving
+
+if TYPE_CHECKING:
+    from delta3_pacdrive.bringup.options import Options as BringupOptions
 
 SCRIPT_SUFFIX = '.py'  # as in ``cell.script``, which takes long to load
 OnProgress = Callable[[dict[str, Any]], None]
@@ -113,32 +116,35 @@ def bring_up(
             print(f'the page comes up at {place.url}', file=sys.stderr, flush=True)
         # ROS and numba are imported after the options are known to be good
         from delta3_pacdrive.bringup.bringup import Bringup
-        from delta3_pacdrive.bringup.options import Options as BringupOptions
-        from delta3_pacdrive.motion import program_file as programs
-        from delta3_pacdrive.peripherals import cell_file
 
         announce_compilation(options.parameters)
-        asked = BringupOptions(
-            program=programs.find(program).absolute() if program is not None else None,
-            parameters=Path(options.parameters) if options.parameters else None,
-            namespace=namespace,
-            real_time_factor=options.real_time_factor,
-            bag=Path(options.bag).absolute() if options.bag else None,
-            single_process=options.single_process,
-            exchange_period_s=options.exchange_period,
-            real_time_priority=not options.ordinary_priority,
-            markers=options.markers,
-            joint_motion=options.joint_motion,
-            logs=logs,
-            learned=Path(options.learned).absolute() if options.learned else None,
-            script=script,
-            first=getattr(options, 'first', 0),
-            cell=cell_file.find(options.cell).absolute() if options.cell else None,
-            view=page,
-        )
+        asked = replace(asked_for(options, program, script), namespace=namespace, logs=logs, view=page)
         bringup = Bringup(asked, started_s)
         display = stack.enter_context(Progress(quiet=options.json))
         return bringup, bringup.run(shown(display, bringup))
+
+
+def asked_for(options: GraphOptions, program: str | None = None, script: bool = False) -> 'BringupOptions':
+    """Return what a bring-up is asked for, but for namespace, logs and page."""
+    from delta3_pacdrive.bringup.options import Options as BringupOptions
+    from delta3_pacdrive.motion import program_file as programs
+    from delta3_pacdrive.peripherals import cell_file
+
+    return BringupOptions(
+        program=programs.find(program).absolute() if program is not None else None,
+        parameters=Path(options.parameters) if options.parameters else None,
+        real_time_factor=options.real_time_factor,
+        bag=Path(options.bag).absolute() if options.bag else None,
+        single_process=options.single_process,
+        exchange_period_s=options.exchange_period,
+        real_time_priority=not options.ordinary_priority,
+        markers=options.markers,
+        joint_motion=options.joint_motion,
+        learned=Path(options.learned).absolute() if options.learned else None,
+        script=script,
+        first=getattr(options, 'first', 0),
+        cell=cell_file.find(options.cell).absolute() if options.cell else None,
+    )
 
 
 def run(options: Options) -> int:

@@ -1,18 +1,41 @@
-"""``delta3 up``: bring a robot up and keep it up, ready for ``delta3 move`` and any ROS client, until Ctrl-C."""
+"""``delta3 up``: bring robots up and keep them up, ready for ``delta3 move`` and any ROS client, until Ctrl-C."""
 
 import sys
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.cli.command import Command
+from delta3_pacdrive.cli.command import Command, flag, option
+from delta3_pacdrive.cli.option_types import integer_within
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.cli.progress import Progress
 from delta3_pacdrive.cli.run import GraphOptions, bring_up, show_run
+from delta3_pacdrive.view import serving
+
+ROBOTS_MAX = 10  # that find each other on one machine, see ``bringup.robots``
 
 
 @dataclass
 class Options(GraphOptions):
     """Options of the command."""
+
+    robots: int | None = option(
+        'bring up so many robots, robot1, robot2 ... below the namespace, each with all its nodes in one process; with '
+        '--bag and --logs each has a folder of that name, with --view a page, from --view-port on',
+        'N',
+        type=integer_within(1, ROBOTS_MAX),
+    )
+    separate_processes: bool = flag('with --robots: each node in a process of its own, as one robot has it')
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if self.separate_processes and self.robots is None:
+            return '--separate-processes is for --robots: one robot has separate processes anyway'
+        if self.separate_processes and self.single_process:
+            return '--separate-processes and --single-process exclude each other'
+        last = (self.view_port or 0) + (self.robots or 1) - 1
+        if self.view_port and self.robots and last > serving.PORT_MAX:
+            return f'--view-port is {self.view_port}, but the page of the last robot would need port {last}'
+        return super().check()
 
 
 class _Announcement:
@@ -47,6 +70,11 @@ def run(options: Options) -> int:
     from delta3_pacdrive import parameters as core
 
     options.parameters = core.of_run(options.parameters)
+    if options.robots is not None:
+        from delta3_pacdrive.cli import up_robots
+
+        options.single_process = not options.separate_processes
+        return up_robots.run(options, options.robots)
     bringup, result = bring_up(
         options, None, lambda display, bringup: _Announcement(display, bringup, options.json).show
     )
@@ -60,4 +88,9 @@ def run(options: Options) -> int:
     return 0
 
 
-main = Command('up', 'Start every node of a robot and keep it up for moves, until Ctrl-C.', Options, run)
+main = Command(
+    'up',
+    'Start every node of a robot, or of several, and keep them up for moves, until Ctrl-C.',
+    Options,
+    run,
+)

@@ -24,6 +24,7 @@ def test_every_study_is_looked_at():
         'experiments',
         'jacobian',
         'learning',
+        'line',
         'one_motor',
         'ripple',
         'sweep',

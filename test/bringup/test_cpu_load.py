@@ -1,12 +1,24 @@
 """Facts about the look at real-time work: whoever it belongs to, too much of it is told, and nothing else is."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from delta3_pacdrive.bringup import cpu_load
-from delta3_pacdrive.bringup.cpu_load import LOOK_S, SHARE, CpuLoadMonitor
+from delta3_pacdrive.bringup.cpu_load import (
+    LOOK_S,
+    NODE_CORES,
+    NODES,
+    ROOM,
+    SHARE,
+    SINGLE_CORES,
+    CpuLoadMonitor,
+    cores_of_robot,
+    lack_of_room,
+)
 
 TICKS = os.sysconf('SC_CLK_TCK')
 CORES = len(os.sched_getaffinity(0))
@@ -35,6 +47,10 @@ class Machine:
         file = self.folder / str(number) / 'task' / str(number) / 'stat'
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(f'{number} (a name) with) {" ".join(fields)} 0')
+
+    def process(self, number: int, name: str, seconds: float, policy: int = 1) -> None:
+        self.thread(number, seconds, policy)
+        (self.folder / str(number) / 'comm').write_text(f'{name}\n')
 
 
 @pytest.fixture
@@ -87,3 +103,86 @@ def test_a_thread_that_is_new_has_not_spent_its_life_since_the_last_look(machine
     machine.now_s += LOOK_S
     machine.thread(7, 1000.0)
     assert looks.excess() == 0.0
+
+
+# whether there is room for one more robot
+
+FREE = ROOM * CORES  # cores
+
+
+def room_beside(machine: Machine, patch: pytest.MonkeyPatch, needed: float, **spent: float) -> str:
+    """Ask whether there is room beside processes of these names, which spend time while one looks."""
+
+    def work(seconds: float) -> None:
+        machine.now_s += seconds
+        for number, (name, cores) in enumerate(spent.items()):
+            machine.process(number, name, 5.0 + cores * seconds)
+
+    patch.setattr(cpu_load.time, 'sleep', work)
+    work(0.0)
+    return lack_of_room(1, needed, machine.folder)
+
+
+def test_a_quiet_machine_has_room_and_nobody_waits_to_see_it(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    machine.process(1, 'robot', 50.0, policy=0)
+    monkeypatch.delattr(cpu_load.time, 'sleep')
+    assert lack_of_room(1, FREE, machine.folder) == ''
+    assert f'of {CORES} cores' in lack_of_room(1, FREE + 0.01, machine.folder)
+
+
+def test_real_time_work_of_strangers_takes_its_room(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert room_beside(machine, monkeypatch, 0.5 * FREE, audio=0.4 * FREE) == ''
+    told = room_beside(machine, monkeypatch, 0.5 * FREE, audio=0.6 * FREE)
+    assert f'takes {0.6 * FREE:.2f} of {CORES} cores, this robot needs {0.5 * FREE:.2f} more' in told
+    assert told.endswith('it goes without it')
+
+
+def test_a_robot_that_is_coming_up_counts_with_what_it_will_take(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    just = FREE - SINGLE_CORES
+    assert room_beside(machine, monkeypatch, just, robot=0.0) == ''
+    assert room_beside(machine, monkeypatch, just + 0.01, robot=0.0) != ''
+    assert room_beside(machine, monkeypatch, just, robot=SINGLE_CORES + 0.1) != ''
+
+
+def test_the_processes_of_a_robot_count_one_by_one(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+    spent = dict.fromkeys(NODES, 0.0)
+    just = FREE - len(NODES) * NODE_CORES
+    assert cores_of_robot(single_process=False) == pytest.approx(len(NODES) * NODE_CORES)
+    assert room_beside(machine, monkeypatch, just - 0.01, **spent) == ''
+    assert room_beside(machine, monkeypatch, just + 0.01, **spent) != ''
+
+
+def test_several_robots_are_spoken_of_as_such(machine: Machine) -> None:
+    told = lack_of_room(9, 9 * FREE, machine.folder)
+    assert f'9 robots need {9 * FREE:.2f} more' in told
+    assert told.endswith('they go without it')
+
+
+REAL = """
+import os, sys, time
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+print('up', flush=True)
+end = time.monotonic() + 30.0
+while time.monotonic() < end:
+    time.sleep(0.01)
+"""
+
+
+def test_the_kernel_shows_real_time_work_of_anybody(monkeypatch: pytest.MonkeyPatch) -> None:
+    process = subprocess.Popen([sys.executable, '-c', REAL], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        if process.stdout is None or process.stdout.readline() != b'up\n':
+            pytest.skip('nobody here may schedule in real time')
+        looked: list[float] = []
+        monkeypatch.setattr(cpu_load.time, 'sleep', looked.append)
+        lack_of_room(1, 0.0)
+        assert looked
+    finally:
+        process.kill()
+        process.communicate()

@@ -1,0 +1,203 @@
+"""Which part a robot takes next, when it is free: four rules.
+
+A robot that is free at a time is told a part and when it starts, at once or later; it takes the part only when it
+starts. Until then another robot may.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from delta3_pacdrive.analysis.line.design import Rule
+from delta3_pacdrive.numerics.types import Floats
+
+SLOTS_MAX = 40  # next picks of a robot that are looked at
+CYCLES = 9  # starts between the earliest and the latest one at which cycles are known
+PRICE = 0.7  # of a part, for the time of a mean cycle that a robot waits, or is away for longer than that
+LATER = 0.01  # how much less a part is worth that is picked a cycle later
+EVEN, PICKS = (
+    0.1,
+    10.0,
+)  # how much more a part is worth for a robot that has so many picks fewer than the mean one
+AGAIN_S = 0.75  # after which parts are assigned anew
+
+
+class Reach(NamedTuple):
+    """When the robots of a belt can start to pick each of its parts.
+
+    Attributes
+    ----------
+    earliest_s, latest_s
+        When a robot can start, at the first and at the last; latest before earliest: never; shapes (robots, parts).
+    cycle_s
+        How long it is away if it starts then, at ``CYCLES`` times from the earliest to the latest one; shape (robots,
+        parts, CYCLES).
+
+    """
+
+    earliest_s: Floats
+    latest_s: Floats
+    cycle_s: Floats
+
+    def cycle_at(self, robot: NDArray[np.int64] | int, part: NDArray[np.int64], start_s: Floats) -> Floats:
+        """Return about how long robots are away that start to pick parts at some time [s]; shapes broadcast."""
+        first = self.earliest_s[robot, part]
+        span = np.maximum(self.latest_s[robot, part] - first, 1e-9)
+        place = np.clip((CYCLES - 1) * (start_s - first) / span + 0.5, 0.0, CYCLES - 1)
+        found: Floats = self.cycle_s[robot, part, place.astype(np.int64)]
+        return found
+
+
+class Choice(NamedTuple):
+    """A part, and when a robot starts to pick it [s]; part -1: none, look again at that time."""
+
+    part: int
+    start_s: float
+
+
+@dataclass
+class Allocation:
+    """Which parts of a belt are taken, and who takes which next.
+
+    Attributes
+    ----------
+    rule
+        By which parts are allocated.
+    reach, enters_s
+        Of all parts; when each is known.
+    horizon_s
+        How far ahead the optimal rule looks.
+    taken
+        Which parts are taken.
+    free_s, picks
+        When each robot is free, and how many parts it has taken.
+
+    """
+
+    rule: Rule
+    reach: Reach
+    enters_s: Floats
+    horizon_s: float
+    taken: NDArray[np.bool_] = field(init=False)
+    free_s: Floats = field(init=False)
+    picks: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        robots, parts = self.reach.earliest_s.shape
+        self.taken = np.zeros(parts, np.bool_)
+        self.free_s, self.picks = np.zeros(robots), np.zeros(robots)
+        possible = self.reach.latest_s >= self.reach.earliest_s
+        self._latest = np.where(possible, self.reach.latest_s, -math.inf)
+        # parts beyond every robot, by the last one and the greatest time that any part needs
+        self._gone = np.maximum.accumulate(self._latest, axis=1)
+        self._last_gone = self._gone.max(axis=0)
+        self._soonest = np.minimum.accumulate(self.reach.earliest_s[:, ::-1], axis=1)[:, ::-1]
+        self._owner = _in_turn(possible)
+        middle = np.where(possible, self.reach.cycle_s[:, :, CYCLES // 2], 0.0)
+        mean = middle.sum(axis=1) / np.maximum(possible.sum(axis=1), 1)
+        self._mean_s = np.where(mean > 0.0, mean, 1.0)
+        self._plans: list[list[int]] = [[] for _ in range(robots)]  # the next parts of each robot
+        self._planned_s = -math.inf
+
+    def take(self, robot: int, part: int, until_s: float) -> None:
+        """Let a robot take a part; it is away until some time [s]."""
+        self.taken[part] = True
+        self.free_s[robot] = until_s
+        self.picks[robot] += 1.0
+
+    def next_for(self, robot: int, now_s: float) -> Choice:
+        """Return which part a robot that is free takes next, and when."""
+        low = int(np.searchsorted(self._gone[robot], now_s))
+        high = int(np.searchsorted(self._soonest[robot], now_s + self.horizon_s, side='right'))
+        if low >= high:
+            return self._later(robot, now_s, low, high)
+        found = np.arange(low, high)
+        found = found[~self.taken[low:high] & (self._latest[robot, low:high] >= now_s)]
+        if self.rule is Rule.BALANCED:
+            found = found[self._is_own(robot, found, now_s)]
+        if not len(found):
+            return self._later(robot, now_s, low, high)
+        if self.rule is Rule.OPTIMAL:
+            return self._assigned(robot, now_s, found)
+        starts = np.maximum(self.reach.earliest_s[robot, found], now_s)
+        if self.rule is Rule.NEAREST:
+            best = int(np.argmin(starts + self.reach.cycle_at(robot, found, starts)))
+        else:
+            best = int(np.argmin(starts))  # of those that are there: the first, which is farthest along
+        return Choice(int(found[best]), float(starts[best]))
+
+    def _later(self, robot: int, now_s: float, low: int, high: int) -> Choice:
+        """Return when a robot looks again that has nothing to do: when the next part that it can pick is there."""
+        nearest = math.inf
+        for part in range(low, len(self.taken)):
+            start = self.reach.earliest_s[robot, part]
+            if part >= high and nearest <= self._soonest[robot, part]:
+                break
+            if not self.taken[part] and self._latest[robot, part] >= start > now_s:
+                nearest = min(nearest, start)
+        return Choice(-1, float(nearest))
+
+    def _is_own(self, robot: int, parts: NDArray[np.int64], now_s: float) -> NDArray[np.bool_]:
+        """Whether parts are a robot's own, or missed by those whose they are."""
+        owner = self._owner[parts]
+        own: NDArray[np.bool_] = (owner == robot) | (self._latest[owner, parts] < now_s)
+        return own
+
+    def _assigned(self, robot: int, now_s: float, found: NDArray[np.int64]) -> Choice:
+        """Return the next part of a robot in the best assignment of all known parts to the next picks of all robots."""
+        plan = self._plan(robot, now_s)
+        if not plan and now_s > self._planned_s:
+            self._assign(now_s)
+            plan = self._plan(robot, now_s)
+        if plan:
+            return Choice(plan[0], max(now_s, float(self.reach.earliest_s[robot, plan[0]])))
+        return self._later(robot, now_s, int(found[0]), int(found[-1]) + 1)
+
+    def _plan(self, robot: int, now_s: float) -> list[int]:
+        """Return the next parts of a robot as far as they still are possible; assigned anew now and then."""
+        if now_s > self._planned_s + AGAIN_S:
+            self._assign(now_s)
+        plan = self._plans[robot]
+        while plan and (self.taken[plan[0]] or self._latest[robot, plan[0]] < now_s):
+            plan.pop(0)
+        return plan
+
+    def _assign(self, now_s: float) -> None:
+        """Assign all known parts to the next picks of all robots, so that they are worth most."""
+        self._planned_s = now_s
+        low = int(np.searchsorted(self._last_gone, now_s))
+        high = int(np.searchsorted(self.enters_s, now_s, side='right'))
+        parts = np.arange(low, high)[~self.taken[low:high]]
+        end_s = now_s + self.horizon_s
+        free = np.maximum(self.free_s, now_s)
+        counts = np.ceil((end_s - free) / self._mean_s).clip(0, SLOTS_MAX).astype(np.int64)
+        robots = np.repeat(np.arange(len(free)), counts)[:, None]
+        number = np.concatenate([np.arange(count) for count in counts])[:, None]
+        mean = self._mean_s[robots]
+        slot = free[robots] + number * mean
+        start = np.maximum(self.reach.earliest_s[robots, parts], slot)
+        possible = (start <= self._latest[robots, parts]) & (start < end_s)
+        longer = self.reach.cycle_at(robots, parts, start) - mean
+        worth = 1.0 - PRICE * (start - slot + longer) / mean - LATER * number
+        worth += EVEN * np.clip((self.picks.mean() - self.picks[robots]) / PICKS, -1.0, 1.0)
+        worth = np.where(possible, np.maximum(worth, 1e-6), 0.0)
+        self._plans = [[] for _ in free]
+        for row, column in zip(*linear_sum_assignment(worth, maximize=True), strict=True):
+            if possible[row, column]:
+                self._plans[int(robots[row, 0])].append(int(parts[column]))
+
+
+def _in_turn(possible: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return whose each part is: of the robots that can pick it, the one with the fewest so far."""
+    robots, parts = possible.shape
+    counts = np.zeros(robots)
+    owner = np.zeros(parts, np.int64)
+    for part in range(parts):
+        best = int(np.argmin(np.where(possible[:, part], counts, math.inf)))
+        owner[part] = best
+        counts[best] += 1
+    return owner

@@ -1,0 +1,218 @@
+"""How long a robot takes from one part to the next: planned, and from tables of plans.
+
+A cycle begins where the robot has put its last part down. It goes straight above the part while it gets on the belt,
+down, grips, up, leaves the belt on its straight way to the place, and lets go. That is planned as a script plans it:
+the work with the part in the middle of the window as if the belt stood (``program_planner``), beside it the ways on the
+belt and off again (``belt_synchronization``). So a cycle is
+
+    max(on(p), first(y)) + work(y) + max(off(d), back(y)) + release + decisions
+
+with p where the part is when the robot starts, d where it is when the work is done, and y how far beside the middle it
+lies. Each term has one argument: it is a table.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from delta3_pacdrive.analysis.line.design import Line, LineBelt, LineRobot, PartKind
+from delta3_pacdrive.errors import LineError, ProgramError
+from delta3_pacdrive.motion import program_file, program_planner
+from delta3_pacdrive.motion.belt_meeting import AHEAD_S, leaving
+from delta3_pacdrive.motion.belt_synchronization import ZERO, Motion, TrackLimits, way_between
+from delta3_pacdrive.numerics.types import Floats
+
+ALONG_STEP_M = 1e-2  # between two places along the belt in a table
+ACROSS_STEP_M = 5e-3
+ACROSS_MIN = 5  # places across the belt
+BEFORE_M = 0.3  # the tables begin so far before the window: a robot starts before the part is in it
+Statement = dict[str, object]
+
+
+class Planned(NamedTuple):
+    """The parts of a cycle that depend on where a part lies across the belt [s].
+
+    Attributes
+    ----------
+    first, work, back
+        From the place to above the part; down, grip and up; back to the place.
+
+    """
+
+    first: float
+    work: float
+    back: float
+
+
+@dataclass(frozen=True)
+class Station:
+    """A robot at its belt, with parts of one type.
+
+    Attributes
+    ----------
+    line, belt, robot, kind
+        Whose cycles are planned.
+
+    """
+
+    line: Line
+    belt: LineBelt
+    robot: LineRobot
+    kind: PartKind
+
+    @property
+    def reference_m(self) -> float:
+        """Where plans have the part, along the belt from the middle of the base on: in the middle of the window."""
+        return 0.5 * (self.robot.window.begin_m + self.robot.window.end_m)
+
+    def planned(self, across_m: float) -> Planned:
+        """Plan a cycle with a part so far beside the middle of the belt.
+
+        Raises
+        ------
+        LineError
+            The robot cannot drive it.
+
+        """
+        line, robot = self.line, self.robot
+        x, y, z = robot.middle_m
+        top = [x + self.reference_m, y + across_m, z + self.kind.height_m]
+        above, place = [*top[:2], top[2] + line.above_m], list(robot.place_m)
+        output = {'name': 'gripper', 'value': True, 'payload_kg': self.kind.mass_kg}
+        held: list[Statement] = [{'output': output}]
+        held += [{'dwell': {'time_s': line.grip_s}}] if line.grip_s else []
+        work = [_straight(above), _straight(top), *held, _straight(above)]
+        on = self._starts(work, place, 0.0)
+        back = self._starts([_straight(place)], above, self.kind.mass_kg)
+        return Planned(on[1], on[-1] - on[1], back[-1])
+
+    def _starts(self, moves: list[Statement], start: list[float], payload_kg: float) -> list[float]:
+        limits = self.line.limits
+        document = {
+            'start_m': start,
+            'payload_kg': payload_kg,
+            'limits': {
+                'speed_m_s': limits.speed_m_s,
+                'acceleration_m_s2': limits.acceleration_m_s2,
+                'jerk_m_s3': limits.jerk_m_s3,
+            },
+            'moves': moves,
+        }
+        robot = self.line.parameters
+        try:
+            program = program_file.parse(document, robot.motion)
+            return [float(t) for t in program_planner.plan(program, start, robot).plan.tables.starts]
+        except ProgramError as error:
+            raise LineError(f'{self.robot.name} cannot pick {self.kind.name}: {error}') from error
+
+    def cycle_s(self, across_m: float, part_m: float) -> float:
+        """Plan a whole cycle: how long it takes from one start to the next [s]; raises LineError."""
+        planned, speed, limits = self.planned(across_m), self.belt.speed_m_s, self.line.limits
+        part = part_m - self.reference_m
+        gets_on = max(on_s(part, speed, limits), planned.first) + planned.work
+        left = off_s(part + speed * gets_on, speed, limits)
+        return gets_on + max(left, planned.back) + self.line.release_s + self.line.decision_s
+
+
+def on_s(part_m: float, speed_m_s: float, limits: TrackLimits) -> float:
+    """Return how long it takes to get on a belt if the part is there, from the reference on, at the start [s]."""
+    behind = Motion((-part_m, 0.0, 0.0), (-speed_m_s, 0.0, 0.0))
+    return way_between(behind, Motion(ZERO), limits, speed_m_s).duration_s + AHEAD_S
+
+
+def off_s(done_m: float, speed_m_s: float, limits: TrackLimits) -> float:
+    """Return how long it takes to leave a belt if the part was there, from the reference on, at the end [s]."""
+    return leaving(Motion((done_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits).duration_s + AHEAD_S
+
+
+@lru_cache(maxsize=64)
+def _ways(
+    limits: TrackLimits, speed_m_s: float, low_m: float, high_m: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return places from the reference on [m], and how long it takes to get on and off a belt there [s].
+
+    Robots with windows of the same length have them in common.
+    """
+    along = np.linspace(low_m, high_m, round((high_m - low_m) / ALONG_STEP_M) + 1)
+    on = np.array([on_s(float(p), speed_m_s, limits) for p in along])
+    return along, on, np.array([off_s(float(p), speed_m_s, limits) for p in along])
+
+
+def _up(length_m: float) -> float:
+    """Return a length as a whole number of steps of 50 mm."""
+    return 0.05 * math.ceil(length_m / 0.05)
+
+
+class CycleTable:
+    """The cycles of a station, from tables.
+
+    Parameters
+    ----------
+    station
+        Whose cycles are planned; raises LineError for one that cannot be.
+
+    """
+
+    def __init__(self, station: Station) -> None:
+        belt, window = station.belt, station.robot.window
+        self.station, self._speed = station, belt.speed_m_s
+        if self._speed >= station.line.limits.speed_m_s:
+            most = station.line.limits.speed_m_s
+            raise LineError(
+                f'belt {belt.name} runs at {self._speed:g} m/s, but its robots at {most:g} m/s at most'
+            )
+        count = max(ACROSS_MIN, 2 * round(belt.spread_m / ACROSS_STEP_M) + 1) if belt.spread_m else 1
+        self._across = np.linspace(-belt.spread_m, belt.spread_m, count)
+        self._planned = np.array([station.planned(float(y)) for y in self._across])
+        far = self._speed * float(self._planned.sum(axis=1).max())
+        half = 0.5 * (window.end_m - window.begin_m)
+        low, high = -_up(half + BEFORE_M + far), _up(half + far)
+        along, self._on, self._off = _ways(station.line.limits, self._speed, low, high)
+        self._along = along + station.reference_m
+        # where a part is met that is there when the robot starts: it grows with that, if it takes long to get on
+        self._met = np.maximum.accumulate(self._along + self._speed * self._on)
+
+    def _of_across(self, across_m: Floats) -> tuple[Floats, Floats, Floats]:
+        first, work, back = (np.interp(across_m, self._across, column) for column in self._planned.T)
+        return first, work, back
+
+    def starts_m(self, across_m: Floats) -> tuple[Floats, Floats]:
+        """Return where parts may be when the robot starts [m]: from where on, and up to where; shapes as given.
+
+        If the first is beyond the second, the robot cannot pick the part.
+        """
+        window, v = self.station.robot.window, self._speed
+        first, work, _ = self._of_across(across_m)
+        by_way = np.interp(window.begin_m, self._met, self._along)
+        earliest = np.minimum(by_way, window.begin_m - v * first)
+        last_met = window.end_m - v * work
+        latest = np.minimum(np.interp(last_met, self._met, self._along), last_met - v * first)
+        return earliest, latest
+
+    def cycles_s(self, across_m: Floats, part_m: Floats) -> Floats:
+        """Return how long cycles take from one start to the next [s]; shapes as given."""
+        first, work, back = self._of_across(across_m)
+        gets_on = np.maximum(np.interp(part_m, self._along, self._on), first) + work
+        done = part_m + self._speed * gets_on
+        back = np.maximum(np.interp(done, self._along, self._off), back)
+        cycles: Floats = gets_on + back + self.station.line.release_s + self.station.line.decision_s
+        return cycles
+
+
+def check(table: CycleTable, plans: int, seed: int) -> Floats:
+    """Return how far cycles of the table are from real plans of the same cycles, drawn by a seed [s]."""
+    draw = np.random.default_rng(seed)
+    spread = table.station.belt.spread_m
+    across = draw.uniform(-spread, spread, plans)
+    earliest, latest = table.starts_m(across)
+    part = draw.uniform(earliest, np.maximum(earliest, latest))
+    planned = np.array([table.station.cycle_s(float(y), float(p)) for y, p in zip(across, part, strict=True)])
+    off: Floats = table.cycles_s(across, part) - planned
+    return off
+
+
+def _straight(to_m: list[float]) -> Statement:
+    return {'move_l': {'to_m': to_m}}

@@ -1,0 +1,166 @@
+"""A minute of a robot of a line again, with the full simulation: the same parts, in the same order, at the same times.
+
+A script works on the belt as the line's robot does. It starts each part when the shift says so, or as soon as it is
+free. What is compared is how long each cycle takes, and which parts cannot be met any more.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.analysis.line.design import Line, LineRobot
+from delta3_pacdrive.analysis.line.shift import BeltShift
+from delta3_pacdrive.cell.simulation import Simulation, simulate
+from delta3_pacdrive.errors import LineError, ScriptError
+from delta3_pacdrive.motion.part_queue import QueuedPart
+from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive.peripherals.cell import Cell
+
+BEFORE_M = 1.5  # of the belt, before the middle of the robot
+BELT_M = 3.0
+BELT = 'line'
+START_S = 0.5  # from the begin of the belt to the begin of the replay
+MINUTE_S = 60.0
+MM = 1e3
+
+
+@dataclass(frozen=True)
+class Again:
+    """A part of the shift, again.
+
+    Attributes
+    ----------
+    part
+        Its number on its belt, from 1 on.
+    planned_s, simulated_s
+        How long the cycle took, in the shift and in the full simulation [s]; the latter is nan if the part was missed.
+    late_s
+        How much later than in the shift it began [s].
+    missed
+        Why it was missed; empty if it was not.
+
+    """
+
+    part: int
+    planned_s: float
+    simulated_s: float
+    late_s: float
+    missed: str
+
+
+def replay(line: Line, belt: BeltShift, robot: str, begin_s: float, seconds: float = MINUTE_S) -> list[Again]:
+    """Return what becomes of the parts that a robot of a belt started to pick in some time of the shift.
+
+    Parameters
+    ----------
+    line, belt
+        The line, and what has become of the parts of the robot's belt.
+    robot
+        Its name.
+    begin_s, seconds
+        When that time began [s], and how long it is.
+
+    Raises
+    ------
+    LineError
+        The robot picked nothing then.
+
+    """
+    (station,) = (one for one in line.robots if one.name == robot)
+    during = (belt.robot == belt.robots.index(robot)) & (belt.start_s >= begin_s)
+    parts = np.flatnonzero(during & (belt.start_s < begin_s + seconds))
+    if not len(parts):
+        raise LineError(
+            f'{robot} picked no part between {begin_s:g} s and {begin_s + seconds:g} s of the shift'
+        )
+    parts = parts[np.argsort(belt.start_s[parts])]
+    speed = next(one.speed_m_s for one in line.belts if one.name == belt.belt)
+    with simulate(line.parameters, around=_cell(station, speed), name=f'{robot} again') as simulated:
+        simulated.move_l(to_mm=[MM * x for x in station.place_m])
+        simulated.wait_time(START_S)
+        now, way = simulated.state().time_s, simulated.belt(BELT).way_m
+        found = []
+        for part in parts:
+            began = float(belt.start_s[parts[0]])
+            due = now + float(belt.start_s[part]) - began
+            along = speed * (began - belt.parts.enters_s[part]) - station.at_m + BEFORE_M - way
+            queued = QueuedPart('', float(along), float(belt.parts.across_m[part]), belt=BELT)
+            kind = line.kinds[belt.parts.kind[part]]
+            if simulated.state().time_s < due:
+                simulated.wait_until(due)
+            start, missed = simulated.state().time_s, ''
+            try:
+                _pick(simulated, line, station, queued, kind.height_m, kind.mass_kg)
+            except ScriptError as error:
+                missed = str(error)
+            took = float('nan') if missed else simulated.state().time_s - start
+            found.append(Again(int(part) + 1, float(belt.cycle_s[part]), took, start - due, missed))
+    return found
+
+
+def _pick(
+    robot: Simulation, line: Line, station: LineRobot, part: QueuedPart, height_m: float, mass_kg: float
+) -> None:
+    limits = {
+        'speed_m_s': line.limits.speed_m_s,
+        'acceleration_m_s2': line.limits.acceleration_m_s2,
+        'jerk_m_s3': line.limits.jerk_m_s3,
+    }
+    above, top = [0.0, 0.0, MM * (height_m + line.above_m)], [0.0, 0.0, MM * height_m]
+    with robot.track(BELT, part, **limits):
+        robot.move_l(to_mm=above, **limits)
+        robot.move_l(to_mm=top, **limits)
+        robot.output('gripper', True, payload_kg=mass_kg)
+        if line.grip_s:
+            robot.dwell(line.grip_s)
+        robot.move_l(to_mm=above, **limits)
+    robot.move_l(to_mm=[MM * x for x in station.place_m], **limits)
+    robot.output('gripper', False, payload_kg=0.0)
+    if line.release_s:
+        robot.dwell(line.release_s)
+    robot.wait()
+
+
+def _cell(station: LineRobot, speed_m_s: float) -> Cell:
+    """Return the cell of a robot: its belt, which is at its speed at once."""
+    x, y, z = station.middle_m
+    window = [BEFORE_M + station.window.begin_m, BEFORE_M + station.window.end_m]
+    belt = {
+        'origin_m': [x - BEFORE_M, y, z],
+        'length_m': BELT_M,
+        'encoder': {'bits': 14, 'circumference_mm': 200},
+        'speed': [{'after_s': 0.0, 'speed_m_s': speed_m_s, 'acceleration_m_s2': 100.0}],
+        'window_m': window,
+    }
+    valve = {'on_s': 0.005, 'off_s': 0.004}
+    cup = {'output': 'gripper', 'diameter_mm': 60, 'vacuum_pa': 60000, 'build_up_s': 0.006, 'valve': valve}
+    part = {'mass_kg': 0.2, 'size_mm': [60, 40, 20], 'friction': 0.5}
+    return cell_file.parse({'name': station.name, 'cup': cup, 'parts': {'part': part}, 'belts': {BELT: belt}})
+
+
+def summary(found: list[Again]) -> dict[str, Any]:
+    """Return how far the full simulation is from the shift, ready for JSON."""
+    done = [one for one in found if not one.missed]
+    differences = np.array([one.simulated_s - one.planned_s for one in done])
+    return {
+        'picked': len(found),
+        'picked_again': len(done),
+        'difference_mean_s': float(differences.mean()) if done else None,
+        'difference_max_s': float(np.abs(differences).max()) if done else None,
+        'late_max_s': max(one.late_s for one in found),
+        'missed': [{'part': one.part, 'reason': one.missed} for one in found if one.missed],
+    }
+
+
+def text(document: dict[str, Any]) -> list[str]:
+    """Return that in lines for people."""
+    picked, again = document['picked'], document['picked_again']
+    lines = [f'again with the full simulation: {again} of {picked} parts picked']
+    if again:
+        mean, most = 1e3 * document['difference_mean_s'], 1e3 * document['difference_max_s']
+        late = 1e3 * document['late_max_s']
+        lines.append(
+            f'cycles {mean:+.1f} ms longer on average, {most:.1f} ms off at most; starts at most {late:.1f} ms late'
+        )
+    return [*lines, *(f'part {one["part"]} missed: {one["reason"]}' for one in document['missed'])]

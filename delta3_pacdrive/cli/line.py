@@ -1,0 +1,91 @@
+"""``delta3 line``: a shift of several robots at belts, from event to event: who picks what, and what is missed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
+from delta3_pacdrive.cli.studies import conduct
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from delta3_pacdrive.analysis.study import OnProgress
+
+MINUTE_S = 60.0
+RULES = ('first come', 'nearest', 'balanced', 'optimal')  # as ``analysis.line.design`` has them
+
+
+@dataclass
+class Options(JsonOptions):
+    """Options of the command."""
+
+    specification: str = argument('file of the line, or line: the packaged one')
+    rule: str | None = option('allocate parts by this rule instead of that of the file', choices=RULES)
+    seed: int | None = option('seed of the parts instead of that of the file', 'N', type=SEED)
+    hours: float | None = option(
+        'how long the shift is, instead of what the file says', 'H', type=number_within(1e-3, 24.0)
+    )
+    plans: int = option(
+        'real plans that the tables of cycle times are checked against',
+        'N',
+        default=100,
+        type=integer_within(0, 100_000),
+    )
+    replay: str | None = option('a robot whose minute is driven again with the full simulation', 'ROBOT')
+    minute: int | None = option('of the shift, from 1 on, for --replay', 'N', type=integer_within(1, 24 * 60))
+    output: str = option('folder for tables, figures and report', 'DIR', default='line')
+
+    parameters = None  # they stand in its file
+
+
+def run(options: Options) -> int:
+    """Run the command; return the exit status."""
+    from delta3_pacdrive.analysis.line import report, run, specification, study
+    from delta3_pacdrive.analysis.line.design import Rule
+    from delta3_pacdrive.errors import LineError
+
+    settings = study.Settings(
+        specification.find(options.specification),
+        None if options.rule is None else Rule(options.rule),
+        options.seed,
+        options.hours,
+        options.plans,
+    )
+    if (options.replay is None) != (options.minute is None):
+        raise LineError('--replay names a robot, --minute says which minute: give both')
+    folder = Path(options.output).absolute()
+
+    def work(show: OnProgress) -> dict[str, Any]:
+        made = run.Study(settings, folder, options.command_line, show)
+        if options.replay is None or options.minute is None:
+            return made.run()
+        made.require_robot(options.replay, options.minute)
+        summary = made.run()
+        from delta3_pacdrive.cell import line_replay
+
+        show(f'{options.replay} again', 0, 0)
+        belt = made.belt_of(options.replay)
+        again = line_replay.replay(made.line, belt, options.replay, MINUTE_S * (options.minute - 1))
+        return summary | {'replay': line_replay.summary(again)}
+
+    def text(summary: dict[str, Any]) -> Iterable[str]:
+        yield from report.text(summary)
+        if 'replay' in summary:
+            from delta3_pacdrive.cell import line_replay
+
+            yield from ['', *line_replay.text(summary['replay'])]
+
+    return conduct(options, work, text, writes=folder)
+
+
+main = Command(
+    'line',
+    'One shift of several robots at belts that run through all of them, from event to event with planned cycle times: '
+    'who picks what by which rule, and which parts are missed and why.',
+    Options,
+    run,
+)

@@ -1,0 +1,133 @@
+"""Facts about shifts: nobody is in two places, parts are picked in reach, and what is missed has its reason."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from delta3_pacdrive.analysis.line import parts, shift
+from delta3_pacdrive.analysis.line.design import Rule
+from delta3_pacdrive.analysis.line.shift import Miss
+from lines import line_of, most_that_can_be_picked, shift_of, tables_of
+
+UNTIL_S = 40.0  # of the shift, for the bound
+WITHIN = 0.01  # of the parts that come
+LAST = 6  # parts that the second robot does not get to any more when the shift ends
+CROWDED, EASY = 260.0, 120.0
+
+
+@pytest.fixture(scope='module')
+def tables():
+    """Give the tables of two robots: the rate of the parts does not matter to them."""
+    return tables_of(line_of(2))
+
+
+def line_with(rule, rate_per_min, **more):
+    return replace(line_of(2, rate_per_min=rate_per_min), rule=rule, **more)
+
+
+@pytest.fixture(scope='module', params=list(Rule))
+def crowded(request, tables):
+    """Give a shift with more parts than two robots can pick, by each rule."""
+    line = line_with(request.param, CROWDED)
+    return line, shift_of(line, tables)
+
+
+def test_a_robot_does_one_thing_at_a_time(crowded):
+    _, found = crowded
+    for robot in range(2):
+        own = found.robot == robot
+        order = np.argsort(found.start_s[own])
+        starts, ends = found.start_s[own][order], (found.start_s + found.cycle_s)[own][order]
+        assert len(starts) > 100
+        assert (starts[1:] >= ends[:-1]).all()
+
+
+def test_every_part_is_picked_in_reach(crowded, tables):
+    line, found = crowded
+    reach = shift.reach_of(line.belts[0], found.parts, tables)
+    picked = np.flatnonzero(found.robot >= 0)
+    robots, starts = found.robot[picked], found.start_s[picked]
+    assert (starts >= reach.earliest_s[robots, picked] - 1e-9).all()
+    assert (starts <= reach.latest_s[robots, picked] + 1e-9).all()
+
+
+def test_every_part_that_counts_is_picked_or_missed_for_a_reason(crowded):
+    _, found = crowded
+    picked, missed = found.robot >= 0, found.missed != ''
+    assert (found.offered == (picked ^ missed)).all()
+    assert not (picked & missed).any()
+    assert (found.missed == Miss.BUSY).sum() > 50
+    assert set(found.missed) <= {'', *Miss}
+
+
+def test_the_same_seed_gives_the_same_shift_and_another_one_another(tables):
+    line = line_with(Rule.OPTIMAL, CROWDED)
+    first, again = shift_of(line, tables), shift_of(line, tables)
+    np.testing.assert_array_equal(first.robot, again.robot)
+    np.testing.assert_array_equal(first.start_s, again.start_s)
+    other = shift_of(replace(line, seed=2), tables)
+    assert not np.array_equal(first.parts.enters_s[:50], other.parts.enters_s[:50])
+
+
+@pytest.mark.parametrize('rule', list(Rule))
+def test_where_there_is_time_for_all_parts_none_is_missed(rule, tables):
+    found = shift_of(line_with(rule, EASY), tables)
+    assert (found.missed != '').sum() == 0
+    assert (found.robot >= 0).sum() > 300
+
+
+def test_in_turn_both_robots_pick_the_same_and_first_come_the_first_picks_more(tables):
+    def picks(rule):
+        found = shift_of(line_with(rule, EASY), tables)
+        return np.bincount(found.robot[found.robot >= 0], minlength=2)
+
+    first, second = picks(Rule.BALANCED)
+    assert abs(first - second) <= LAST
+    first, second = picks(Rule.FIRST_COME)
+    assert first > 1.5 * second
+
+
+def test_who_takes_the_nearest_part_is_away_for_less_time_than_who_takes_the_first(tables):
+    def mean_s(rule):
+        return np.nanmean(shift_of(line_with(rule, CROWDED), tables).cycle_s)
+
+    assert mean_s(Rule.NEAREST) < mean_s(Rule.FIRST_COME) - 0.003
+
+
+def test_the_best_assignment_is_near_what_no_allocation_surpasses(tables):
+    rate = 200.0
+    line = line_with(Rule.OPTIMAL, rate)
+    most = most_that_can_be_picked(line, tables, UNTIL_S)
+    found = shift_of(line, tables)
+    coming = found.parts.enters_s < UNTIL_S
+    picked = int((found.robot[coming] >= 0).sum())
+    assert most - WITHIN * coming.sum() <= picked <= most + 1e-6
+
+
+def test_a_part_for_which_no_window_has_time_is_out_of_reach():
+    line = line_with(Rule.OPTIMAL, EASY, hours=0.01, grip_s=2.0)
+    found = shift_of(line, tables_of(line))
+    assert (found.robot >= 0).sum() == 0
+    assert (found.missed[found.offered] == Miss.OUT_OF_REACH).all()
+    assert found.offered.sum() > 30
+
+
+def test_a_robot_that_waits_for_its_own_parts_leaves_others(tables):
+    reach = shift.reach_of(line_of(2).belts[0], parts.of_belt(line_of(2), line_of(2).belts[0]), tables)
+    allocation = shift.Allocation(Rule.BALANCED, reach, np.zeros(reach.earliest_s.shape[1]), 12.0)
+    first = float(reach.earliest_s[0, 0]) + 1e-6
+    assert allocation.next_for(0, first).part == 0
+    allocation.take(0, 0, first + 0.1)
+    assert allocation.next_for(0, first).part == 2  # part 1 is the other's
+
+
+def test_parts_come_at_their_rate_within_their_spread():
+    line = replace(line_of(1, rate_per_min=150.0, noise=0.3, spread_mm=30), hours=1.0)
+    coming = parts.of_belt(line, line.belts[0])
+    assert len(coming.kind) == pytest.approx(9000, rel=0.02)
+    spacing = np.diff(coming.enters_s)
+    assert spacing.min() > 0.0
+    assert spacing.std() / spacing.mean() == pytest.approx(0.3, rel=0.05)
+    assert np.abs(coming.across_m).max() <= 0.03
+    assert coming.across_m.std() == pytest.approx(0.03 / np.sqrt(3.0), rel=0.05)

@@ -1,0 +1,117 @@
+"""Facts about several robots under one supervisor: what happens to one does not touch the others."""
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip(
+    'rclpy', reason='processes of a robot need the ROS wheels (extra "ros") or a sourced ROS 2'
+)
+
+from delta3_pacdrive.bringup import robots
+from delta3_pacdrive.bringup.environment import namespaces
+from delta3_pacdrive.bringup.options import Options
+from delta3_pacdrive.bringup.robots import RobotNow, Robots, bag_of, require_room
+from delta3_pacdrive.errors import RunError
+
+REPORT = {
+    'phase': 'CP4', 'waiting': '', 'state': 'idle', 'fault': '', 'in_torque': True, 'bus_time_s': 1.0,
+    'cycles': 1000, 'overruns': 2, 'lost_telegrams': 0, 'more': 'than anybody asks for',
+}  # fmt: skip
+
+
+class Rehearsed:
+    """A bring-up that starts nothing: the second robot dies as soon as it is up, the third is killed."""
+
+    def __init__(self, options: Options, started_s: float) -> None:
+        self.options, self.ready_s, self.notes = options, 1.5, [f'I am {options.namespace}']
+
+    def run(self, show: Callable[[Any], None], rising: Callable[[Any], None]) -> dict[str, Any]:
+        asked = threading.Event()
+        signal.signal(signal.SIGINT, lambda *_: asked.set())
+        rising({})
+        show(REPORT)
+        if self.options.namespace.endswith('2'):
+            raise RunError('robot was killed by SIGKILL\nin bus cycle 17')
+        if self.options.namespace.endswith('3'):
+            os.kill(os.getpid(), signal.SIGKILL)
+        while not asked.wait(0.01):
+            pass
+        return {'ok': True, 'cycles': 2000}
+
+
+def options_of(count: int, **more: Any) -> list[Options]:
+    return [Options(program=None, namespace=name, **more) for name in namespaces(count, '/')]
+
+
+@pytest.fixture
+def ended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, RobotNow]:
+    """Give what was known of four robots in the end, when those that live were asked to end."""
+    monkeypatch.setattr(robots, 'Bringup', Rehearsed)
+    supervisor = Robots(options_of(4, logs=tmp_path / 'logs'), False, None, 0.0)
+
+    def show(now: Sequence[RobotNow]) -> None:
+        if all(robot.ended or robot.ready_s for robot in now) and sum(robot.ended for robot in now) == 2:
+            supervisor.end()
+
+    supervisor.run(show)
+    assert sorted(path.name for path in (tmp_path / 'logs').iterdir()) == [f'robot{n}' for n in (1, 2, 3, 4)]
+    return {robot.namespace: robot for robot in supervisor.now}
+
+
+def test_robots_live_on_when_others_die_and_each_ending_is_told(ended: dict[str, RobotNow]) -> None:
+    assert {name: robot.error for name, robot in ended.items()} == {
+        '/robot1': '',
+        '/robot2': 'robot was killed by SIGKILL in bus cycle 17',
+        '/robot3': 'up robot3 was killed by SIGKILL',
+        '/robot4': '',
+    }
+    results = {name: robot.result for name, robot in ended.items()}
+    assert [name for name, result in results.items() if result == {'ok': True, 'cycles': 2000}] == [
+        '/robot1',
+        '/robot4',
+    ]
+
+
+def test_the_supervisor_hears_how_each_robot_is(ended: dict[str, RobotNow]) -> None:
+    for name, robot in ended.items():
+        assert robot.notes == [f'I am {name}']
+        assert robot.ready_s == 1.5
+        assert robot.progress == {key: value for key, value in REPORT.items() if key != 'more'}
+
+
+def test_who_lives_under_nobody_is_left_by_nobody(ended: dict[str, RobotNow]) -> None:
+    assert all(robot.ended for robot in ended.values())
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
+
+
+def test_namespaces_are_below_the_prefix() -> None:
+    assert namespaces(2, '/') == ['/robot1', '/robot2']
+    assert namespaces(1, 'hall/cell2/') == ['/hall/cell2/robot1']
+    assert bag_of(Path('bags'), '/hall/robot3') == Path('bags/robot3')
+
+
+def test_ten_robots_find_each_other_and_what_is_more_is_refused_with_what_is_possible() -> None:
+    single = Options(program=None, single_process=True)
+    require_room(10, single, page=False)
+    with pytest.raises(RunError, match=r'11 robots would be 33 processes .* there can be 10 robots'):
+        require_room(11, single, page=False)
+    with pytest.raises(RunError, match='there can be 7 robots'):
+        require_room(8, single, page=True)
+    with pytest.raises(RunError, match=r'5 robots would be 35 processes .* there can be 4 robots'):
+        require_room(5, Options(program=None), page=False)
+
+
+def test_what_is_wrong_for_all_is_told_before_anything_starts(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="namespace '/cell 2/robot1' is not valid"):
+        Robots([Options(program=None, namespace='/cell 2/robot1')], False, None, 0.0)
+    (tmp_path / 'robot2').mkdir()
+    bags = [Options(program=None, namespace=name, bag=bag_of(tmp_path, name)) for name in namespaces(2, '/')]
+    with pytest.raises(RunError, match='robot2: it exists already'):
+        Robots(bags, False, None, 0.0)

@@ -1,0 +1,67 @@
+"""Facts about what ``delta3 up --robots`` shows and refuses."""
+
+import pytest
+
+from delta3_pacdrive.cli import up
+from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.cli.up_robots import text_table
+
+
+class Robot:
+    """What the supervisor knows of a robot."""
+
+    def __init__(self, namespace, progress=(), error='', ended=False):
+        self.namespace, self.progress, self.error, self.ended = namespace, dict(progress), error, ended
+
+
+REPORT = {
+    'phase': 'CP4',
+    'waiting': '',
+    'state': 'moving',
+    'fault': '',
+    'bus_time_s': 12.34,
+    'overruns': 7,
+    'lost_telegrams': 1,
+}
+
+
+def test_the_table_has_a_row_of_each_robot_and_says_what_it_does_or_waits_for():
+    robots = [
+        Robot('/robot1'),
+        Robot('/robot2', REPORT | {'phase': 'CP0', 'state': '', 'waiting': 'axis2 is missing'}),
+        Robot('/robot3', REPORT),
+        Robot('/robot4', REPORT | {'fault': 'emergency stop'}),
+        Robot('/robot5', REPORT, 'robot was killed', ended=True),
+        Robot('/robot6', REPORT, ended=True),
+    ]
+    assert text_table(robots) == [
+        'robot    phase  state             bus time  overruns  lost AT',
+        '/robot1         starting',
+        '/robot2  CP0    axis2 is missing    12.3 s         7        1',
+        '/robot3  CP4    moving              12.3 s         7        1',
+        '/robot4  CP4    emergency stop      12.3 s         7        1',
+        '/robot5  CP4    robot was killed    12.3 s         7        1',
+        '/robot6  CP4    ended               12.3 s         7        1',
+    ]
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--robots', '0'], "'0' must be a whole number between 1 and 10"),
+        (['--robots', '11'], "'11' must be a whole number between 1 and 10"),
+        (['--separate-processes'], '--separate-processes is for --robots'),
+        (['--robots', '2', '--separate-processes', '--single-process'], 'exclude each other'),
+        (['--robots', '3', '--view-port', '65534'], 'the page of the last robot would need port 65536'),
+    ],
+)
+def test_what_does_not_fit_several_robots_is_refused(arguments, sentence, capsys):
+    with pytest.raises(SystemExit) as end:
+        up.main(arguments)
+    assert end.value.code == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_only_questions_and_stops_are_for_all_robots(capsys):
+    assert main(['move', 'start', '--all']) == 1
+    assert capsys.readouterr().err == 'error: move start does not take --all\n'

@@ -1,0 +1,79 @@
+"""``delta3 up --robots``: two real robots under one supervisor, asked together, of which one dies."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Runner = Callable[..., subprocess.CompletedProcess[str]]
+pytestmark = pytest.mark.timeout(600)
+SLOW = ('--ordinary-priority', '--real-time-factor', '0.2')
+
+
+def read_until(stream: Any, words: str) -> str:
+    """Read lines until one has these words; return all."""
+    read = ''
+    for line in iter(stream.readline, ''):
+        read += line
+        if words in line:
+            return read
+    raise AssertionError(read)
+
+
+def process_of(namespace: str, name: str, numbers: list[int]) -> int:
+    """Return the process of a robot: its parent is the bring-up of that robot."""
+
+    def status(number: int, key: str) -> str:
+        lines = Path(f'/proc/{number}/status').read_text().splitlines()
+        return next(line.split(None, 1)[1] for line in lines if line.startswith(f'{key}:'))
+
+    bringup = f'up {namespace.strip("/")}'
+    own = [n for n in numbers if status(n, 'Name') == name]
+    (found,) = (n for n in own if status(int(status(n, 'PPid')), 'Name') == bringup)
+    return found
+
+
+def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
+    fork_delta3: Callable[..., subprocess.Popen[str]],
+    delta3: Runner,
+    processes: Callable[[], list[str]],
+    nothing_left_behind: None,
+) -> None:
+    up = fork_delta3('up', '--robots', '2', *SLOW)
+    assert 'ready after' in read_until(up.stderr, 'ready after')
+    moved = delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005', '--detach', '--namespace', 'robot2')
+    assert moved.returncode == 0, moved.stderr
+    held = delta3('move', 'hold', '--all')
+    assert held.stdout.startswith('/robot2: stops from bus cycle')
+    assert held.stderr == 'error: /robot1: the robot is idle\n'
+    assert held.returncode == 1
+    state = json.loads(delta3('move', 'state', '--all', '--json').stdout)
+    assert {name: robot['state'] for name, robot in state['robots'].items()} == {
+        '/robot1': 'idle',
+        '/robot2': 'stopped',
+    }
+    stopped = delta3('move', 'emergency_stop', '--all', '--namespace', '/robot2')
+    assert stopped.stdout.startswith('/robot2: emergency stop in bus cycle')
+    assert stopped.returncode == 0, stopped.stderr
+    assert '/robot2: fault: emergency stop' in read_until(up.stderr, '/robot2: fault')
+
+    numbers = [int(entry.split(':')[0]) for entry in processes()]
+    os.kill(process_of('/robot1', 'robot', numbers), signal.SIGKILL)
+    told = read_until(up.stderr, 'gone')
+    assert '/robot1: robot was killed by SIGKILL in bus cycle' in told
+    assert 'the others go on' in told
+    left = json.loads(delta3('move', 'state', '--all', '--namespace', 'robot2', '--json').stdout)
+    assert list(left['robots']) == ['/robot2']
+
+    up.send_signal(signal.SIGINT)
+    output, errors = up.communicate(timeout=60.0)
+    assert up.returncode == 128 + signal.SIGINT
+    assert errors.endswith('error: 1 of 2 robots had gone before the end: /robot1\n')
+    first, second = output.splitlines()
+    assert first.startswith('/robot1: robot was killed by SIGKILL')
+    assert second.startswith('/robot2: bus time ')
