@@ -43,6 +43,8 @@ DIMENSIONLESS = (
         'motion.start_cycle',
         'motor.coupling_effect',
         'control.shaping_damping',
+        'rotary.pole_pairs',
+        'rotary.gear_ratio',
         *(f'drive.notch_{number}_{name}' for number in (1, 2) for name in ('damping', 'depth')),
     }
 )

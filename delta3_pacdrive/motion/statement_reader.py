@@ -26,6 +26,7 @@ from delta3_pacdrive.motion.point_reader import (
 from delta3_pacdrive.motion.program import (
     JOINT_POINTS_MAX,
     Aim,
+    Angle,
     Arch,
     Cubic,
     Dwell,
@@ -40,6 +41,7 @@ from delta3_pacdrive.motion.program import (
     Point,
     Statement,
     Target,
+    Turn,
 )
 from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, payload_on_grid
 
@@ -48,9 +50,10 @@ SHIFT_MAX_S = 10.0  # of an output
 SHIFTS = ('before_m', 'after_m', 'before_s', 'after_s')
 CLEARANCE_MAX_M = 1.0  # of an arch
 VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
+TURN_MAX_RAD = 1e3  # farther is a mistake of units
 LEVEL_RAD = 1e-9  # tilt of a frame that is rounding
 FOR_EACH = 'for_each'
-_PATH_KEYS = (*LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal', 'in_position')
+_PATH_KEYS = (*LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal', 'in_position', 'turn_rad')
 _SETTING_KEYS = ('frame', 'tool')
 Read = Callable[[Any, str], Any]
 ReadIn = Callable[[Any, str, Setting], Any]
@@ -141,6 +144,7 @@ class StatementReader:
                 ('duration_s', 'to_m'),
             ),
             'joints': _Kind(Joints, {'points': ('points', self._joint_points)}, {}, ('points',)),
+            'turn': _Kind(Turn, {'to_rad': ('to', self._angle)}, {}, ('to_rad',)),
             'dwell': _Kind(Dwell, {'time_s': ('time_s', _duration)}, {}, ('time_s',)),
             'output': _Kind(
                 Output,
@@ -274,7 +278,15 @@ class StatementReader:
             'blend_m': blend_m,
             'strict': fields.read('strict', flag, False),
             'in_position': in_position,
+            'turn': fields.read('turn_rad', self._angle, None),
         }
+
+    def _angle(self, value: Any, where: str) -> Angle:
+        """Read an angle of the tool, or a step from where it stands."""
+        if not isinstance(value, dict):
+            return Angle(_turn(value, where))
+        fields = Section(value, where, self._errors, ('by_rad',), ('by_rad',))
+        return Angle(fields.read('by_rad', _turn, 0.0), relative=True)
 
     def _keep_out(self, value: Any, where: str, setting: Setting) -> KeepOut:
         """Read a keep-out; its height is that of the frame, and for the working point of the tool."""
@@ -345,6 +357,10 @@ def _require_one_shift(fields: Section, where: str) -> None:
         refuse(
             f'{where}: payload_kg does not go with {given[0]}: add a second output for the place where the part is held'
         )
+
+
+def _turn(value: Any, where: str) -> float:
+    return number_between(-TURN_MAX_RAD, TURN_MAX_RAD)(value, where)
 
 
 def _told_in(setting: Setting, read: ReadIn) -> Read:
