@@ -12,13 +12,13 @@ from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move_planner import Stretches
-from delta3_pacdrive.motion.plan import MOVES_MAX, STANDING, Move, MoveKind, Plan
+from delta3_pacdrive.motion.plan import MOVES_MAX, STANDING, Move, Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove, with_timed
 from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, Turn, point_text
 from delta3_pacdrive.motion.program_parts import Part, parts
 from delta3_pacdrive.motion.round_planner import Arches, RoundPlanner
 from delta3_pacdrive.motion.thermal_load import LoadBehind, ThermalLoad
-from delta3_pacdrive.motion.turning_move import NO_AXIS
+from delta3_pacdrive.motion.turning_move import NO_AXIS, turn_load
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -26,6 +26,7 @@ SAME_DECIMALS = 9  # of two starts [m] that are one
 # weights of the warmth of the motors that are tried until time-optimal moves keep the rms current
 HEAT_FIRST, HEAT_STEP, HEAT_TRIALS = 1.0, 5.0, 12
 HEAT_KEPT = 0.998  # of the nominal current, within as much
+OF_TOOL = 'of the motor of the rotary axis'
 START_TOLERANCE_RAD = 1e-2  # how far its tool may; the first turn begins where it stands
 START_TOLERANCE_M = (
     1e-3  # how far the robot may stand from the start of a program; the first move begins there
@@ -319,8 +320,20 @@ def _whole(
             f'all moves take {1.0 / rate:.3g} times as long: the rms current of motor {axis + 1} over the program '
             f'would be {load.rms(1.0)[axis]:.4g} A, the limit is {nominal:g} A'
         )
+    tool, tool_nominal = _tool_load(found, parameters), parameters.rotary.nominal_current_a
+    if tool is not None and tool.rms(rate).max() > tool_nominal:
+        rms_a = float(tool.rms(rate)[0])
+        rate = _rate_for_rms(tool, tool_nominal, program, of_tool=True)
+        moves = [_slower(one.move, 1.0 / rate) for one in planned]
+        notices.append(
+            f'all moves take {1.0 / rate:.3g} times as long: the rms current {OF_TOOL} over the program would be '
+            f'{rms_a:.4g} A, the limit is {tool_nominal:g} A'
+        )
     override_max = min(load.override_max / rate, OVERRIDE_MAX)
-    while override_max > 1.0 and load.rms(rate, override_max).max() > nominal:
+    while override_max > 1.0 and (
+        load.rms(rate, override_max).max() > nominal
+        or (tool is not None and tool.rms(rate, override_max).max() > tool_nominal)
+    ):
         override_max = max(1.0, override_max - 0.01)
     rms = load.rms(rate).tolist()
     moves = [with_timed(move, one.timed) for move, one in zip(moves, planned, strict=True)]
@@ -348,17 +361,32 @@ def _whole(
     )
 
 
-def _rate_for_rms(load: ThermalLoad | LoadBehind, nominal: float, program: Program) -> float:
+def _tool_load(found: _Rounds, parameters: Parameters) -> ThermalLoad | None:
+    """Return what all moves ask of the motor of the rotary axis; None if they say nothing of it."""
+    total: ThermalLoad | None = None
+    counts = np.bincount(found.order, minlength=len(found.planned))
+    for one, count in zip(found.planned, counts.tolist(), strict=True):
+        if count and len(one.move.turns):
+            load = turn_load(one.move, parameters).times(count)
+            total = load if total is None else total + load
+    return total
+
+
+def _rate_for_rms(
+    load: ThermalLoad | LoadBehind, nominal: float, program: Program, of_tool: bool = False
+) -> float:
     """Return the largest rate at which the rms current is kept."""
-    if load.rms(0.0).max() >= nominal:
+    still, rms = load.rms(0.0).max(), load.rms(1.0).max()
+    if still >= nominal:
+        alone = f'the friction alone {OF_TOOL}' if of_tool else 'the weight alone'
         raise ProgramError(
-            f'program "{program.name}": the weight alone asks for an rms current of {load.rms(0.0).max():.4g} A, '
-            f'the limit is {nominal:g} A'
+            f'program "{program.name}": {alone} asks for an rms current of {still:.4g} A, the limit is {nominal:g} A'
         )
     if any(getattr(statement, 'strict', False) for statement in program.statements):
-        rms = load.rms(1.0).max()
+        whose = f' {OF_TOOL}' if of_tool else ''
         raise ProgramError(
-            f'program "{program.name}": the rms current would be {rms:.4g} A, the limit is {nominal:g} A (strict)'
+            f'program "{program.name}": the rms current{whose} would be {rms:.4g} A, the limit is {nominal:g} A '
+            '(strict)'
         )
     low, high = 0.0, 1.0
     for _ in range(40):
@@ -368,6 +396,6 @@ def _rate_for_rms(load: ThermalLoad | LoadBehind, nominal: float, program: Progr
 
 
 def _slower(move: Move, factor: float) -> Move:
-    if move.kind in (*STANDING, MoveKind.TURN):
+    if move.kind in STANDING:
         return move
     return replace(move, master=time_parametrization.slowed(move.master, factor))

@@ -18,8 +18,9 @@ from delta3_pacdrive.motion.curves import COINCIDENT_M
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import Limits, phase_voltage_max
 from delta3_pacdrive.motion.move_planner import Stretches, require_end_of_time
-from delta3_pacdrive.motion.plan import Move, MoveKind
+from delta3_pacdrive.motion.plan import STANDING, Move, MoveKind
 from delta3_pacdrive.motion.planned_move import KEPT, PlannedMove, plan_dwell, slowed_down
+from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.motion.turns import TURN_COLUMNS, between, sample_turn
 from delta3_pacdrive.motion.virtual_master import plan_master, sample_master
 from delta3_pacdrive.numerics.types import Floats
@@ -267,6 +268,25 @@ def _lowered(told: Limits, slope: float, factor: float, limits: TurnLimits) -> L
     turn = Limits(limits.speed_rad_s / slope, limits.acceleration_rad_s2 / slope, limits.jerk_rad_s3 / slope)
     low = told.lower(turn)
     return Limits(low.speed_m_s / factor, low.acceleration_m_s2 / factor**2, low.jerk_m_s3 / factor**3)
+
+
+def turn_load(move: Move, parameters: Parameters) -> ThermalLoad:
+    """Sum up what the turn of a move asks of the motor of the rotary axis, with the payload at its start."""
+    none, time_s = np.zeros(1), move.duration_s
+    if not np.abs(move.turns[:, 2:]).any():
+        dwells = move.kind in STANDING  # which last no longer where all moves are slower
+        moves_s, dwell_s = (0.0, time_s) if dwells else (time_s, 0.0)
+        return ThermalLoad(none, none, none, moves_s, none, dwell_s, OVERRIDE_MAX)
+    rotary, limits = parameters.rotary, TurnLimits.of(parameters, move.payload_kg)
+    times = np.linspace(0.0, time_s * (1.0 - BEFORE), SAMPLES)
+    _, turn = turn_motion(times, move.master, move.turns)
+    speed, moving = rotary.gear_ratio * turn[:, 1], limits.current_per_acceleration * turn[:, 2]
+    friction = rotary.static_friction_n_m * np.sign(speed) + rotary.viscous_friction_n_m_s_rad * speed
+    standing = friction / rotary.torque_constant_n_m_a
+    mean = [
+        np.array([time_s * float(values.mean())]) for values in (moving**2, moving * standing, standing**2)
+    ]
+    return ThermalLoad(mean[0], mean[1], mean[2], time_s, none, 0.0, OVERRIDE_MAX)
 
 
 def plan_turn(

@@ -58,10 +58,10 @@ class Rotary:
     acceleration_max_deg_s2: float = quantity(
         'largest acceleration of a turn', SMALLEST, 1e7, default=80_000.0
     )
-    jerk_max_deg_s3: float = quantity('largest jerk of a turn', SMALLEST, 1e10, default=8.0e6)
-    position_gain_rad_s_rad: float = quantity('K_Ppos of its drive', 0.0, 1666.0, default=60.0)
-    velocity_gain_a_s_rad: float = quantity('K_Pvel', 0.0, 100.0, default=0.05)
-    velocity_integral_gain_a_rad: float = quantity('K_Ivel', 0.0, 1e5, default=2.9)
+    jerk_max_deg_s3: float = quantity('largest jerk of a turn', SMALLEST, 1e10, default=1.2e7)
+    position_gain_rad_s_rad: float = quantity('K_Ppos of its drive', 0.0, 1666.0, default=100.0)
+    velocity_gain_a_s_rad: float = quantity('K_Pvel', 0.0, 100.0, default=0.12)
+    velocity_integral_gain_a_rad: float = quantity('K_Ivel', 0.0, 1e5, default=9.0)
     current_gain_v_a: float = quantity('K_Pcurr, per phase', 0.0, 1e3, default=46.0)
     current_integral_gain_v_a_s: float = quantity('K_Icurr, per phase', 0.0, 1e7, default=23_000.0)
     following_error_limit_deg: float = quantity(

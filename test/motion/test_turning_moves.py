@@ -9,6 +9,7 @@ import pytest
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.adapted_program import rest_of
 from delta3_pacdrive.motion.plan import VERSION, Move, MoveKind, Plan
 from delta3_pacdrive.motion.turning_move import TurnLimits, turn_motion
 from delta3_pacdrive.motion.turns import sample_turn, turn_at
@@ -177,7 +178,7 @@ FAST = {'to_m': THERE, 'speed_m_s': 4.0, 'acceleration_m_s2': 60.0, 'jerk_m_s3':
         ({'acceleration_max_deg_s2': 9000.0}, 'the acceleration of the tool would be'),
         ({'jerk_max_deg_s3': 2e5}, 'the jerk of the tool would be'),
         (
-            {'peak_current_a': 1.0, 'nominal_current_a': 0.5},
+            {'peak_current_a': 1.0, 'nominal_current_a': 1.0},
             'the current of the motor of the rotary axis would be',
         ),
     ],
@@ -216,6 +217,33 @@ def test_a_heavier_part_makes_a_turn_slower_where_the_current_is_the_limit(machi
         for payload in (0.5, 5.0)
     ]
     assert times[1] > 1.2 * times[0]
+
+
+def test_a_program_that_would_heat_the_motor_of_the_axis_too_much_is_slower_as_a_whole(machine):
+    weak = machine.replace(rotary__nominal_current_a=0.5)
+    moves = [
+        {'turn': {'to_deg': 180}},
+        {'move_l': {'to_m': THERE, 'turn_deg': 0}},
+        {'move_l': {'to_m': START}},
+    ]
+    slow, free = plan(moves, weak, repeat=5), plan(moves, machine, repeat=5)
+    (notice,) = slow.notices
+    assert 'the rms current of the motor of the rotary axis over the program would be' in notice
+    assert slow.rate < 1.0
+    assert slow.plan.duration_s == pytest.approx(free.plan.duration_s / slow.rate)
+    square = heat = 0.0
+    for move in slow.plan.moves:
+        _, turn = over_time(move)
+        rotary = weak.rotary
+        torque = rotary.shaft_inertia_kg_m2(0.5) * rotary.gear_ratio * turn[:, 2]
+        speed = rotary.gear_ratio * turn[:, 1]
+        torque += rotary.static_friction_n_m * np.sign(speed) + rotary.viscous_friction_n_m_s_rad * speed
+        square = float(((torque / rotary.torque_constant_n_m_a) ** 2).mean())
+        heat += square * move.duration_s
+    rms = math.sqrt(heat / (slow.plan.duration_s / 5))
+    assert rms == pytest.approx(0.5, rel=0.01)
+    sentence = refusal([{'move_l': {'to_m': ABOVE, 'strict': True}}, *moves], weak)
+    assert 'the rms current of the motor of the rotary axis would be' in sentence
 
 
 def test_a_strict_move_is_refused_instead_of_slowed_down(machine):
@@ -257,6 +285,22 @@ def test_a_program_that_starts_with_the_tool_elsewhere_is_refused(machine):
     program = programs.parse(document, machine.motion)
     with pytest.raises(ProgramError, match='starts with its tool at 30 deg, but it stands at 90 deg'):
         program_planner.plan(program, START, machine, turn_rad=math.radians(90.0))
+
+
+def test_a_program_that_begins_in_the_middle_begins_with_the_tool_where_it_is_then(machine):
+    moves = [
+        {'move_l': {'to_m': THERE, 'turn_deg': 30}},
+        {'turn': {'to_deg': {'by_deg': 15}}},
+        {'move_l': {'to_m': START, 'turn_deg': {'by_deg': 10}}},
+    ]
+    program = programs.parse({'start_m': START, 'moves': moves}, machine.motion)
+    rest = rest_of(program, 2, machine)
+    assert math.degrees(rest.start_turn_rad) == pytest.approx(45.0)
+    assert turned_deg(program_planner.plan(rest, THERE, machine)) == [(45.0, 55.0)]
+    steps = programs.parse({'start_m': START, 'moves': [moves[0], moves[1]][1:] + moves}, machine.motion)
+    assert math.degrees(rest_of(steps, 2, machine).start_turn_rad) == pytest.approx(30.0)
+    with pytest.raises(ProgramError, match='say start_turn_deg in the head'):
+        rest_of(steps, 1, machine)
 
 
 # plans
