@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.faults.fault import require_axes
 from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import Limits
@@ -115,6 +116,7 @@ def plan(
 
     """
     require_start(program, position_m)
+    require_axes(program.faults, parameters.rotary.present)
     turn = _start_turn(program, turn_rad, parameters)
 
     shapes: Arches = {} if arches is None else arches

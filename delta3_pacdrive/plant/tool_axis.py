@@ -56,7 +56,7 @@ TOOL_STATE = np.dtype(
         # injected
         ('brake_share', 'f8', (1,)),
         ('brake_stuck', 'i8', (1,)),
-        ('load_torque', 'f8'),  # [N m], motor; positive is against a shaft that turns forwards
+        ('load_torque', 'f8', (1,)),  # [N m], motor; positive is against a shaft that turns forwards
     ],
     align=True,
 )
@@ -150,7 +150,7 @@ def _step(before, now, p):
     for part in range(c.substeps):
         current = before + (part + 0.5) / c.substeps * (now - before)
         speed = s.rate + 0.5 * h * s.acceleration
-        torque = m.torque_constant * current - friction_torque(speed, m) - s.load_torque
+        torque = m.torque_constant * current - friction_torque(speed, m) - s.load_torque[0]
         inertia = c.rotor
         if c.elastic != 0:
             turning = s.turning + 0.5 * h * s.turning_acceleration
@@ -175,14 +175,14 @@ def _step(before, now, p):
 def _coupling(p):
     """Torque d [N m, motor side] that the motor feels beyond the inertia that its drive knows."""
     s, c, m = p.state, p.constants, p.motor
-    torque = m.torque_constant * s.current - friction_torque(s.rate, m) - s.load_torque
+    torque = m.torque_constant * s.current - friction_torque(s.rate, m) - s.load_torque[0]
     inertia, passed = c.rotor, 0.0
     if c.elastic != 0:
         passed = _bar_torque(s.shaft, s.rate, s.angle, s.turning, c) / c.gear_ratio
     else:
         inertia += s.inertia / (c.gear_ratio * c.gear_ratio)
     acceleration = _under_brake(torque - passed, inertia, s.rate, s, c)
-    return (inertia - c.linear_inertia) * acceleration + passed + s.load_torque
+    return (inertia - c.linear_inertia) * acceleration + passed + s.load_torque[0]
 
 
 @kernel

@@ -31,7 +31,7 @@ from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import FaultCode, RunError
-from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_plant
+from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_motors, apply_to_plant
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.numerics.kernel import kernel
@@ -139,13 +139,13 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
         note_currents(k, robot, signals)
         changed = before != triple(r.status)
         if tool is not None:
-            changed |= command_tool(k, control, task, timeline, r.payload, tool)
+            changed |= command_tool(k, control, task, timeline, r.plant[0].state.carried, tool)
         if changed:
             return k
         answer_cycle(k, r.answers[0], r.answers[2], task)
         note_answers(k, r.answers, task, signals)
         if tool is not None:
-            answer_tool(k, tool)
+            answer_tool(k, tool[2][0].drive[0].state.answer[0], tool)
     return end
 
 
@@ -218,7 +218,8 @@ class SimulatedOperation:
     @property
     def lost(self) -> int:
         """AT that did not reach the master."""
-        return sum(self._axes.losses)
+        of_tool = 0 if self._tool_axes is None else sum(self._tool_axes.losses)
+        return sum(self._axes.losses) + of_tool
 
     def run(self) -> dict[str, Floats]:
         """Run to the end of the program, or to rest; return the signals, torques [N m] in place of currents.
@@ -286,10 +287,14 @@ class SimulatedOperation:
         after = min(after, max(2 * cycle, self._signals.shape[1]))
         self._make_room(after)
         robot.received[:] = 1
+        if robot.tool is not None:
+            robot.tool.record['received'] = 1
         machine = robot.record, robot.plant.built, robot.currents
         command = task.control(cycle), task.record, task.timeline.arrays, task.learned.torques
         reached = int(run_stretch((cycle, after), *command, *machine, self._signals, self._beside()))
         axes.accept_cycles(reached - cycle, robot.answers, status.tolist())
+        if self._tool_axes is not None and (tool := robot.tool) is not None:
+            self._tool_axes.accept_cycles(reached - cycle, np.array(tool.answer)[:, None], [tool.status])
         if reached == after:
             task.commanded_to(after)
             return after
@@ -338,8 +343,11 @@ class SimulatedOperation:
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
         robot.cycle(motors, control, payload, received, torques)
         note_currents(cycle, robot.record, self._signals)
-        if (beside := self._beside()) is not None:
-            command_tool(cycle, control, self._task.record, self._task.timeline.arrays, robot.payload, beside)
+        tool, beside = robot.tool, self._beside()
+        if tool is not None and beside is not None:
+            tool.record['received'] = self._schedule.telegram(MDT_LOSSES, TOOL_DRIVE, cycle) is None
+            carried_kg = float(robot.plant.state['carried'][0])
+            command_tool(cycle, control, self._task.record, self._task.timeline.arrays, carried_kg, beside)
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the answers that reach the master, and react to what they tell."""
@@ -355,8 +363,11 @@ class SimulatedOperation:
         ]
         tool, beside = self._robot.tool, self._beside()
         if tool is not None and self._tool_axes is not None and beside is not None:
-            self._tool_axes.accept(0, tool.answer, tool.status)
-            answer_tool(cycle, beside)
+            if self._schedule.telegram(AT_LOSSES, TOOL_DRIVE, cycle):
+                self._tool_axes.extrapolate(0)
+            else:
+                self._tool_axes.accept(0, tool.answer, tool.status)
+            answer_tool(cycle, float(self._tool_axes.positions[0]), beside)
         if self._must_succeed and cycle >= self._start and not self.stopped:
             self._require_torque(status, cycle)
         starts = NEVER if self.stopped else self._start
@@ -378,6 +389,9 @@ class SimulatedOperation:
         for axis, drive in zip(DRIVES, self._robot.drives, strict=True):
             apply_to_drive(drive.state[0], axis, changes, active, nominal)
         apply_to_plant(self._robot.plant.state[0], changes, active)
+        if (tool := self._robot.tool) is not None:
+            apply_to_drive(tool.drive.state[0], TOOL_DRIVE, changes, active, nominal)
+            apply_to_motors(tool.axis.state[0], active, (TOOL_DRIVE,))
         for fault, _ in changes:
             if fault.kind == 'emergency_stop':
                 self._stop(emergency_stop(cycle))

@@ -89,22 +89,24 @@ def command_tool(cycle, control, task, timeline, payload_kg, beside):
 
 
 @kernel
-def answer_tool(cycle, beside):
+def answer_tool(cycle, position, beside):
     """Evaluate the answer of the axis in a bus cycle, and note it.
 
     Parameters
     ----------
     cycle
         Number of the bus cycle.
+    position
+        Of the motor shaft as the master knows it [rad]: that of a lost answer is extrapolated.
     beside
         As in ``command_tool``, with signals of shape (6, cycles).
 
     """
     _, turning, tool, _, signals = beside
     answer, constants = tool[0].drive[0].state.answer, tool[0].drive[0].constants
-    answer_turn(cycle, answer[0], turning)
+    answer_turn(cycle, position, turning)
     t, ratio = turning[0].state, turning[0].constants.gear_ratio
-    signals[TURN_POSITION, cycle] = t.actual
+    signals[TURN_POSITION, cycle] = answer[0] / ratio
     signals[TURN_ERROR, cycle] = t.error
     signals[TURN_SPEED, cycle] = answer[1] / ratio
     signals[TURN_CURRENT, cycle] = answer[2] / constants.torque_constant

@@ -101,6 +101,37 @@ def test_angles_are_absolute_or_steps_in_degrees_or_radians(machine):
     assert turned_deg(plan(moves, machine, start_turn_deg=-10)) == angles
 
 
+FRAMES = {
+    'box': {'origin_m': [0.0, 0.0, -0.8], 'yaw_deg': 30},
+    'ramp': {'origin_m': [0.0, 0.0, -0.8], 'pitch_deg': 10},
+}
+
+
+def test_an_angle_counts_from_the_x_axis_of_its_frame(machine):
+    moves = [
+        {'move_l': {'frame': 'box', 'to_m': [-0.1, 0.0, 0.0], 'turn_deg': 10}},
+        {'move_l': {'frame': 'box', 'to_m': [0.1, 0.0, 0.0], 'turn_deg': {'by_deg': 5}}},
+        {'turn': {'frame': 'box', 'to_deg': -30}},
+        {'turn': {'to_deg': 20}},
+    ]
+    planned = plan(moves, machine, frames=FRAMES)
+    assert [end for _, end in turned_deg(planned)] == [40.0, 45.0, 0.0, 20.0]
+
+
+def test_an_angle_in_a_tilted_frame_is_refused(machine):
+    moves = [{'turn': {'frame': 'ramp', 'to_deg': 10}}]
+    sentence = refusal(moves, machine, frames=FRAMES)
+    assert 'an angle of the tool needs a frame whose z axis is upright, not one tilted by 10 deg' in sentence
+
+
+def test_a_tool_that_works_beside_the_axis_is_not_turned(machine):
+    tools = {'cup': {'offset_m': [0.02, 0.0, -0.06]}}
+    sentence = refusal([{'move_l': {'to_m': THERE, 'turn_deg': 10}}], machine, tools=tools)
+    assert "tool 'cup' works 20 mm beside the axis that would turn it" in sentence
+    below = {'cup': {'offset_m': [0.0, 0.0, -0.06]}}
+    assert turned_deg(plan([{'turn': {'to_deg': 10}}], machine, tools=below)) == [(0.0, 10.0)]
+
+
 def test_steps_add_up_over_rounds(machine):
     moves = [{'move_l': {'to_m': THERE, 'turn_deg': {'by_deg': 20}}}, {'move_l': {'to_m': START}}]
     planned = plan(moves, machine, repeat=3)

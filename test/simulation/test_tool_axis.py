@@ -217,6 +217,44 @@ def test_a_fault_of_the_fourth_drive_stops_the_robot_on_its_path(machine):
     assert np.ptp(trace['turn_true'][-100:, 0]) == 0.0  # its brake holds it
 
 
+@pytest.mark.parametrize(
+    ('fault', 'told'),
+    [
+        ({'fault': 'encoder_failure'}, '8171'),
+        ({'fault': 'winding_short'}, '8905'),
+        ({'fault': 'dc_link', 'voltage_v': 300.0}, ''),
+        ({'fault': 'drop_mdt', 'cycles': 2}, '8112'),
+        ({'fault': 'drop_at', 'cycles': 2}, 'two AT lost in a row'),
+        ({'fault': 'overload', 'torque_n_m': 5.0}, ''),
+    ],
+)
+def test_a_fault_of_the_fourth_axis_that_is_injected_stops_the_robot(fault, told, machine):
+    faults = [fault | {'axis': 'axis4', 'after_s': 0.3}]
+    trace = simulation.run(program(LINE, machine, faults=faults), machine)
+    print(trace.meta['stopped'])
+    assert trace.meta['stop_source'] == 'axis4'
+    assert told in trace.meta['stopped']
+    assert PICK[0] < trace['tcp_command'][-1, 0] < 0.15
+
+
+def test_one_lost_telegram_of_the_fourth_axis_is_bridged(machine):
+    faults = [
+        {'fault': 'drop_at', 'axis': 'axis4', 'after_s': 0.2},
+        {'fault': 'drop_mdt', 'axis': 'axis4', 'after_s': 0.3},
+    ]
+    trace = simulation.run(program(LINE, machine, faults=faults), machine)
+    assert trace.meta['stopped'] == ''
+    assert trace.meta['lost_telegrams'] == 1
+    assert math.degrees(trace['turn_true'][-1, 0]) == pytest.approx(180.0, abs=0.02)
+
+
+def test_a_fault_of_an_axis_that_is_not_there_is_refused(machine):
+    robot = machine.replace(rotary__present=False)
+    faults = [{'fault': 'drop_at', 'axis': 'axis4', 'after_s': 0.2}]
+    with pytest.raises(ProgramError, match='drop_at axis4: the robot has no axis4, that of a rotary axis'):
+        simulation.run(program([{'dwell': {'time_s': 0.1}}], robot, faults=faults), robot)
+
+
 def test_controller_and_machine_must_both_have_the_axis(machine):
     without = machine.replace(rotary__present=False)
     with pytest.raises(RunError, match='must both have a rotary axis, or none'):

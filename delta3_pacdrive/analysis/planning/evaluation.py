@@ -381,7 +381,7 @@ def _mapped(change: Callable[[list[Floats]], Floats], pieces: Sequence[Samples])
 def _along_the_path(part: _Part, gone_m: float) -> Floats:
     """Return distance since the start, speed, acceleration and jerk along the path, shape (n, 4)."""
     if part.move.kind == MoveKind.TURN:
-        return np.zeros(part.master.shape) + np.array([gone_m, 0.0, 0.0, 0.0])
+        return np.asarray(np.zeros(part.master.shape) + np.array([gone_m, 0.0, 0.0, 0.0]))
     if part.move.kind not in TIMED:
         return np.asarray(part.master + np.array([gone_m, 0.0, 0.0, 0.0]))
     v = part.master[:, 1]
