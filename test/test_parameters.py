@@ -43,6 +43,8 @@ DIMENSIONLESS = (
         'motion.start_cycle',
         'motor.coupling_effect',
         'control.shaping_damping',
+        'rotary.pole_pairs',
+        'rotary.gear_ratio',
         *(f'drive.notch_{number}_{name}' for number in (1, 2) for name in ('damping', 'depth')),
     }
 )
@@ -62,7 +64,8 @@ NOTCHES = {name for name in FIELDS if name.startswith('drive.notch_')}
 GEARS = {'control.gear_stiffness_n_m_rad', 'control.gear_backlash_rad'}
 SHAPING = {f'control.shaping{name}' for name in ('', '_frequency_hz', '_damping')}
 IN_POSITION = {'drive.position_window_rad', 'motion.in_position_time_s', 'motion.in_position_timeout_s'}
-OPTIONAL = CORRECTIONS | SINGLE_MOTOR | SIX_RODS | NOTCHES | GEARS | IN_POSITION | SHAPING
+ROTARY = {name for name in FIELDS if name.startswith('rotary.')}
+OPTIONAL = CORRECTIONS | SINGLE_MOTOR | SIX_RODS | NOTCHES | GEARS | IN_POSITION | SHAPING | ROTARY
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
     'bus.cycle_time_s': 1e-3,
@@ -402,7 +405,7 @@ def test_all_mistakes_of_a_file_are_told_with_their_places(tmp_path):
             'unknown parameter motor.peak_curent_a: did you mean peak_current_a?',
         ),
     }
-    for number, line in enumerate(lines):
+    for number, line in enumerate(lines[: lines.index('    bus:')]):
         for key, (changed, reason) in changes.items():
             if line.strip().startswith(key):
                 indent = len(line) - len(line.lstrip())
@@ -464,6 +467,60 @@ def test_what_is_no_file_gets_one_sentence(tmp_path):
     assert 'cannot read parameter file' in refusal(parameters.load, tmp_path / 'missing.yaml')
 
 
+@pytest.mark.parametrize(
+    ('changes', 'sentence'),
+    [
+        (
+            {'angle_min_deg': 90.0, 'angle_max_deg': 90.0, 'home_deg': 90.0},
+            'rotary.angle_min_deg is 90, but must be less than rotary.angle_max_deg (90)',
+        ),
+        (
+            {'home_deg': 361.0},
+            'rotary.home_deg is 361, but must lie between rotary.angle_min_deg (-360) and '
+            'rotary.angle_max_deg (360)',
+        ),
+        (
+            {'gear_ratio': 20.0},
+            'rotary.speed_max_deg_s is 2400, but its motor turns the tool at 1800 deg/s at most '
+            '(rotary.max_speed_rpm over rotary.gear_ratio)',
+        ),
+        (
+            {'nominal_current_a': 7.0},
+            'rotary.nominal_current_a is 7, but must not exceed rotary.peak_current_a (6.5)',
+        ),
+        (
+            {'static_friction_n_m': 4.0},
+            'rotary.static_friction_n_m is 4, which its motor cannot overcome: it has 3.9 N m at its peak current',
+        ),
+    ],
+)
+def test_values_of_a_rotary_axis_that_contradict_one_another_are_refused_if_there_is_one(
+    changes, sentence, robot
+):
+    changes = {f'rotary__{name}': value for name, value in changes.items()}
+    assert not robot.replace(**changes).rotary.present
+    with pytest.raises(ParameterError) as refused:
+        robot.replace(rotary__present=True, **changes)
+    assert sentence in str(refused.value)
+
+
+def test_the_drive_of_the_rotary_axis_has_its_own_motor_gear_and_loops_in_their_places(robot):
+    machine = robot.replace(
+        rotary__present=True, rotary__angle_min_deg=-10.0, drive__notch_1_frequency_hz=200.0
+    )
+    axis, rotary = parameters.of_tool_axis(machine), machine.rotary
+    for name in ('peak_current_a', 'torque_constant_n_m_a', 'winding_resistance_ohm', 'brake_torque_n_m'):
+        assert getattr(axis.motor, name) == getattr(rotary, name) != getattr(machine.motor, name)
+    assert axis.dynamics.gear_ratio == rotary.gear_ratio
+    assert axis.dynamics.end_stop_min_deg < rotary.angle_min_deg
+    assert axis.drive.velocity_gain_a_s_rad == rotary.velocity_gain_a_s_rad
+    assert axis.drive.notch_1_frequency_hz == 0.0
+    assert axis.drive.feedforward_inertia_kg_m2 == rotary.shaft_inertia_kg_m2(
+        machine.dynamics.payload_mass_kg
+    )
+    assert axis.rich.sensor_seed != machine.rich.sensor_seed
+
+
 def test_equal_values_have_equal_checksums(robot, tree, load_tree):
     assert load_tree(tree).checksum == parameters.load().checksum == robot.replace().checksum
     assert load_tree(dict(reversed(tree.items()))).checksum == robot.checksum
@@ -489,6 +546,9 @@ def test_the_checksum_tells_the_last_bit_of_every_value(name, robot, values):
         robot, changed = replace(robot, name, 210.0), math.nextafter(210.0, math.inf)
     else:
         changed = math.nextafter(values[name], math.inf)
+    if name in ROTARY - {'rotary.present'}:  # what is not there does not count
+        assert replace(robot, name, changed).checksum == robot.checksum
+        robot = robot.replace(rotary__present=True)
     assert replace(robot, name, changed).checksum != robot.checksum
 
 

@@ -199,7 +199,7 @@ class BeltRobot(PartsRobot):
             seen = self._seen()
             if planned is None:
                 batch = block.begun_at(self._moves.plan_end_m or seen.planned_m, self._batch)
-                planned = self._moves.preview(batch, seen.planned_m)
+                planned = self._moves.preview(batch, seen.planned_m, seen.turn_rad)
                 seen = self._seen()  # a clock has gone on
             timeline = self._moves.timeline
             begin = seen.cycle + self.parameters.decision_cycles + self._clock_cycles
@@ -299,7 +299,7 @@ class BeltRobot(PartsRobot):
         if timeline is None or self._held or all(isinstance(one, Output) for one, _ in batch):
             return
         seen = self._ready()
-        planned, rate = self._moves.preview(batch, seen.planned_m), self._moves.override
+        planned, rate = self._moves.preview(batch, seen.planned_m, seen.turn_rad), self._moves.override
         begin = max(seen.cycle + self.parameters.decision_cycles, timeline.end_cycle)
         belt, there = tracking.belts[block.belt], tracking.expected(block.belt, begin)
         begun_m = block.part.along_m + there.way_m - block.reference_m
@@ -344,7 +344,7 @@ class BeltRobot(PartsRobot):
         if left_s <= 0.0 or self._held:
             self._leaving = None
             return
-        planned, rate = self._moves.preview(batch, seen.planned_m), self._moves.override
+        planned, rate = self._moves.preview(batch, seen.planned_m, seen.turn_rad), self._moves.override
         first_s = first_moved_s(planned.plan) / rate
         pad_s = max(left_s - first_s, 0.0)
         if pad_s > 0.5 * cycle_s:

@@ -40,6 +40,8 @@ class Seen:
         As bits.
     planned_m
         Where the plan has the TCP: elsewhere than it is commanded to be, as long as it goes with a belt.
+    turn_rad
+        Where the tool is commanded to be; None: the robot has no rotary axis.
 
     """
 
@@ -51,6 +53,7 @@ class Seen:
     payload_kg: float
     inputs: int
     planned_m: Point
+    turn_rad: float | None = None
 
 
 class StoppedError(RefusedError):

@@ -89,6 +89,7 @@ class Moves:
     def __init__(self, name: str, parameters: Parameters) -> None:
         self._name, self._parameters = name, parameters
         self.timeline: Timeline | None = None
+        self._stands_rad: float | None = None  # of the tool
         self._driven: Driven | None = None
         self._override_max = 1.0
         self.override = 1.0
@@ -115,10 +116,12 @@ class Moves:
             self.payload_kg = self._driven.payload_kg
         self.timeline = self._driven = None
 
-    def order(self, written: Sequence[Written], cycle: int, here_m: Point) -> Start | Extension:
+    def order(
+        self, written: Sequence[Written], cycle: int, here_m: Point, turn_rad: float | None = None
+    ) -> Start | Extension:
         """Return how statements are driven from a bus cycle on; raises ProgramError.
 
-        ``here_m`` is where the robot stands, if nothing is under way.
+        ``here_m`` is where the robot stands, if nothing is under way; ``turn_rad`` where its tool does.
         """
         if all(isinstance(statement, Output) for statement, _ in written):
             standing = Dwell(
@@ -127,7 +130,8 @@ class Moves:
             written = [*written, (standing, written[-1][1])]
         known, timeline = self._driven, self.timeline
         if known is None or timeline is None:
-            return self._from_rest(written, cycle, here_m)
+            return self._from_rest(written, cycle, here_m, turn_rad)
+        self._stands_rad = turn_rad
         statements = [statement for statement, _ in written]
         seam = known.seam(rounded=not begins_at_rest(statements))
         if len(seam.again) + len(written) > REPLANNED_MAX:
@@ -139,17 +143,24 @@ class Moves:
             self._note_corner(written, 'it is too late')
             return self._following(written, cycle, timeline, known, known.seam(rounded=False))
 
-    def preview(self, written: Sequence[Written], here_m: Point) -> Planned:
+    def preview(self, written: Sequence[Written], here_m: Point, turn_rad: float | None = None) -> Planned:
         """Return the plan of statements behind all that is ordered, which nobody drives; raises ProgramError.
 
-        ``here_m`` is where the plan stands, if nothing is under way.
+        ``here_m`` is where the plan stands, if nothing is under way; ``turn_rad`` where the tool does.
         """
         program = self._program(written, None)
         if self._driven is not None:
             program = replace(program, payload_kg=self._driven.payload_kg)
         start = np.array(here_m if self.plan_end_m is None else self.plan_end_m)
+        turn = turn_rad if self._driven is None else self._turn_behind(self._driven)
         return program_planner.plan(
-            program, start, self._parameters, returning=True, open_end=True, arches=self._arches
+            program,
+            start,
+            self._parameters,
+            returning=True,
+            open_end=True,
+            arches=self._arches,
+            turn_rad=turn,
         )
 
     def left_on_belt_s(self, cycle: int) -> float:
@@ -196,10 +207,18 @@ class Moves:
         payload = self.payload_kg if seam is None else seam.payload_kg
         return Program(self._name, statements, payload_kg=payload, source=source, places=places)
 
-    def _from_rest(self, written: Sequence[Written], cycle: int, here_m: Point) -> Start:
+    def _from_rest(
+        self, written: Sequence[Written], cycle: int, here_m: Point, turn_rad: float | None
+    ) -> Start:
         program = self._program(written, None)
         planned = program_planner.plan(
-            program, np.array(here_m), self._parameters, returning=True, open_end=True, arches=self._arches
+            program,
+            np.array(here_m),
+            self._parameters,
+            returning=True,
+            open_end=True,
+            arches=self._arches,
+            turn_rad=turn_rad,
         )
         self._places = []
         self._note(program, planned, written, again=False)
@@ -221,6 +240,7 @@ class Moves:
             open_end=True,
             before=known.load(min(first, seam.kept), seam.kept),
             arches=self._arches,
+            turn_rad=self._stands_rad if seam.turn_rad is None else seam.turn_rad,
         )
         override = 1.0 if timeline.profile is None else timeline.profile.override
         if override > planned.override_max:
@@ -234,6 +254,10 @@ class Moves:
         self._override_max = min(self._override_max, planned.override_max)
         self.timeline = extension.timeline
         return extension
+
+    def _turn_behind(self, known: Driven) -> float | None:
+        end = known.plan.end_turn_rad
+        return self._stands_rad if end is None else end
 
     def _note(self, program: Program, planned: Planned, written: Sequence[Written], again: bool) -> None:
         self._places = [*self._places, *(place for _, place in written)][-REPLANNED_MAX:]

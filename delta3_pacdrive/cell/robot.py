@@ -112,6 +112,10 @@ class Robot:
         """Move over an arch to ``to_m``, straight up by ``up_m`` first and straight down by ``down_m`` in the end."""
         self._write('arch', keys)
 
+    def turn(self, **keys: Any) -> None:
+        """Turn the tool to ``to_deg`` or ``to_rad`` while the robot stands; a move does so on its way: ``turn_deg``."""
+        self._write('turn', keys)
+
     def dwell(self, time_s: float) -> None:
         """Rest for a time [s] between moves."""
         self._write('dwell', {'time_s': time_s})
@@ -355,7 +359,7 @@ class Robot:
             cycle = max(seen.cycle + self.parameters.decision_cycles, stands)
             if moves.timeline is not None:  # who stands starts as soon as he can
                 cycle += late
-            ordered = moves.order(self._on_time(batch, cycle), cycle, here.planned_m)
+            ordered = moves.order(self._on_time(batch, cycle), cycle, here.planned_m, here.turn_rad)
             if isinstance(ordered, Start):
                 effect = self._link.start(ordered.planned, ordered.cycle, ordered.override)
                 if effect != cycle:

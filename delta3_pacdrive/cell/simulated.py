@@ -30,6 +30,7 @@ from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.simulation.run import note_currents, trace_of
 from delta3_pacdrive.simulation.scoped import ScopedRobot
 from delta3_pacdrive.simulation.stepped import SteppedOperation
+from delta3_pacdrive.simulation.turn_figures import turn_figures
 
 
 class SimulatedLink:
@@ -105,7 +106,8 @@ class SimulatedLink:
         bits = self._inputs.bits(cycle)
         u, v, w = (x, y, z) if self.tracking is None else task.state['planned'][0].tolist()
         outputs, payload = commanded.outputs, commanded.payload_kg
-        return Seen(cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w))
+        turn = None if task.turning is None else task.turning.angle_rad
+        return Seen(cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w), turn)
 
     @property
     def tracking(self) -> BeltTracking | None:
@@ -214,17 +216,18 @@ class SimulatedLink:
         cycle_time_s = self.parameters.bus.cycle_time_s
         found = operation.signals()
         task_end = self._task.state['tcp'][0].tolist()
+        moves, first = self._log.moves(), self.parameters.motion.start_cycle if start is None else start
         driven: dict[str, Any] = {
             'program': name,
             'notices': list(notices),
             'program_s': 0.0 if start is None else (self._end_cycle - start) * cycle_time_s,
             'repeat': 1,
-            'moves': self._log.moves(),
+            'moves': moves,
             'outputs': self._log.outputs(),
-            'start_cycle': self.parameters.motion.start_cycle if start is None else start,
+            'start_cycle': first,
             'end_cycle': self._end_cycle,
             'planned_end_m': task_end,
-            'figures': vars(combined(self._figures)),
+            'figures': vars(combined(self._figures)) | turn_figures(found, moves, first, self.parameters),
             'faults': [],
             'unlearned': '',
         }

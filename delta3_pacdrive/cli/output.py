@@ -1,6 +1,7 @@
 """What the commands share: errors as one sentence, results as a table or as JSON."""
 
 import json
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -178,6 +179,11 @@ def print_figures(result: dict[str, Any]) -> None:
         ('peak in the AT', _amperes(result['at_current_peak_a'])),
         ('rms in the AT', _amperes(result['at_current_rms_a'])),
     ]
+    if 'turn_place_error_max_rad' in result:
+        place, way = (math.degrees(result[f'turn_{name}error_max_rad']) for name in ('place_', ''))
+        peak, rms = result['turn_current_peak_a'], result['turn_current_rms_a']
+        rows.append(('tool', f'{place:.4f} deg off at most where moves end, {way:.4f} deg on the way'))
+        rows.append(('tool current', f'{peak:.2f} A peak, {rms:.2f} A rms in the AT'))
     if result.get('repeat', 1) > 1:
         rounds = 60.0 * result['repeat'] / result['program_s']
         rows.append(('rounds', f'{result["repeat"]} in {result["program_s"]:.3f} s: {rounds:.1f} per minute'))

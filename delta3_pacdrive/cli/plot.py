@@ -18,12 +18,21 @@ from delta3_pacdrive.recording.signals import (
     SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
+    TURN_SIGNALS,
 )
 
 if TYPE_CHECKING:
     from delta3_pacdrive.recording.trace import Trace
 
-KNOWN = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS | REQUESTED_SIGNALS
+KNOWN = (
+    SIGNALS
+    | TORQUE_SIGNALS
+    | CURRENT_SIGNALS
+    | TRUE_SIGNALS
+    | TURN_SIGNALS
+    | DERIVED_SIGNALS
+    | REQUESTED_SIGNALS
+)
 
 
 def _signals(text: str) -> list[str]:

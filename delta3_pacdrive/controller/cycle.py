@@ -64,13 +64,21 @@ class ControllerCycle:
         Gives the commands and evaluates the answers.
     axes
         Keeps what the drives have answered.
+    tool_axes
+        The same of the rotary axis; None: there is none.
     parameters
         Of the robot. A stop begins ``bus.outstanding_cycles_max`` cycles after the one whose answers tell of a fault.
 
     """
 
-    def __init__(self, task: Transformation, axes: AxisMonitor, parameters: Parameters) -> None:
-        self._task, self._axes = task, axes
+    def __init__(
+        self,
+        task: Transformation,
+        axes: AxisMonitor,
+        parameters: Parameters,
+        tool_axes: AxisMonitor | None = None,
+    ) -> None:
+        self._task, self._axes, self._tool_axes = task, axes, tool_axes
         self._reaction_cycles = parameters.bus.outstanding_cycles_max
 
     def command(self, cycle: int) -> Command:
@@ -111,6 +119,10 @@ class ControllerCycle:
                 axes.accept(axis, answer[0], answer[1])
         self._task.receive(cycle, axes.positions, axes.torques)
         found = axes.check(cycle, program_starts)
+        if self._tool_axes is not None:
+            of_tool = self._tool_axes.check(cycle, program_starts)
+            if found is None or (of_tool is not None and of_tool.not_following and not found.not_following):
+                found = of_tool
         if found is None or (stopped and not found.not_following):
             late = None if stopped else self._task.settle(cycle)
             return None if late is None else Stop(late, cycle + self._reaction_cycles)

@@ -11,7 +11,7 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.adaptation import Adaptation
 from delta3_pacdrive.motion.adapted_program import adapted
 from delta3_pacdrive.motion.extension import Seam
-from delta3_pacdrive.motion.program import Cubic, Dwell, Joints, Output, Program, Statement
+from delta3_pacdrive.motion.program import Cubic, Dwell, Joints, Output, Program, Statement, Turn
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.parameters import Parameters
@@ -110,7 +110,7 @@ UNROUNDED = Reason(Code.LATE, 'the corner to the moves that follow is not rounde
 def begins_at_rest(statements: Sequence[Statement]) -> bool:
     """Whether no corner to the first move can be rounded."""
     first = next((statement for statement in statements if not isinstance(statement, Output)), None)
-    return isinstance(first, Dwell | Cubic | Joints)
+    return isinstance(first, Dwell | Cubic | Joints | Turn)
 
 
 class CancelledError(ProgramError):

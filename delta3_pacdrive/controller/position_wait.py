@@ -14,9 +14,9 @@ from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS, rest
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, of_tool_axis
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 
 NONE = -1  # instead of the number of a move
 
@@ -37,7 +37,9 @@ class PositionWait:
         bus, motion = parameters.bus, parameters.motion
         self._cycle_time_s, self._reaction = bus.cycle_time_s, bus.outstanding_cycles_max
         self._cycles, self._timeout_s = parameters.in_position_cycles, motion.in_position_timeout_s
-        self._window_rad = parameters.drive.position_window_rad
+        self._windows_rad = [parameters.drive.position_window_rad] * len(DRIVES)
+        if parameters.rotary.present:
+            self._windows_rad.append(of_tool_axis(parameters).drive.position_window_rad)
         self._stops = np.zeros(0, np.int64)  # numbers of the moves
         self._passed = NONE  # the last one that the robot has left
         self._resting: MotionProfile | None = None
@@ -106,24 +108,27 @@ class PositionWait:
         self._leaving = MotionProfile(first, self.number, np.zeros((1, PHASE_COLUMNS)), override)
         return self._leaving
 
-    def fault(self, cycle: int, since: int, where: str, state: Any) -> RobotFault | None:
+    def fault(self, cycle: int, since: int, where: str, state: Any, tool: Any = None) -> RobotFault | None:
         """Return the fault of a robot that is not in position in a bus cycle, None while there is time left.
 
-        ``state`` is the ``STATE`` of the task.
+        ``state`` is the ``STATE`` of the task, ``tool`` that of the rotary axis, if there is one.
         """
         waited_s = (cycle - since) * self._cycle_time_s
         if waited_s < self._timeout_s:
             return None
-        off = np.abs(state['off'])
-        worst = int(np.argmax(np.where(np.isfinite(off), off, np.inf)))
+        off, within = np.abs(state['off']), int(state['within'])
+        if tool is not None:
+            off, within = np.append(off, abs(tool['off'])), min(within, int(tool['within']))
+        worst = int(np.argmax(np.where(np.isfinite(off), off / self._windows_rad, np.inf)))
+        axis, window = (*DRIVES, TOOL_DRIVE)[worst], self._windows_rad[worst]
         told = f'not in position {waited_s:.3g} s after the set points stand {where}'
-        if off[worst] <= self._window_rad:
-            counted = min(int(state['within']), cycle + 1 - since)
+        if off[worst] <= window:
+            counted = min(within, cycle + 1 - since)
             told += (
                 f': all drives are within their position windows (S-0-0057) for only {counted} bus cycles, '
                 f'{self._cycles} are needed'
             )
             return RobotFault(FaultCode.NOT_IN_POSITION, told, cycle=cycle)
-        told += f': {DRIVES[worst]} is {off[worst]:.4g} rad off, the position window (S-0-0057) is '
-        told += f'{self._window_rad:g} rad'
-        return RobotFault(FaultCode.NOT_IN_POSITION, told, DRIVES[worst], cycle=cycle)
+        told += f': {axis} is {off[worst]:.4g} rad off, the position window (S-0-0057) is '
+        told += f'{window:g} rad'
+        return RobotFault(FaultCode.NOT_IN_POSITION, told, axis, cycle=cycle)

@@ -180,7 +180,7 @@ def command_cycle(cycle, task, timeline, corrections):
     twist = (0.0, 0.0, 0.0)
     if c.gear_gives != 0.0:
         twist = gear_twist(
-            _motion_at(cycle, 0.0, task, timeline), _coming_payload(cycle, task, timeline), task
+            _motion_at(cycle, 0.0, task, timeline), coming_payload(cycle, task, timeline), task
         )
     for i in range(3):
         s.twist_history[row, i] = twist[i]
@@ -206,7 +206,7 @@ def feed_forward(cycle, task, timeline):
     """
     c, m = task[0].constants, task[0].motor
     motion = _motion_at(cycle, c.torque_lead, task, timeline)
-    torque = arm_torques(motion, _coming_payload(cycle, task, timeline), task)
+    torque = arm_torques(motion, coming_payload(cycle, task, timeline), task)
     speed = motion[1]
     for i in range(3):
         friction = friction_torque(c.gear_ratio * speed[i], m)
@@ -283,7 +283,7 @@ def give(torque, compliance, half_backlash):
 
 
 @kernel
-def _coming_payload(cycle, task, timeline):
+def coming_payload(cycle, task, timeline):
     """Payload [kg] that is there when what a cycle commands is reached: that of the next MDT."""
     s = task[0].state
     if s.start_cycle <= cycle + 1:

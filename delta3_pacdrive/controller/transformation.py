@@ -25,6 +25,7 @@ from delta3_pacdrive.controller.task_arrays import (
     stand_at,
     task_constants,
 )
+from delta3_pacdrive.controller.turning import Turning, require_turns
 from delta3_pacdrive.dynamics import gravity, inertia
 from delta3_pacdrive.errors import ProgramError, RobotFault, RunError
 from delta3_pacdrive.kinematics import geometry
@@ -103,6 +104,8 @@ class Transformation:
         Its learned torques, which are followed or not.
     tracking
         Of the belts on its bus; None: there are none.
+    turning
+        Commands of the rotary axis; None: the robot has none.
     current_peak, current_rms
         Of the motors in the program [A], by axis, as the drives have formed them of all samples; None: not known yet.
 
@@ -129,6 +132,7 @@ class Transformation:
         self.extensions = 0
         self._wait = PositionWait(parameters)
         self.tracking: BeltTracking | None = None
+        self.turning = Turning(parameters) if parameters.rotary.present else None
         self.own_profile: MotionProfile | None = None
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
@@ -169,8 +173,11 @@ class Transformation:
         return theta, twist, kinematics.forward(theta, parameters.kinematics)
 
     def load(self, plan: Plan) -> None:
-        """Take over a program; it waits for ``start``."""
+        """Take over a program; it waits for ``start``. Raises ProgramError if its tool stands elsewhere."""
+        require_turns(self.turning, plan)
         self.timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
+        if self.turning is not None:
+            self.turning.follow(plan)
         self.state['end_cycle'] = self.timeline.end_cycle
         self._drop_coming()
         self.learned.load(plan)
@@ -289,6 +296,8 @@ class Transformation:
             return
         self.timeline, left_out = self._longer
         self._longer = None
+        if self.turning is not None:
+            self.turning.follow(self.timeline.plan)
         self.state['move'] -= left_out
         self.state['end_cycle'] = self.timeline.end_cycle
         self._mark_measured()
@@ -394,6 +403,8 @@ class Transformation:
         if self.tracking is not None:
             self._track(cycle, self.tracking)
         command_cycle(cycle, self.record, self.timeline.arrays, self.learned.torques)
+        if self.turning is not None:
+            self.turning.command(cycle, self.record, self.timeline)
         self.next_cycle = cycle + 1
         return self.motors
 
@@ -458,7 +469,13 @@ class Transformation:
         That counts from the cycle on in which the set points stand: answers of earlier ones may still be on their way.
         """
         stood = cycle + 1 - (self._wait.since if self._wait.waits else self.end_cycle)
-        return self._wait.is_long_enough(min(int(self.state['within'][0]), stood))
+        return self._wait.is_long_enough(min(self.within, stood))
+
+    @property
+    def within(self) -> int:
+        """For how many bus cycles every drive has been within its position window."""
+        within = int(self.state['within'][0])
+        return within if self.turning is None else min(within, self.turning.within)
 
     def settle(self, cycle: int) -> RobotFault | None:
         """Go on behind an exact stop once the answers of a cycle tell of a robot in position.
@@ -473,10 +490,16 @@ class Transformation:
                 self._coming = self.own_profile = wait.way_on(cycle, self.timeline)
             return None
         if wait.waits:
-            return wait.fault(cycle, wait.since, f'at the end of move {wait.number}', self.state[0])
+            return wait.fault(
+                cycle, wait.since, f'at the end of move {wait.number}', self.state[0], self._tool
+            )
         if cycle < self.last_cycle:
             return None
-        return wait.fault(cycle, end, 'at the end of the program', self.state[0])
+        return wait.fault(cycle, end, 'at the end of the program', self.state[0], self._tool)
+
+    @property
+    def _tool(self) -> np.void | None:
+        return None if self.turning is None else self.turning.state[0]
 
     def commanded_to(self, cycle: int) -> None:
         """Note that compiled code has given the commands of the cycles before this one."""

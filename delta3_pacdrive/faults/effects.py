@@ -33,7 +33,12 @@ def apply_to_plant(state: Any, changes: Sequence[tuple[Fault, bool]], active: Se
     """Bring the state of the plant up to date, as ``apply_to_drive`` does; torques add up, so do losses of a brake."""
     if any(fault.kind == 'payload_lost' for fault, _ in changes):
         state['payload_lost'] = 1
-    for index, axis in enumerate(DRIVES):
+    apply_to_motors(state, active, DRIVES)
+
+
+def apply_to_motors(state: Any, active: Sequence[Fault], axes: Sequence[str]) -> None:
+    """Bring brakes and loads of motors up to date, whose axes are named in their order."""
+    for index, axis in enumerate(axes):
         values = _values(axis, active)
         state['brake_share'][..., index] = math.prod(1.0 - lost for lost in values('brake_worn'))
         state['brake_stuck'][..., index] = len(values('brake_stuck')) > 0

@@ -22,12 +22,13 @@ from delta3_pacdrive.configuration.checked import Errors, Section, nearest_of, r
 from delta3_pacdrive.configuration.located import place_in, place_of
 from delta3_pacdrive.configuration.readers import number_between, one_of, whole_number_between
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
+from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, TOOL_DRIVE
 
 AFTER_MAX_S = 1e5
 CYCLES_MAX = 1000
 UNIT_ROBOT, TASK = 'unit_robot', 'transformation_task'
 NODES = (UNIT_ROBOT, TASK, *DRIVES, PLANT)
+AXES = (*DRIVES, TOOL_DRIVE)  # the last one only where there is a rotary axis
 
 
 class Target(StrEnum):
@@ -112,7 +113,7 @@ DUPLICATES = frozenset({'duplicate_mdt', 'duplicate_at'})
 # a telegram that comes later than its cycle is as good as lost
 MDT_LOSSES, AT_LOSSES = MDT_FAULTS - DUPLICATES, AT_FAULTS - DUPLICATES
 PROCESS_FAULTS = frozenset({'freeze', 'kill'})
-_PLACES = ('', *NODES)  # by number, in messages
+_PLACES = ('', *NODES, TOOL_DRIVE)  # by number, in messages
 
 
 @dataclass(frozen=True)
@@ -238,7 +239,7 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
     elif not kind.once:
         keys.add('for_s')
     fields = Section(value, where, errors, keys | required, sorted(required))
-    known = DRIVES if kind.target == Target.AXIS else NODES
+    known = AXES if kind.target == Target.AXIS else NODES
     return Fault(
         name,
         fields.read(kind.target.value, one_of(known), '') if kind.target else '',
@@ -247,6 +248,22 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
         fields.read('for_s', number_between(1e-3, AFTER_MAX_S), math.inf),
         fields.read('cycles', whole_number_between(1, CYCLES_MAX), 1),
     )
+
+
+def require_axes(faults: Sequence[Fault], rotary: bool) -> None:
+    """Refuse a fault of an axis that a robot does not have; ``rotary``: whether it has a rotary axis.
+
+    Raises
+    ------
+    ProgramError
+        Names the first such fault.
+
+    """
+    for fault in faults:
+        if fault.target == TOOL_DRIVE and not rotary:
+            raise ProgramError(
+                f'{fault.text}: the robot has no {TOOL_DRIVE}, that of a rotary axis (rotary.present is false)'
+            )
 
 
 def applies_to(fault: Fault, node: str) -> bool:

@@ -11,13 +11,16 @@ from delta3_pacdrive.motion.adaptation import Adaptation
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.plan import MOVES_MAX
 from delta3_pacdrive.motion.program import (
+    Angle,
     Cubic,
     Joints,
     MoveL,
     Output,
+    PathMove,
     Program,
     Statement,
     Target,
+    Turn,
     point_of,
 )
 from delta3_pacdrive.motion.program_planner import capped
@@ -76,7 +79,30 @@ def rest_of(program: Program, first: int, parameters: Parameters) -> Program:
         )
     gripped = [one.payload_kg for one in before if isinstance(one, Output) and one.payload_kg is not None]
     payload = gripped[-1] if gripped else program.payload_kg
-    return _once(program, range(first, count), replace(program, start_m=point_of(start), payload_kg=payload))
+    turn = _turn_behind(before, program.start_turn_rad)
+    if turn is None and any(_turns(one) for one in before):
+        raise ProgramError(
+            f'{name} begins where turns by steps lead from where the tool stands: say start_turn_deg in the head'
+        )
+    begun = replace(program, start_m=point_of(start), payload_kg=payload, start_turn_rad=turn)
+    return _once(program, range(first, count), begun)
+
+
+def _turns(statement: Statement) -> Angle | None:
+    """Return the angle to which a statement turns the tool."""
+    if isinstance(statement, Turn):
+        return statement.to
+    return statement.turn if isinstance(statement, PathMove) else None
+
+
+def _turn_behind(statements: tuple[Statement, ...], start_rad: float | None) -> float | None:
+    """Return where the tool stands behind statements [rad]; None: that depends on where it stood."""
+    here = start_rad
+    for statement in statements:
+        angle = _turns(statement)
+        if angle is not None:
+            here = angle.angle_rad if not angle.relative else None if here is None else angle.after(here)
+    return here
 
 
 def approached(program: Program, speed_m_s: float) -> Program:
@@ -86,13 +112,15 @@ def approached(program: Program, speed_m_s: float) -> Program:
             f'program "{program.name}" begins wherever the robot stands: there is no start to go to'
         )
     limits = Limits(speed_m_s, APPROACH_M_S2, APPROACH_M_S3)
+    turn = None if program.start_turn_rad is None else Angle(program.start_turn_rad)
     whole = _once(program, range(len(program.statements)), program)
     return replace(
         whole,
-        statements=(MoveL(to=Target(program.start_m), limits=limits), *whole.statements),
+        statements=(MoveL(to=Target(program.start_m), limits=limits, turn=turn), *whole.statements),
         places=(None, *whole.places),
         names=('the way to its start', *whole.names),
         start_m=None,
+        start_turn_rad=None,
     )
 
 

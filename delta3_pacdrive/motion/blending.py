@@ -51,6 +51,7 @@ class PathSegment:
     name: str
     time_optimal: bool = False
     torque_rate_n_m_s: float = math.inf
+    turn_rad: tuple[float, float] | None = None  # of the tool, from and to; None: the plan says nothing of it
 
 
 def blended(segments: list[PathSegment]) -> tuple[Curve, list[float], list[tuple[float, Limits]]]:

@@ -256,6 +256,9 @@ class Timeline:
         scale = np.array([1.0, 1.0, self.cycle_time_s if jerk_limited else 0.0])
         if not np.abs((here - there) * scale[:, None]).max() <= JOINED:
             raise ProgramError(f'a plan from bus cycle {profile.cycle} on does not continue the motion')
+        turned, turns = before.turn_rad(now.distance_m), after.turn_rad(s)
+        if turned is not None and turns is not None and not abs(turned - turns) <= JOINED:
+            raise ProgramError(f'a plan from bus cycle {profile.cycle} on does not continue the turn')
         other = Timeline(plan, self.cycle_time_s)
         other._check_way(profile)
         other._left_s = self._left_s

@@ -71,11 +71,18 @@ class Driven:
         """Return where moves that follow are planned from; the corner is rounded if the last move has a blend."""
         last = self.plan.move(len(self.plan) - 1)
         if self.open_from is None or not rounded:
-            return Seam(len(self.plan), (), self.plan.end_m(), self.payload_kg, np.inf)
+            return Seam(
+                len(self.plan), (), self.plan.end_m(), self.payload_kg, np.inf, self.plan.end_turn_rad
+            )
         again = self.statements[self.open_from :]
         blend = next(one.blend_m for one in reversed(again) if isinstance(one, PathMove))
         return Seam(
-            len(self.plan) - 1, again, last.start_m(), last.payload_kg, last.length_m - blend - ROOM_M
+            len(self.plan) - 1,
+            again,
+            last.start_m(),
+            last.payload_kg,
+            last.length_m - blend - ROOM_M,
+            last.start_turn_rad,
         )
 
     def load(self, first: int, kept: int) -> ThermalLoad | None:
@@ -103,6 +110,8 @@ class Seam:
         Where the TCP stands then, and its payload.
     common_m
         Up to where the last move stays the same path [m].
+    turn_rad
+        Where the tool stands there; None: the plan does not say it.
 
     """
 
@@ -111,6 +120,7 @@ class Seam:
     start_m: Floats
     payload_kg: float
     common_m: float
+    turn_rad: float | None = None
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,11 @@ Arguments of the kernels here:
     The plan: ``Tables``.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,12 +29,23 @@ from numpy.typing import ArrayLike, NDArray
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.joint_path import tcp_samples
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, path_at, path_motion_at, sample_path
+from delta3_pacdrive.motion.turns import (
+    JOINED_RAD,
+    TURN_COLUMNS,
+    TurnTables,
+    no_turns,
+    require_smooth,
+    sample_turn,
+    standing,
+    turn_tables,
+)
 from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS, master_at, sample_master, slowest
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG, Kinematics
 
 VERSION = 2
+TURNING_VERSION = 3  # of a move that says where the tool is: one more number in its header
 # version, number of the move, number of moves, kind, phases, segments, events, acceleration and jerk of stops, payload
 HEADER = 10
 MOVES_MAX = 20_000
@@ -81,6 +94,7 @@ class MoveKind(IntEnum):
     CUBIC = 5  # the path's parameter is the time, the master runs at 1 s/s (chapter 5)
     JOINTS = 6  # as CUBIC, but the path is that of the arm angles [rad]
     IN_POSITION = 7  # a dwell until the robot is in position, at least as long as planned
+    TURN = 8  # the tool turns at a standing point; the master goes by its angle [rad]
 
 
 STANDING = (MoveKind.DWELL, MoveKind.IN_POSITION)
@@ -109,6 +123,8 @@ class Move:
         Limits of the master when it is held or speeds up again [m/s^2, m/s^3].
     payload_kg
         Payload from the start of the move on.
+    turns
+        Turn of the tool over the distance, pieces (l, 7) of ``turns``; none where it is not said.
 
     """
 
@@ -120,6 +136,7 @@ class Move:
     payload_kg: float = 0.0
     events: Floats = field(default_factory=_no_events)
     kinematics: Kinematics | None = None
+    turns: Floats = field(default_factory=no_turns)
 
     @property
     def duration_s(self) -> float:
@@ -139,6 +156,20 @@ class Move:
         """Point at which the move begins, shape (3,)."""
         return np.asarray(self.sample([self.master[0, 1]])[0, 0])
 
+    def turn_rad(self, distance: float) -> float | None:
+        """Angle of the tool at a distance on the path [rad]; None where the move does not say it."""
+        return float(sample_turn([distance], self.turns)[0, 0]) if len(self.turns) else None
+
+    @property
+    def start_turn_rad(self) -> float | None:
+        """Angle of the tool at which the move begins [rad]."""
+        return self.turn_rad(float(self.master[0, 1]))
+
+    @property
+    def end_turn_rad(self) -> float | None:
+        """Angle of the tool at which it ends [rad]."""
+        return self.turn_rad(self.length_m)
+
     def sample(self, distances_m: ArrayLike) -> Floats:
         """TCP and its first three derivatives by the master at distances of shape (n,): shape (n, 4, 3).
 
@@ -154,11 +185,16 @@ class Move:
     def to_array(self, number: int, count: int) -> Floats:
         """Return the move as one row of numbers, the ``number``-th of ``count`` different ones (for a message)."""
         jerk = self.stop_jerk if np.isfinite(self.stop_jerk) else 0.0
-        header = [VERSION, number, count, self.kind, len(self.master), len(self.segments), len(self.events)]
-        values = [self.stop_acceleration, jerk, self.payload_kg]
-        return np.concatenate(
-            [np.array([*header, *values]), self.master.ravel(), self.segments.ravel(), self.events.ravel()]
-        )
+        version = TURNING_VERSION if len(self.turns) else VERSION
+        header = [version, number, count, self.kind, len(self.master), len(self.segments), len(self.events)]
+        values = [
+            self.stop_acceleration,
+            jerk,
+            self.payload_kg,
+            *([len(self.turns)] if len(self.turns) else ()),
+        ]
+        tables = self.master, self.segments, self.events, self.turns
+        return np.concatenate([np.array([*header, *values]), *(table.ravel() for table in tables)])
 
     @staticmethod
     def from_array(values: ArrayLike, kinematics: Kinematics | None = None) -> tuple['Move', int, int]:
@@ -178,15 +214,23 @@ class Move:
             raise ProgramError(f'the header of a plan message must hold whole numbers up to {COUNT_MAX}')
         version, number, count, kind, phases, segments, events = (int(value) for value in whole)
         acceleration, jerk, payload = row[7:HEADER].tolist()
-        if version != VERSION or kind not in tuple(MoveKind):
+        if version not in (VERSION, TURNING_VERSION) or kind not in tuple(MoveKind):
             raise ProgramError(f'plan message of version {version} and kind {kind} is unknown')
         what = f'plan message {number} of {count}'
         if not number < count <= MOVES_MAX or not 2 <= phases <= ROWS_MAX or not 1 <= segments <= ROWS_MAX:
             raise ProgramError(f'{what} with {phases} phases and {segments} segments is invalid')
-        sizes = [phases * PHASE_COLUMNS, segments * SEGMENT_COLUMNS, events * EVENT_COLUMNS]
-        if len(row) != HEADER + sum(sizes):
+        begin, turns = HEADER, 0
+        if version == TURNING_VERSION and len(row) > HEADER:
+            begin, turns = HEADER + 1, _whole_count(row[HEADER], what)
+        sizes = [
+            phases * PHASE_COLUMNS,
+            segments * SEGMENT_COLUMNS,
+            events * EVENT_COLUMNS,
+            turns * TURN_COLUMNS,
+        ]
+        if len(row) != begin + sum(sizes):
             raise ProgramError(f'{what} has {len(row)} numbers, which does not fit its header')
-        master, path, happenings = np.split(row[HEADER:].copy(), np.cumsum(sizes)[:2])
+        master, path, happenings, angles = np.split(row[begin:].copy(), np.cumsum(sizes)[:3])
         move = Move(
             MoveKind(kind),
             master.reshape(phases, PHASE_COLUMNS),
@@ -196,6 +240,7 @@ class Move:
             payload,
             happenings.reshape(events, EVENT_COLUMNS),
             kinematics,
+            angles.reshape(turns, TURN_COLUMNS),
         )
         move._require_continuous(what)
         return move, number, count
@@ -219,6 +264,7 @@ class Move:
         if not jumps <= CONTINUOUS:
             unit = 'rad' if self.kind == MoveKind.JOINTS else 'm'
             raise ProgramError(f'{what}: its path jumps by {jumps:.3g} {unit}')
+        require_smooth(self.turns, what)
         places, bits = self.events[:, 0], self.events[:, 1]
         payloads = [self.payload_kg, *self.events[self.events[:, 3] != UNCHANGED, 3].tolist()]
         for payload in payloads:
@@ -228,6 +274,12 @@ class Move:
                 )
         if (np.diff(places) < 0.0).any() or (bits < -1).any() or (bits >= len(EVENT_NAMES)).any():
             raise ProgramError(f'{what}: its events are out of order, or for an unknown output')
+
+
+def _whole_count(value: float, what: str) -> int:
+    if value % 1.0 or not 1 <= value <= ROWS_MAX:
+        raise ProgramError(f'{what} has {value:g} pieces of a turn, but must have 1 to {ROWS_MAX}')
+    return int(value)
 
 
 def check_phases(master: Floats, what: str) -> None:
@@ -258,6 +310,7 @@ class Plan:
 
     moves: tuple[Move, ...]
     tables: Tables
+    turns: TurnTables | None = None  # of the tool, if the plan says where it is
 
     @staticmethod
     def of(moves: Sequence[Move], order: ArrayLike | None = None) -> 'Plan':
@@ -297,7 +350,7 @@ class Plan:
             raise ProgramError(f'moves {first} to {kept} of a plan of {len(self)} cannot stay')
         stays = self.tables.order[first:kept]
         used = np.unique(stays)
-        moves = (*(self.moves[int(n)] for n in used), *more.moves)
+        moves = self._joined_with(more, used, kept) if len(used) else more.moves
         numbers = sum(move.master.size + move.segments.size + move.events.size for move in moves)
         if len(moves) > EXTENDED_MOVES_MAX or numbers > EXTENDED_NUMBERS_MAX:
             raise ProgramError(
@@ -325,7 +378,23 @@ class Plan:
             table[f'{name}s'], table[f'first_{name}'] = counts, np.cumsum(counts) - counts
         starts = _starts(durations[order])
         phases, segments, events = (np.concatenate(parts) for parts in rows.values())
-        return Plan(moves, Tables(order, starts, table, phases, segments, events))
+        turns = turn_tables([move.turns for move in moves], order)
+        return Plan(moves, Tables(order, starts, table, phases, segments, events), turns)
+
+    def _joined_with(self, more: 'Plan', used: NDArray[np.int64], kept: int) -> tuple[Move, ...]:
+        """Return moves of this plan and another one behind them; where only one says where the tool is, it stands."""
+        stay, follow = [self.moves[int(n)] for n in used], list(more.moves)
+        ends, begins = self.move(kept - 1).end_turn_rad, more.start_turn_rad
+        if ends is None and begins is not None:
+            stay = [replace(move, turns=standing(begins)) for move in stay]
+        elif begins is None and ends is not None:
+            follow = [replace(move, turns=standing(ends)) for move in follow]
+        elif ends is not None and begins is not None and not abs(begins - ends) <= JOINED_RAD:
+            raise ProgramError(
+                f'moves that follow begin with the tool {math.degrees(abs(begins - ends)):.3g} deg away from where it '
+                'stands then'
+            )
+        return (*stay, *follow)
 
     def move(self, number: int) -> Move:
         """Return the move driven ``number``-th."""
@@ -338,6 +407,16 @@ class Plan:
     def end_m(self) -> Floats:
         """Point at which the plan ends, shape (3,)."""
         return self.move(len(self) - 1).end_m()
+
+    @property
+    def start_turn_rad(self) -> float | None:
+        """Angle of the tool at which the plan begins [rad]; None if it does not say where the tool is."""
+        return self.move(0).start_turn_rad
+
+    @property
+    def end_turn_rad(self) -> float | None:
+        """Angle of the tool at which the plan ends [rad]."""
+        return self.move(len(self) - 1).end_turn_rad
 
 
 def _starts(durations_s: Floats) -> Floats:
@@ -431,6 +510,7 @@ class PlanBuilder:
                 self._segments.table(),
                 self._events.table(),
             ),
+            turn_tables([move.turns for move in self.moves], numbers),
         )
 
     def require_joined(self, order: ArrayLike) -> None:
@@ -442,6 +522,18 @@ class PlanBuilder:
             raise ProgramError(
                 f'move {number} of the plan begins {gaps.max() * 1e3:.3f} mm away from the end of the one before'
             )
+        self._require_turned(numbers)
+
+    def _require_turned(self, numbers: NDArray[np.int64]) -> None:
+        """Refuse moves in which the tool jumps from one to the next."""
+        moves = [self.moves[int(n)] for n in numbers] if any(len(move.turns) for move in self.moves) else []
+        for n, (before, after) in enumerate(pairwise(moves), start=1):
+            end, begin = before.end_turn_rad, after.start_turn_rad
+            if end is not None and begin is not None and not abs(end - begin) <= JOINED_RAD:
+                raise ProgramError(
+                    f'the tool stands {math.degrees(abs(end - begin)):.3g} deg away from where move {n} of the plan '
+                    'begins'
+                )
 
     def _checked(self, order: ArrayLike) -> NDArray[np.int64]:
         numbers = np.asarray(order, dtype=np.int64)

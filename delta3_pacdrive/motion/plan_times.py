@@ -4,10 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.motion.plan import OUTPUTS, STANDING, TIMED, UNCHANGED, Move, Plan
+from delta3_pacdrive.motion.plan import OUTPUTS, STANDING, TIMED, UNCHANGED, Move, MoveKind, Plan
 from delta3_pacdrive.motion.virtual_master import master_at_distances
 
-WITHOUT_LENGTH = (*STANDING, *TIMED)  # the parameter of a move in time is no distance
+# the parameter of a move in time, and of a turn at a standing point, is no distance
+WITHOUT_LENGTH = (*STANDING, *TIMED, MoveKind.TURN)
 
 
 def told_length_m(move: Move) -> float:

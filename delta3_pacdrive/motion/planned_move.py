@@ -213,7 +213,7 @@ def _as_asked(planner: MovePlanner, segments: Sequence[PathSegment]) -> tuple[Fl
         if any(segment.strict for segment in segments):
             raise ProgramError(f'{found.text} (strict)')
         phases = planner.fastest(with_motors=True)
-        notices.append(_slowed_down(name, float(phases[-1, 0]), asked, found.text))
+        notices.append(slowed_down(name, float(phases[-1, 0]), asked, found.text))
     return phases, notices
 
 
@@ -250,7 +250,8 @@ def _shaped(
     raise ProgramError(f'it cannot be shaped against vibration within its limits: {why}')
 
 
-def _slowed_down(name: str, taken: float, asked: float, why: str) -> str:
+def slowed_down(name: str, taken: float, asked: float, why: str) -> str:
+    """Return the notice of a move that takes longer [s] than it was asked to."""
     return f'{name} is slowed down, {taken:.4g} s instead of {asked:.4g} s: {why}'
 
 
@@ -268,7 +269,7 @@ def plan_cubic(
     if found.worst > KEPT:
         factor = found.worst
         load = load.slowed(factor)
-        notices.append(_slowed_down(name, duration * factor, duration, found.text))
+        notices.append(slowed_down(name, duration * factor, duration, found.text))
     phases = slowed(np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [duration, duration, 0.0, 0.0, 0.0]]), factor)
     stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
     move = Move(MoveKind.CUBIC, phases, curve.segments, stop, math.inf, payload_kg)

@@ -25,13 +25,25 @@ class Target:
     relative: bool = False
 
 
+@dataclass(frozen=True)
+class Angle:
+    """An angle of the tool about z [rad], or a step from where it stands."""
+
+    angle_rad: float
+    relative: bool = False
+
+    def after(self, present_rad: float) -> float:
+        """Return where the tool stands then [rad]."""
+        return present_rad + self.angle_rad if self.relative else self.angle_rad
+
+
 @dataclass(frozen=True, kw_only=True)
 class PathMove:
     """A move along a path: its limits, the blend with the next move, and whether it is refused instead of slowed.
 
     Behind one that ends in position the program goes on only when the robot has followed there.
     A time-optimal one is as fast as the motors allow within its limits, and changes their torques no faster than its
-    torque rate.
+    torque rate. With a turn the tool turns along the path, from the begin of the move to its end.
     """
 
     limits: Limits
@@ -40,6 +52,7 @@ class PathMove:
     time_optimal: bool = False
     torque_rate_n_m_s: float = math.inf
     in_position: bool = False
+    turn: Angle | None = None
 
 
 @dataclass(frozen=True)
@@ -103,6 +116,13 @@ class Cubic:
 
 
 @dataclass(frozen=True)
+class Turn:
+    """The tool turns while the robot stands, as fast as its axis can."""
+
+    to: Angle
+
+
+@dataclass(frozen=True)
 class Dwell:
     """Rest at the present point."""
 
@@ -149,7 +169,7 @@ class Joints:
     strict: ClassVar[bool] = True
 
 
-Statement = MoveL | MoveC | MoveSB | Arch | Cubic | Joints | Dwell | Output
+Statement = MoveL | MoveC | MoveSB | Arch | Cubic | Joints | Turn | Dwell | Output
 KINDS: dict[type[Statement], str] = {
     MoveL: 'move_l',
     MoveC: 'move_c',
@@ -157,6 +177,7 @@ KINDS: dict[type[Statement], str] = {
     Arch: 'arch',
     Cubic: 'cubic',
     Joints: 'joints',
+    Turn: 'turn',
     Dwell: 'dwell',
     Output: 'output',
 }
@@ -168,6 +189,8 @@ class Program:
 
     Attributes
     ----------
+    start_turn_rad
+        Where the tool must stand; None: wherever it stands.
     source, places
         The file that it was read from, and where each statement stands in it; empty if that says nothing.
     names
@@ -181,6 +204,7 @@ class Program:
     repeat: int = 1
     payload_kg: float | None = None
     faults: tuple[Fault, ...] = ()
+    start_turn_rad: float | None = None
     source: str = field(default='', compare=False)
     places: tuple[Place | None, ...] = field(default=(), compare=False)
     names: tuple[str, ...] = field(default=(), compare=False)

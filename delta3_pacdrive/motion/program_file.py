@@ -2,6 +2,7 @@
 
 name: pick and place            # optional
 start_m: [0.0, 0.0, -0.75]      # optional: where the robot must stand
+start_turn_deg: 0.0             # optional, with a rotary axis: where its tool must stand
 repeat: 1                       # optional
 payload_kg: 0.0                 # optional: carried at the start
 time_optimal: false             # optional: as fast as the motors allow; also in each move
@@ -21,6 +22,8 @@ moves:
 - move_l: {to_m: {point: pick, by_m: [0.0, 0.0, 0.1]}, strict: true}  # relative to a point; refused, not slowed down
 - move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8]}           # circle through a point
 - move_sb: {through_m: [[0.1, 0.0, -0.8], pick]}                      # spline through at most 100 points
+- move_l: {to_m: pick, turn_deg: 90}      # the tool turns on the way; or turn_deg: {by_deg: 45}, from where it stands
+- turn: {to_deg: 0}                                                   # and while the robot stands
 - arch: {to_m: pick, up_m: 0.01, down_m: 0.01, keep_out: {height_m: -0.8, margin_m: 0.05}, aim: time}   # best shape
 - cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the velocity before it
 - joints: {points: [{time_s: 0.5, angles_rad: [0.2, 0.3, 0.2], speeds_rad_s: [0, 0, 0]}]}   # arm angles over time
@@ -39,7 +42,7 @@ from typing import Any
 from delta3_pacdrive.configuration import packaged, yaml_file
 from delta3_pacdrive.configuration.checked import Errors, Section, refuse
 from delta3_pacdrive.configuration.located import place_of
-from delta3_pacdrive.configuration.readers import flag, whole_number_between
+from delta3_pacdrive.configuration.readers import flag, number_between, whole_number_between
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.faults.fault import Fault, read_fault
 from delta3_pacdrive.motion.frame_reader import Places, read_frames, read_patterns, read_tools
@@ -50,6 +53,7 @@ from delta3_pacdrive.motion.point_reader import NAME, NAME_MAX, Named, PointRead
 from delta3_pacdrive.motion.program import Point, Program
 from delta3_pacdrive.motion.statement_reader import (
     TIME_MAX_S,
+    TURN_MAX_RAD,
     Head,
     StatementReader,
     each,
@@ -70,7 +74,7 @@ __all__ = [
 ]
 
 REPEAT_MAX = 10_000
-STATEMENTS = ('move_l', 'move_c', 'move_sb', 'arch', 'cubic', 'joints', 'dwell', 'output')
+STATEMENTS = ('move_l', 'move_c', 'move_sb', 'arch', 'cubic', 'joints', 'turn', 'dwell', 'output')
 FAULTS_MAX = 1000
 
 
@@ -126,6 +130,7 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Progra
     allowed = (
         'name',
         'start_m',
+        'start_turn_rad',
         'repeat',
         'payload_kg',
         'time_optimal',
@@ -197,6 +202,7 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Progra
             'payload_kg', lambda value, where: payload(value, where, head.tool_kg), carried, prefix=''
         ),
         fields.read('faults', faults, (), prefix=''),
+        fields.read('start_turn_rad', number_between(-TURN_MAX_RAD, TURN_MAX_RAD), prefix=''),
         places=tuple(one.place for one in read),
         names=tuple(one.name for one in read),
     )

@@ -8,16 +8,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.faults.fault import require_axes
 from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move_planner import Stretches
 from delta3_pacdrive.motion.plan import MOVES_MAX, STANDING, Move, Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove, with_timed
-from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, point_text
+from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, Turn, point_text
 from delta3_pacdrive.motion.program_parts import Part, parts
 from delta3_pacdrive.motion.round_planner import Arches, RoundPlanner
 from delta3_pacdrive.motion.thermal_load import LoadBehind, ThermalLoad
+from delta3_pacdrive.motion.turning_move import NO_AXIS, turn_load
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -25,6 +27,8 @@ SAME_DECIMALS = 9  # of two starts [m] that are one
 # weights of the warmth of the motors that are tried until time-optimal moves keep the rms current
 HEAT_FIRST, HEAT_STEP, HEAT_TRIALS = 1.0, 5.0, 12
 HEAT_KEPT = 0.998  # of the nominal current, within as much
+OF_TOOL = 'of the motor of the rotary axis'
+START_TOLERANCE_RAD = 1e-2  # how far its tool may; the first turn begins where it stands
 START_TOLERANCE_M = (
     1e-3  # how far the robot may stand from the start of a program; the first move begins there
 )
@@ -94,6 +98,7 @@ def plan(
     progress: Callable[[int, int], None] | None = None,
     before: ThermalLoad | None = None,
     arches: Arches | None = None,
+    turn_rad: float | None = None,
 ) -> Planned:
     """Plan and check every move of a program for a robot that stands at ``position_m``.
 
@@ -101,7 +106,8 @@ def plan(
     other moves may follow later: the last one may have a blend, and ends exactly as long as none does. ``progress`` is
     called before each statement that is planned with the number of those done and of all. ``before`` is what moves ask
     of the motors behind which the program is driven; their rms current counts with its own. ``arches`` are the shapes
-    that are known of this robot; new ones are added.
+    that are known of this robot; new ones are added. ``turn_rad`` is where the tool stands: None, where the program
+    starts, else at its home.
 
     Raises
     ------
@@ -110,16 +116,40 @@ def plan(
 
     """
     require_start(program, position_m)
+    require_axes(program.faults, parameters.rotary.present)
+    turn = _start_turn(program, turn_rad, parameters)
 
     shapes: Arches = {} if arches is None else arches
 
     def rounds(heat: float) -> _Rounds:
-        return _rounds(program, position_m, parameters, returning, open_end, progress, heat, shapes)
+        return _rounds(program, position_m, parameters, returning, open_end, progress, heat, shapes, turn)
 
     found = rounds(0.0)
     if any(isinstance(one, PathMove) and one.time_optimal for one in program.statements):
         found = _cooled(found, rounds, parameters.motor.nominal_current_a, before)
     return _whole(program, found, parameters, before)
+
+
+def _start_turn(program: Program, turn_rad: float | None, parameters: Parameters) -> float | None:
+    """Return where the tool stands before a program [rad]; None where the program says nothing of it."""
+    told, rotary = program.start_turn_rad, parameters.rotary
+    if not rotary.present:
+        if told is not None:
+            raise ProgramError(f'program "{program.name}": {NO_AXIS}')
+        return None  # a statement that turns it is refused by name
+    turns = told is not None or any(
+        isinstance(one, Turn) or (isinstance(one, PathMove) and one.turn is not None)
+        for one in program.statements
+    )
+    if not turns:
+        return None
+    here = turn_rad if turn_rad is not None else rotary.home_rad if told is None else told
+    if told is not None and abs(here - told) > START_TOLERANCE_RAD:
+        raise ProgramError(
+            f'program "{program.name}" starts with its tool at {math.degrees(told):.6g} deg, but it stands at '
+            f'{math.degrees(here):.6g} deg'
+        )
+    return here
 
 
 def _rounds(
@@ -131,6 +161,7 @@ def _rounds(
     progress: Callable[[int, int], None] | None,
     heat: float,
     arches: Arches,
+    turn: float | None,
 ) -> '_Rounds':
     """Plan every round of a program; ``heat`` is what the warmth of the motors weighs in time-optimal moves."""
     here = np.array(position_m, dtype=np.float64)
@@ -139,27 +170,30 @@ def _rounds(
     order: list[int] = []
     open_notices: list[str] = []
     open_from: int | None = None
-    known: dict[tuple[Part, tuple[float, ...], float], tuple[list[int], Floats, float]] = {}
+    known: dict[
+        tuple[Part, tuple[float, ...], float, float | None], tuple[list[int], Floats, float, float | None]
+    ] = {}
     pieces = parts(program)
     left = set(range(len(program.statements)))  # of the first round
     first_round: int | None = None
     ends: list[tuple[int, float] | None] = [None] * len(program.statements)
     for piece_number, part in enumerate(pieces):
         # rounds that begin a rounding error apart are the same
-        key = (part, tuple(np.round(here, SAME_DECIMALS).tolist()), payload)
+        angle = None if turn is None else round(turn, SAME_DECIMALS)
+        key = (part, tuple(np.round(here, SAME_DECIMALS).tolist()), payload, angle)
         if key not in known:
             last = open_end and piece_number + 1 == len(pieces)
             first = returning and not order
             round_ = RoundPlanner(
-                program, here, payload, parameters, first, last, progress, heat, arches, part
+                program, here, payload, parameters, first, last, progress, heat, arches, part, turn
             )
             numbers = []
             for move in round_.planned():
                 numbers.append(len(planned))
                 planned.append(move)
             open_notices, open_from = round_.notices, round_.open_from
-            known[key] = numbers, round_.here, round_.payload
-        numbers, here, payload = known[key]
+            known[key] = numbers, round_.here, round_.payload, round_.turn
+        numbers, here, payload, turn = known[key]
         if piece_number + 2 >= len(
             pieces
         ):  # the last round, of which a part may be driven before the last piece
@@ -288,8 +322,20 @@ def _whole(
             f'all moves take {1.0 / rate:.3g} times as long: the rms current of motor {axis + 1} over the program '
             f'would be {load.rms(1.0)[axis]:.4g} A, the limit is {nominal:g} A'
         )
+    tool, tool_nominal = _tool_load(found, parameters), parameters.rotary.nominal_current_a
+    if tool is not None and tool.rms(rate).max() > tool_nominal:
+        rms_a = float(tool.rms(rate)[0])
+        rate = _rate_for_rms(tool, tool_nominal, program, of_tool=True)
+        moves = [_slower(one.move, 1.0 / rate) for one in planned]
+        notices.append(
+            f'all moves take {1.0 / rate:.3g} times as long: the rms current {OF_TOOL} over the program would be '
+            f'{rms_a:.4g} A, the limit is {tool_nominal:g} A'
+        )
     override_max = min(load.override_max / rate, OVERRIDE_MAX)
-    while override_max > 1.0 and load.rms(rate, override_max).max() > nominal:
+    while override_max > 1.0 and (
+        load.rms(rate, override_max).max() > nominal
+        or (tool is not None and tool.rms(rate, override_max).max() > tool_nominal)
+    ):
         override_max = max(1.0, override_max - 0.01)
     rms = load.rms(rate).tolist()
     moves = [with_timed(move, one.timed) for move, one in zip(moves, planned, strict=True)]
@@ -317,17 +363,32 @@ def _whole(
     )
 
 
-def _rate_for_rms(load: ThermalLoad | LoadBehind, nominal: float, program: Program) -> float:
+def _tool_load(found: _Rounds, parameters: Parameters) -> ThermalLoad | None:
+    """Return what all moves ask of the motor of the rotary axis; None if they say nothing of it."""
+    total: ThermalLoad | None = None
+    counts = np.bincount(found.order, minlength=len(found.planned))
+    for one, count in zip(found.planned, counts.tolist(), strict=True):
+        if count and len(one.move.turns):
+            load = turn_load(one.move, parameters).times(count)
+            total = load if total is None else total + load
+    return total
+
+
+def _rate_for_rms(
+    load: ThermalLoad | LoadBehind, nominal: float, program: Program, of_tool: bool = False
+) -> float:
     """Return the largest rate at which the rms current is kept."""
-    if load.rms(0.0).max() >= nominal:
+    still, rms = load.rms(0.0).max(), load.rms(1.0).max()
+    if still >= nominal:
+        alone = f'the friction alone {OF_TOOL}' if of_tool else 'the weight alone'
         raise ProgramError(
-            f'program "{program.name}": the weight alone asks for an rms current of {load.rms(0.0).max():.4g} A, '
-            f'the limit is {nominal:g} A'
+            f'program "{program.name}": {alone} asks for an rms current of {still:.4g} A, the limit is {nominal:g} A'
         )
     if any(getattr(statement, 'strict', False) for statement in program.statements):
-        rms = load.rms(1.0).max()
+        whose = f' {OF_TOOL}' if of_tool else ''
         raise ProgramError(
-            f'program "{program.name}": the rms current would be {rms:.4g} A, the limit is {nominal:g} A (strict)'
+            f'program "{program.name}": the rms current{whose} would be {rms:.4g} A, the limit is {nominal:g} A '
+            '(strict)'
         )
     low, high = 0.0, 1.0
     for _ in range(40):

@@ -11,6 +11,7 @@ from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.plan import STANDING, STANDING_M, Move, Plan
 from delta3_pacdrive.motion.program import MoveL, Program, Target
+from delta3_pacdrive.motion.turns import standing
 from delta3_pacdrive.motion.virtual_master import (
     State,
     remainder,
@@ -210,5 +211,9 @@ def way_back(timeline: Timeline, here_m: Floats, parameters: Parameters) -> Plan
         motion, (x, y, z) = parameters.motion, on_path.tolist()
         limits = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
         program = Program('way back', (MoveL(Target((x, y, z)), limits=limits),))
-        moves = [*program_planner.plan(program, here_m, parameters, returning=True).plan.moves, *moves]
+        back = program_planner.plan(program, here_m, parameters, returning=True).plan.moves
+        if (angle := moves[0].start_turn_rad) is not None:
+            # the tool has stopped on its way as the robot has, and whoever moves the robot does not turn it
+            back = tuple(replace(move, turns=standing(angle)) for move in back)
+        moves = [*back, *moves]
     return Plan.of(moves)

@@ -1,5 +1,6 @@
 """Planning of a program's statements once through: they become moves, with their outputs and payloads."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -16,6 +17,7 @@ from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.due_outputs import Due, DueOutputs
 from delta3_pacdrive.motion.joint_trajectory import plan_joints
+from delta3_pacdrive.motion.move_planner import Stretches
 from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.planned_move import (
     ROUNDING_S,
@@ -28,6 +30,7 @@ from delta3_pacdrive.motion.planned_move import (
 )
 from delta3_pacdrive.motion.program import (
     Aim,
+    Angle,
     Arch,
     Cubic,
     Dwell,
@@ -36,10 +39,19 @@ from delta3_pacdrive.motion.program import (
     PathMove,
     Program,
     Statement,
+    Turn,
     point_text,
 )
 from delta3_pacdrive.motion.program_parts import Part, whole
 from delta3_pacdrive.motion.statement_curves import curve_of, end_of, resolve
+from delta3_pacdrive.motion.turning_move import (
+    NO_AXIS,
+    TurnLimits,
+    plan_turn,
+    plan_turning_move,
+    turn_rows,
+)
+from delta3_pacdrive.motion.turns import standing
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -47,6 +59,7 @@ from delta3_pacdrive.parameters import Parameters
 Arches = dict[tuple[Arch, tuple[float, ...], tuple[float, ...], float], Curve]
 POINT_DECIMALS = 9  # of points [m] that are one
 OPEN_CORNER = 'blend_m waits for a move that follows; without one it ends exactly'  # as a notice says it
+ANGLE_ROUNDING_RAD = 1e-9
 BEHIND_M = 1.0  # places an event behind the end of a move: it is due when the move is over
 
 
@@ -65,6 +78,7 @@ class RoundPlanner:
         heat: float = 0.0,
         arches: Arches | None = None,
         part: Part | None = None,
+        turn_rad: float | None = None,
     ) -> None:
         self._part = whole(program) if part is None else part
         self._program, self._statements = program, program.statements
@@ -78,6 +92,7 @@ class RoundPlanner:
         self._returning = returning  # whether the first move may begin beyond limits
         self._parameters = parameters
         self.here, self.payload = here, payload_kg
+        self.turn = turn_rad  # where the tool stands [rad]; None: the plan says nothing of it
         self._planned: list[PlannedMove] = []
         self._segments: list[PathSegment] = []
         self._dues = DueOutputs()
@@ -125,7 +140,7 @@ class RoundPlanner:
         """End the move before a statement, if that does not go on with it."""
         if not isinstance(statement, Cubic | Output):
             self._end_cubics()
-        if isinstance(statement, Dwell | Cubic | Joints):
+        if isinstance(statement, Dwell | Cubic | Joints | Turn):
             if self._segments and self._segments[-1].blend_m > 0.0:
                 last = self._segments[-1]
                 raise StatementError(last.number, f'{last.name} has blend_m, which needs a move that follows')
@@ -162,7 +177,9 @@ class RoundPlanner:
             self._take_output(statement, number, where)
             return
         self._broken = False
-        if isinstance(statement, Dwell):
+        if isinstance(statement, Turn):
+            self._take_turn(statement, number, where)
+        elif isinstance(statement, Dwell):
             self._dwell(statement.time_s, number, where)
         elif isinstance(statement, Cubic):
             self._take_cubic(statement, number, where)
@@ -209,6 +226,7 @@ class RoundPlanner:
             curve, kind = curve_of(self.here, statement)
         if curve.length_m < COINCIDENT_M:
             raise ProgramError(f'the robot already stands at {point_text(self.here)} m')
+        turn = self._turned(statement.turn)
         self._segments.append(
             PathSegment(
                 curve,
@@ -220,9 +238,38 @@ class RoundPlanner:
                 name,
                 statement.time_optimal,
                 statement.torque_rate_n_m_s,
+                turn,
             )
         )
         self.here = curve.at(curve.length_m)[0]
+
+    def _turned(self, angle: Angle | None) -> tuple[float, float] | None:
+        """Return from where to where the tool turns [rad], and note that it stands there."""
+        start, rotary = self.turn, self._parameters.rotary
+        if start is None:
+            if angle is not None:
+                raise ProgramError(NO_AXIS)
+            return None
+        if angle is not None:
+            self.turn = end = angle.after(start)
+            low, high = rotary.angle_min_deg, rotary.angle_max_deg
+            if not math.radians(low) - ANGLE_ROUNDING_RAD <= end <= math.radians(high) + ANGLE_ROUNDING_RAD:
+                raise ProgramError(
+                    f'the tool would turn to {math.degrees(end):.6g} deg, the limits are {low:g} and {high:g} deg'
+                )
+        return start, self.turn or 0.0
+
+    def _take_turn(self, statement: Turn, number: int, where: str) -> None:
+        events = self._take_outputs(0.0)
+        later = self._dues.in_time()
+        with blamed_on(number, where):
+            turn = self._turned(statement.to)
+            if turn is None or turn[0] == turn[1]:
+                raise ProgramError(f'the tool already stands at {math.degrees(self.turn or 0.0):.6g} deg')
+            planned = plan_turn(self.here, turn, self.payload, where, self._parameters)
+        timed = tuple(due.timed(planned, 0.0) for due in later)
+        places = ((number, planned.move.length_m),)
+        self._append(replace(planned, statements=places, timed=timed), events)
 
     def _arch(self, statement: Arch, number: int, name: str) -> Curve:
         """Return the best arch from here on for the payload that is carried."""
@@ -337,9 +384,7 @@ class RoundPlanner:
                 self.payload = event.payload_kg
         returning = self._returning and not self._planned and not self._failed
         with blamed_on(segments[0].number, name_of(segments)):
-            planned = plan_move(
-                segments, curve, stretches, events, payload, self._parameters, returning, self._heat
-            )
+            planned = self._plan_segments(segments, curve, ends, stretches, events, payload, returning)
         places = tuple((one.number, end) for one, end in zip(segments, ends, strict=True))
         planned = replace(
             planned,
@@ -350,6 +395,31 @@ class RoundPlanner:
         self._dwelt = None
         if waits:
             self._wait(segments[-1])
+
+    def _plan_segments(
+        self,
+        segments: list[PathSegment],
+        curve: Curve,
+        ends: list[float],
+        stretches: Stretches,
+        events: list[Event],
+        payload: float,
+        returning: bool,
+    ) -> PlannedMove:
+        """Time and check a move, with what the tool does on its way."""
+
+        def plan(asked: list[PathSegment], limits: Stretches) -> PlannedMove:
+            return plan_move(asked, curve, limits, events, payload, self._parameters, returning, self._heat)
+
+        if segments[0].turn_rad is None:
+            return plan(segments, stretches)
+        if all(one.turn_rad is None or one.turn_rad[0] == one.turn_rad[1] for one in segments):
+            planned = plan(segments, stretches)
+            return replace(planned, move=replace(planned.move, turns=standing(segments[0].turn_rad[0])))
+        heaviest = max([payload, *(one.payload_kg for one in events if one.payload_kg is not None)])
+        limits = TurnLimits.of(self._parameters, heaviest)
+        rows = turn_rows(segments, ends, curve.length_m)
+        return plan_turning_move(plan, segments, stretches, rows, limits, name_of(segments))
 
     def _waits_behind(self, segment: PathSegment) -> bool:
         statement = self._statements[segment.number]
@@ -362,7 +432,7 @@ class RoundPlanner:
             planned = plan_dwell(
                 self.here, time_s, self.payload, segment.name, self._parameters, MoveKind.IN_POSITION
             )
-        self._planned.append(replace(planned, statements=((segment.number, 0.0),)))
+        self._planned.append(self._with_tool(replace(planned, statements=((segment.number, 0.0),))))
 
     def _attach_behind_the_last(self) -> None:
         """Give outputs at the end of the program to the end of its last move."""
@@ -382,8 +452,14 @@ class RoundPlanner:
     def _append(self, planned: PlannedMove, events: Floats) -> None:
         """Append a move with more events behind those that it has."""
         move = replace(planned.move, events=np.vstack([planned.move.events, events]))
-        self._planned.append(replace(planned, move=move))
+        self._planned.append(self._with_tool(replace(planned, move=move)))
         self._dwelt = None
+
+    def _with_tool(self, planned: PlannedMove) -> PlannedMove:
+        """Return a move on which the tool stands, unless that says where it is."""
+        if self.turn is None or len(planned.move.turns):
+            return planned
+        return replace(planned, move=replace(planned.move, turns=standing(self.turn)))
 
 
 @dataclass(frozen=True)

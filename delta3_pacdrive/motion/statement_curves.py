@@ -15,6 +15,7 @@ from delta3_pacdrive.motion.program import (
     PathMove,
     Statement,
     Target,
+    Turn,
 )
 from delta3_pacdrive.numerics.types import Floats
 
@@ -25,7 +26,7 @@ def end_of(statement: Statement, here: Floats) -> Floats:
         for target in statement.through:
             here = resolve(target, here)
         return here
-    return here if isinstance(statement, Dwell | Joints | Output) else resolve(statement.to, here)
+    return here if isinstance(statement, Dwell | Joints | Output | Turn) else resolve(statement.to, here)
 
 
 def resolve(target: Target, here: Floats) -> Floats:

@@ -11,7 +11,7 @@ from delta3_pacdrive.configuration.readers import flag, number, number_between, 
 from delta3_pacdrive.errors import shown
 from delta3_pacdrive.motion.curves import SPLINE_POINTS_MAX
 from delta3_pacdrive.motion.frame_reader import RESERVED, Places
-from delta3_pacdrive.motion.frames import Tool
+from delta3_pacdrive.motion.frames import Frame, Tool
 from delta3_pacdrive.motion.limit_reader import LIMIT_KEYS, blend, given_limits, limits_of
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.place_loop import read_loop
@@ -26,6 +26,7 @@ from delta3_pacdrive.motion.point_reader import (
 from delta3_pacdrive.motion.program import (
     JOINT_POINTS_MAX,
     Aim,
+    Angle,
     Arch,
     Cubic,
     Dwell,
@@ -40,6 +41,7 @@ from delta3_pacdrive.motion.program import (
     Point,
     Statement,
     Target,
+    Turn,
 )
 from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, payload_on_grid
 
@@ -48,9 +50,11 @@ SHIFT_MAX_S = 10.0  # of an output
 SHIFTS = ('before_m', 'after_m', 'before_s', 'after_s')
 CLEARANCE_MAX_M = 1.0  # of an arch
 VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
+TURN_MAX_RAD = 1e3  # farther is a mistake of units
+LEVEL_M = 1e-9  # beside the axis of the tool that is rounding
 LEVEL_RAD = 1e-9  # tilt of a frame that is rounding
 FOR_EACH = 'for_each'
-_PATH_KEYS = (*LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal', 'in_position')
+_PATH_KEYS = (*LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal', 'in_position', 'turn_rad')
 _SETTING_KEYS = ('frame', 'tool')
 Read = Callable[[Any, str], Any]
 ReadIn = Callable[[Any, str, Setting], Any]
@@ -141,6 +145,7 @@ class StatementReader:
                 ('duration_s', 'to_m'),
             ),
             'joints': _Kind(Joints, {'points': ('points', self._joint_points)}, {}, ('points',)),
+            'turn': _Kind(Turn, {}, {'to_rad': ('to', self._angle)}, ('to_rad',)),
             'dwell': _Kind(Dwell, {'time_s': ('time_s', _duration)}, {}, ('time_s',)),
             'output': _Kind(
                 Output,
@@ -233,7 +238,7 @@ class StatementReader:
             if key in fields or key in kind.required:
                 values[name] = fields.read(key, _told_in(setting, read_in))
         if along_path:
-            values |= self._along_path(fields, where)
+            values |= self._along_path(fields, where, setting)
         if kind.made is Output:
             _require_one_shift(fields, where)
         return kind.made(**values)
@@ -254,7 +259,7 @@ class StatementReader:
             )
         return tool
 
-    def _along_path(self, fields: Section, where: str) -> dict[str, Any]:
+    def _along_path(self, fields: Section, where: str, setting: Setting) -> dict[str, Any]:
         """Read what all moves along a path may say."""
         head = self._head
         optimal = fields.read('time_optimal', flag, head.time_optimal)
@@ -274,7 +279,27 @@ class StatementReader:
             'blend_m': blend_m,
             'strict': fields.read('strict', flag, False),
             'in_position': in_position,
+            'turn': fields.read('turn_rad', _told_in(setting, self._angle), None),
         }
+
+    def _angle(self, value: Any, where: str, setting: Setting) -> Angle:
+        """Read an angle of the tool from the x axis of its frame, or a step from where it stands."""
+        for name, tool in self._head.tools.items():
+            beside_m = 0.0 if tool is None else math.hypot(*tool.offset_m[:2])
+            if beside_m > LEVEL_M:
+                refuse(
+                    f'{where}: tool {shown(name)} works {1e3 * beside_m:g} mm beside the axis that would turn it; no '
+                    'point is corrected for that yet'
+                )
+        if not isinstance(value, dict):
+            setting.require_frame(where)
+            frame = setting.frame
+            if frame is None:
+                return Angle(_turn(value, where))
+            _require_upright(frame, where, 'an angle of the tool')
+            return Angle(_turn(value, where) + frame.in_base.roll_pitch_yaw_rad[2])
+        fields = Section(value, where, self._errors, ('by_rad',), ('by_rad',))
+        return Angle(fields.read('by_rad', _turn, 0.0), relative=True)
 
     def _keep_out(self, value: Any, where: str, setting: Setting) -> KeepOut:
         """Read a keep-out; its height is that of the frame, and for the working point of the tool."""
@@ -283,11 +308,7 @@ class StatementReader:
         margin = fields.read('margin_m', number_between(0.0, REACH_M), 0.0)
         setting.require_frame(where)
         if setting.frame is not None:
-            if setting.frame.tilt_rad > LEVEL_RAD:
-                tilt = math.degrees(setting.frame.tilt_rad)
-                refuse(
-                    f'{where}: a height needs a frame whose z axis is upright, not one tilted by {tilt:.3g} deg'
-                )
+            _require_upright(setting.frame, where, 'a height')
             height += setting.frame.in_base.origin_m[2]
         if setting.tool is not None:
             height -= setting.tool.offset_m[2]
@@ -345,6 +366,16 @@ def _require_one_shift(fields: Section, where: str) -> None:
         refuse(
             f'{where}: payload_kg does not go with {given[0]}: add a second output for the place where the part is held'
         )
+
+
+def _require_upright(frame: Frame, where: str, what: str) -> None:
+    if frame.tilt_rad > LEVEL_RAD:
+        tilt = math.degrees(frame.tilt_rad)
+        refuse(f'{where}: {what} needs a frame whose z axis is upright, not one tilted by {tilt:.3g} deg')
+
+
+def _turn(value: Any, where: str) -> float:
+    return number_between(-TURN_MAX_RAD, TURN_MAX_RAD)(value, where)
 
 
 def _told_in(setting: Setting, read: ReadIn) -> Read:

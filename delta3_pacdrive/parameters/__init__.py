@@ -45,7 +45,9 @@ from delta3_pacdrive.parameters.robot import (
     groups,
     is_rich,
 )
+from delta3_pacdrive.parameters.rotary import Rotary
 from delta3_pacdrive.parameters.rules import CYCLE_TIMES_S, ELASTIC_EXCHANGE_S, EXCHANGE_PERIODS_S
+from delta3_pacdrive.parameters.tool_axis import of_tool_axis
 
 __all__ = [
     'CUBIC',
@@ -80,6 +82,7 @@ __all__ = [
     'Motor',
     'Parameters',
     'Rich',
+    'Rotary',
     'config_directory',
     'find',
     'flat_document',
@@ -89,6 +92,7 @@ __all__ = [
     'is_rich',
     'load',
     'of_run',
+    'of_tool_axis',
     'parts',
     'write',
 ]

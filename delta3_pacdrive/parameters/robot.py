@@ -25,6 +25,7 @@ from delta3_pacdrive.parameters.records import (
     Motor,
     Rich,
 )
+from delta3_pacdrive.parameters.rotary import Rotary
 from delta3_pacdrive.parameters.rules import broken_rules
 
 PLANTS = ('plain', 'rich')
@@ -42,6 +43,7 @@ class Parameters:
     bus: Bus
     motion: Motion
     control: Control = field(default_factory=Control)
+    rotary: Rotary = field(default_factory=Rotary)
 
     def __post_init__(self) -> None:
         """Check the rules that join several values."""
@@ -138,8 +140,12 @@ class Parameters:
 
     @functools.cached_property
     def checksum(self) -> str:
-        """Digest of every value: two participants agree exactly if theirs are equal."""
-        text = repr(sorted(flatten(self).items()))
+        """Digest of every value: two participants agree exactly if theirs are equal.
+
+        Values of a rotary axis that is not there do not count: such a robot has the digest that it has ever had.
+        """
+        left_out = () if self.rotary.present else ('rotary.',)
+        text = repr(sorted(one for one in flatten(self).items() if not one[0].startswith(left_out)))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def replace(self, **values: Any) -> 'Parameters':

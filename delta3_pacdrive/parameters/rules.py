@@ -7,6 +7,7 @@ from delta3_pacdrive.errors import shown
 from delta3_pacdrive.parameters.geometry import Kinematics
 from delta3_pacdrive.parameters.notch import NUMBERS, notches
 from delta3_pacdrive.parameters.records import DECOUPLED, Bus, Control, Drive, Dynamics, Motor, Rich
+from delta3_pacdrive.parameters.rotary import Rotary, broken_rotary
 
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
 # With older coupling torques the drives oscillate.
@@ -33,6 +34,7 @@ def broken_rules(
     rich: Rich,
     motor: Motor,
     control: Control,
+    rotary: Rotary,
     **_: Any,
 ) -> Rules:
     """Tell which rules that join several values are broken."""
@@ -42,6 +44,7 @@ def broken_rules(
     yield from _broken_effects(rich, bus, motor)
     yield from _broken_decoupling(dynamics, rich)
     yield from _broken_shaping(control)
+    yield from broken_rotary(rotary)
 
 
 def _broken_timing(bus: Bus, drive: Drive) -> Rules:

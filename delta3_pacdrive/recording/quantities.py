@@ -18,6 +18,7 @@ from delta3_pacdrive.recording.signals import (
     SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
+    TURN_SIGNALS,
     columns_of,
 )
 
@@ -42,7 +43,7 @@ OF_ARMS = {
     'arm_acceleration_reference': ('rad/s2', 'arm acceleration that was commanded'),
     'tcp_error_norm': ('m', 'norm of the TCP error'),
 }
-OF_RUNS = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED_SIGNALS
+OF_RUNS = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | TURN_SIGNALS | DERIVED_SIGNALS
 QUANTITIES = OF_RUNS | MEASURED | OF_ARMS | REQUESTED_SIGNALS
 
 ONE = '1'  # unit of what has none

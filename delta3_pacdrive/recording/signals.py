@@ -31,6 +31,15 @@ TRUE_SIGNALS = {
     'arm_angle': ('rad', 'true arm angle, behind the gear'),
     'tcp_true': ('m', 'true TCP, of the arms as they are built'),
 }
+# of the rotary axis, where the robot has one; angles and speeds of the tool
+TURN_SIGNALS = {
+    'turn_command': ('rad', 'angle of the tool that the MDT commands'),
+    'turn_position': ('rad', 'angle of the tool by the motor shaft of the AT'),
+    'turn_error': ('rad', 'error of the angle of the tool, set-point delay removed'),
+    'turn_speed': ('rad/s', 'speed of the tool by the motor shaft of the AT'),
+    'turn_current': ('A', 'I_eff of the motor of the rotary axis: one sample, the last before the AT'),
+    'turn_true': ('rad', 'true angle of the tool, behind gear and bar'),
+}
 # what is computed from the others; of the master each column has its own unit
 DERIVED_SIGNALS = {
     'master': (
@@ -85,6 +94,7 @@ ONE_COLUMN = (
     'overruns',
     'cell_vacuum',
     'cell_payload',
+    *TURN_SIGNALS,
 )
 
 

@@ -24,7 +24,7 @@ from delta3_pacdrive.controller.messages import Numbering
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.controller.service_texts import split_mark
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
-from delta3_pacdrive.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse
+from delta3_pacdrive.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse, require_axes
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.interfaces import FAULT_SCHEDULE, INJECT_FAULT
@@ -71,6 +71,7 @@ class FaultInjection:
             if len(text) > REQUEST_MAX:
                 raise ProgramError(f'the fault has {len(text)} characters, the limit is {REQUEST_MAX}')
             fault = parse(yaml_file.parse(text, 'the fault', ProgramError), 'fault')
+            require_axes([fault], rotary=False)
             closed = self._controller.closed()
             if closed is not None:
                 raise ProgramError(f'a fault needs cyclic operation, {closed}')

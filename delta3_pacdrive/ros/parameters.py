@@ -101,4 +101,15 @@ def declare_robot(node: Node, kind: str, writable: frozenset[str] = frozenset())
     for key in named:
         if not shows(kind, key):
             node.undeclare_parameter(key)
-    return core.from_flat(named, node.get_fully_qualified_name())
+    robot = core.from_flat(named, node.get_fully_qualified_name())
+    require_three_axes(robot, f'{node.get_fully_qualified_name()}: ')
+    return robot
+
+
+def require_three_axes(robot: core.Parameters, where: str = '') -> None:
+    """Refuse a robot with a rotary axis, which the nodes know nothing of; raises ParameterError."""
+    if robot.rotary.present:
+        raise ParameterError(
+            f'{where}the graph drives no rotary axis yet, but rotary.present is true: delta3 plan, delta3 simulate and '
+            'scripts in a simulation know the axis'
+        )

@@ -47,7 +47,7 @@ class AxisFault:
 
 
 class AxisMonitor:
-    """The monitor keeps what the master knows of the three drives.
+    """The monitor keeps what the master knows of the three drives, or of others that are named.
 
     Attributes
     ----------
@@ -62,23 +62,24 @@ class AxisMonitor:
 
     """
 
-    def __init__(self, parameters: Parameters) -> None:
-        self._cycle_time_s = parameters.bus.cycle_time_s
-        self.positions: Floats = np.zeros(3)
-        self.torques: Floats = np.zeros(3)
-        self.speeds = [0.0] * 3
-        self.status = [0] * 3
-        self.losses = [0] * 3
+    def __init__(self, parameters: Parameters, names: Sequence[str] = DRIVES) -> None:
+        self._cycle_time_s, self._names = parameters.bus.cycle_time_s, names
+        count = len(names)
+        self.positions: Floats = np.zeros(count)
+        self.torques: Floats = np.zeros(count)
+        self.speeds = [0.0] * count
+        self.status = [0] * count
+        self.losses = [0] * count
         self.absent: set[int] = set()
-        self._recent = [Losses() for _ in DRIVES]
+        self._recent = [Losses() for _ in names]
         self._checked: list[int] = []
 
     def begin(self) -> None:
         """Begin cyclic operation: everybody takes part."""
         self.absent.clear()
-        self.speeds = [0.0] * 3
-        self.status = [0] * 3
-        self._recent = [Losses() for _ in DRIVES]
+        self.speeds = [0.0] * len(self._names)
+        self.status = [0] * len(self._names)
+        self._recent = [Losses() for _ in self._names]
         self._checked = []
 
     def clear_losses(self) -> None:
@@ -148,7 +149,7 @@ class AxisMonitor:
             The first fault that the answers tell of. A status that has been checked is not told again.
 
         """
-        for index, axis in enumerate(DRIVES):
+        for index, axis in enumerate(self._names):
             if too_many(self._recent[index]):
                 in_a_row = self._recent[index].losses_in_a_row >= LOSSES_IN_A_ROW
                 many = 'two AT lost in a row' if in_a_row else 'ten AT lost in a window'
@@ -157,7 +158,7 @@ class AxisMonitor:
         if self.status == self._checked and cycle != program_starts:
             return None
         self._checked = list(self.status)
-        for index, axis in enumerate(DRIVES):
+        for index, axis in enumerate(self._names):
             status = self.status[index]
             if index in self.absent:
                 continue

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from delta3_pacdrive.parameters import Parameters, flatten
 
 DRIVES = ('axis1', 'axis2', 'axis3')
+TOOL_DRIVE = 'axis4'  # of the rotary axis, where there is one
 PLANT = 'plant'
 PARTICIPANTS = (*DRIVES, PLANT)
 

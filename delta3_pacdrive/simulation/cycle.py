@@ -21,6 +21,7 @@ Arguments of the kernels here:
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -28,8 +29,9 @@ from delta3_pacdrive.controller.cycle import ControllerCycle, Stop, emergency_st
 from delta3_pacdrive.controller.task_arrays import answer_cycle, command_cycle
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import fault_text
+from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.errors import FaultCode, RunError
-from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_plant
+from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_motors, apply_to_plant
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.numerics.kernel import kernel
@@ -41,11 +43,13 @@ from delta3_pacdrive.plant.plant import true_tcp
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 from delta3_pacdrive.sercos.words import in_torque
 from delta3_pacdrive.simulation.belts import readings
 from delta3_pacdrive.simulation.requested import Requested
 from delta3_pacdrive.simulation.robot import Robot, robot_cycle
+from delta3_pacdrive.simulation.tool_axis import NAMES as TURN_NAMES
+from delta3_pacdrive.simulation.tool_axis import answer_tool, command_tool
 
 REST_S = 1.0  # without torque, in which a machine comes to rest
 ROOM_CYCLES = 1024  # for signals, before anybody knows how long it takes
@@ -98,7 +102,7 @@ def note_answers(cycle, answers, task, signals):
 
 
 @kernel
-def run_stretch(cycles, control, task, timeline, corrections, robot, built, currents, signals):
+def run_stretch(cycles, control, task, timeline, corrections, robot, built, currents, signals, tool):
     """Run bus cycles of motion alone, up to one in which a status word changes.
 
     Parameters
@@ -113,6 +117,8 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
         What ``robot_cycle`` takes.
     signals
         Takes the signals, shape (signals, cycles, 3), torques [N m] in place of currents.
+    tool
+        What ``command_tool`` takes of a rotary axis, whose signals have the shape (6, cycles); None without one.
 
     Returns
     -------
@@ -131,10 +137,15 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
             r.torques[i] = c.torques[i]
         robot_cycle(c.motors, control, c.state.payload, robot, built, currents)
         note_currents(k, robot, signals)
-        if before != triple(r.status):
+        changed = before != triple(r.status)
+        if tool is not None:
+            changed |= command_tool(k, control, task, timeline, r.plant[0].state.carried, tool)
+        if changed:
             return k
         answer_cycle(k, r.answers[0], r.answers[2], task)
         note_answers(k, r.answers, task, signals)
+        if tool is not None:
+            answer_tool(k, tool[2][0].drive[0].state.answer[0], tool)
     return end
 
 
@@ -192,9 +203,13 @@ class SimulatedOperation:
                 raise RunError(f'{fault.text}: a simulation has no processes, use delta3 run')
             self._schedule.add(Scheduled.of(fault, self._start, parameters.bus.cycle_time_s))
         self._axes = AxisMonitor(parameters)
-        self._controller = ControllerCycle(task, self._axes, parameters)
+        if (robot.tool is None) != (task.turning is None):
+            raise RunError('controller and machine must both have a rotary axis, or none (rotary.present)')
+        self._tool_axes = None if robot.tool is None else AxisMonitor(parameters, (TOOL_DRIVE,))
+        self._controller = ControllerCycle(task, self._axes, parameters, self._tool_axes)
         room = task.last_cycle + 1 if task.end_cycle < NEVER else ROOM_CYCLES
         self._signals = np.empty((len(NAMES), room, 3))
+        self._turn_signals = np.empty((len(TURN_NAMES), room if robot.tool is not None else 0))
         self.cycle = 0
         self.stopped = self.stop_source = ''
         self.stop_cycle = self._fault_cycle = NEVER
@@ -203,7 +218,8 @@ class SimulatedOperation:
     @property
     def lost(self) -> int:
         """AT that did not reach the master."""
-        return sum(self._axes.losses)
+        of_tool = 0 if self._tool_axes is None else sum(self._tool_axes.losses)
+        return sum(self._axes.losses) + of_tool
 
     def run(self) -> dict[str, Floats]:
         """Run to the end of the program, or to rest; return the signals, torques [N m] in place of currents.
@@ -228,6 +244,11 @@ class SimulatedOperation:
         if not self._parameters.sends_torque:
             for name in TORQUE_SIGNALS:
                 del signals[name]
+        if self._robot.tool is not None:
+            signals |= {
+                name: signal[: self.cycle, None]
+                for name, signal in zip(TURN_NAMES, self._turn_signals, strict=True)
+            }
         return signals | self._requested.signals(self._fault_cycle)
 
     def _end(self, cycle: int, rests: int) -> int:
@@ -240,7 +261,11 @@ class SimulatedOperation:
         return last + 1 if cycle == last or self._task.in_position(cycle - 1) else cycle + 1
 
     def _without_torque(self) -> bool:
-        return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._robot.drives)
+        return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._drives())
+
+    def _drives(self) -> list[MC4]:
+        tool = self._robot.tool
+        return self._robot.drives if tool is None else [*self._robot.drives, tool.drive]
 
     def _advance(self, cycle: int, end: int) -> int:
         """Run one bus cycle, or a stretch of motion alone; return the next cycle."""
@@ -250,6 +275,8 @@ class SimulatedOperation:
         status = robot.status
         one_by_one = robot.observed or bool(self._requested) or self._settles(cycle)
         one_by_one = one_by_one or self._world is not None
+        if self._tool_axes is not None and robot.tool is not None:
+            one_by_one = one_by_one or not self._tool_axes.is_checked([robot.tool.status])
         if after <= cycle or one_by_one or not axes.is_checked(status.tolist()):
             self._make_room(cycle + 1)
             self._requested.note_begin()
@@ -260,10 +287,14 @@ class SimulatedOperation:
         after = min(after, max(2 * cycle, self._signals.shape[1]))
         self._make_room(after)
         robot.received[:] = 1
+        if robot.tool is not None:
+            robot.tool.record['received'] = 1
         machine = robot.record, robot.plant.built, robot.currents
         command = task.control(cycle), task.record, task.timeline.arrays, task.learned.torques
-        reached = int(run_stretch((cycle, after), *command, *machine, self._signals))
+        reached = int(run_stretch((cycle, after), *command, *machine, self._signals, self._beside()))
         axes.accept_cycles(reached - cycle, robot.answers, status.tolist())
+        if self._tool_axes is not None and (tool := robot.tool) is not None:
+            self._tool_axes.accept_cycles(reached - cycle, np.array(tool.answer)[:, None], [tool.status])
         if reached == after:
             task.commanded_to(after)
             return after
@@ -282,6 +313,17 @@ class SimulatedOperation:
             larger = np.empty((len(NAMES), max(cycles, 2 * room), 3))
             larger[:, :room] = self._signals
             self._signals = larger
+            if self._robot.tool is not None:
+                longer = np.empty((len(TURN_NAMES), larger.shape[1]))
+                longer[:, :room] = self._turn_signals
+                self._turn_signals = longer
+
+    def _beside(self) -> tuple[Any, ...] | None:
+        """Return what the compiled code takes of a rotary axis; None without one."""
+        tool, turning = self._robot.tool, self._task.turning
+        if tool is None or turning is None:
+            return None
+        return turning.turns, turning.record, tool.record, tool.currents, self._turn_signals
 
     def _begin(self, cycle: int) -> None:
         """Let faults happen, command, and exchange telegrams with the machine."""
@@ -301,6 +343,11 @@ class SimulatedOperation:
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
         robot.cycle(motors, control, payload, received, torques)
         note_currents(cycle, robot.record, self._signals)
+        tool, beside = robot.tool, self._beside()
+        if tool is not None and beside is not None:
+            tool.record['received'] = self._schedule.telegram(MDT_LOSSES, TOOL_DRIVE, cycle) is None
+            carried_kg = float(robot.plant.state['carried'][0])
+            command_tool(cycle, control, self._task.record, self._task.timeline.arrays, carried_kg, beside)
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the answers that reach the master, and react to what they tell."""
@@ -314,6 +361,13 @@ class SimulatedOperation:
             else (answers[:, index].tolist(), status[index])
             for index, axis in enumerate(DRIVES)
         ]
+        tool, beside = self._robot.tool, self._beside()
+        if tool is not None and self._tool_axes is not None and beside is not None:
+            if self._schedule.telegram(AT_LOSSES, TOOL_DRIVE, cycle):
+                self._tool_axes.extrapolate(0)
+            else:
+                self._tool_axes.accept(0, tool.answer, tool.status)
+            answer_tool(cycle, float(self._tool_axes.positions[0]), beside)
         if self._must_succeed and cycle >= self._start and not self.stopped:
             self._require_torque(status, cycle)
         starts = NEVER if self.stopped else self._start
@@ -323,7 +377,10 @@ class SimulatedOperation:
         note_answers(cycle, answers, self._task.record, self._signals)
         late = stop is not None and stop.fault.code is FaultCode.NOT_IN_POSITION
         if stop is not None and (late or not self._must_succeed):
-            causes = [f': {fault_text(self._robot.drives[axis].fault)}' for axis in self._axes.faulty()]
+            drives = self._drives()
+            causes = [f': {fault_text(drives[axis].fault)}' for axis in self._axes.faulty()]
+            if self._tool_axes is not None and self._tool_axes.faulty():
+                causes.append(f': {fault_text(drives[-1].fault)}')
             self._stop(stop, ''.join(causes[:1]))
 
     def _change_faults(self, cycle: int) -> None:
@@ -332,6 +389,9 @@ class SimulatedOperation:
         for axis, drive in zip(DRIVES, self._robot.drives, strict=True):
             apply_to_drive(drive.state[0], axis, changes, active, nominal)
         apply_to_plant(self._robot.plant.state[0], changes, active)
+        if (tool := self._robot.tool) is not None:
+            apply_to_drive(tool.drive.state[0], TOOL_DRIVE, changes, active, nominal)
+            apply_to_motors(tool.axis.state[0], active, (TOOL_DRIVE,))
         for fault, _ in changes:
             if fault.kind == 'emergency_stop':
                 self._stop(emergency_stop(cycle))
@@ -345,7 +405,10 @@ class SimulatedOperation:
         self._task.stop_at(stop.first, stop.hard)
 
     def _require_torque(self, status: Sequence[int], cycle: int) -> None:
-        for axis, word, drive in zip(DRIVES, status, self._robot.drives, strict=True):
+        tool, names, words = self._robot.tool, list(DRIVES), list(status)
+        if tool is not None:
+            names, words = [*names, TOOL_DRIVE], [*words, tool.status]
+        for axis, word, drive in zip(names, words, self._drives(), strict=True):
             if not in_torque(word):
                 why = fault_text(drive.fault) if drive.fault else drive.drive_state.name.lower()
                 raise RunError(f'{axis} is not enabled in bus cycle {cycle}: {why}')

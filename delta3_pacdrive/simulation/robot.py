@@ -15,6 +15,7 @@ from delta3_pacdrive.plant.arrays import PLANT
 from delta3_pacdrive.plant.plant import Plant, advance
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import payload_on_grid
+from delta3_pacdrive.simulation.tool_axis import ToolDrive
 
 ROBOT = np.dtype(
     [
@@ -109,6 +110,9 @@ class Robot:
     record, currents
         What the compiled loops work on: an array of one record ``ROBOT``, shape (1,), and the motor currents of an
         exchange period [A].
+    tool
+        The fourth drive and its axis, which do not couple with the arms; None: the robot has none. Who runs the bus
+        cycles of the arms runs also those of it.
     observed
         Whether something looks into the drives between exchanges: then no stretch is run as one compiled loop.
     answers, status
@@ -132,6 +136,7 @@ class Robot:
         self.answers: Floats = self.record['answers'][0]
         self.record['exchanges'] = round(bus.cycle_time_s / bus.exchange_period_s)
         self.grip(payload_on_grid(parameters.dynamics.payload_mass_kg))
+        self.tool = ToolDrive(parameters) if parameters.rotary.present else None
 
     def grip(self, payload_kg: float) -> None:
         """Let the drives know a payload [kg], of this MDT and the one before."""

@@ -1,5 +1,6 @@
 """All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -20,6 +21,7 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.simulation.scoped import ScopedRobot
+from delta3_pacdrive.simulation.turn_figures import turn_figures
 
 Planner = Callable[[Program, Floats, Parameters], program_planner.Planned]
 
@@ -32,12 +34,15 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
     parameters
         Of the robot.
     program
-        Its ``start_m``, if it has one, becomes the home of the robot.
+        Its ``start_m`` and ``start_turn_rad``, if it has them, become the home of the robot and of its tool.
 
     """
-    if program.start_m is None:
-        return parameters
-    return parameters.replace(motion__home_m=program.start_m)
+    places: dict[str, Any] = {}
+    if program.start_m is not None:
+        places['motion__home_m'] = program.start_m
+    if program.start_turn_rad is not None and parameters.rotary.present:
+        places['rotary__home_deg'] = math.degrees(program.start_turn_rad)
+    return parameters.replace(**places) if places else parameters
 
 
 def plan_of(
@@ -133,17 +138,19 @@ def run(
         if isinstance(robot, ScopedRobot):
             robot.finish()
     note_currents(robot, task)
+    moves = plan_times.driven_moves(planned.plan)
+    of_tool = turn_figures(found, moves, motion.start_cycle, parameters)
     driven = {
         'program': planned.name,
         'notices': list(planned.notices),
         'program_s': planned.plan.duration_s,
         'repeat': planned.repeat,
-        'moves': plan_times.driven_moves(planned.plan),
+        'moves': moves,
         'outputs': plan_times.output_changes(planned.plan),
         'start_cycle': parameters.motion.start_cycle,
         'end_cycle': task.end_cycle,
         'planned_end_m': planned.plan.end_m().tolist(),
-        'figures': vars(task.figures()),
+        'figures': vars(task.figures()) | of_tool,
         'faults': [fault.to_document() | {'text': fault.text} for fault in program.faults],
         'unlearned': task.learned.reason,
     }

@@ -87,9 +87,8 @@ class SteppedOperation(SimulatedOperation):
         answered = self.cycle - 1
         if answered < condition.first:
             return False
-        state = self._task.state[0]
         return condition.met(
-            answered, self.commanded(), self._task.loaded, int(state['within']), self._inputs(answered)
+            answered, self.commanded(), self._task.loaded, self._task.within, self._inputs(answered)
         )
 
     def _step(self, condition: WaitCondition) -> None:

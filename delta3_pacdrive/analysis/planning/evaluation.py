@@ -8,7 +8,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, Use
+from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, TurnRow, Use
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.motion.energy import Energy, energy
 from delta3_pacdrive.motion.limits import Limits, arm_bounds, compared, workspace_bounds
@@ -22,9 +22,10 @@ from delta3_pacdrive.motion.path_dynamics import (
     path_coefficients,
     timed_dynamics,
 )
-from delta3_pacdrive.motion.plan import STANDING, TIMED, UNCHANGED, Move, Plan
+from delta3_pacdrive.motion.plan import STANDING, TIMED, UNCHANGED, Move, MoveKind, Plan
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned, plan
+from delta3_pacdrive.motion.turning_move import TurnLimits, turn_excess, turn_motion
 from delta3_pacdrive.motion.virtual_master import sample_master
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -36,7 +37,7 @@ AT_LIMIT = 0.95  # of a limit: from there on it is used up
 BEYOND_LIMIT = 1.02  # no move is: a limit that is exceeded was not that of the move
 CRUISING = 1e-3  # of the largest acceleration: below it the master's speed is even
 QUANTITIES = tuple(Quantity)
-LIMITING = QUANTITIES[:-2]  # of a single sample
+LIMITING = QUANTITIES[:-3]  # of a single sample
 STANDING_M_S = 1e-9
 
 
@@ -125,7 +126,7 @@ def of_recorded_move(move: Move, parameters: Parameters) -> MoveRow | None:
 
 def _stretches(move: Move) -> Stretches:
     """Return the limits of the TCP that a move tells itself; none where the program tells the time."""
-    if move.kind in (*STANDING, *TIMED):
+    if move.kind in (*STANDING, *TIMED, MoveKind.TURN):
         return ()
     acceleration = np.abs(move.master[:, 3])
     even = (move.master[:, 4] == 0.0) & (acceleration <= CRUISING * acceleration.max())
@@ -207,7 +208,7 @@ def _length(part: _Part) -> float:
     """Return how far the TCP goes [m]; the parameter of a cubic is the time."""
     if part.move.kind in TIMED:
         return float(_gone(part.dynamics.tcp_speed_m_s, part.times)[-1])
-    return part.move.length_m
+    return 0.0 if part.move.kind == MoveKind.TURN else part.move.length_m
 
 
 def _row(
@@ -244,7 +245,31 @@ def _row(
         uses=tuple(uses),
         limited_by=_limited_by(uses, part.move, planned, parameters),
         distances=_distances(part, parameters),
+        turn=_turn(part, parameters),
     )
+
+
+def _turn(part: _Part, parameters: Parameters) -> TurnRow | None:
+    if not len(part.move.turns) or not parameters.rotary.present:
+        return None
+    limits = TurnLimits.of(parameters, part.move.payload_kg)
+    _, turn = turn_motion(part.times[:-1], part.move.master, part.move.turns)
+    speed, acceleration = (float(value) for value in np.abs(turn[:, 1:3]).max(axis=0))
+    turns = speed > 0.0
+    return TurnRow(
+        part.move.start_turn_rad or 0.0,
+        part.move.end_turn_rad or 0.0,
+        speed,
+        acceleration,
+        (limits.current_per_acceleration * acceleration + limits.friction_a) * turns,
+    )
+
+
+def _is_turn_at_limit(move: Move, parameters: Parameters) -> bool:
+    """Whether the rotary axis keeps a move from being faster."""
+    if not len(move.turns) or not parameters.rotary.present:
+        return False
+    return turn_excess(move.master, move.turns, TurnLimits.of(parameters, move.payload_kg)).worst >= AT_LIMIT
 
 
 def _of_axes(values: Floats) -> tuple[float, ...]:
@@ -278,6 +303,8 @@ def _limited_by(uses: list[Use], move: Move, planned: Planned, parameters: Param
     """Return what keeps a move from being faster."""
     if move.kind in STANDING:
         return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
+    if _is_turn_at_limit(move, parameters):
+        return Use(Quantity.ROTARY, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
     if planned.rate < 1.0:
         axis, nominal = int(np.argmax(planned.rms_current_a)), parameters.motor.nominal_current_a
         rms = planned.rms_current_a[axis]
@@ -353,6 +380,8 @@ def _mapped(change: Callable[[list[Floats]], Floats], pieces: Sequence[Samples])
 
 def _along_the_path(part: _Part, gone_m: float) -> Floats:
     """Return distance since the start, speed, acceleration and jerk along the path, shape (n, 4)."""
+    if part.move.kind == MoveKind.TURN:
+        return np.asarray(np.zeros(part.master.shape) + np.array([gone_m, 0.0, 0.0, 0.0]))
     if part.move.kind not in TIMED:
         return np.asarray(part.master + np.array([gone_m, 0.0, 0.0, 0.0]))
     v = part.master[:, 1]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Use
+from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, TurnRow, Use
 from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.parameters import Parameters
 
@@ -78,7 +78,18 @@ def move_document(row: MoveRow, with_limits: bool) -> dict[str, Any]:
         'motor_current_rms_a': list(row.motor_current_rms_a),
         'limited_by': _use(row.limited_by),
         **limits,
+        **({} if row.turn is None else {'turn': _turn(row.turn)}),
         'distances': _distances(row.distances),
+    }
+
+
+def _turn(turn: TurnRow) -> dict[str, float]:
+    return {
+        'from_deg': math.degrees(turn.start_rad),
+        'to_deg': math.degrees(turn.end_rad),
+        'speed_max_deg_s': math.degrees(turn.speed_max_rad_s),
+        'acceleration_max_deg_s2': math.degrees(turn.acceleration_max_rad_s2),
+        'motor_current_max_a': turn.current_max_a,
     }
 
 
@@ -137,9 +148,29 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
             ', '.join(f'{100.0 * share:.0f} % {quantity.value}' for share, quantity in used if share > 0.0),
         ),
     ]
+    rows += _turn_rows(found.rows, parameters)
     rows += _distance_rows(nearest(found))
     rows += [('note', notice) for notice in planned.notices]
     return [*lines, *(f'{name:>12}  {line}' for name, line in rows)]
+
+
+def _turn_rows(rows: Sequence[MoveRow], parameters: Parameters) -> list[tuple[str, str]]:
+    """Tell what the tool does, move by move."""
+    turning = [(row, row.turn) for row in rows if row.turn is not None and row.turn.speed_max_rad_s > 0.0]
+    if not turning:
+        return []
+    peak = parameters.rotary.peak_current_a
+    lines = []
+    for row, turn in turning:
+        start, end, speed = (
+            math.degrees(angle) + 0.0 for angle in (turn.start_rad, turn.end_rad, turn.speed_max_rad_s)
+        )
+        lines.append(
+            f'move {row.number}: the tool from {start:.4g} to {end:.4g} deg, at most {speed:.0f} deg/s and '
+            f'{math.degrees(turn.acceleration_max_rad_s2):.0f} deg/s2, '
+            f'{turn.current_max_a:.2f} of {peak:g} A'
+        )
+    return [('turn', lines[0]), *(('', line) for line in lines[1:])]
 
 
 def _distance_rows(least: dict[str, float]) -> list[tuple[str, str]]:
@@ -168,7 +199,7 @@ def _shortened(name: str) -> str:
 
 def _line(row: MoveRow) -> str:
     name = _shortened(row.name)
-    length = '' if row.kind == 'dwell' else f'{MM * row.length_m:.3f}'
+    length = '' if row.kind in ('dwell', 'turn') else f'{MM * row.length_m:.3f}'
     return (
         f'{row.number:>5} {name:<{NAME_LENGTH}} {row.kind:<8} {length:>9} {row.duration_s:8.3f} '
         f'{row.speed_max_m_s:7.3f} {row.acceleration_max_m_s2:7.2f} {row.jerk_max_m_s3:8.0f} '
@@ -180,7 +211,7 @@ def limited_text(row: MoveRow) -> str:
     """Say what limits a move, and in which share of its time that is so."""
     use = row.limited_by
     what = use.quantity.value if use.axis is None else f'{use.quantity.value} {use.axis}'
-    if use.quantity in (Quantity.TIME, Quantity.RMS_CURRENT):
+    if use.quantity in (Quantity.TIME, Quantity.RMS_CURRENT, Quantity.ROTARY):
         return what
     others = [
         f'{other.quantity.value}{"" if other.axis is None else f" {other.axis}"} {100.0 * other.time_share:.0f} %'

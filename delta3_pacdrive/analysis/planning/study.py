@@ -23,6 +23,7 @@ class Quantity(StrEnum):
     MOTOR_CURRENT = 'motor current'
     RMS_CURRENT = 'rms current'  # of the whole program
     TIME = 'time given'  # the program tells how long it takes
+    ROTARY = 'rotary axis'  # which turns the tool on the way
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,17 @@ class Use:
 
 
 @dataclass(frozen=True)
+class TurnRow:
+    """The tool turns on a move: from where to where, how fast at most, and what its motor needs at most."""
+
+    start_rad: float
+    end_rad: float
+    speed_max_rad_s: float
+    acceleration_max_rad_s2: float
+    current_max_a: float
+
+
+@dataclass(frozen=True)
 class MoveRow:
     """A move of the plan.
 
@@ -129,6 +141,8 @@ class MoveRow:
         What keeps it from being faster.
     distances
         Least distance to each limit of the place: workspace [m], arm angles and swing [deg], singularities; by key.
+    turn
+        What the tool does on the way; None where the plan says nothing of it.
 
     """
 
@@ -148,6 +162,7 @@ class MoveRow:
     uses: tuple[Use, ...]
     limited_by: Use
     distances: dict[str, float]
+    turn: TurnRow | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,190 @@
+"""The rotary axis in the controller: a command in each bus cycle beside those of the arms, and what comes back.
+
+The angle of the tool is a function of the distance on the path, so that it stays with the TCP through override, hold
+and resume. Where the plan says nothing of the tool, it stands where it is commanded to be.
+
+Arguments of the kernels here, beside those of ``task_arrays``:
+
+``turns``
+    Those of the plan: a ``motion.turns.TurnTables``, with no piece if the plan says nothing of the tool.
+``turning``
+    Array of one record ``TURNING``, shape (1,).
+``position``
+    Of the motor shaft of the axis, as its drive has answered [rad].
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.controller.task_arrays import HISTORY, coming_payload
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion.execution import Timeline, profile_at
+from delta3_pacdrive.motion.plan import Plan
+from delta3_pacdrive.motion.turning_move import NO_AXIS
+from delta3_pacdrive.motion.turns import JOINED_RAD, TURN_COLUMNS, TurnTables, turn_at
+from delta3_pacdrive.motor import MOTOR, friction_torque, motor
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.sercos.increments import on_grid
+
+TURNING_STATE = np.dtype(
+    [
+        ('angle', 'f8'),  # of the tool, commanded [rad]
+        ('angle_history', 'f8', (HISTORY,)),
+        ('motor', 'f8'),  # motor command [rad]
+        ('torque', 'f8'),  # that the motor is to have beside it [N m], else 0
+        # of the last answer
+        ('actual', 'f8'),  # angle of the tool by the encoder of the motor [rad]
+        ('error', 'f8'),  # of that, set-point delay removed [rad]
+        ('off', 'f8'),  # of the motor from its command [rad]
+        ('within', 'i8'),  # cycles for which that was no farther than the window
+    ],
+    align=True,
+)
+
+TURNING_CONSTANTS = np.dtype(
+    [
+        ('gear_ratio', 'f8'),
+        ('increments_per_rad', 'f8'),
+        ('cycle_time', 'f8'),
+        ('set_point_delay', 'f8'),  # [cycles]
+        ('position_window', 'f8'),  # motor side [rad]
+        ('sends_torque', 'f8'),
+        ('torque_lead', 'f8'),  # [s]: see ``task_arrays.feed_forward``
+        ('torque_max', 'f8'),  # [N m]
+        ('inertia', 'f8'),  # of rotor, bar and tool, motor side [kg m^2]
+        ('part_inertia', 'f8'),  # of a part per mass, motor side [m^2]
+    ],
+    align=True,
+)
+
+TURNING = np.dtype([('state', TURNING_STATE), ('constants', TURNING_CONSTANTS), ('motor', MOTOR)], align=True)
+
+
+def _constants(parameters: Parameters) -> NDArray[Any]:
+    rotary, axis = parameters.rotary, of_tool_axis(parameters)
+    record = np.zeros(1, TURNING_CONSTANTS)
+    record['gear_ratio'] = rotary.gear_ratio
+    record['increments_per_rad'] = parameters.bus.increments_per_rev / math.tau
+    record['cycle_time'] = parameters.bus.cycle_time_s
+    record['set_point_delay'] = parameters.set_point_delay_cycles
+    record['position_window'] = axis.drive.position_window_rad
+    record['sends_torque'] = parameters.sends_torque
+    record['torque_lead'] = parameters.drive.position_period_s + axis.torque_dead_time_s
+    record['torque_max'] = axis.torque_max_n_m
+    record['inertia'] = rotary.shaft_inertia_kg_m2(0.0)
+    record['part_inertia'] = rotary.shaft_inertia_kg_m2(1.0) - rotary.shaft_inertia_kg_m2(0.0)
+    return record
+
+
+@kernel
+def command_turn(cycle, task, timeline, turns, turning):
+    """Fill the command of the axis for a bus cycle, behind ``command_cycle`` for the same one."""
+    s, t, c = task[0].state, turning[0].state, turning[0].constants
+    turns_now = turns.rows.shape[0] > 0 and cycle >= s.start_cycle
+    if turns_now:
+        t.angle, _, _ = turn_at(s.master, s.move, turns)
+    t.angle_history[cycle % HISTORY] = t.angle
+    t.motor = on_grid(t.angle * c.gear_ratio, c.increments_per_rad)
+    t.torque = 0.0
+    if c.sends_torque != 0.0:
+        speed, acceleration = 0.0, 0.0
+        if turns.rows.shape[0] > 0 and (s.start_cycle - cycle) * c.cycle_time <= c.torque_lead:
+            time = (cycle - timeline.profile[0].cycle) * c.cycle_time + c.torque_lead
+            number, distance, v, a = profile_at(time, s.move, timeline)
+            _, first, second = turn_at(distance, number, turns)
+            speed, acceleration = first * v, second * v * v + first * a
+        inertia = c.inertia + c.part_inertia * coming_payload(cycle, task, timeline)
+        torque = inertia * c.gear_ratio * acceleration
+        torque += friction_torque(c.gear_ratio * speed, turning[0].motor)
+        t.torque = min(max(torque, -c.torque_max), c.torque_max)
+
+
+@kernel
+def answer_turn(cycle, position, turning):
+    """Evaluate the answer of the axis in a bus cycle."""
+    t, c = turning[0].state, turning[0].constants
+    whole = math.floor(c.set_point_delay)
+    share = c.set_point_delay - whole
+    newer = max(cycle - int(whole), 0) % HISTORY
+    older = max(cycle - int(whole) - 1, 0) % HISTORY
+    due = (1.0 - share) * t.angle_history[newer] + share * t.angle_history[older]
+    t.actual = position / c.gear_ratio
+    t.error = due - t.actual
+    t.off = t.angle_history[cycle % HISTORY] * c.gear_ratio - position
+    t.within = t.within + 1 if abs(t.off) <= c.position_window else 0
+
+
+NO_TURNS = TurnTables(
+    np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, TURN_COLUMNS))
+)
+
+
+class Turning:
+    """The commands of the rotary axis; its tool stands at ``rotary.home_deg`` at first.
+
+    Parameters
+    ----------
+    parameters
+        Of a robot that has one.
+
+    Attributes
+    ----------
+    record, state
+        Array of one record ``TURNING``, and its state, shapes (1,).
+    turns
+        Those of the plan that is driven, as the compiled code reads them.
+
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.record: NDArray[Any] = np.zeros(1, TURNING)
+        self.record['constants'] = _constants(parameters)
+        self.record['motor'] = motor(of_tool_axis(parameters))
+        self.state: NDArray[Any] = self.record['state']
+        self.turns = NO_TURNS
+        self.stand_at(parameters.rotary.home_rad)
+
+    def stand_at(self, angle_rad: float) -> None:
+        """Take over where the tool stands: it has always stood there."""
+        state = self.state
+        state['angle'] = state['angle_history'] = state['actual'] = angle_rad
+
+    @property
+    def angle_rad(self) -> float:
+        """Where the tool is commanded to be."""
+        return float(self.state['angle'][0])
+
+    @property
+    def within(self) -> int:
+        """For how many bus cycles the motor has been within its position window."""
+        return int(self.state['within'][0])
+
+    def follow(self, plan: Plan) -> None:
+        """Follow the turns of a plan from the next command on."""
+        self.turns = NO_TURNS if plan.turns is None else plan.turns
+
+    def command(self, cycle: int, task: NDArray[Any], timeline: Timeline) -> None:
+        """Form the command of a bus cycle, behind that of the arms: see ``command_turn``."""
+        command_turn(cycle, task, timeline.arrays, self.turns, self.record)
+
+    def receive(self, cycle: int, position_rad: float) -> None:
+        """Evaluate the answer of a bus cycle: see ``answer_turn``."""
+        answer_turn(cycle, position_rad, self.record)
+
+
+def require_turns(turning: Turning | None, plan: Plan) -> None:
+    """Refuse a plan that turns a tool that is not there, or from where it does not stand; raises ProgramError."""
+    start = plan.start_turn_rad
+    if start is None:
+        return
+    if turning is None:
+        raise ProgramError(f'the plan cannot be loaded: {NO_AXIS}')
+    if not abs(start - turning.angle_rad) <= JOINED_RAD:
+        raise ProgramError(
+            f'the plan begins with the tool at {math.degrees(start):.6g} deg, but it stands at '
+            f'{math.degrees(turning.angle_rad):.6g} deg'
+        )

@@ -1,0 +1,138 @@
+"""The optional rotary axis of the tool: its motor, gear and bar, its limits, and what its drive has of its own."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from delta3_pacdrive.parameters.declared import quantity
+
+SMALLEST = math.nextafter(0.0, 1.0)
+ANGLE_MAX_DEG = 36_000.0  # a hundred turns
+
+
+@dataclass(frozen=True)
+class Rotary:
+    """Motor on the base plate, gear, telescopic bar and tool (thesis 2.2.4); none of it is there without ``present``.
+
+    Currents are A rms, R and L phase to phase, as those of the other motors. What is not here, the axis shares with
+    them: periods, filters, interpolation and supervision of their drives, smoothing of friction, times of the brake.
+    """
+
+    present: bool = quantity('whether the robot has a rotary axis', False, True, default=False)
+    peak_current_a: float = quantity('i_peak of its motor', SMALLEST, 1e3, default=6.5)
+    nominal_current_a: float = quantity('i_nom', SMALLEST, 1e3, default=1.6)
+    max_speed_rpm: float = quantity('RPM_max', SMALLEST, 1e5, default=6000.0)
+    torque_constant_n_m_a: float = quantity('K_m', SMALLEST, 1e2, default=0.6)
+    rotor_inertia_kg_m2: float = quantity('I_m, with the brake', SMALLEST, 1.0, default=0.33e-4)
+    winding_resistance_ohm: float = quantity('R, phase to phase', SMALLEST, 1e3, default=9.0)
+    winding_inductance_h: float = quantity('L, phase to phase', SMALLEST, 10.0, default=20.0e-3)
+    pole_pairs: int = quantity('z_p', 1, 100, default=3)
+    viscous_friction_n_m_s_rad: float = quantity(
+        'F_v at the motor, gear and bar included', 0.0, 1.0, default=1.0e-4
+    )
+    static_friction_n_m: float = quantity('F_s at the motor, gear and bar included', 0.0, 1e2, default=0.03)
+    brake_torque_n_m: float = quantity('torque of its holding brake', 0.0, 1e3, default=1.5)
+    gear_ratio: float = quantity('revolutions of the motor for one of the tool', 1e-3, 1e4, default=10.0)
+    tool_inertia_kg_m2: float = quantity('inertia of bar and tool about z', SMALLEST, 1e2, default=4.0e-3)
+    part_gyration_radius_m: float = quantity(
+        'radius of gyration about z of what is gripped: its inertia is that of its mass there',
+        0.0,
+        1.0,
+        default=0.05,
+    )
+    backlash_deg: float = quantity(
+        'lost motion between motor and tool, of a robot with rich.gear', 0.0, 10.0, default=0.03
+    )
+    bar_stiffness_n_m_rad: float = quantity(
+        'torsional stiffness of the bar, of a robot with rich.gear', 1.0, 1e7, default=600.0
+    )
+    bar_damping_n_m_s_rad: float = quantity('its damping', 0.0, 1e4, default=0.3)
+    home_deg: float = quantity(
+        'angle of the tool where the plant starts', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=0.0
+    )
+    angle_min_deg: float = quantity(
+        'smallest angle of the tool', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=-360.0
+    )
+    angle_max_deg: float = quantity('largest angle of the tool', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=360.0)
+    speed_max_deg_s: float = quantity('largest speed of a turn', SMALLEST, 1e5, default=2400.0)
+    acceleration_max_deg_s2: float = quantity(
+        'largest acceleration of a turn', SMALLEST, 1e7, default=80_000.0
+    )
+    jerk_max_deg_s3: float = quantity('largest jerk of a turn', SMALLEST, 1e10, default=1.2e7)
+    position_gain_rad_s_rad: float = quantity('K_Ppos of its drive', 0.0, 1666.0, default=100.0)
+    velocity_gain_a_s_rad: float = quantity('K_Pvel', 0.0, 100.0, default=0.12)
+    velocity_integral_gain_a_rad: float = quantity('K_Ivel', 0.0, 1e5, default=9.0)
+    current_gain_v_a: float = quantity('K_Pcurr, per phase', 0.0, 1e3, default=46.0)
+    current_integral_gain_v_a_s: float = quantity('K_Icurr, per phase', 0.0, 1e7, default=23_000.0)
+    following_error_limit_deg: float = quantity(
+        'following error of warning 8132 at the tool; eight times as much trips the drive (8111)',
+        SMALLEST,
+        3600.0,
+        default=2.0,
+    )
+    position_window_deg: float = quantity(
+        'position window (S-0-0057) at the tool: a drive this close to its command is in position',
+        1e-6,
+        360.0,
+        default=0.05,
+    )
+
+    @property
+    def home_rad(self) -> float:
+        """Angle of the tool where the plant starts [rad]."""
+        return math.radians(self.home_deg)
+
+    @property
+    def backlash_rad(self) -> float:
+        """Lost motion between motor and tool [rad]."""
+        return math.radians(self.backlash_deg)
+
+    @property
+    def max_speed_rad_s(self) -> float:
+        """Largest speed of the motor shaft [rad/s]."""
+        return self.max_speed_rpm * math.tau / 60.0
+
+    def inertia_kg_m2(self, payload_kg: float) -> float:
+        """Return the inertia about z of bar and tool with what is gripped."""
+        return self.tool_inertia_kg_m2 + payload_kg * self.part_gyration_radius_m**2
+
+    def shaft_inertia_kg_m2(self, payload_kg: float) -> float:
+        """Return all of the inertia that the motor turns, at its shaft."""
+        return self.rotor_inertia_kg_m2 + self.inertia_kg_m2(payload_kg) / self.gear_ratio**2
+
+
+def broken_rotary(rotary: Rotary) -> Iterator[tuple[str, str]]:
+    """Tell which rules that join values of the axis are broken; what is not there limits nothing."""
+    if not rotary.present:
+        return
+    low, high = rotary.angle_min_deg, rotary.angle_max_deg
+    if low >= high:
+        yield (
+            'rotary.angle_min_deg',
+            f'rotary.angle_min_deg is {low:g}, but must be less than rotary.angle_max_deg ({high:g})',
+        )
+    if not low <= rotary.home_deg <= high:
+        yield (
+            'rotary.home_deg',
+            f'rotary.home_deg is {rotary.home_deg:g}, but must lie between rotary.angle_min_deg ({low:g}) and '
+            f'rotary.angle_max_deg ({high:g})',
+        )
+    fastest = math.degrees(rotary.max_speed_rad_s / rotary.gear_ratio)
+    if rotary.speed_max_deg_s > fastest:
+        yield (
+            'rotary.speed_max_deg_s',
+            f'rotary.speed_max_deg_s is {rotary.speed_max_deg_s:g}, but its motor turns the tool at {fastest:g} deg/s '
+            'at most (rotary.max_speed_rpm over rotary.gear_ratio)',
+        )
+    if rotary.nominal_current_a > rotary.peak_current_a:
+        yield (
+            'rotary.nominal_current_a',
+            f'rotary.nominal_current_a is {rotary.nominal_current_a:g}, but must not exceed rotary.peak_current_a '
+            f'({rotary.peak_current_a:g})',
+        )
+    if rotary.static_friction_n_m >= rotary.peak_current_a * rotary.torque_constant_n_m_a:
+        yield (
+            'rotary.static_friction_n_m',
+            f'rotary.static_friction_n_m is {rotary.static_friction_n_m:g}, which its motor cannot overcome: it has '
+            f'{rotary.peak_current_a * rotary.torque_constant_n_m_a:g} N m at its peak current',
+        )

@@ -1,0 +1,79 @@
+"""The drive of the rotary axis is an MC-4 as the others: its parameters in their places."""
+
+import math
+from dataclasses import replace
+
+from delta3_pacdrive.parameters.robot import Parameters
+
+BEYOND_DEG = 5.0  # behind the limits of a turn: from there on the drive tells an overtravel
+SEED = 4  # its sensors have a noise of their own
+
+
+def of_tool_axis(parameters: Parameters) -> Parameters:
+    """Return parameters whose motor, gear and drive are those of the rotary axis, as drives and motors take them.
+
+    Parameters
+    ----------
+    parameters
+        Of a robot that has a rotary axis: a ``Parameters``.
+
+    """
+    p, rotary = parameters, parameters.rotary
+    payload_kg = p.dynamics.payload_mass_kg
+    inertia, gear = rotary.shaft_inertia_kg_m2(payload_kg), rotary.gear_ratio
+    to_shaft = math.radians(gear)
+    low, high = rotary.angle_min_deg, rotary.angle_max_deg
+    no_correction = (0.0, 0.0, 0.0)
+    return replace(
+        p,
+        kinematics=replace(
+            p.kinematics,
+            arm_angle_min_deg=low,
+            arm_angle_max_deg=high,
+            arm_angle_correction_deg=no_correction,
+        ),
+        dynamics=replace(
+            p.dynamics,
+            gear_in=gear,
+            gear_out=1.0,
+            end_stop_min_deg=low - BEYOND_DEG,
+            end_stop_max_deg=high + BEYOND_DEG,
+        ),
+        motor=replace(
+            p.motor,
+            peak_current_a=rotary.peak_current_a,
+            nominal_current_a=rotary.nominal_current_a,
+            max_speed_rpm=rotary.max_speed_rpm,
+            torque_constant_n_m_a=rotary.torque_constant_n_m_a,
+            rotor_inertia_kg_m2=rotary.rotor_inertia_kg_m2,
+            brake_inertia_kg_m2=0.0,
+            winding_resistance_ohm=rotary.winding_resistance_ohm,
+            winding_inductance_h=rotary.winding_inductance_h,
+            pole_pairs=rotary.pole_pairs,
+            viscous_friction_n_m_s_rad=rotary.viscous_friction_n_m_s_rad,
+            static_friction_n_m=rotary.static_friction_n_m,
+            brake_torque_n_m=rotary.brake_torque_n_m,
+        ),
+        drive=replace(
+            p.drive,
+            position_gain_rad_s_rad=rotary.position_gain_rad_s_rad,
+            velocity_gain_a_s_rad=rotary.velocity_gain_a_s_rad,
+            velocity_integral_gain_a_rad=rotary.velocity_integral_gain_a_rad,
+            current_gain_v_a=rotary.current_gain_v_a,
+            current_integral_gain_v_a_s=rotary.current_integral_gain_v_a_s,
+            feedforward_inertia_kg_m2=inertia,
+            observer_arm_inertia_kg_m2=inertia * gear**2,
+            following_error_limit_rad=rotary.following_error_limit_deg * to_shaft,
+            position_window_rad=rotary.position_window_deg * to_shaft,
+            velocity_limit_rad_s=rotary.max_speed_rad_s,
+            torque_limit_n_m=rotary.peak_current_a * rotary.torque_constant_n_m_a,
+            # those of the arms' drives are tuned to the resonances of the arms
+            notch_1_frequency_hz=0.0,
+            notch_2_frequency_hz=0.0,
+        ),
+        rich=replace(
+            p.rich,
+            sensor_seed=p.rich.sensor_seed + SEED,
+            break_away_torque_n_m=max(p.rich.break_away_torque_n_m, rotary.static_friction_n_m),
+        ),
+    )

@@ -1,0 +1,151 @@
+"""The rotary axis behind the bus: its drive and its machine, one bus cycle after the other beside the robot.
+
+Arguments of the kernels here:
+
+``tool``
+    Array of one record ``TOOL``, shape (1,).
+``currents``
+    Takes the currents of its motor in an exchange period [A], shape (steps, 1).
+``payload_kg``
+    What hangs at the robot in this bus cycle [kg].
+``control``
+    Control word S-0-0134 of the MDT.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.controller.turning import answer_turn, command_turn
+from delta3_pacdrive.drive.arrays import DRIVE
+from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.plant.tool_axis import TOOL_PLANT, ToolAxis, advance_tool
+from delta3_pacdrive.recording.signals import TURN_SIGNALS
+
+TOOL = np.dtype(
+    [
+        ('drive', DRIVE, (1,)),
+        ('plant', TOOL_PLANT, (1,)),
+        ('exchanges', 'i8'),  # in a bus cycle
+        ('received', 'i8'),  # whether the drive gets the MDT
+        ('status', 'i8'),  # S-0-0135
+    ],
+    align=True,
+)
+NAMES = tuple(TURN_SIGNALS)
+TURN_COMMAND, TURN_POSITION, TURN_ERROR, TURN_SPEED, TURN_CURRENT, TURN_TRUE = range(len(NAMES))
+
+
+@kernel
+def run_tool(command, torque, control, payload_kg, tool, currents):
+    """Run one bus cycle of drive and axis; the status is filled.
+
+    Parameters
+    ----------
+    command, torque
+        Motor shaft [rad] and torque [N m] of the MDT.
+    control, payload_kg, tool, currents
+        As above.
+
+    """
+    r = tool[0]
+    shaft = r.plant[0].shaft
+    r.status = mc4_begin_cycle(
+        r.received != 0, command, torque, control, (shaft[0], shaft[1], shaft[2]), r.drive, 0
+    )
+    for _ in range(r.exchanges):
+        brake = mc4_run_period((shaft[0], shaft[1], shaft[2]), r.drive, 0, currents)
+        advance_tool(currents, brake, payload_kg, r.plant)
+
+
+@kernel
+def command_tool(cycle, control, task, timeline, payload_kg, beside):
+    """Command the axis and run its bus cycle, behind the arms; return whether its status word changes.
+
+    Parameters
+    ----------
+    cycle
+        Number of the bus cycle.
+    task, timeline
+        What ``command_cycle`` takes.
+    control, payload_kg
+        As above.
+    beside
+        What ``ToolDrive.beside`` returns, with the signals that it takes, shape (6, cycles).
+
+    """
+    turns, turning, tool, currents, signals = beside
+    before = tool[0].status
+    command_turn(cycle, task, timeline, turns, turning)
+    t = turning[0].state
+    signals[TURN_COMMAND, cycle] = t.angle
+    signals[TURN_TRUE, cycle] = tool[0].plant[0].state.angle
+    run_tool(t.motor, t.torque, control, payload_kg, tool, currents)
+    return before != tool[0].status
+
+
+@kernel
+def answer_tool(cycle, position, beside):
+    """Evaluate the answer of the axis in a bus cycle, and note it.
+
+    Parameters
+    ----------
+    cycle
+        Number of the bus cycle.
+    position
+        Of the motor shaft as the master knows it [rad]: that of a lost answer is extrapolated.
+    beside
+        As in ``command_tool``, with signals of shape (6, cycles).
+
+    """
+    _, turning, tool, _, signals = beside
+    answer, constants = tool[0].drive[0].state.answer, tool[0].drive[0].constants
+    answer_turn(cycle, position, turning)
+    t, ratio = turning[0].state, turning[0].constants.gear_ratio
+    signals[TURN_POSITION, cycle] = answer[0] / ratio
+    signals[TURN_ERROR, cycle] = t.error
+    signals[TURN_SPEED, cycle] = answer[1] / ratio
+    signals[TURN_CURRENT, cycle] = answer[2] / constants.torque_constant
+
+
+class ToolDrive:
+    """The fourth drive and its axis.
+
+    Parameters
+    ----------
+    parameters
+        Of a robot that has a rotary axis.
+
+    Attributes
+    ----------
+    record, currents
+        What the compiled loops work on: one record ``TOOL``, shape (1,), and the currents of an exchange period [A].
+    drive, axis
+        The MC-4 and the machine.
+
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        bus, own = parameters.bus, of_tool_axis(parameters)
+        samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
+        self.record: NDArray[Any] = np.zeros(1, TOOL)
+        self.currents: Floats = np.zeros((samples, 1))
+        self.drive = MC4(own, 0, (self.record['drive'][0], self.currents))
+        self.axis = ToolAxis(parameters, self.record['plant'][0])
+        self.record['exchanges'] = round(bus.cycle_time_s / bus.exchange_period_s)
+        self.record['received'] = 1
+
+    @property
+    def status(self) -> int:
+        """Status word S-0-0135 of the last AT."""
+        return int(self.record['status'][0])
+
+    @property
+    def answer(self) -> tuple[float, float, float]:
+        """Position [rad], speed [rad/s] and torque [N m] of the motor shaft in the last AT."""
+        position, speed, torque = self.drive.answer.tolist()
+        return position, speed, torque
