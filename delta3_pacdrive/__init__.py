@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive import dynamics, kinematics
     from delta3_pacdrive.motion.program import Program
     from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.peripherals.cell import Cell
     from delta3_pacdrive.recording.trace import Trace
 
 __all__ = [
@@ -72,7 +73,11 @@ def load_parameters(path: str | Path | None = None) -> Parameters:
     return parameters.load(path)
 
 
-def load_program(source: str | Path | Mapping[str, Any], parameters: Parameters) -> Program:
+def load_program(
+    source: str | Path | Mapping[str, Any],
+    parameters: Parameters,
+    cell: str | Path | Mapping[str, Any] | None = None,
+) -> Program:
     """Read a motion program.
 
     Parameters
@@ -81,6 +86,8 @@ def load_program(source: str | Path | Mapping[str, Any], parameters: Parameters)
         A YAML file, the name of a packaged program such as ``experiment1``, or what such a file would hold.
     parameters
         Of the robot: what the program does not limit, they do.
+    cell
+        What stands around the robot, as ``simulate`` takes it: the program may use its names of outputs.
 
     Returns
     -------
@@ -91,13 +98,26 @@ def load_program(source: str | Path | Mapping[str, Any], parameters: Parameters)
     ------
     ProgramError
         The file cannot be read or breaks rules; names up to ten places and the rules.
+    CellError
+        The same of the cell.
 
     """
     from delta3_pacdrive.motion import program_file
+    from delta3_pacdrive.motion.output_names import OWN
 
+    around = _cell(cell)
+    outputs = OWN if around is None else around.output_names
     if isinstance(source, (str, PathLike)):
-        return program_file.load(source, parameters.motion)
-    return program_file.parse(source, parameters.motion)
+        return program_file.load(source, parameters.motion, outputs)
+    return program_file.parse(source, parameters.motion, outputs=outputs)
+
+
+def _cell(source: str | Path | Mapping[str, Any] | None) -> Cell | None:
+    if source is None:
+        return None
+    from delta3_pacdrive.peripherals import cell_file
+
+    return cell_file.load(source) if isinstance(source, (str, PathLike)) else cell_file.parse(source)
 
 
 def load_trace(path: str | Path) -> Trace:
@@ -170,12 +190,8 @@ def simulate(
     if parameters is None:
         named = program.source if isinstance(program, Program) else program
         parameters = load_parameters(of_run(None, named or None))
-    read = program if isinstance(program, Program) else load_program(program, parameters)
-    around = None
-    if cell is not None:
-        from delta3_pacdrive.peripherals import cell_file
-
-        around = cell_file.load(cell) if isinstance(cell, (str, PathLike)) else cell_file.parse(cell)
+    read = program if isinstance(program, Program) else load_program(program, parameters, cell)
+    around = _cell(cell)
     if not signals:
         return run(read, parameters, cell=around)
     from delta3_pacdrive.analysis import trace_export

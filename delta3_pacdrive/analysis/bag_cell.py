@@ -1,24 +1,23 @@
 """What a bag tells of the cell around the robot: its scene, what has happened to parts, and the counts of belts."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.typesys.store import Typestore
 
-from delta3_pacdrive.analysis.bag_events import JOINT_STATE, SPOILT, TEXT
 from delta3_pacdrive.analysis.cell_story import CellStory, cycles_of, told_of
 from delta3_pacdrive.analysis.run_signals import positive
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.peripherals import cell_scene
 from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
 from delta3_pacdrive.peripherals.parts_report import PartsLog
+from delta3_pacdrive.recording.bag_reader import PHASE, TEXT, open_bag, taking
 from delta3_pacdrive.recording.sessions import Sessions
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
-from delta3_pacdrive.sercos.telegrams import BELTS_TOPIC
+from delta3_pacdrive.sercos.telegrams import BELTS_TOPIC, JOINT_STATE
 
 SCENE, PARTS = 'cell/scene', 'cell/parts'
 
@@ -36,15 +35,13 @@ def read(path: Path, trace: Trace) -> CellStory | None:
     """
     from rosbags.typesys import Stores, get_typestore
 
-    from delta3_pacdrive.recording.bag_reader import PHASE, open_bag
-
     bag = open_bag(path)
-    heard = _Heard(get_typestore(Stores.ROS2_JAZZY), positive(trace, 'cycle_time_s'))
+    types, heard = get_typestore(Stores.ROS2_JAZZY), _Heard(positive(trace, 'cycle_time_s'))
     bag.read(
         {
-            bag.robot + SCENE: heard.take(TEXT, heard.scene),
-            bag.robot + PARTS: heard.take(TEXT, heard.parts),
-            bag.robot + BELTS_TOPIC: heard.take(JOINT_STATE, heard.belts),
+            bag.robot + SCENE: taking(types, TEXT, heard.scene),
+            bag.robot + PARTS: taking(types, TEXT, heard.parts),
+            bag.robot + BELTS_TOPIC: taking(types, JOINT_STATE, heard.belts),
             bag.robot + PHASE: heard.sessions.add,
         }
     )
@@ -54,23 +51,11 @@ def read(path: Path, trace: Trace) -> CellStory | None:
 class _Heard:
     """What was heard of a cell, message by message."""
 
-    def __init__(self, typestore: Typestore, period_s: float) -> None:
-        self._typestore, self._period_s = typestore, period_s
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
         self.sessions, self.log = Sessions(), PartsLog()
         self.things: tuple[Thing, ...] = ()
         self._counts: list[tuple[str, int, Mapping[str, float]]] = []  # session, bus cycle, by the belts
-
-    def take(self, kind: str, add: Callable[[Any], None]) -> Callable[[bytes], None]:
-        """Return what takes the bytes of a message."""
-        from rosbags.serde import SerdeError
-
-        def take(data: bytes) -> None:
-            try:
-                add(self._typestore.deserialize_cdr(data, kind))
-            except (SerdeError, *SPOILT):
-                return  # a foreign writer
-
-        return take
 
     def scene(self, message: Any) -> None:
         """Take what stands there."""

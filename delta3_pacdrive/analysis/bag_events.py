@@ -1,13 +1,11 @@
 """What a bag tells besides its signals: moves and when they were driven, outputs, holds, overrides, faults."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.typesys.store import Typestore
 
 from delta3_pacdrive.analysis.planning.evaluation import of_recorded_move
 from delta3_pacdrive.analysis.planning.report import limited_text
@@ -20,27 +18,14 @@ from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan, PlanBuilder
 from delta3_pacdrive.motion.plan_times import told_length_m
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.bag_reader import NUMBERS, PHASE, SPOILT, TEXT, open_bag, taking
 from delta3_pacdrive.recording.sessions import Sessions
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, NEVER
+from delta3_pacdrive.sercos.telegrams import JOINT_STATE
 
 LIMITS_MAX = 1000  # moves of which it is told what limits them: that takes milliseconds for each
-# what a message of a foreign writer may lead to
-SPOILT = (
-    Delta3Error,
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    RecursionError,
-    TypeError,
-    ValueError,
-)
 ORDER_HEADER = 2  # of the row that ends a plan: start cycle, override
-NUMBERS, TEXT, JOINT_STATE = (
-    'std_msgs/msg/Float64MultiArray',
-    'std_msgs/msg/String',
-    'sensor_msgs/msg/JointState',
-)
 
 
 def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str, Any]:
@@ -58,18 +43,17 @@ def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str,
     """
     from rosbags.typesys import Stores, get_typestore
 
-    from delta3_pacdrive.recording.bag_reader import PHASE, open_bag
-
     bag = open_bag(path)
     period = positive(trace, 'cycle_time_s')
-    story = _Story(get_typestore(Stores.ROS2_JAZZY), period, int(trace.meta.get('start_cycle') or 0), robot)
+    types = get_typestore(Stores.ROS2_JAZZY)
+    story = _Story(period, int(trace.meta.get('start_cycle') or 0), robot)
     bag.read(
         {
-            bag.robot + 'motion/plan': story.take(NUMBERS, story.plan),
-            bag.robot + 'motion/course': story.take(NUMBERS, story.course),
-            bag.robot + 'outputs': story.take(JOINT_STATE, story.outputs),
-            bag.robot + 'faults/schedule': story.take(TEXT, story.fault),
-            bag.robot + 'motion/progress': story.take(TEXT, story.progress),
+            bag.robot + 'motion/plan': taking(types, NUMBERS, story.plan),
+            bag.robot + 'motion/course': taking(types, NUMBERS, story.course),
+            bag.robot + 'outputs': taking(types, JOINT_STATE, story.outputs),
+            bag.robot + 'faults/schedule': taking(types, TEXT, story.fault),
+            bag.robot + 'motion/progress': taking(types, TEXT, story.progress),
             bag.robot + PHASE: story.sessions.add,
         }
     )
@@ -127,8 +111,8 @@ def _origin(message: Any) -> Origin:
 class _Story:
     """A story takes the messages of a bag in their order."""
 
-    def __init__(self, typestore: Typestore, period_s: float, start: int, robot: Parameters | None) -> None:
-        self._typestore, self._period_s, self._start, self._robot = typestore, period_s, start, robot
+    def __init__(self, period_s: float, start: int, robot: Parameters | None) -> None:
+        self._period_s, self._start, self._robot = period_s, start, robot
         self._limits: dict[int, str] = {}  # by the identity of a move
         self.sessions = Sessions()
         self._coming: dict[_Sender, _Coming] = {}
@@ -137,18 +121,6 @@ class _Story:
         self._switched: list[tuple[int, list[float]]] = []
         self._faults: list[dict[str, Any]] = []
         self._trips: dict[int, tuple[float, str, str]] = {}  # time, sentence and source by bus cycle
-
-    def take(self, kind: str, add: Callable[[Any], None]) -> Callable[[bytes], None]:
-        """Return what takes the bytes of a message."""
-        from rosbags.serde import SerdeError
-
-        def take(data: bytes) -> None:
-            try:
-                add(self._typestore.deserialize_cdr(data, kind))
-            except (SerdeError, *SPOILT):
-                return  # a foreign writer
-
-        return take
 
     def plan(self, message: Any) -> None:
         """Take a row of a plan: a move, or the order that ends the plan."""

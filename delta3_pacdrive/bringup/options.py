@@ -14,6 +14,7 @@ from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.motion import learned, program_planner
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.adapted_program import rest_of
+from delta3_pacdrive.motion.output_names import OWN
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.plant.decoupled import require_stable
@@ -61,8 +62,10 @@ def check_options(
         ) from None
     if options.bag is not None and options.bag.exists():
         raise RunError(f'cannot record into {options.bag}: it exists already')
+    outputs = OWN
     if options.cell is not None:
         around = cell_file.load(options.cell)
+        outputs = around.output_names
         require_stable(robot, max((part.mass_kg for part in around.parts.values()), default=0.0))
     torques = learned.load(options.learned) if options.learned is not None else None
     if torques is not None:
@@ -71,7 +74,7 @@ def check_options(
         first_decision(robot)
     if options.program is None:
         return robot, None, None
-    program = rest_of(programs.load(options.program, robot.motion), options.first, robot)
+    program = rest_of(programs.load(options.program, robot.motion, outputs), options.first, robot)
     robot = simulation.placed(robot, program)
     if torques is not None:
         torques.require(simulation.plan_of(program, robot).plan, robot, str(options.learned))

@@ -100,7 +100,9 @@ class RobotProcesses:
                 | ({'learned': str(options.learned)} if options.learned else {}),
             ),
         }
-        planned = {'program': str(program), 'first_statement': options.first} if program else {}
+        planned: dict[str, Any] = {'cell': str(options.cell)} if options.cell else {}
+        if program:
+            planned |= {'program': str(program), 'first_statement': options.first}
         planner = UnitRobotNode, planned
         shown: Nodes = {VISUALIZATION: (RobotVisualizationNode, {})}
         if options.view is not None:

@@ -1,6 +1,7 @@
 """Parts on the belts of a script, and free places: told by the bus, handed out one by one."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from delta3_pacdrive.cell.values import number
 from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge
@@ -40,6 +41,32 @@ class BeltNow:
     jumps: int
 
 
+class Offer(NamedTuple):
+    """A belt has a part to hand out.
+
+    Attributes
+    ----------
+    part
+        The part.
+    left_m
+        How far it may go before it leaves the window [m].
+    away_m
+        How far it is from the robot along the belt [m].
+    waiting
+        How many parts wait there, with this one.
+
+    """
+
+    part: QueuedPart
+    left_m: float
+    away_m: float
+    waiting: int
+
+    def rank(self, rule: Rule) -> float:
+        """Return by what the offers of several belts are compared: the least one is taken."""
+        return {Rule.FIRST_IN: self.left_m, Rule.NEAREST: self.away_m, Rule.BY_LOAD: -self.waiting}[rule]
+
+
 class BeltParts:
     """The queue of one belt, and its free places.
 
@@ -58,13 +85,22 @@ class BeltParts:
         self._slot_m: float | None = None  # the last one that was given
         self._before = self._counts()  # the script begins: what was before does not concern it
 
-    def next(self, window: TrackWindow, robot_m: float, rule: Rule, kind: str) -> QueuedPart | None:
-        """Return the next part, which leaves the queue; None: there is none.
+    def offer(self, window: TrackWindow, robot_m: float, rule: Rule, kind: str) -> Offer | None:
+        """Return the part that is next on this belt, and stays in its queue; None: there is none.
 
-        ``robot_m`` is where the robot is along the belt [m], for ``Rule.NEAREST``; ``kind`` the type, or empty.
+        ``robot_m`` is where the robot is along the belt [m]; ``kind`` the type of the part, or empty.
         """
         self._hear()
-        return self._queue.hand_out(self._tracking.now(self._belt).way_m, window, robot_m, rule, kind)
+        way_m = self._tracking.now(self._belt).way_m
+        part = self._queue.next(way_m, window, robot_m, rule, kind)
+        if part is None:
+            return None
+        there = part.along_m + way_m
+        return Offer(part, window.end_m - there, abs(there - robot_m), self._queue.waiting(kind))
+
+    def take(self, part: QueuedPart) -> None:
+        """Take a part that was offered out of the queue."""
+        self._queue.take(part)
 
     def slot(self, pitch_m: float, across_m: float, window: TrackWindow) -> QueuedPart:
         """Return the next free place on the belt: as near to the window as it may be, at least a pitch [m] behind."""

@@ -5,12 +5,11 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any
 
-from delta3_pacdrive.cell.belt_block import Block, Leaving, check_block, limits_of, require_fine
+from delta3_pacdrive.cell.belt_block import STAND_S, Block, Leaving, check_block, limits_of, require_fine
 from delta3_pacdrive.cell.link import Link, StoppedError
 from delta3_pacdrive.cell.moves import Written
 from delta3_pacdrive.cell.parts_robot import PartsRobot, refused
 from delta3_pacdrive.cell.place import ScriptPlace, of_caller
-from delta3_pacdrive.cell.values import plain
 from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge, TrackOrder
 from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import (
@@ -24,7 +23,6 @@ from delta3_pacdrive.errors import (
     WaitTimeoutError,
     shown,
 )
-from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.motion.belt_meeting import (
     AHEAD_S,
     Meeting,
@@ -41,7 +39,9 @@ from delta3_pacdrive.motion.belt_synchronization import (
     CannotCatch,
     Motion,
     Uncaught,
+    way_to_stand,
 )
+from delta3_pacdrive.motion.frames import Frame
 from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.motion.plan import TRACK
 from delta3_pacdrive.motion.program import Dwell, Output, Statement
@@ -144,14 +144,11 @@ class BeltRobot(PartsRobot):
         if block is None or tracking is None:
             return super()._read(kind, keys)
         belt = tracking.belts[block.belt]
+        if kind == 'joints':
+            raise refused('joints: arm angles are no place on a belt: leave it first')
         origin = belt.place_m(block.reference_m, block.part.across_m)
-        document = {
-            'frames': {'belt': {'origin_m': list(origin), 'yaw_rad': belt.direction_rad}},
-            'frame': 'belt',
-            'moves': [{kind: {key: plain(value) for key, value in keys.items()}}],
-        }
-        (statement,) = program_file.parse(document, self.parameters.motion).statements
-        return statement
+        part = Frame.turned(origin, yaw_rad=belt.direction_rad, name='belt').in_base
+        return self._maker.make(kind, keys, part)
 
     # orders -----------------------------------------------------------------------------------------------------------
 
@@ -292,14 +289,46 @@ class BeltRobot(PartsRobot):
             return belt.to_base(offset_on(found, time_s + found.pad_s, block.reference_m))
 
         require_bearable(planned.plan, -found.pad_s, whole_s, offset, self.parameters, rate)
+        on_it = offset_on(found, whole_s + found.pad_s, block.reference_m)
+        self._require_way_out(planned, block, tracking, on_it.place[0], found.speed_m_s)
+
+    def _require_way_out(
+        self, planned: Planned, block: Block, tracking: BeltKnowledge, along_m: float, speed_m_s: float
+    ) -> None:
+        """Refuse work on a belt that nobody could end: no move may follow, or the script may be too late with it.
+
+        Behind a whole block the robot leaves from where its plan ends; an open one may last until the window ends.
+        ``along_m`` is what is added there in the direction of the belt [m].
+        """
+        limits, belt, rate = block.limits, tracking.belts[block.belt], self._moves.override
+        if block.closed:
+            way = leaving(Motion((along_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits)
+        else:
+            at_end = Motion((block.window.end_m - block.reference_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0))
+            way = way_to_stand(at_end, limits.acceleration_m_s2, limits.jerk_m_s3)
+        end_s = planned.plan.duration_s / rate
+        try:
+            require_bearable(
+                planned.plan,
+                end_s,
+                end_s + way.duration_s,
+                lambda time_s: belt.to_base(way.at(time_s - end_s)),
+                self.parameters,
+                rate,
+            )
+        except ProgramError as error:
+            how = 'leaves the belt behind the work' if block.closed else 'stops where the window ends'
+            raise ProgramError(f'track: no move follows, so that the robot {how}: {error}') from None
 
     def _require_later(self, block: Block, tracking: BeltKnowledge) -> None:
         """Refuse what the robot does not bear on the belt that it is on, at the speed that this has."""
         batch, timeline = self._batch, self._moves.timeline
-        if timeline is None or self._held or all(isinstance(one, Output) for one, _ in batch):
+        stands = all(isinstance(one, Output) for one, _ in batch)
+        if timeline is None or self._held or (stands and not block.closed):
             return
         seen = self._ready()
-        planned, rate = self._moves.preview(batch, seen.planned_m, seen.turn_rad), self._moves.override
+        checked = [(Dwell(STAND_S), block.place)] if stands else batch
+        planned, rate = self._moves.preview(checked, seen.planned_m, seen.turn_rad), self._moves.override
         begin = max(seen.cycle + self.parameters.decision_cycles, timeline.end_cycle)
         belt, there = tracking.belts[block.belt], tracking.expected(block.belt, begin)
         begun_m = block.part.along_m + there.way_m - block.reference_m
@@ -308,7 +337,9 @@ class BeltRobot(PartsRobot):
             along = begun_m + there.speed_m_s * time_s
             return belt.to_base(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)))
 
-        require_bearable(planned.plan, 0.0, planned.plan.duration_s / rate, offset, self.parameters, rate)
+        whole_s = planned.plan.duration_s / rate
+        require_bearable(planned.plan, 0.0, whole_s, offset, self.parameters, rate)
+        self._require_way_out(planned, block, tracking, begun_m + there.speed_m_s * whole_s, there.speed_m_s)
 
     def _note_leaving(self, block: Block, tracking: BeltKnowledge, cycle: int | None) -> None:
         """Note when and how the robot will leave the belt, as far as is known."""

@@ -45,7 +45,7 @@ class ConnectedLink:
         facts = node.attach()
         belts = read_belts(facts['axes'])
         self.tracking = ToldBelts(parameters, belts) if belts else None
-        self.inputs = tuple(facts['inputs'])
+        self.inputs, self.outputs = tuple(facts['inputs']), node.outputs()
         self._has_clock = bool(facts['clock'])
         self._take(facts)
         self._extra_cycles = LEAD_CYCLES if self._has_clock else 0

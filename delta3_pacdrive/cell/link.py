@@ -9,6 +9,7 @@ from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Reason, RefusedError
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.motion.extension import Extension
+from delta3_pacdrive.motion.output_names import OutputNames
 from delta3_pacdrive.motion.program import Point
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.parameters import Parameters
@@ -70,6 +71,10 @@ class Link(Protocol):
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
+
+    @property
+    def outputs(self) -> OutputNames:
+        """The outputs that a script may name."""
 
     @property
     def tracking(self) -> BeltKnowledge | None:

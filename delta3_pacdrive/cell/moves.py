@@ -20,7 +20,16 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.extension import Driven, Extension, Seam, SeamError, driven, extend
 from delta3_pacdrive.motion.plan import EVENT_NAMES, TRACK, Move
-from delta3_pacdrive.motion.program import Dwell, Output, PathMove, Point, Program, Statement
+from delta3_pacdrive.motion.program import (
+    Cubic,
+    Dwell,
+    Joints,
+    Output,
+    PathMove,
+    Point,
+    Program,
+    Statement,
+)
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.round_planner import OPEN_CORNER, Arches
 from delta3_pacdrive.parameters import Parameters
@@ -321,3 +330,15 @@ def without_wait(statement: Statement) -> tuple[Statement, bool]:
     if isinstance(statement, PathMove) and statement.in_position:
         return replace(statement, in_position=False), True
     return statement, False
+
+
+def is_move(statement: Statement) -> bool:
+    """Whether a statement moves the robot."""
+    return isinstance(statement, PathMove | Cubic | Joints)
+
+
+def alone(statement: Statement) -> tuple[Statement, bool]:
+    """Return a move as it is driven alone, and whether it ends at rest, where a script can wait."""
+    if isinstance(statement, PathMove):
+        return replace(statement, blend_m=0.0), True
+    return statement, not (isinstance(statement, Cubic) and any(statement.end_velocity_m_s))

@@ -1,5 +1,7 @@
 """The robot of a script that knows of belts: their parts, their free places."""
 
+from collections.abc import Sequence
+
 from delta3_pacdrive.cell.belt_parts import BeltNow, BeltParts
 from delta3_pacdrive.cell.link import Link
 from delta3_pacdrive.cell.place import of_caller
@@ -30,51 +32,76 @@ class PartsRobot(Robot):
         self._parts = [BeltParts(tracking, n) for n in range(len(tracking.belts))] if tracking else []
 
     def part(
-        self, belt: str, timeout_s: float = TIMEOUT_S, rule: str = Rule.FIRST_IN, kind: str = ''
+        self,
+        belt: str | Sequence[str],
+        timeout_s: float = TIMEOUT_S,
+        rule: str = Rule.FIRST_IN,
+        kind: str = '',
     ) -> QueuedPart:
-        """Wait for the next part on a belt that can still be worked on.
+        """Wait for the next part on a belt, or on one of several, that can still be worked on.
 
         Parameters
         ----------
         belt
-            Its name.
+            Its name, or a list of names. The part says on which of them it is: ``track(part.belt, part)``.
         timeout_s
             For how long [s]; then it raises ``WaitTimeoutError``.
         rule
-            Which part is next: ``first in``, the one that is farthest along, or ``nearest`` to the robot.
+            Which part is next: ``first in``, the one that is farthest along, of several belts the one that leaves its
+            window first; ``nearest`` to the robot; or ``by load``, of the belt on which most parts wait.
         kind
             Type of the part, which a camera tells; empty: any.
 
         """
         with self._told(of_caller()):
-            tracking, n = self._belt(belt)
-            window = self._window(tracking, n)
+            names = self._names_of(belt)
+            known = [self._belt(name) for name in names]
+            windows = [self._window(tracking, n) for tracking, n in known]
             if rule not in tuple(Rule):
-                raise ProgramError(f'part: rule is {shown(rule)}, but must be one of: {", ".join(Rule)}')
+                raise ProgramError(
+                    f'part: rule is {shown(rule)}, but must be one of: {", ".join(Rule)}{nearest_of(rule, Rule)}'
+                )
+            if rule == Rule.BY_LOAD and len(names) < 2:
+                raise ProgramError('part: rule by load chooses between belts: name several of them')
             if kind != '':
-                _require_known(kind, tracking.belts[n])
+                for tracking, n in known:
+                    _require_known(kind, tracking.belts[n])
             latest = self._cycles('timeout_s', timeout_s)
             self._order()
             latest += self._link.look().cycle
             while True:
                 seen = self._link.look()
-                found = self._parts[n].next(
-                    window, tracking.belts[n].along_m(seen.position_m), Rule(rule), kind
-                )
-                if found is not None:
-                    return found
-                blind_m = tracking.blind_m(n)
-                if blind_m > 0.0:
-                    raise refused(
-                        f'part: the camera of belt {belt} is dead: no picture for {blind_m:.2f} m of its way'
-                    )
-                if seen.cycle >= latest:
-                    raise WaitTimeoutError(
-                        Reason(
-                            Code.TIMEOUT, f'part: none has come on belt {shown(belt)} within {timeout_s:g} s'
+                offers = [
+                    (n, offer)
+                    for (tracking, n), window in zip(known, windows, strict=True)
+                    if (
+                        offer := self._parts[n].offer(
+                            window, tracking.belts[n].along_m(seen.position_m), Rule(rule), kind
                         )
                     )
+                ]
+                if offers:
+                    n, offer = min(offers, key=lambda one: one[1].rank(Rule(rule)))
+                    self._parts[n].take(offer.part)
+                    return offer.part
+                for tracking, n in known:
+                    _require_eyes(tracking, n)
+                if seen.cycle >= latest:
+                    where = ' or '.join(shown(name) for name in names)
+                    raise WaitTimeoutError(
+                        Reason(Code.TIMEOUT, f'part: none has come on belt {where} within {timeout_s:g} s')
+                    )
                 self._go_to(seen.cycle + 1)
+
+    @staticmethod
+    def _names_of(belt: str | Sequence[str]) -> tuple[str, ...]:
+        """Return the names of belts that a call tells; raises ProgramError."""
+        names = (belt,) if isinstance(belt, str) else tuple(belt) if isinstance(belt, list | tuple) else ()
+        if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+            raise ProgramError(
+                f'part: belt is {shown(belt)}, but must be a name, or a list of different ones'
+            )
+        return names
 
     def slot(self, belt: str, pitch_m: float, across_m: float = 0.0) -> QueuedPart:
         """Return the next free place on a belt, to put a part down.
@@ -117,6 +144,15 @@ class PartsRobot(Robot):
                 f'belt {belt.name} has no window_m in the cell file, so that nobody may work on it'
             )
         return belt.window
+
+
+def _require_eyes(tracking: BeltKnowledge, n: int) -> None:
+    """Refuse to wait for the parts of a camera that is dead."""
+    blind_m = tracking.blind_m(n)
+    if blind_m > 0.0:
+        raise refused(
+            f'part: the camera of belt {tracking.belts[n].name} is dead: no picture for {blind_m:.2f} m of its way'
+        )
 
 
 def _require_known(kind: str, belt: BeltAxes) -> None:

@@ -8,10 +8,20 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.cell.link import HeldError, Link, Seen
-from delta3_pacdrive.cell.moves import Batch, Moves, Start, Written, unnumbered, without_wait
+from delta3_pacdrive.cell.moves import (
+    Batch,
+    Moves,
+    Start,
+    Written,
+    alone,
+    is_move,
+    unnumbered,
+    without_wait,
+)
 from delta3_pacdrive.cell.place import NOWHERE, ScriptPlace, of_caller
 from delta3_pacdrive.cell.state import State
-from delta3_pacdrive.cell.values import number, plain
+from delta3_pacdrive.cell.statement_maker import StatementMaker, checked_frame, checked_tool
+from delta3_pacdrive.cell.values import number
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.wait_condition import WaitCondition
@@ -28,10 +38,10 @@ from delta3_pacdrive.errors import (
     WaitTimeoutError,
     shown,
 )
-from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN
-from delta3_pacdrive.motion.plan import OUTPUTS
-from delta3_pacdrive.motion.program import PathMove, Point, Statement
+from delta3_pacdrive.motion.frames import Frame, Tool
+from delta3_pacdrive.motion.output_names import named_bits
+from delta3_pacdrive.motion.program import Point, Statement
 from delta3_pacdrive.motion.resume import resume
 from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, payload_on_grid
 
@@ -72,6 +82,7 @@ class Robot:
     def __init__(self, link: Link, name: str) -> None:
         self._link, self.parameters = link, link.parameters
         self._moves = Moves(name, link.parameters)
+        self._maker = StatementMaker(link.parameters.motion, link.outputs)
         self._batch: list[Written] = []
         self._begin = link.look().cycle  # times count from here
         self._effect = self._begin  # of the newest order
@@ -116,12 +127,23 @@ class Robot:
         """Turn the tool to ``to_deg`` or ``to_rad`` while the robot stands; a move does so on its way: ``turn_deg``."""
         self._write('turn', keys)
 
+    def cubic(self, **keys: Any) -> None:
+        """Move along a cubic polynomial in time to ``to_m`` within ``duration_s``, there with ``end_velocity_m_s``."""
+        self._write('cubic', keys)
+
+    def joints(self, points: Any) -> None:
+        """Move the arms through points, each with ``time_s`` and ``angles_rad``, ``speeds_rad_s``, ... ."""
+        self._write('joints', {'points': points})
+
     def dwell(self, time_s: float) -> None:
         """Rest for a time [s] between moves."""
         self._write('dwell', {'time_s': time_s})
 
     def output(self, name: str, value: bool, **keys: Any) -> None:
-        """Switch an output at the end of the move before it, or ``before_m`` earlier; it may grip ``payload_kg``."""
+        """Switch an output at the end of the move before it, or ``before_m`` earlier; it may grip ``payload_kg``.
+
+        ``in_time`` switches it so much earlier that what hangs there has followed: a valve of the cell.
+        """
         self._write('output', {'name': name, 'value': value, **keys})
 
     def _write(self, kind: str, keys: dict[str, Any]) -> None:
@@ -129,8 +151,8 @@ class Robot:
         with self._told(place):
             self._count()
             statement, waits = without_wait(self._read(kind, keys))
-            if self._ask is not None and isinstance(statement, PathMove) and not self._together:
-                statement, waits = replace(statement, blend_m=0.0), True
+            if self._ask is not None and is_move(statement) and not self._together:
+                statement, waits = alone(statement)
                 self._ask(place, kind)
             self._batch.append((statement, place))
             if waits:
@@ -145,9 +167,28 @@ class Robot:
         return False
 
     def _read(self, kind: str, keys: dict[str, Any]) -> Statement:
-        document = {'moves': [{kind: {key: plain(value) for key, value in keys.items()}}]}
-        (statement,) = program_file.parse(document, self.parameters.motion).statements
-        return statement
+        return self._maker.make(kind, keys)
+
+    def use(self, *, frame: Frame | None = None, tool: Tool | None = None) -> None:
+        """Take points in a frame, for a tool, from the next move on, where a move tells no other.
+
+        Without a frame they are in ``base`` again, without a tool those of the plate. What the tool weighs counts to
+        the payload; if that changes, the call waits until what is ordered is over.
+        """
+        with self._told(of_caller()):
+            self._count()
+            if self._together:
+                raise _refused(Code.STATE, 'use: moves on a belt are in the frame of their part')
+            frame, tool = checked_frame(frame), checked_tool(tool)
+            mass_kg = 0.0 if tool is None else tool.mass_kg
+            if mass_kg != self._maker.tool_kg:
+                self._order()
+                self._come_to_the_end()
+                carried = self._moves.payload_kg + mass_kg - self._maker.tool_kg
+                self._moves.payload_kg = payload_on_grid(
+                    number('payload with this tool', carried, 0.0, PAYLOAD_MAX_KG, ' kg')
+                )
+            self._maker.frame, self._maker.tool = frame, tool
 
     # waits ------------------------------------------------------------------------------------------------------------
 
@@ -234,7 +275,7 @@ class Robot:
                 seen.position_m,
                 seen.command_m,
                 self._moves.seconds_left(seen.cycle),
-                {name: bool(seen.outputs >> n & 1) for n, name in enumerate(OUTPUTS)},
+                named_bits(seen.outputs, self._link.outputs),
                 {name: bool(seen.inputs >> n & 1) for n, name in enumerate(self._link.inputs)},
                 seen.payload_kg,
                 self.late,
@@ -284,9 +325,10 @@ class Robot:
             self._moves.override = override
 
     def payload(self, payload_kg: float) -> None:
-        """Carry a payload [kg] from the next move on; waits until what is ordered is over."""
+        """Carry a payload [kg] beside the tool from the next move on; waits until what is ordered is over."""
         with self._told(of_caller()):
-            carried_kg = number('payload', payload_kg, 0.0, PAYLOAD_MAX_KG, ' kg')
+            tool_kg = self._maker.tool_kg
+            carried_kg = tool_kg + number('payload', payload_kg, 0.0, PAYLOAD_MAX_KG - tool_kg, ' kg')
             self._order()
             self._come_to_the_end()
             self._moves.payload_kg = payload_on_grid(carried_kg)
@@ -449,6 +491,7 @@ class Robot:
             self._looked, self._calls = cycle, 0
         self._calls += 1
         if self._calls > CALLS_MAX:
+            self._calls = 0  # who catches the refusal may wait for something now
             raise _refused(
                 Code.CONTENT,
                 f'{CALLS_MAX} calls took no bus time: a loop has to wait for something, for example wait_time(0.01)',

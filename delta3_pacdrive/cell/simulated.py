@@ -18,6 +18,7 @@ from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.motion.extension import Extension
+from delta3_pacdrive.motion.output_names import OWN
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.peripherals.cell import Cell
@@ -76,6 +77,7 @@ class SimulatedLink:
         self._inputs = inputs_of(inputs, self._world, begin, bus.cycle_time_s)
         self._heaviest_kg = max([0.0, *(part.mass_kg for part in around.parts.values())] if around else [0.0])
         self.inputs = self._inputs.names
+        self.outputs = OWN if around is None else around.output_names
         self._longest_s = longest_s
         self._last = math.inf if math.isinf(longest_s) else begin + round(longest_s / bus.cycle_time_s)
         self._robot = Robot(parameters) if acquisition is None else ScopedRobot(parameters, acquisition)

@@ -19,20 +19,27 @@ class Options(JsonOptions):
     """Options of the command."""
 
     file: list[str] = argument(
-        f'program, parameter file or list of faults; packaged programs: {", ".join(program_names())}',
+        f'program, parameter file, cell file or list of faults; packaged programs: {", ".join(program_names())}',
         nargs='+',
     )
     parameters: str | None = option(
         'plan for the robot of this parameter file, or rich: the built robot', 'FILE'
+    )
+    cell: str | None = option(
+        'what stands around the robot, a cell file, or cell: the packaged one: programs may name its outputs',
+        'FILE',
     )
 
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.motion.output_names import OWN
+    from delta3_pacdrive.peripherals import cell_file
 
     robot = core.load(options.parameters)
-    results = [_result(name, robot) for name in options.file]
+    outputs = OWN if options.cell is None else cell_file.load(options.cell).output_names
+    results = [_result(name, robot, outputs) for name in options.file]
     ok = all(result['ok'] for result in results)
     if options.json:
         print(json.dumps({'ok': ok, 'files': results}))
@@ -42,19 +49,20 @@ def run(options: Options) -> int:
     return int(not ok)
 
 
-def _result(name: str, robot: Any) -> dict[str, Any]:
+def _result(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
     result: dict[str, Any] = {'ok': True, 'file': name}
     try:
-        return result | _content(name, robot)
+        return result | _content(name, robot, outputs)
     except Delta3Error as error:
         return result | {'ok': False, 'errors': str(error).split('; ')}
 
 
-def _content(name: str, robot: Any) -> dict[str, Any]:
+def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
     """Return what a file holds; what is in it says what it is."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.configuration import yaml_file
     from delta3_pacdrive.motion import program_file as programs
+    from delta3_pacdrive.peripherals import cell_file
 
     path = programs.find(name)
     if path == Path(name) and not path.exists():
@@ -73,7 +81,20 @@ def _content(name: str, robot: Any) -> dict[str, Any]:
             f'{path} holds {", ".join(groups)} without the header of a ROS parameter file: begin it with the lines '
             '"/**:" and "  ros__parameters:", and indent all groups below them'
         )
-    return _planned(programs.parse(document, robot.motion, path.stem, str(path)), robot)
+    if 'moves' not in keys and any(key in cell_file.SECTIONS for key in keys):
+        return _cell(cell_file.parse(document, str(path)))
+    return _planned(programs.parse(document, robot.motion, path.stem, str(path), outputs), robot)
+
+
+def _cell(cell: Any) -> dict[str, Any]:
+    return {
+        'kind': 'cell',
+        'cell': cell.name,
+        'inputs': list(cell.input_names),
+        'outputs': {name: one.output for name, one in cell.outputs.items()},
+        'belts': list(cell.belts),
+        'parts': list(cell.parts),
+    }
 
 
 def _faults(document: Any) -> list[str]:
@@ -144,6 +165,8 @@ def _print(result: dict[str, Any]) -> None:
     for name, key in (('note', 'notices'), ('fault', 'faults')):
         for text in result.get(key, ()):
             print(f'{name:>6}  {text}')
+    for key in ('inputs', 'outputs', 'belts', 'parts') if result['kind'] == 'cell' else ():
+        print(f'{key:>9}  {", ".join(result[key]) or "none"}')
     if 'checksum' in result:
         print(f'        checksum {result["checksum"]}')
 

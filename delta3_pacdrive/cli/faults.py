@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import csv_file, folder
@@ -13,8 +13,12 @@ from delta3_pacdrive.cli.output import INTERRUPTED, print_answer, print_json
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
+if TYPE_CHECKING:
+    from delta3_pacdrive.cell.fault_cases import CellCase
+    from delta3_pacdrive.verification.fault_catalogue.cases import Case
+
 ACTIONS = {
-    'run': 'every fault in every state, on a robot of its own without a clock',
+    'run': 'every fault in every state, on a robot of its own without a clock, and what goes wrong in simulated cells',
     'list': 'the kinds of faults and their values',
     'inject': "one fault, in YAML, into a robot that is up: '{fault: drop_at, axis: axis2}'",
 }
@@ -92,41 +96,57 @@ def line_of(row: dict[str, Any]) -> str:
     return f'{text}\n    NOT AS EXPECTED: {what}'
 
 
+def _chosen(options: Options) -> 'tuple[list[Case], list[CellCase]]':
+    """Return the cases that are asked for: of robots that are brought up, and in simulated cells; raises RunError."""
+    from delta3_pacdrive.cell import fault_catalogue as of_cells
+    from delta3_pacdrive.verification.fault_catalogue.cases import cases
+
+    only = options.only or ''
+    in_cells = [] if options.short else of_cells.cases(only)
+    try:
+        return cases(options.short, only), in_cells
+    except RunError:
+        if not in_cells:
+            raise
+        return [], in_cells
+
+
 def _run_catalogue(options: Options) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.provenance import Provenance, write_table
-    from delta3_pacdrive.verification.fault_catalogue.cases import Outcome, cases
+    from delta3_pacdrive.cell import fault_catalogue as of_cells
+    from delta3_pacdrive.verification.fault_catalogue.cases import Outcome
     from delta3_pacdrive.verification.fault_catalogue.runner import run_catalogue
 
     robot = core.load(options.parameters)
-    todo = cases(options.short, options.only or '')
+    todo, in_cells = _chosen(options)
+    count = len(todo) + len(in_cells)
     announce_compilation(options.parameters)
     if not options.json:
         print(columns(HEADINGS), flush=True)
     outcomes: list[Outcome] = []
+    rows: list[dict[str, Any]] = []
 
     ended = ''
     try:
         # processes fork meanwhile
         with Progress(quiet=not options.json, threaded=False) as progress:
 
-            def show(outcome: Outcome) -> None:
+            def show(outcome: Outcome | of_cells.CellOutcome) -> None:
+                rows.append(outcome.to_row())
                 if not options.json:
-                    print(line_of(outcome.to_row()), flush=True)
-                progress.show(f'{len(outcomes)} of {len(todo)} cases', len(outcomes), len(todo))
+                    print(line_of(rows[-1]), flush=True)
+                progress.show(f'{len(rows)} of {count} cases', len(rows), count)
 
-            run_catalogue(
-                todo,
-                options.logs,
-                outcomes,
-                show,
-                Path(options.parameters) if options.parameters else None,
-            )
+            path = Path(options.parameters) if options.parameters else None
+            if todo:
+                run_catalogue(todo, options.logs, outcomes, show, path)
+            for case in in_cells:
+                show(of_cells.run_case(case, of_cells.robot_of(options.parameters)))
     except KeyboardInterrupt:
         ended = 'interrupted'
     except RunError as error:
         ended = str(error)
-    rows = [outcome.to_row() for outcome in outcomes]
     bad = [row for row in rows if not row['ok']]
     if options.csv and rows:
         origin = Provenance.of(options.command_line, robot)
@@ -135,7 +155,7 @@ def _run_catalogue(options: Options) -> int:
         result = {'ok': not bad and not ended, 'ended': ended, 'cases': rows}
         print_json(result, options, robot)
     else:
-        print(f'{len(rows)} of {len(todo)} cases, {len(rows) - len(bad)} as expected; * in the exercise')
+        print(f'{len(rows)} of {count} cases, {len(rows) - len(bad)} as expected; * in the exercise')
     if ended:
         print(f'error: {ended}: the table is not complete', file=sys.stderr)
         return INTERRUPTED if ended == 'interrupted' else 1

@@ -41,7 +41,8 @@ def run(options: Options) -> int:
     for name, one in told['inputs'].items():
         print(f'input   {name:<20} {_text(one["value"])}{", set from outside" if one["forced"] else ""}')
     for name, value in told['outputs'].items():
-        print(f'output  {name:<20} {_text(value)}')
+        own = told['output_names'][name]['output']
+        print(f'output  {name:<20} {_text(value)}{"" if own == name else f", {own} of the robot"}')
     return 0
 
 

@@ -18,6 +18,7 @@ from delta3_pacdrive.configuration.packaged import program_names
 if TYPE_CHECKING:
     from delta3_pacdrive.analysis.planning.study import PlanStudy
     from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.peripherals.cell import Cell
 
 
 @dataclass
@@ -35,7 +36,8 @@ class Options(JsonOptions):
         'write figures 6.2 to 6.4 of the thesis, motors, limits and tables into this folder', 'FOLDER'
     )
     cell: str | None = option(
-        'for a script: what stands around the robot, so that its inputs come: a cell file, or cell: the packaged one',
+        'what stands around the robot, a cell file, or cell: the packaged one: programs may name its outputs, and '
+        'scripts wait for its inputs',
         'FILE',
     )
     limits: bool = flag(
@@ -47,8 +49,6 @@ class Options(JsonOptions):
         script = self.program.endswith('.py')
         if script and self.first:
             return f'{NO_PROGRAM} script'
-        if self.cell is not None and not script:
-            return '--cell is for a script: a program waits for no input'
         if self.output is not None and script:
             return '--output is for a program: a script is planned in pieces while it runs'
         return '--limits is for --json' if self.limits and not self.json else ''
@@ -63,12 +63,15 @@ def run(options: Options) -> int:
     from delta3_pacdrive.cli.progress import Progress
     from delta3_pacdrive.motion import program_file
     from delta3_pacdrive.motion.adapted_program import rest_of
+    from delta3_pacdrive.motion.output_names import OWN
 
     robot = core.load(options.parameters)
     if options.program.endswith('.py'):
         return _run_script(options, robot)
-    program = rest_of(program_file.load(options.program, robot.motion), options.first, robot)
-    inputs = noted([options.program])
+    around, more = _around(options)
+    outputs = OWN if around is None else around.output_names
+    program = rest_of(program_file.load(options.program, robot.motion, outputs), options.first, robot)
+    inputs = [*noted([options.program]), *more]
     require_writable_folder(options.output)
     with Progress(quiet=options.json) as progress:
         found = evaluation.of_program(program, robot, progress.show)
@@ -86,15 +89,12 @@ def run(options: Options) -> int:
 def _run_script(options: Options, robot: 'Parameters') -> int:
     """Run a script dry; return the exit status."""
     from delta3_pacdrive.analysis.inputs import noted
-    from delta3_pacdrive.analysis.provenance import digest
     from delta3_pacdrive.cell import dry_run, script
     from delta3_pacdrive.errors import RunError
-    from delta3_pacdrive.peripherals import cell_file
 
     read, inputs = script.load(options.program), noted([options.program])
-    around = None if options.cell is None else cell_file.load(options.cell)
-    if options.cell is not None:
-        inputs.append(f'{options.cell} {digest(cell_file.find(options.cell))}')
+    around, more = _around(options)
+    inputs += more
     found = dry_run.dry_run(read, robot, around)
     if not options.json:
         print('\n'.join(dry_run.text(found)))
@@ -103,6 +103,17 @@ def _run_script(options: Options, robot: 'Parameters') -> int:
     if found.stopped:
         raise RunError(found.stopped)
     return 0
+
+
+def _around(options: Options) -> 'tuple[Cell | None, list[str]]':
+    """Return the cell that is asked for, and its file with its digest; raises CellError."""
+    if options.cell is None:
+        return None, []
+    from delta3_pacdrive.analysis.provenance import digest
+    from delta3_pacdrive.peripherals import cell_file
+
+    found = cell_file.load(options.cell)
+    return found, [f'{options.cell} {digest(cell_file.find(options.cell))}']
 
 
 def _written(

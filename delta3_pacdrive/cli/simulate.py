@@ -144,9 +144,10 @@ def run(options: Options) -> int:
     require_writable_folder(options.report)
     if options.signals:
         trace_export.require_known(options.signals)
-    chosen, robot, program = _read(options)
+    cell = _cell_of(options)
+    chosen, robot, program = _read(options, cell)
     inputs, torques = chosen.digests(), None
-    cell = _cell_of(options, inputs)
+    inputs += _cell_digest(options)
     simulation.load_kernels(robot)
     if options.learned is not None and not isinstance(program, Script):
         torques = _learned(options.learned, program, robot)
@@ -189,12 +190,13 @@ def run(options: Options) -> int:
     return print_run(result, options, robot, inputs, notes=notes)
 
 
-def _read(options: Options) -> 'tuple[Chosen, Parameters, Program | Script]':
+def _read(options: Options, cell: 'Cell | None') -> 'tuple[Chosen, Parameters, Program | Script]':
     """Return what is run, the robot, and the program or script; raises Delta3Error."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.cell import script
     from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.motion.adapted_program import rest_of
+    from delta3_pacdrive.motion.output_names import OWN
 
     announce_compilation(options.parameters)
     with program_of(options) as chosen:
@@ -203,7 +205,9 @@ def _read(options: Options) -> 'tuple[Chosen, Parameters, Program | Script]':
             robot = robot.replace(bus__exchange_period_s=options.exchange_period)
         if script.is_script(chosen.program):
             return chosen, robot, script.load(chosen.program)
-        return chosen, robot, rest_of(programs.load(chosen.program, robot.motion), options.first, robot)
+        outputs = OWN if cell is None else cell.output_names
+        program = programs.load(chosen.program, robot.motion, outputs)
+        return chosen, robot, rest_of(program, options.first, robot)
 
 
 def _learned(path: str, program: 'Program', robot: 'Parameters') -> 'Learned':
@@ -247,16 +251,23 @@ def _result(trace: 'Trace', wall_s: float) -> dict[str, Any]:
     }
 
 
-def _cell_of(options: Options, inputs: list[str]) -> 'Cell | None':
-    """Return the cell that is asked for, and note its digest; raises CellError."""
+def _cell_of(options: Options) -> 'Cell | None':
+    """Return the cell that is asked for; raises CellError."""
     if options.cell is None:
         return None
+    from delta3_pacdrive.peripherals import cell_file
+
+    return cell_file.load(options.cell)
+
+
+def _cell_digest(options: Options) -> list[str]:
+    """Return the cell file with its digest, if one is asked for."""
+    if options.cell is None:
+        return []
     from delta3_pacdrive.analysis.provenance import digest
     from delta3_pacdrive.peripherals import cell_file
 
-    cell = cell_file.load(options.cell)
-    inputs.append(f'{options.cell} {digest(cell_file.find(options.cell))}')
-    return cell
+    return [f'{options.cell} {digest(cell_file.find(options.cell))}']
 
 
 def _simulated(

@@ -38,6 +38,7 @@ from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
 
+PICTURES_MAX = 1000  # whose parts may not be told yet
 BOUNCE_M = 0.01  # nearer to each other than that no two parts pass a light barrier
 JUMPS_MAX = 3  # of an encoder: more, and nobody knows where the parts are
 SHORT_M = 0.005  # by which a part may be short of the window, if its belt is a little slower than it was
@@ -108,6 +109,8 @@ class BeltTracking(BeltKnowledge):
         self._dropped, self._bounced = [0] * len(self.belts), [0] * len(self.belts)
         self._latched_m = [math.inf] * len(self.belts)  # the last part that a light barrier has told
         self._pictures = [(0, 0.0)] * len(self.belts)  # how many, and the way of the belt at the last one [m]
+        # of the newest pictures, which may be told much later: count of the encoder, and way of the belt [m]
+        self._ways: list[deque[tuple[int, float]]] = [deque(maxlen=PICTURES_MAX) for _ in self.belts]
         # for the next event that gets on a belt, and that of the last one
         self._coming: TrackOrder | None = None
         self._order: TrackOrder | None = None
@@ -129,9 +132,10 @@ class BeltTracking(BeltKnowledge):
             speed = there.speed_m_s
             if reading.pictures != self._pictures[n][0]:
                 self._pictures[n] = reading.pictures, there.way_m
+                self._ways[n].append((reading.count, observer.way_of(reading.count)))
             for count in reading.latched:
                 # the count is that of an instant after the passing
-                way = observer.way_of(count) - speed * belt.barrier_delay_s
+                way = observer.recent_way_of(count) - speed * belt.barrier_delay_s
                 along = belt.barrier_m - way
                 if abs(along - self._latched_m[n]) < BOUNCE_M:
                     self._bounced[n] += 1  # the first time counts
@@ -139,7 +143,7 @@ class BeltTracking(BeltKnowledge):
                     self._latched_m[n] = along
                     self._tell(cycle, n, QueuedPart('', along, 0.0, belt=belt.name))
             for seen in reading.sighted:
-                along = seen.along_m - observer.way_of(seen.count)
+                along = seen.along_m - self._way_of_picture(n, seen.count)
                 self._tell(
                     cycle, n, QueuedPart(seen.type, along, seen.across_m, seen.angle_rad, belt=belt.name)
                 )
@@ -152,6 +156,13 @@ class BeltTracking(BeltKnowledge):
             tuple(self._bounced),
             tuple(self._dropped),
         )
+
+    def _way_of_picture(self, belt: int, count: int) -> float:
+        """Return the way of a belt when a picture was taken [m]: the encoder may have jumped since."""
+        for taken, way in reversed(self._ways[belt]):
+            if taken == count:
+                return way
+        return self._observers[belt].way_of(count)
 
     def _tell(self, cycle: int, belt: int, part: QueuedPart) -> None:
         parts = self.parts[belt]

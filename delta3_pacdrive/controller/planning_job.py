@@ -11,6 +11,7 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.adaptation import Adaptation
 from delta3_pacdrive.motion.adapted_program import adapted
 from delta3_pacdrive.motion.extension import Seam
+from delta3_pacdrive.motion.output_names import OWN, OutputNames
 from delta3_pacdrive.motion.program import Cubic, Dwell, Joints, Output, Program, Statement, Turn
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
@@ -117,12 +118,17 @@ class CancelledError(ProgramError):
     """A job that was given up."""
 
 
-def work(job: Job, robot: Parameters, progress: Callable[[int, int], None]) -> Result:
-    """Do a job; ``progress`` is called with statements done and of all, and raises CancelledError to end it."""
+def work(
+    job: Job, robot: Parameters, progress: Callable[[int, int], None], outputs: OutputNames = OWN
+) -> Result:
+    """Do a job; ``progress`` is called with statements done and of all, and raises CancelledError to end it.
+
+    ``outputs`` are those that the text may name.
+    """
     try:
         program, statements, starts = job.queue, 0, False
         if job.text:
-            more, starts = _read(job, robot)
+            more, starts = _read(job, robot, outputs)
             if job.behind is not None:
                 return _follow(job, job.behind, more, robot, progress)
             program, statements = _appended(job.queue, more), len(more.statements)
@@ -175,7 +181,7 @@ def _follow(
     return Result(job.number, program, planned, None, len(statements))
 
 
-def _read(job: Job, robot: Parameters) -> tuple[Program, bool]:
+def _read(job: Job, robot: Parameters, outputs: OutputNames) -> tuple[Program, bool]:
     """Return the program of the text, and whether it starts by itself."""
     starts = job.wrapped
     if job.text in programs.packaged_names():
@@ -184,7 +190,7 @@ def _read(job: Job, robot: Parameters) -> tuple[Program, bool]:
         document = yaml_file.parse(job.text, 'the program', ProgramError)
         if job.wrapped:
             document, starts = _unwrapped(document)
-    program = programs.parse(document, robot.motion)
+    program = programs.parse(document, robot.motion, outputs=outputs)
     return adapted(program, job.adaptation, robot), starts
 
 

@@ -78,7 +78,7 @@ class BeltObserver:
         self._gains = 1.0 - m**3, 1.5 * (1.0 - m) ** 2 * (1.0 + m), (1.0 - m) ** 3
         # what a jump is: two increments of rounding, and what an acceleration does in the memory of the filter
         self._jump_m = 2.0 / increments_per_m + jump_m_s2 * (cycle_time_s / (1.0 - m)) ** 2
-        self._offset_m = 0.0
+        self._offset_m = self._before_m = 0.0  # of the last jump: with it, and without
         self.estimate = BeltEstimate(0.0, 0.0, 0.0)
         self.cycles = self.jumps = 0
 
@@ -91,6 +91,13 @@ class BeltObserver:
         """Return the way that a count tells [m]: the middle of its increment, without what jumps have added."""
         return (count + 0.5) / self._per_m - self._offset_m
 
+    def recent_way_of(self, count: int) -> float:
+        """Return the way that a count tells which is a bus cycle or two old [m]: it may be one from before a jump."""
+        way = self.way_of(count)
+        before = way + self._offset_m - self._before_m
+        now = self.estimate.way_m
+        return before if abs(before - now) < abs(way - now) else way
+
     def step(self, count: int) -> BeltEstimate:
         """Take the count of the next bus cycle; return the estimate of this instant."""
         measured, time = self.way_of(count), self._time
@@ -102,6 +109,7 @@ class BeltObserver:
         error = measured - x
         if self.settled and abs(error) > self._jump_m:
             self.jumps += 1
+            self._before_m = self._offset_m
             self._offset_m += error
             error = 0.0
         one, two, three = self._gains

@@ -15,6 +15,7 @@ class Rule(StrEnum):
 
     FIRST_IN = 'first in'  # the one that is farthest along the belt
     NEAREST = 'nearest'  # to where the robot is
+    BY_LOAD = 'by load'  # the first one of the belt on which most parts wait
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,30 @@ class PartQueue:
         rule: Rule | None = None,
         kind: str = '',
     ) -> QueuedPart | None:
-        """Return the next part, which leaves the queue; None: there is none.
+        """Return the next part, which leaves the queue; None: there is none. Parameters are those of ``next``."""
+        chosen = self.next(way_m, window, robot_m, rule, kind)
+        if chosen is not None:
+            self.take(chosen)
+        return chosen
+
+    def take(self, part: QueuedPart) -> None:
+        """Take a part that waits out of the queue: it is not handed out again."""
+        self._parts.remove(part)
+        self._handed.append(part)
+
+    def waiting(self, kind: str = '') -> int:
+        """Return how many parts of a type wait; empty: of any."""
+        return sum(1 for part in self._parts if not kind or part.type == kind)
+
+    def next(
+        self,
+        way_m: float,
+        window: TrackWindow,
+        robot_m: float = 0.0,
+        rule: Rule | None = None,
+        kind: str = '',
+    ) -> QueuedPart | None:
+        """Return the part that is to be handed out next, and stays; None: there is none.
 
         Parameters
         ----------
@@ -131,13 +155,9 @@ class PartQueue:
         wanted = [part for part in ahead if not kind or part.type == kind]
         if not wanted:
             return None
-        if (rule or self._rule) is Rule.FIRST_IN:
-            chosen = max(wanted, key=lambda part: part.along_m)
-        else:
-            chosen = min(wanted, key=lambda part: abs(part.along_m + way_m - robot_m))
-        self._parts.remove(chosen)
-        self._handed.append(chosen)
-        return chosen
+        if (rule or self._rule) is Rule.NEAREST:
+            return min(wanted, key=lambda part: abs(part.along_m + way_m - robot_m))
+        return max(wanted, key=lambda part: part.along_m)
 
     def _same(self, known: QueuedPart, part: QueuedPart) -> bool:
         far = math.hypot(known.along_m - part.along_m, known.across_m - part.across_m)

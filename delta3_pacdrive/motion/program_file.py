@@ -29,7 +29,7 @@ moves:
 - joints: {points: [{time_s: 0.5, angles_rad: [0.2, 0.3, 0.2], speeds_rad_s: [0, 0, 0]}]}   # arm angles over time
 - dwell: {time_s: 0.1}
 - output: {name: gripper, value: true, before_m: 0.005, payload_kg: 0.5}
-- output: {name: gripper, value: true, before_s: 0.02}                # or after_s, after_m
+- output: {name: gripper, value: true, before_s: 0.02}                # or after_s, after_m, in_time (by its cell)
 - for_each: {place_of: tray, moves: [{move_l: {to_m: [0, 0, 0]}}]}      # points are told from each place of a pattern
 faults:                                                             # optional: injected faults, see faults/fault.py
 - {fault: drop_at, axis: axis2, after_s: 0.3}                         # bus time from the start of the program
@@ -49,6 +49,7 @@ from delta3_pacdrive.motion.frame_reader import Places, read_frames, read_patter
 from delta3_pacdrive.motion.frames import BASE, Frame, Tool
 from delta3_pacdrive.motion.limit_reader import LIMIT_KEYS, given_limits
 from delta3_pacdrive.motion.limits import Limits
+from delta3_pacdrive.motion.output_names import OWN, OutputNames
 from delta3_pacdrive.motion.point_reader import NAME, NAME_MAX, Named, PointReader, Setting, named
 from delta3_pacdrive.motion.program import Point, Program
 from delta3_pacdrive.motion.statement_reader import (
@@ -78,8 +79,10 @@ STATEMENTS = ('move_l', 'move_c', 'move_sb', 'arch', 'cubic', 'joints', 'turn', 
 FAULTS_MAX = 1000
 
 
-def load(path: str | Path, motion: Motion) -> Program:
+def load(path: str | Path, motion: Motion, outputs: OutputNames = OWN) -> Program:
     """Read a program file; a bare name is looked for among the packaged programs as well.
+
+    ``outputs`` are those that the program may name: without a cell the robot's own.
 
     Raises
     ------
@@ -88,7 +91,7 @@ def load(path: str | Path, motion: Motion) -> Program:
 
     """
     document = yaml_file.read(find(path), 'program file', ProgramError)
-    return parse(document, motion, Path(path).stem, str(path))
+    return parse(document, motion, Path(path).stem, str(path), outputs)
 
 
 def find(path: str | Path) -> Path:
@@ -105,8 +108,12 @@ def packaged_names() -> list[str]:
     return packaged.program_names()
 
 
-def parse(document: Any, motion: Motion, name: str = 'program', file: str = '') -> Program:
+def parse(
+    document: Any, motion: Motion, name: str = 'program', file: str = '', outputs: OutputNames = OWN
+) -> Program:
     """Build a program from a parsed YAML document; ``file`` names one that is empty, and so cannot tell its own name.
+
+    ``outputs`` are those that it may name.
 
     Raises
     ------
@@ -117,7 +124,7 @@ def parse(document: Any, motion: Motion, name: str = 'program', file: str = '') 
     errors = Errors(getattr(document, 'source', file))
     programs: list[Program] = []
     with errors.raised_as(ProgramError), errors.noted(place_of(document)):
-        programs.append(_program(document, motion, name, errors))
+        programs.append(_program(document, motion, name, errors, outputs))
     (program,) = programs
     source = getattr(document, 'source', '')
     if source or any(place and place.line > 1 for place in program.places):
@@ -125,7 +132,7 @@ def parse(document: Any, motion: Motion, name: str = 'program', file: str = '') 
     return replace(program, places=())  # nobody looks for a place in a single line
 
 
-def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Program:
+def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: OutputNames) -> Program:
     """Build a program; it is good for nothing if there are errors."""
     allowed = (
         'name',
@@ -180,6 +187,7 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors) -> Progra
         tools,
         patterns,
         fields.read('repeat', whole_number_between(1, REPEAT_MAX), 1, prefix=''),
+        outputs,
     )
 
     def start(value: Any, where: str) -> Point | None:

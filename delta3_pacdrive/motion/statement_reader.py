@@ -14,8 +14,9 @@ from delta3_pacdrive.motion.frame_reader import RESERVED, Places
 from delta3_pacdrive.motion.frames import Frame, Tool
 from delta3_pacdrive.motion.limit_reader import LIMIT_KEYS, blend, given_limits, limits_of
 from delta3_pacdrive.motion.limits import Limits
+from delta3_pacdrive.motion.output_names import OWN, OutputNames
 from delta3_pacdrive.motion.place_loop import read_loop
-from delta3_pacdrive.motion.plan import MOVES_MAX, OUTPUTS
+from delta3_pacdrive.motion.plan import MOVES_MAX
 from delta3_pacdrive.motion.point_reader import (
     REACH_M,
     PointReader,
@@ -47,7 +48,7 @@ from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, payload_on_grid
 
 TIME_MAX_S = 3600.0  # of a dwell or a cubic
 SHIFT_MAX_S = 10.0  # of an output
-SHIFTS = ('before_m', 'after_m', 'before_s', 'after_s')
+SHIFTS = ('before_m', 'after_m', 'before_s', 'after_s', 'in_time')
 CLEARANCE_MAX_M = 1.0  # of an arch
 VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
 TURN_MAX_RAD = 1e3  # farther is a mistake of units
@@ -56,6 +57,7 @@ LEVEL_RAD = 1e-9  # tilt of a frame that is rounding
 FOR_EACH = 'for_each'
 _PATH_KEYS = (*LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal', 'in_position', 'turn_rad')
 _SETTING_KEYS = ('frame', 'tool')
+_IN_TIME = 'in_time'
 Read = Callable[[Any, str], Any]
 ReadIn = Callable[[Any, str, Setting], Any]
 
@@ -86,6 +88,8 @@ class Head:
         By their names.
     repeat
         How many rounds there are.
+    outputs
+        By their names.
 
     """
 
@@ -97,6 +101,7 @@ class Head:
     tools: Mapping[str, Tool | None] = field(default_factory=dict)
     patterns: Mapping[str, Places | None] = field(default_factory=dict)
     repeat: int = 1
+    outputs: OutputNames = field(default_factory=lambda: OWN)
 
     @property
     def tool_kg(self) -> float:
@@ -150,12 +155,13 @@ class StatementReader:
             'output': _Kind(
                 Output,
                 {
-                    'name': ('name', one_of(OUTPUTS)),
+                    'name': ('name', one_of(tuple(head.outputs))),
                     'value': ('value', lambda value, where: float(flag(value, where))),
                     'before_m': ('before_m', number_between(0.0, REACH_M)),
                     'after_m': ('after_m', number_between(0.0, REACH_M)),
                     'before_s': ('before_s', number_between(0.0, SHIFT_MAX_S)),
                     'after_s': ('after_s', number_between(0.0, SHIFT_MAX_S)),
+                    'in_time': (_IN_TIME, flag),
                     'payload_kg': ('payload_kg', lambda value, where: payload(value, where, head.tool_kg)),
                 },
                 {},
@@ -241,7 +247,19 @@ class StatementReader:
             values |= self._along_path(fields, where, setting)
         if kind.made is Output:
             _require_one_shift(fields, where)
+            values = self._of_own_output(values)
         return kind.made(**values)
+
+    def _of_own_output(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Return what is told of an output for that of the robot, early enough for what hangs at it."""
+        in_time = values.pop(_IN_TIME, False)
+        named_output = self._head.outputs.get(values['name'] or '')  # None: told already
+        if named_output is None:
+            return values
+        values['name'] = named_output.output
+        if in_time and values['value'] is not None:
+            values['before_s'] = named_output.delay_s(values['value'])
+        return values
 
     def _told(self, fields: Section, setting: Setting) -> Setting:
         """Return the setting with the frame and the tool that a statement tells."""
@@ -362,7 +380,7 @@ def _require_one_shift(fields: Section, where: str) -> None:
     given = [key for key in SHIFTS if key in fields]
     if len(given) > 1:
         refuse(f'{where} holds {" and ".join(given)}: give one of them')
-    if given and given[0].endswith('_s') and 'payload_kg' in fields:
+    if given and given[0] in ('before_s', 'after_s', 'in_time') and 'payload_kg' in fields:
         refuse(
             f'{where}: payload_kg does not go with {given[0]}: add a second output for the place where the part is held'
         )

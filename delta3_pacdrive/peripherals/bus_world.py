@@ -5,11 +5,12 @@ Pure: what goes out is sent by a ``WorldPort``. Outputs of the MDT of a bus cycl
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, Protocol
 
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.errors import Code, Reason, shown
-from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.motion.output_names import OWN, OutputNames, named_bits
 from delta3_pacdrive.peripherals.parts import Miss, PartRecord
 from delta3_pacdrive.peripherals.world import World
 
@@ -38,6 +39,8 @@ class BusWorld:
         The cell.
     port
         Sends.
+    outputs
+        Those of the robot, by all their names.
 
     Attributes
     ----------
@@ -48,8 +51,8 @@ class BusWorld:
 
     """
 
-    def __init__(self, world: World, port: WorldPort) -> None:
-        self._world, self._port = world, port
+    def __init__(self, world: World, port: WorldPort, outputs: OutputNames = OWN) -> None:
+        self._world, self._port, self._outputs = world, port, outputs
         self._commands: deque[tuple[int, int]] = deque(maxlen=COMMANDS_MAX)
         self._known = -1  # newest bus cycle whose outputs are known
         self.outputs, self.cycle = 0, -1
@@ -134,6 +137,7 @@ class BusWorld:
             'inputs': {
                 name: {'value': value, 'forced': name in forced} for name, value in self._world.inputs.items()
             },
-            'outputs': {name: bool(self.outputs >> n & 1) for n, name in enumerate(OUTPUTS)},
+            'outputs': named_bits(self.outputs, self._outputs),
+            'output_names': {name: asdict(one) for name, one in self._outputs.items()},
             'under_way': self._document(self.cycle, *self._world.under_way()),
         }

@@ -6,6 +6,8 @@ Times count from the start of the program, as those of faults do.
 import math
 from dataclasses import dataclass, field
 
+from delta3_pacdrive.motion.output_names import NamedOutput, OutputNames
+from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.peripherals.belt import Belt
 
 Place = tuple[float, float, float]  # [m]
@@ -61,7 +63,9 @@ class Input:
     changes
         What it is set to, in the order of time; empty: it follows the sensor.
     sensor
-        None: only ``changes`` set it.
+        None: only ``changes`` set it, or an output.
+    follows
+        Output of the robot that it follows, with the delays of that; empty: none.
 
     """
 
@@ -69,6 +73,15 @@ class Input:
     delays: Delays = Delays()
     changes: tuple[Change, ...] = ()
     sensor: Sensor | None = None
+    follows: str = ''
+
+
+@dataclass(frozen=True)
+class CellOutput:
+    """An output of the robot has a name in the cell: ``delays`` are those of what hangs at it."""
+
+    output: str
+    delays: Delays = Delays()
 
 
 @dataclass(frozen=True)
@@ -276,6 +289,7 @@ class Cell:
     drop_max_m: float = FALLEN_FAR_M
     cup: Cup | None = None
     inputs: dict[str, Input] = field(default_factory=dict)
+    outputs: dict[str, CellOutput] = field(default_factory=dict)
     parts: dict[str, PartType] = field(default_factory=dict)
     supplies: dict[str, Supply] = field(default_factory=dict)
     boxes: dict[str, Box] = field(default_factory=dict)
@@ -287,3 +301,17 @@ class Cell:
         """Names of all inputs, that of the vacuum switch last."""
         switch = () if self.cup is None or self.cup.switch is None else (self.cup.switch.input,)
         return (*self.inputs, *switch)
+
+    @property
+    def output_names(self) -> OutputNames:
+        """The outputs as programs name them: the robot's own names, and those of the cell."""
+        delays = {one.output: one.delays for one in self.outputs.values()}
+        if self.cup is not None:
+            delays[self.cup.output] = self.cup.valve
+        own = {name: name for name in OUTPUTS} | {name: one.output for name, one in self.outputs.items()}
+        return {
+            name: NamedOutput(output, delays[output].on_s, delays[output].off_s)
+            if output in delays
+            else NamedOutput(output)
+            for name, output in own.items()
+        }

@@ -3,8 +3,10 @@
 name: one cup                   # optional
 seed: 1                         # optional: of whatever is random
 drop_max_mm: 5                  # optional: let go higher above its support, a part falls
+outputs:                        # optional: names for outputs of the robot, delays of what hangs there
+  clamp: {output: output2, delays: {on_s: 0.05, off_s: 0.03}}
 cup:                            # optional
-  output: gripper
+  output: gripper               # or a name of outputs, whose delays are those of the valve then
   diameter_mm: 40
   vacuum_pa: 60000
   open_share: 0.1               # optional: share of the vacuum without a part
@@ -37,6 +39,7 @@ belts:                            # at most 4
 inputs:
   part_there: {sensor: {at_mm: [-150, 0, -870], radius_mm: 10}, delays: {on_s: 0.002}}
   start: {changes: [{after_s: 0.5, value: true}]}
+  clamped: {follows: clamp}
 faults:
 - {fault: vacuum_failure, after_s: 0.3, for_s: 0.1}
 - {fault: input_stuck, input: start, value: false, after_s: 0}
@@ -72,6 +75,7 @@ from delta3_pacdrive.peripherals.cell import (
     Box,
     Cell,
     CellFault,
+    CellOutput,
     Change,
     Cup,
     Delays,
@@ -133,7 +137,8 @@ def parse(document: Any, file: str = '') -> Cell:
     return cells[0]
 
 
-_SECTIONS = ('parts', 'supplies', 'boxes', 'belts', 'inputs')
+_SECTIONS = ('parts', 'supplies', 'boxes', 'belts', 'inputs', 'outputs')
+SECTIONS = ('cup', *_SECTIONS)  # by which a cell file is known
 
 
 def _cell(document: Any, errors: Errors) -> Cell:
@@ -143,8 +148,10 @@ def _cell(document: Any, errors: Errors) -> Cell:
     def named(key: str, read: Callable[..., _Value]) -> dict[str, _Value]:
         return fields.read(key, partial(_named, read, errors), {}, prefix='')
 
-    cup = fields.read('cup', partial(_cup, errors), prefix='')
-    inputs = named('inputs', _input)
+    outputs = named('outputs', _output)
+    _require_single(outputs, document, errors)
+    cup = fields.read('cup', partial(_cup, outputs, errors), prefix='')
+    inputs = named('inputs', partial(_input, outputs))
     if cup is not None and cup.switch is not None and cup.switch.input in inputs:
         with errors.noted(place_in(document, 'cup')):
             refuse(f'cup.switch.input is {shown(cup.switch.input)}, which stands in inputs already')
@@ -162,6 +169,7 @@ def _cell(document: Any, errors: Errors) -> Cell:
         fields.read('drop_max_m', distance_m, FALLEN_FAR_M, prefix=''),
         cup,
         inputs,
+        outputs,
         named('parts', _part),
         named('supplies', partial(_supply, names['parts'])),
         named('boxes', _box),
@@ -198,17 +206,47 @@ def _delays(errors: Errors, value: Any, where: str) -> Delays:
     return Delays(*(fields.read(key, delay_s, 0.0) for key in ('on_s', 'off_s', 'bounce_s')))
 
 
-def _cup(errors: Errors, value: Any, where: str) -> Cup:
+def _output(errors: Errors, name: str, value: Any, where: str) -> CellOutput:
+    if name in OUTPUTS:
+        refuse(f'{where}: {shown(name)} is the name of an output of the robot: take another one')
+    fields = Section(value, where, errors, ('output', 'delays'), ('output',))
+    return CellOutput(
+        fields.read('output', one_of(OUTPUTS), ''), fields.read('delays', partial(_delays, errors), Delays())
+    )
+
+
+def _require_single(outputs: Mapping[str, CellOutput], document: Any, errors: Errors) -> None:
+    """Refuse an output of the robot that has two names."""
+    names: dict[str, str] = {}
+    for name, one in outputs.items():
+        if one.output in names:
+            with errors.noted(place_in(document['outputs'], name)):
+                refuse(f'outputs.{name}.output is {one.output}, which is called {names[one.output]} already')
+        names.setdefault(one.output, name)
+
+
+def _named_output(outputs: Mapping[str, CellOutput], value: Any, where: str) -> str:
+    """Read an output by a name of the cell or of the robot; return that of the robot."""
+    name = one_of((*OUTPUTS, *outputs))(value, where)
+    return outputs[name].output if name in outputs else name
+
+
+def _cup(outputs: Mapping[str, CellOutput], errors: Errors, value: Any, where: str) -> Cup:
     keys = ('diameter_m', 'vacuum_pa', 'output')
     optional = ('open_share', 'build_up_s', 'decay_s', 'height_tolerance_m', 'lateral_tolerance_m')
     fields = Section(value, where, errors, (*keys, *optional, 'offset_m', 'valve', 'switch'), keys)
     own = Cup('', 0.0, 0.0)
     vacuum = fields.read('vacuum_pa', number_between(100.0, VACUUM_MAX_PA), VACUUM_MAX_PA)
+    output = fields.read('output', partial(_named_output, outputs), '')
+    delays = next((one.delays for one in outputs.values() if one.output == output), Delays())
+    if 'valve' in fields and delays != Delays():
+        with errors.noted(place_in(value, 'valve')):
+            refuse(f'{where}.valve: output {output} has delays in outputs already: give one of them')
     return Cup(
-        fields.read('output', one_of(OUTPUTS), ''),
+        output,
         fields.read('diameter_m', number_between(1e-3, 1.0), 1e-3),
         vacuum,
-        fields.read('valve', partial(_delays, errors), Delays()),
+        fields.read('valve', partial(_delays, errors), delays),
         fields.read('open_share', number_between(0.0, 1.0), own.open_share),
         fields.read('build_up_s', delay_s, own.build_up_s),
         fields.read('decay_s', delay_s, own.decay_s),
@@ -269,15 +307,18 @@ def _box(errors: Errors, name: str, value: Any, where: str) -> Box:
     )
 
 
-def _input(errors: Errors, name: str, value: Any, where: str) -> Input:
-    fields = Section(value, where, errors, ('delays', 'changes', 'sensor'))
-    if 'changes' in fields and 'sensor' in fields:
-        refuse(f'{where} holds changes and a sensor: give one of them')
+def _input(outputs: Mapping[str, CellOutput], errors: Errors, name: str, value: Any, where: str) -> Input:
+    sources = ('changes', 'sensor', 'follows')
+    fields = Section(value, where, errors, ('delays', *sources))
+    given = [key for key in sources if key in fields]
+    if len(given) > 1:
+        refuse(f'{where} holds {" and ".join(given)}: give one of them')
     return Input(
         name,
         fields.read('delays', partial(_delays, errors), Delays()),
         fields.read('changes', partial(_changes, errors), ()),
         fields.read('sensor', partial(_sensor, errors)),
+        fields.read('follows', partial(_named_output, outputs), ''),
     )
 
 

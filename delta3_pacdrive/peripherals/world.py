@@ -13,7 +13,7 @@ from delta3_pacdrive.peripherals import cell_scene
 from delta3_pacdrive.peripherals.belt import BeltState, OnBelt
 from delta3_pacdrive.peripherals.binary_signal import BinarySignal
 from delta3_pacdrive.peripherals.camera import CameraState, Sighting
-from delta3_pacdrive.peripherals.cell import Box, Cell, CellFault, Input, Place
+from delta3_pacdrive.peripherals.cell import Box, Cell, CellFault, Delays, Input, Place
 from delta3_pacdrive.peripherals.gripper import Gripper
 from delta3_pacdrive.peripherals.parts import How, Landing, Miss, Outcome, Part, PartRecord, landing
 from delta3_pacdrive.peripherals.parts_report import report_of
@@ -84,6 +84,14 @@ class World:
                 self._switch = BinarySignal(
                     cup.switch.delays, cycle_time_s, self._generator(cup.switch.input)
                 )
+        followed = {one.follows for one in cell.inputs.values() if one.follows}
+        delays = {one.output: one.delays for one in cell.outputs.values()}
+        if cup is not None:
+            delays[cup.output] = cup.valve
+        self._followed = {
+            name: BinarySignal(delays.get(name, Delays()), cycle_time_s, self._generator(name))
+            for name in sorted(followed)
+        }
         self._left = {name: supply.count for name, supply in cell.supplies.items()}
         self._next = dict.fromkeys(cell.supplies, 0)  # bus cycle of the next part, once the place is empty
         self._waiting: dict[str, Part] = {}
@@ -165,6 +173,8 @@ class World:
             if left is not None:
                 self._land(left, cycle)
                 self.changed.append(left.record)
+        for name, signal in self._followed.items():
+            signal.step(bool(outputs >> OUTPUTS.index(name) & 1))
         self._tell_inputs(cycle)
         return self.inputs
 
@@ -247,12 +257,12 @@ class World:
             if part.record.outcome is Outcome.WAITING:
                 part.record.outcome = Outcome.PASSED
             self.changed.append(part.record)
+        jump = self._active('encoder_jump', cycle, name)
+        state.jump(0.0 if jump is None else jump.value)
         camera = self._cameras.get(name)
         if camera is not None:
             camera.dead = self._active('camera_dead', cycle, name) is not None
             self.sightings[name] = camera.step(cycle, state)
-        jump = self._active('encoder_jump', cycle, name)
-        state.jump(0.0 if jump is None else jump.value)
 
     def _new_part(self, kind: str, source: str, at_m: Place, angle_rad: float) -> Part:
         record = PartRecord(self._came, kind, source, size_m=self._cell.parts[kind].size_m)
@@ -358,6 +368,8 @@ class World:
         self.inputs.update(self.forced)
 
     def _raw(self, one: Input, cycle: int) -> bool:
+        if one.follows:
+            return self._followed[one.follows].value
         if one.sensor is not None:
             x, y, _ = one.sensor.at_m
             seen = [*self._lying.values(), *self._in_hand()]

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from rosbags.rosbag2 import Reader
 
-from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.errors import Delta3Error, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.recording.bag_recovery import recover
@@ -34,6 +34,17 @@ if TYPE_CHECKING:
     Take = Callable[[bytes], None]
 
 TYPES = {telegram.topic: telegram.type for telegram in CARRIED}
+TEXT, NUMBERS = 'std_msgs/msg/String', 'std_msgs/msg/Float64MultiArray'
+# what a message of a foreign writer may lead to
+SPOILT = (
+    Delta3Error,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+)
 COURSE, PHASE = 'motion/course', 'sercos/phase'
 PROFILE_OF_START = 9  # numbers of a motion profile with a single phase
 PROFILE_ROW = 6  # numbers that tell a start of a program from a change of its motion profile
@@ -192,6 +203,19 @@ def _information(path: Path, left: Iterable[Recovered]) -> dict[str, Any]:
         if isinstance(document, dict) and isinstance(document.get('custom_data'), dict):
             return document
     return {}
+
+
+def taking(typestore: Typestore, kind: str, add: Callable[[Any], None]) -> Take:
+    """Return what takes the bytes of a message of a type; those of a foreign writer count for nothing."""
+    from rosbags.serde import SerdeError
+
+    def take(data: bytes) -> None:
+        try:
+            add(typestore.deserialize_cdr(data, kind))
+        except (SerdeError, *SPOILT):
+            return
+
+    return take
 
 
 class Profiles:

@@ -12,22 +12,18 @@ from delta3_pacdrive.recording.sessions import Sessions
 from delta3_pacdrive.recording.signals import CELL_INPUTS, OUTPUT_COLUMNS
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
+from delta3_pacdrive.sercos.telegrams import JOINT_STATE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
-
-    from rosbags.typesys.store import Typestore
 
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.recording.trace import Trace
 
 OUTPUTS, PROGRESS, INPUTS = 'outputs', 'motion/progress', telegrams.INPUTS_TOPIC
-JOINT_STATE, TEXT = 'sensor_msgs/msg/JointState', 'std_msgs/msg/String'
 WIDTH = len(OUTPUT_COLUMNS) + 1  # and the payload
 PAYLOAD = 'dynamics.payload_mass_kg'
 COUNTERS = ('lost_telegrams', 'overruns')
-SPOILT = (AttributeError, LookupError, RecursionError, TypeError, ValueError, OverflowError)
 CYCLE_MAX = 2**53
 
 
@@ -46,16 +42,16 @@ def read(path: Path, trace: Trace) -> dict[str, Floats]:
     """
     from rosbags.typesys import Stores, get_typestore
 
-    from delta3_pacdrive.recording.bag_reader import PHASE, open_bag
+    from delta3_pacdrive.recording.bag_reader import PHASE, TEXT, open_bag, taking
 
-    told = _States(get_typestore(Stores.ROS2_JAZZY), float(trace.meta['cycle_time_s']))
+    types, told = get_typestore(Stores.ROS2_JAZZY), _States(float(trace.meta['cycle_time_s']))
     try:
         bag = open_bag(path)
         bag.read(
             {
-                bag.robot + OUTPUTS: told.take(JOINT_STATE, told.outputs),
-                bag.robot + INPUTS: told.take(JOINT_STATE, told.inputs),
-                bag.robot + PROGRESS: told.take(TEXT, told.progress),
+                bag.robot + OUTPUTS: taking(types, JOINT_STATE, told.outputs),
+                bag.robot + INPUTS: taking(types, JOINT_STATE, told.inputs),
+                bag.robot + PROGRESS: taking(types, TEXT, told.progress),
                 bag.robot + PHASE: told.sessions.add,
             }
         )
@@ -70,26 +66,14 @@ def read(path: Path, trace: Trace) -> dict[str, Floats]:
 class _States:
     """The states take the messages of a bag in their order."""
 
-    def __init__(self, typestore: Typestore, period_s: float) -> None:
-        self._typestore, self._period_s = typestore, period_s
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
         self.sessions = Sessions()
         self._switched: list[tuple[int, list[float]]] = []
         self._inputs: list[tuple[int, list[float]]] = []
         self._reports: list[
             tuple[int, str, int, list[float]]
         ] = []  # cycle, session, fault's cycle or -1, counters
-
-    def take(self, kind: str, add: Callable[[Any], None]) -> Callable[[bytes], None]:
-        """Return what takes the bytes of a message; those of a foreign writer count for nothing."""
-        from rosbags.serde import SerdeError
-
-        def take(data: bytes) -> None:
-            try:
-                add(self._typestore.deserialize_cdr(data, kind))
-            except (SerdeError, *SPOILT):
-                return
-
-        return take
 
     def outputs(self, message: Any) -> None:
         """Take the state of all outputs, and the payload, since a bus cycle."""

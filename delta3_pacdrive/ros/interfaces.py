@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from diagnostic_msgs.srv import AddDiagnostics
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Path
@@ -346,6 +346,11 @@ SCENE = Topic(
     'supplies, sensors',
     'at the start, if there is a cell', recorded=True,
 )
+SET_INPUT = Topic(
+    'cell/set_input', KeyValue, REQUEST, (), (PLANT,),
+    'set an input of a cell: its name as key, `on`, `off` or `auto` as value; refused while a bag is played back',
+    ASKED,
+)
 PHASE_CURRENT = Topic(
     'axisN/phase_current', JointState, REPORT, (DRIVE,), (),
     "phase currents I1s, I2s, I3s [A] at the cycle's start, as efforts", 'every cycle, while somebody listens',
@@ -456,7 +461,7 @@ COURSE = Topic(
     'motion profile: what the master follows from which cycle on: start, stop, resume, override', CHANGE, recorded=True,
 )
 STATUS = Topic(
-    'motion/status', String, LATCHED, (TASK,), (PLANNER, VISUALIZATION),
+    'motion/status', String, LATCHED, (TASK,), (PLANNER, PLANT, VISUALIZATION),
     'JSON: session, state, place, why no program could start, who has control', CHANGE, recorded=True,
 )
 VERDICT = Topic(

@@ -7,16 +7,22 @@ from collections.abc import Callable, Iterator
 
 from delta3_pacdrive.controller.planning_job import CancelledError, Job, Result, work
 from delta3_pacdrive.errors import Code, Reason, shown
+from delta3_pacdrive.motion.output_names import OWN, OutputNames
 from delta3_pacdrive.parameters import Parameters
 
 JOIN_S = 2.0  # that a job may take to notice that it is given up
 
 
 class PlanningThread:
-    """A thread that does jobs; its results are fetched, and ``log`` is told of what should not have happened."""
+    """A thread that does jobs; its results are fetched, and ``log`` is told of what should not have happened.
 
-    def __init__(self, parameters: Parameters, log: Callable[[str], None]) -> None:
-        self._robot, self._log = parameters, log
+    ``outputs`` are those that programs may name.
+    """
+
+    def __init__(
+        self, parameters: Parameters, log: Callable[[str], None], outputs: OutputNames = OWN
+    ) -> None:
+        self._robot, self._log, self._outputs = parameters, log, outputs
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._results: queue.SimpleQueue[Result] = queue.SimpleQueue()
         self._given_up = 0  # newest job that is
@@ -67,7 +73,7 @@ class PlanningThread:
                 self._state = (number, done, total)
 
             try:
-                result = work(job, self._robot, note)
+                result = work(job, self._robot, note, self._outputs)
             except Exception as error:  # noqa: BLE001 (no program, whoever sends it, ends the planner)
                 self._log(traceback.format_exc())
                 sentence = f'{type(error).__name__}: {shown(str(error))}'

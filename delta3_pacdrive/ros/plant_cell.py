@@ -1,13 +1,15 @@
 """The cell of the plant node on the graph: its inputs, the log of its parts, and inputs that are set from outside.
 
 In: ``sercos/mdt`` (outputs). Out, in every cycle: ``sercos/at/io`` (inputs), ``sercos/at/belts`` (counts, parts). And
-``cell/parts`` and ``cell/scene`` (JSON). Service: ``input``.
+``cell/parts`` and ``cell/scene`` (JSON). Service: ``input``; the same by topic: ``cell/set_input``.
 """
 
 import json
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from diagnostic_msgs.msg import KeyValue
 from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -15,6 +17,8 @@ from std_msgs.msg import String
 
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.controller.belt_axes import belts_text
+from delta3_pacdrive.controller.messages import Status
+from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.errors import Delta3Error, ProgramError, Reason, RefusedError, TelegramError, shown
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.peripherals import cell_file
@@ -23,7 +27,7 @@ from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.plant.bus_plant import BusPlant
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.belt_receiver import parts_of
-from delta3_pacdrive.ros.interfaces import BELTS, INPUT, INPUTS, MDT, PARTS, SCENE
+from delta3_pacdrive.ros.interfaces import BELTS, INPUT, INPUTS, MDT, PARTS, SCENE, SET_INPUT, STATUS
 from delta3_pacdrive.ros.parameters import declare, descriptor
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
@@ -37,6 +41,7 @@ CELL_START = descriptor(
 )
 REQUEST_MAX = 10_000  # characters
 AUTO = 'auto'
+VALUES = {'on': True, 'off': False, AUTO: None}  # of a message
 
 
 class PlantCell:
@@ -67,7 +72,7 @@ class PlantCell:
         cell = cell_file.load(path)
         start = parameters.motion.start_cycle if start_cycle < 0 else start_cycle
         self._world = World(cell, parameters.bus.cycle_time_s, start)
-        self.around = BusWorld(self._world, self)
+        self.around = BusWorld(self._world, self, cell.output_names)
         self.inputs, self._axes = cell.input_names, axes_of(cell)
         self.belts = belts_text(self._axes)
         self._bus_plant: BusPlant
@@ -135,7 +140,10 @@ class PlantCell:
 
 
 class InputRequests:
-    """Inputs are read, and set from outside, by requests to the plant.
+    """Inputs are read, and set from outside, by requests to the plant, and by a topic.
+
+    The topic is open to everybody, a player of bags too: as long as a status is heard that is not of this robot, what
+    comes there is refused.
 
     Parameters
     ----------
@@ -148,7 +156,30 @@ class InputRequests:
 
     def __init__(self, node: RobotNode, around: BusWorld | None) -> None:
         self._node, self._around = node, around
+        self._task = TaskStatus()
         INPUT.servers(node, self._on_request)
+        if around is not None:
+            STATUS.bounded_subscription(node, self._on_status)
+            SET_INPUT.bounded_subscription(node, self._on_set_input, REQUEST_MAX, self._refuse)
+
+    def _on_status(self, message: String) -> None:
+        self._task.take(Status.from_json(message.data), time.monotonic())
+
+    def _on_set_input(self, message: KeyValue) -> None:
+        """Set an input as a message tells that anybody may have sent."""
+        try:
+            reason = self._task.played_back(time.monotonic())
+            if reason is not None:
+                raise RefusedError(reason)
+            if message.value not in VALUES:
+                told = f'{shown(message.value)}, but must be on, off or auto'
+                raise ProgramError(f'the value of input {shown(message.key)} is {told}')
+            self._set(message.key, VALUES[message.value])
+        except Delta3Error as error:
+            self._refuse(str(error))
+
+    def _refuse(self, sentence: str) -> None:
+        self._node.get_logger().error(f'input refused: {sentence}')
 
     def _on_request(
         self, request: AddDiagnostics.Request, response: AddDiagnostics.Response
@@ -158,7 +189,7 @@ class InputRequests:
             response.success = True
         except Delta3Error as error:
             response.message = str(error)
-            self._node.get_logger().error(f'input refused: {error}')
+            self._refuse(str(error))
         return response
 
     def _answer(self, text: str) -> str:
@@ -169,7 +200,13 @@ class InputRequests:
             return json.dumps(around.told())
         if len(text) > REQUEST_MAX:
             raise ProgramError(f'the request has {len(text)} characters, the limit is {REQUEST_MAX}')
-        name, value = read_request(yaml_file.parse(text, 'the request', ProgramError))
+        return self._set(*read_request(yaml_file.parse(text, 'the request', ProgramError)))
+
+    def _set(self, name: str, value: bool | None) -> str:
+        """Set an input; return the sentence about it, or raise Delta3Error."""
+        around = self._around
+        if around is None:
+            raise ProgramError('this robot has no inputs: bring it up with --cell')
         outcome = around.force(name, value)
         if isinstance(outcome, Reason):
             raise RefusedError(outcome)

@@ -30,9 +30,10 @@ from delta3_pacdrive.controller.script_service import (
     condition_text,
 )
 from delta3_pacdrive.controller.wait_condition import WaitCondition
-from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError, TelegramError
+from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, RunError, TelegramError
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.motion.extension import Extension
+from delta3_pacdrive.motion.output_names import OWN, NamedOutput, OutputNames
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import discovery, interfaces, node_process
@@ -111,6 +112,14 @@ class ScriptNode(OperatorNode):
 
         self.wait_until(told, 'parameters')
         return found[0]
+
+    def outputs(self) -> OutputNames:
+        """Return the outputs that the cell of the robot names; without a cell the robot's own."""
+        try:
+            told = json.loads(self.input())
+        except ProgramError:
+            return OWN
+        return {name: NamedOutput(**one) for name, one in told['output_names'].items()}
 
     def attach(self, patience_s: float = READY_S) -> dict[str, Any]:
         """Begin to decide, as soon as the robot can be moved; raises RefusedError."""

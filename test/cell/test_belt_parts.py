@@ -179,3 +179,41 @@ def test_a_part_of_one_belt_is_not_tracked_on_another(robot):
     with cell.simulate(robot, around=mixed()) as called, pytest.raises(cell.ScriptError) as told:
         mixed_up(called)
     assert 'track: the part is on belt out, not on belt line' in str(told.value)
+
+
+def two():
+    """Return a cell with two belts, the second one with three times as many parts."""
+    line = {
+        'origin_mm': [-700, 150, -870], 'length_mm': 1500, 'encoder': ENCODER, 'speed': [speed_of(0.4)],
+        'stream': {'part': 'bar', 'count': 12, 'spacing_mm': 300}, 'barrier': {'at_mm': 100}, 'window_mm': [450, 1100],
+    }  # fmt: skip
+    busy = line | {'origin_mm': [-700, -150, -870], 'stream': line['stream'] | {'spacing_mm': 100}}
+    bar = {'mass_kg': 0.2, 'size_mm': [60, 40, 20], 'friction': 0.5}
+    return cell_file.parse({'parts': {'bar': bar}, 'belts': {'line': line, 'busy': busy}})
+
+
+def test_of_several_belts_by_load_is_that_with_most_parts_and_first_in_the_part_that_leaves_first(robot):
+    with cell.simulate(robot, around=two()) as called:
+        called.wait_time(2.0)
+        waiting = {name: called.belt(name).waiting for name in ('line', 'busy')}
+        loaded = called.part(['line', 'busy'], rule='by load')
+        first = [called.part(['line', 'busy']) for _ in range(2)]
+    assert waiting['busy'] > waiting['line'] + 1
+    assert loaded.belt == 'busy'
+    assert [one.belt for one in first] == ['line', 'busy']
+    assert first[0].along_m > first[1].along_m
+
+
+@pytest.mark.parametrize(
+    ('belts', 'rule', 'sentence'),
+    [
+        ('line', 'by load', 'part: rule by load chooses between belts: name several of them'),
+        (['line', 'line'], 'nearest', 'must be a name, or a list of different ones'),
+        ([], 'nearest', 'must be a name, or a list of different ones'),
+        (['line', 'bussy'], 'nearest', "unknown belt 'bussy', the belts are: line, busy: did you mean busy?"),
+        ('line', 'by lod', 'did you mean by load?'),
+    ],
+)
+def test_belts_and_rules_that_make_no_sense_together_are_refused(robot, belts, rule, sentence):
+    with cell.simulate(robot, around=two()) as called, pytest.raises(cell.ScriptError, match=sentence):
+        called.part(belts, rule=rule)

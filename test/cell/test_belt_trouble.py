@@ -361,3 +361,21 @@ def test_a_cell_without_belts_says_so(robot):
         assert "unknown belt 'line', the belts are: none" in str(
             refused(called, lambda _: called.part('line'))
         )
+
+
+def test_work_that_ends_where_the_robot_cannot_leave_the_belt_is_refused_before_anything_moves(robot):
+    # at the end of its window the robot cannot come to rest within the workspace without a move that leads back
+    near_the_rim = {'window_mm': [450, 1280]}
+    with cell.simulate(robot, around=around([speed_of(1.5)], 1, **near_the_rim)) as called:
+        error = refused(called, lambda _: above_only(called))
+        here = called.state()
+    assert 'track: no move follows, so that the robot' in str(error)
+    assert here.motion == 'idle'
+    assert np.ptp(called.trace.signals['tcp_command'], axis=0).max() == 0.0
+
+
+def above_only(called):
+    """Get on the belt and decide there what to do next."""
+    with called.track('line', timeout_s=5.0, speed_m_s=4.0, acceleration_m_s2=10.0, jerk_m_s3=500.0):
+        called.move_l(to_mm=[0, 0, 60], **QUICK)
+        called.wait()

@@ -77,7 +77,7 @@ def test_notes_name_the_line(folder, robot):
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['packaging', '--cell', 'cell'], '--cell is for a script'),
+        (['pick.py', '--from', '2'], '--from is for a program'),
         (['pick.py', '--output', 'figures'], '--output is for a program'),
         (['pick.py', '--limits'], '--limits is for --json'),
     ],

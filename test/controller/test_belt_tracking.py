@@ -365,3 +365,24 @@ def test_parts_that_nobody_takes_over_are_the_newest_and_the_others_are_counted(
     assert tracking.take_parts(0) == []
     tracking.observe(5, [BeltReading(math.floor(PER_M * 0.01), (counts[-1] + 1,))])
     assert tracking.bounced(0) == 1  # the last one that was told is not forgotten
+
+
+@pytest.mark.parametrize('jump_m', [0.03, -0.03])
+def test_a_part_in_a_picture_from_before_a_jump_is_told_where_it_was_then(jump_m):
+    speed, taken = 0.3, 120
+    bench = Bench(lambda time: speed * time).run(taken, never)
+
+    def observed(extra_m, *sighted, pictures):
+        count = math.floor(PER_M * (speed * 1e-3 * bench.cycle + extra_m))
+        bench.tracking.observe(bench.cycle, [BeltReading(count, sighted=sighted, pictures=pictures)])
+        bench.cycle += 1
+        return count
+
+    there_m = 0.2 - speed * 1e-3 * taken
+    count = observed(0.0, pictures=1)
+    for _ in range(80):
+        observed(jump_m, pictures=1)
+    observed(jump_m, Sighted('bar', 0.2, 0.0, 0.0, count), pictures=1)
+    (part,) = bench.tracking.take_parts(0)
+    assert bench.tracking.jumps(0) == 1
+    assert part.along_m == pytest.approx(there_m, abs=1e-5)

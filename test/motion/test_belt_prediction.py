@@ -82,3 +82,15 @@ def test_the_way_of_a_count_is_the_middle_of_its_increment():
 def test_numbers_that_no_belt_has_are_refused(numbers, name):
     with pytest.raises(ProgramError, match=f'{name} of a belt is '):
         BeltObserver(*numbers)
+
+
+@pytest.mark.parametrize('jump', [3000, -3000])
+def test_a_count_that_is_older_than_a_jump_still_tells_its_place(jump):
+    observer, per_cycle = BeltObserver(PER_M, CYCLE_S), 40
+    for cycle in range(100):
+        observer.step(cycle * per_cycle)
+    before = observer.way_of(100 * per_cycle)
+    observer.step(100 * per_cycle + jump)
+    assert observer.jumps == 1
+    for count in (100 * per_cycle, 100 * per_cycle + jump):
+        assert observer.recent_way_of(count) == pytest.approx(before, abs=1.0 / PER_M)

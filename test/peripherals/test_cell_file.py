@@ -6,6 +6,7 @@ import pytest
 
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import CellError
+from delta3_pacdrive.motion.output_names import NamedOutput
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.peripherals.cell import CellFault, Change, Delays
 
@@ -105,8 +106,18 @@ WRONG = {
     'inputs: {a: {changes: [{after_s: 1, value: true}, {after_s: 0.5, value: false}]}}': (
         'inputs.a.changes[1].after_s is 0.5, but the change before it is at 1'
     ),
+    'outputs: {gripper: {output: output2}}': "outputs.gripper: 'gripper' is the name of an output of the robot",
+    'outputs: {a: {output: outpt2}}': "outputs.a.output is 'outpt2', but must be one of",
+    'outputs: {a: {output: output2}, b: {output: output2}}': (
+        'outputs.b.output is output2, which is called a already'
+    ),
+    'inputs: {a: {follows: grippr}}': 'did you mean gripper?',
+    'outputs: {a: {output: gripper, delays: {on_s: 1}}}\n'
+    'cup: {output: a, diameter_mm: 40, vacuum_pa: 60000, valve: {on_s: 1}}': (
+        'cup.valve: output gripper has delays in outputs already: give one of them'
+    ),
     'inputs: {a: {changes: [], sensor: {at_mm: [0, 0, 0], radius_mm: 3}}}': (
-        'inputs.a holds changes and a sensor: give one of them'
+        'inputs.a holds changes and sensor: give one of them'
     ),
     'faults: [{fault: vacum_failure}]': (
         "is 'vacum_failure', but must be one of vacuum_failure, input_stuck, encoder_jump, camera_dead: did"
@@ -167,3 +178,19 @@ def test_the_packaged_cell_is_read_by_its_name_unless_there_is_a_file_called_so(
     assert cell_file.load('cell').name == 'cartons of 0.5 kg'
     (tmp_path / 'cell').write_text('name: mine\n', encoding='utf-8')
     assert cell_file.load('cell').name == 'mine'
+
+
+def test_the_cup_has_the_delays_of_its_output_and_programs_its_name():
+    cell = read(
+        'outputs: {suction: {output: output2, delays: {on_s: 0.01}}}\n'
+        'cup: {output: suction, diameter_mm: 40, vacuum_pa: 60000}\n'
+    )
+    assert (cell.cup.output, cell.cup.valve) == ('output2', Delays(on_s=0.01))
+    names = cell.output_names
+    assert names['suction'] == names['output2'] == NamedOutput('output2', 0.01, 0.0)
+    assert names['output1'] == NamedOutput('output1')
+
+
+def test_the_valve_of_the_cup_is_what_delays_its_output():
+    cell = read('cup: {output: gripper, diameter_mm: 40, vacuum_pa: 60000, valve: {on_s: 0.01, off_s: 0.02}}')
+    assert cell.output_names['gripper'] == NamedOutput('gripper', 0.01, 0.02)

@@ -41,7 +41,9 @@ WHOLE = {
     'inputs': {
         'start': {'delays': {'on_s': 0.1}, 'changes': [{'after_s': 0.1, 'value': True}]},
         'there': {'sensor': {'at_m': [0, 0, 0], 'radius_m': 0.1}},
+        'clamped': {'follows': 'clamp'},
     },
+    'outputs': {'clamp': {'output': 'output2', 'delays': {'on_s': 0.1}}},
     'faults': [{'fault': 'vacuum_failure', 'after_s': 0.1, 'for_s': 0.1}],
 }  # fmt: skip
 LINE = ('belts', 'line')
@@ -49,7 +51,8 @@ WHERE = {
     'cell': (), 'cup': ('cup',), 'switch': ('cup', 'switch'), 'delays': ('cup', 'valve'), 'part': ('parts', 'bar'),
     'supply': ('supplies', 'infeed'), 'box': ('boxes', 'tray'), 'input': ('inputs', 'start'),
     'change': ('inputs', 'start', 'changes', 0), 'sensor': ('inputs', 'there', 'sensor'), 'belt': LINE,
-    'encoder': (*LINE, 'encoder'), 'speed': (*LINE, 'speed', 0), 'jitter': (*LINE, 'jitter'),
+    'output': ('outputs', 'clamp'), 'encoder': (*LINE, 'encoder'),
+    'speed': (*LINE, 'speed', 0), 'jitter': (*LINE, 'jitter'),
     'stream': (*LINE, 'stream'), 'barrier': (*LINE, 'barrier'), 'camera': (*LINE, 'camera'), 'fault': ('faults', 0),
 }  # fmt: skip
 

@@ -19,7 +19,9 @@ from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.adapted_program import rest_of
+from delta3_pacdrive.motion.output_names import OWN
 from delta3_pacdrive.motion.plan import MOVES_MAX
+from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.ros import interfaces, node_process
 from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.fault_injection import Faults
@@ -39,6 +41,7 @@ from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 LOOK_S = 0.05  # between two looks at time limits and injected faults
 FETCH_S = 0.005  # between two looks at what the planning thread has done, while it has something to do
+CELL = descriptor('cell file: programs may name its outputs; empty: none', 0, 0, str)
 ALIVE_EVERY = 4  # looks between two heartbeats
 PROGRESS_EVERY = 10  # looks between two words about a request that takes long
 ANNOUNCE_EVERY = 20  # looks between two announcements, as long as the task does not listen
@@ -54,16 +57,18 @@ class UnitRobotNode(PollingNode):
         begins = descriptor('statement of the program with which it begins', 0, MOVES_MAX, int)
         first = declare(self, 'first_statement', 0, begins)
         tolerances = declare_tolerances(self)
+        around = declare(self, 'cell', '', CELL)
         robot = declare_robot(self, 'unit_robot')
         program = None
+        outputs = cell_file.load(around).output_names if around else OWN
         if path:
-            program = rest_of(programs.load(path, robot.motion), first, robot)
+            program = rest_of(programs.load(path, robot.motion, outputs), first, robot)
         self._participant = Participant(self, UNIT_ROBOT, robot)
         self._identity = identity = self._participant.instance
         cycles = Clock(robot.bus.cycle_time_s)
         self._newest = NewestCycle(self, cycles, self._known_cycle)
         self._planner = planner = Planner(robot, identity, program, self._newest, tolerances)
-        self._thread = PlanningThread(robot, self.get_logger().error)
+        self._thread = PlanningThread(robot, self.get_logger().error, outputs)
         self._alive = interfaces.PLANNER_ALIVE.publisher(self)
         interfaces.STATUS.bounded_subscription(self, self._on_status)
         interfaces.COURSE.bounded_subscription(self, self._on_profile, ROW_BYTES_MAX)
