@@ -196,6 +196,7 @@ def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[
 
     """
     from distributed import as_completed
+    from distributed.comm import CommClosedError
 
     waiting, own = iter(work), _versions()
 
@@ -212,7 +213,7 @@ def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[
         except SweepError:
             raise
         except Exception as error:  # of the cluster: those of a run are rows
-            if client.status != 'running':
+            if isinstance(error, CommClosedError) or client.status != 'running':
                 raise SweepError(GONE) from error
             raise SweepError(f'the cluster cannot go on: {type(error).__name__}: {error}') from error
         future.release()

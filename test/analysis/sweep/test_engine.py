@@ -16,7 +16,8 @@ from delta3_pacdrive.analysis.sweep.store import MANIFEST, TABLE, Store
 from delta3_pacdrive.analysis.sweep.study import Settings
 from delta3_pacdrive.errors import SweepError
 
-pytest.importorskip('distributed', reason='sweeps need the extra "sweep"')
+distributed = pytest.importorskip('distributed', reason='sweeps need the extra "sweep"')
+CommClosedError = distributed.comm.CommClosedError
 
 SPEC = """\
 program: short.yaml
@@ -166,15 +167,18 @@ def test_a_worker_that_joins_late_with_other_sources_makes_nothing(path):
 
 
 @pytest.mark.parametrize(
-    ('status', 'sentence'),
-    [('connecting', 'the scheduler does not answer'), ('running', 'cannot go on: OSError: full')],
+    ('status', 'error', 'sentence'),
+    [
+        ('connecting', OSError('full'), 'the scheduler does not answer'),
+        ('running', CommClosedError('gone'), 'the scheduler does not answer'),
+        ('running', OSError('full'), 'cannot go on: OSError: full'),
+    ],
 )
-def test_a_cluster_that_breaks_is_told_in_one_sentence(status, sentence, path, monkeypatch):
-    import distributed
+def test_a_cluster_that_breaks_is_told_in_one_sentence(status, error, sentence, path, monkeypatch):
 
     class Future:
         def result(self):
-            raise OSError('full')
+            raise error
 
     class Client:
         loop = None
