@@ -1,7 +1,7 @@
 """The search: Optuna chooses values, knows what became of those before, and says what mattered.
 
-Values are chosen in rounds of ``together`` trials, and told in the order of their numbers. So they are the same however
-many processes make the runs, and a search that is repeated with what is known chooses the same again.
+Values are chosen in rounds of ``together`` trials; what a round comes to is told before the next one is chosen. So they
+are the same however many processes make the runs, and a search that is repeated with what is known chooses the same.
 """
 
 import warnings
@@ -66,7 +66,7 @@ class Search:
 
     def tell(self, trials: Iterable[Trial]) -> None:
         """Take what became of a round."""
-        for one in sorted(trials, key=lambda trial: trial.number):
+        for one in trials:
             asked, value = self._trials.pop(one.number), one.kept.get(self._wanted.goal)
             failed = one.outcome != Outcome.DONE or value is None
             asked.set_user_attr(EXCESS, [FAILED if failed else 0.0, *one.excess.values()])

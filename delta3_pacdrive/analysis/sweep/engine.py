@@ -6,11 +6,13 @@ values, so that nobody sees in the table who has made it. A batch whose worker i
 
 import atexit
 import json
+import logging
 import os
 import signal
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
 from itertools import islice
 from typing import Any
 
@@ -28,6 +30,8 @@ BATCH_MIN, BATCH_MAX = 5, 100  # runs in one
 AHEAD = 3  # batches that wait at each worker
 CONNECT_S = 10.0
 CLOSE_S = 1.0  # for workers in the middle of a batch, which nobody needs any more
+GONE = 'the scheduler does not answer any more; what is done is on the disk, and the same command goes on with the rest'
+LOGGERS = ('distributed', 'distributed.client', 'distributed.core')
 QUIET = {
     'distributed.worker.daemon': True,
     'distributed.admin.tick.limit': '1h',
@@ -70,6 +74,18 @@ def told(values: Values) -> Row:
     return row
 
 
+def made_by_same(own: str, sweep: Sweep, batch: Batch) -> list[Row]:
+    """Make the runs of a batch on a worker, which may have joined late; raises SweepError if its sources are others."""
+    if (theirs := _versions()) != own:
+        raise SweepError(f'a worker has {theirs}, but this is {own}')
+    return made(sweep, batch)
+
+
+@cache
+def _versions() -> str:
+    return versions()
+
+
 def made(sweep: Sweep, batch: Batch) -> list[Row]:
     """Make the runs of a batch; a worker does this."""
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
@@ -91,6 +107,8 @@ def cluster(workers: int, scheduler: str) -> Iterator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
+    for name in LOGGERS:  # what ends a sweep is told in one sentence
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.config.set(QUIET), warnings.catch_warnings():
         warnings.simplefilter('ignore')
         if scheduler:
@@ -178,11 +196,14 @@ def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[
 
     """
     from distributed import as_completed
+    from distributed.comm import CommClosedError
 
-    waiting = iter(work)
+    waiting, own = iter(work), _versions()
 
     def submit(batch: Batch) -> Any:
-        return client.submit(made, sweep, batch, pure=False)  # what is scattered is lost with its workers
+        return client.submit(
+            made_by_same, own, sweep, batch, pure=False
+        )  # what is scattered is lost with its workers
 
     begun = [submit(batch) for batch in islice(waiting, AHEAD * max(workers_of(client), 1))]
     done = as_completed(begun, loop=client.loop)
@@ -192,6 +213,8 @@ def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[
         except SweepError:
             raise
         except Exception as error:  # of the cluster: those of a run are rows
+            if isinstance(error, CommClosedError) or client.status != 'running':
+                raise SweepError(GONE) from error
             raise SweepError(f'the cluster cannot go on: {type(error).__name__}: {error}') from error
         future.release()
         keep(rows)

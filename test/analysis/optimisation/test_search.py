@@ -86,6 +86,9 @@ def test_numbers_of_a_list_are_chosen_in_their_order_and_words_as_they_are():
     assert {one.values['program.moves[0].n'] for one in found.trials} == {1, 4, 8}
     assert found.trials[0].values['program.moves[0].n'] == 4
     assert found.best.values['program.moves[0].n'] == 1
+    sorted_ = Variation(STEPS.key, Law.LIST, (1, 4, 8))
+    same = searched(wanted(vary=(sorted_, WORD), runs=24), lambda values: {'y': values['program.moves[0].n']})
+    assert [one.values for one in same.trials] == [one.values for one in found.trials]
 
 
 def test_the_best_keeps_all_limits_and_what_breaks_them_teaches_the_search():

@@ -16,7 +16,8 @@ from delta3_pacdrive.analysis.sweep.store import MANIFEST, TABLE, Store
 from delta3_pacdrive.analysis.sweep.study import Settings
 from delta3_pacdrive.errors import SweepError
 
-pytest.importorskip('distributed', reason='sweeps need the extra "sweep"')
+distributed = pytest.importorskip('distributed', reason='sweeps need the extra "sweep"')
+CommClosedError = distributed.comm.CommClosedError
 
 SPEC = """\
 program: short.yaml
@@ -155,6 +156,44 @@ def test_no_cluster_and_one_of_other_sources_are_refused_in_one_sentence(path, t
         engine.require_same_version(Client(), 'tcp://there')
     with pytest.raises(SweepError, match='has no worker'):
         engine.require_same_version(type('Empty', (), {'run': lambda self, function: {}})(), 'tcp://there')
+
+
+def test_a_worker_that_joins_late_with_other_sources_makes_nothing(path):
+    sweep = load(path)
+    with pytest.raises(
+        SweepError, match=r'a worker has delta3_pacdrive .*, but this is delta3_pacdrive 0\.0\.1'
+    ):
+        engine.made_by_same('delta3_pacdrive 0.0.1', sweep, [(1, {})])
+
+
+@pytest.mark.parametrize(
+    ('status', 'error', 'sentence'),
+    [
+        ('connecting', OSError('full'), 'the scheduler does not answer'),
+        ('running', CommClosedError('gone'), 'the scheduler does not answer'),
+        ('running', OSError('full'), 'cannot go on: OSError: full'),
+    ],
+)
+def test_a_cluster_that_breaks_is_told_in_one_sentence(status, error, sentence, path, monkeypatch):
+
+    class Future:
+        def result(self):
+            raise error
+
+    class Client:
+        loop = None
+
+        def submit(self, *work, **how):
+            return Future()
+
+    client = Client()
+    client.status = status
+    monkeypatch.setattr(engine, 'workers_of', lambda client: 1)
+    monkeypatch.setattr(distributed, 'as_completed', lambda futures, loop: iter(futures))
+    sweep = load(path)
+    with pytest.raises(SweepError, match=sentence) as told:
+        engine.make(client, sweep, engine.work_of(sweep, values_of(sweep), [1]), lambda rows: None)
+    assert '\n' not in str(told.value)
 
 
 def test_a_dry_run_tells_what_there_is_to_do_and_writes_nothing(path, tmp_path):
