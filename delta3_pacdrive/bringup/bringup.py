@@ -36,7 +36,6 @@ from delta3_pacdrive.ros.progress_report import read_progress
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.watchdog import BOUND_S
 
-READY_TIMEOUT_S = 30.0
 LOOK_S = 0.05
 ENERGY_CYCLES_MAX = 600_000  # of a recording that is read for it
 
@@ -194,7 +193,7 @@ class Bringup:
     ) -> None:
         """Look after the run until the program has ended."""
         monitor = self._monitor
-        deadline = time.monotonic() + READY_TIMEOUT_S
+        deadline = time.monotonic() + self.options.patience_s
         released = False
         while not (progress := self.look()).get('finished') or self._program is None:
             if not released and (monitor.recorder or not self.options.bag):
@@ -208,7 +207,9 @@ class Bringup:
                     return
             elif time.monotonic() > deadline:
                 waiting = progress.get('waiting') or monitor.refusal or 'the transformation task to appear'
-                raise RunError(f'the bus is not in cyclic operation after {READY_TIMEOUT_S:g} s: {waiting}')
+                raise RunError(
+                    f'the bus is not in cyclic operation after {self.options.patience_s:g} s: {waiting}'
+                )
             else:
                 rising(progress)
         self._await_currents()

@@ -103,10 +103,11 @@ class CpuLoadMonitor:
 
     def excess(self) -> float:
         """Return how many cores real-time work takes, if that is too many; 0 if not, or if it is not time to look."""
-        now = time.monotonic()
-        if now - self._then_s < LOOK_S:
+        begin = time.monotonic()
+        if begin - self._then_s < LOOK_S:
             return 0.0
         spent = dict(_real_time_threads(self._processes))
+        now = 0.5 * (begin + time.monotonic())  # on a busy machine it takes seconds to look
         # a thread that was not there before has spent nothing yet, or became one of real time meanwhile
         more = sum(seconds - self._spent.get(thread, seconds) for thread, seconds in spent.items())
         cores = more / (now - self._then_s)

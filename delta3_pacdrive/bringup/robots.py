@@ -117,7 +117,10 @@ class Robots:
         for one in options:
             if one.bag is not None and one.bag.exists():
                 raise RunError(f'cannot record into {one.bag}: it exists already')
-        self._options, self._started_s = options, started_s
+        # all come up at the same time, on the cores that there are
+        share = max(1.0, len(options) / len(os.sched_getaffinity(0)))
+        self._options = [replace(one, patience_s=share * one.patience_s) for one in options]
+        self._started_s = started_s
         self._ports = [port + n if port else None for n in range(len(options))] if page else []
         self.now = [RobotNow(one.namespace) for one in options]
         self._children: list[ManagedProcess] = []

@@ -37,7 +37,7 @@ class Options(JsonOptions):
     )
     replay: str | None = option('a robot whose minute is driven again with the full simulation', 'ROBOT')
     minute: int | None = option('of the shift, from 1 on, for --replay', 'N', type=integer_within(1, 24 * 60))
-    output: str = option('folder for tables, figures and report', 'DIR', default='line')
+    output: str = option('folder for tables, figures and report', 'DIR', default='line_shift')
 
     parameters = None  # they stand in its file
 

@@ -97,6 +97,20 @@ def test_ordinary_work_and_the_kernels_own_threads_do_not_count(
     assert cores_after(machine, CpuLoadMonitor(machine.folder), 2.0 * CORES * LOOK_S, **more) == 0.0
 
 
+def test_a_look_that_takes_long_makes_no_load_of_it(machine: Machine) -> None:
+    looks = CpuLoadMonitor(machine.folder)
+    long_s = 2.0 * LOOK_S
+    share = 0.9 * SHARE * CORES
+    machine.thread(0, 5.0)
+    assert looks.excess() == 0.0
+    machine.thread(0, 5.0 + share * (LOOK_S + 0.5 * long_s))
+    machine.now_s += LOOK_S
+    clock = iter([machine.now_s, machine.now_s + long_s])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cpu_load.time, 'monotonic', lambda: next(clock))
+        assert looks.excess() == 0.0
+
+
 def test_a_thread_that_is_new_has_not_spent_its_life_since_the_last_look(machine: Machine) -> None:
     looks = CpuLoadMonitor(machine.folder)
     assert looks.excess() == 0.0

@@ -19,6 +19,7 @@ from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.robots import RobotNow, Robots, bag_of, require_room
 from delta3_pacdrive.errors import RunError
 
+LOOKS = 4  # at two robots that live on, before they are asked to end
 REPORT = {
     'phase': 'CP4', 'waiting': '', 'state': 'idle', 'fault': '', 'in_torque': True, 'bus_time_s': 1.0,
     'cycles': 1000, 'overruns': 2, 'lost_telegrams': 0, 'more': 'than anybody asks for',
@@ -54,12 +55,16 @@ def ended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, RobotNow
     """Give what was known of four robots in the end, when those that live were asked to end."""
     monkeypatch.setattr(robots, 'Bringup', Rehearsed)
     supervisor = Robots(options_of(4, logs=tmp_path / 'logs'), False, None, 0.0)
+    looks: list[bool] = []
 
     def show(now: Sequence[RobotNow]) -> None:
         if all(robot.ended or robot.ready_s for robot in now) and sum(robot.ended for robot in now) == 2:
+            looks.append(True)
+        if len(looks) == LOOKS:
             supervisor.end()
 
     supervisor.run(show)
+    assert len(looks) >= LOOKS  # those who live were left alone
     assert sorted(path.name for path in (tmp_path / 'logs').iterdir()) == [f'robot{n}' for n in (1, 2, 3, 4)]
     return {robot.namespace: robot for robot in supervisor.now}
 

@@ -50,7 +50,7 @@ One = TypeVar('One')
 def find(path: str | Path) -> Path:
     """Return the file that ``path`` means: itself, else the packaged line, if it is called so."""
     path = Path(path)
-    return path if path != Path('line') or path.exists() else core.config_directory() / 'line.yaml'
+    return path if path != Path('line') or path.is_file() else core.config_directory() / 'line.yaml'
 
 
 def load(path: str | Path) -> Line:

@@ -28,6 +28,12 @@ def test_the_packaged_line_is_read_with_its_units():
     assert [kind.share for kind in line.kinds] == [0.8, 0.2]
 
 
+def test_a_folder_that_is_called_so_does_not_hide_the_packaged_line(tmp_path, monkeypatch):
+    (tmp_path / 'line').mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert specification.load(specification.find('line')).name == 'four robots at a belt'
+
+
 def test_robots_stand_in_the_order_in_which_their_belt_reaches_them():
     given = document(3)
     given['robots'] = dict(reversed(given['robots'].items()))
