@@ -61,6 +61,11 @@ class CameraState:
         self.pictures = 0
         self.dead = False
 
+    @property
+    def latency_cycles(self) -> int:
+        """From a picture to the telling of what is in it [bus cycles]."""
+        return self._latency_cycles
+
     def step(self, cycle: int, belt: BeltState) -> list[Sighting]:
         """Go on to a bus cycle, after the belt; return what is told in it."""
         if belt.way_m >= self._next_m:

@@ -183,6 +183,10 @@ class World:
         camera = self._cameras.get(belt)
         return 0 if camera is None else camera.pictures
 
+    def pictured(self, belt: str) -> int:
+        """Return the bus cycle in which the picture was taken of whose parts the camera of a belt tells now."""
+        return self._cycle - self._cameras[belt].latency_cycles
+
     def lose_part(self, cycle: int) -> None:
         """Let what hangs at the robot fall off: a fault is injected."""
         lost = None if self._gripper is None else self._gripper.drop(cycle, FAULT_OF_RUN)

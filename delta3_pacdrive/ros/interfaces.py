@@ -10,7 +10,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from diagnostic_msgs.srv import AddDiagnostics
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import PointStamped, PoseArray
 from nav_msgs.msg import Path
 from rclpy.client import Client
 from rclpy.node import Node
@@ -323,28 +323,33 @@ MOTOR_SHAFTS = Topic(
     EXCHANGE, 'hhhh', (telegrams.SHAFTS,), one_writer=True, recorded=True,
 )
 INPUTS = Topic(
-    telegrams.INPUTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK,),
+    telegrams.INPUTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK, VISUALIZATION),
     'I/O image: the inputs of a cell by name, sampled at the start of the cycle, 1 is on; the outputs of the MDT of a '
     'cycle are there in the next one',
     'every cycle, if there is a cell with inputs', 'hhhh', one_writer=True, recorded=True,
 )
 BELTS = Topic(
-    telegrams.BELTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK,),
+    telegrams.BELTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK, VISUALIZATION),
     'belts of a cell by name: as position the count of the encoder at the start of the cycle, as velocity how many '
     'pictures the camera has taken; six efforts for each part that is told: number of the belt, of the type in the '
     'cell file (-1: latched by the light barrier), count of that instant, place along and across [m], angle [rad]',
     'every cycle, if there is a cell with belts', 'hhhh', one_writer=True, recorded=True,
 )
 PARTS = Topic(
-    'cell/parts', String, FACTS, (PLANT,), (),
+    'cell/parts', String, FACTS, (PLANT,), (VISUALIZATION,),
     'JSON: cycle, and what has happened in it to parts of a cell, with the numbers of the picks and places; misses',
     CHANGE, recorded=True,
 )
 SCENE = Topic(
-    'cell/scene', String, LATCHED, (PLANT,), (),
+    'cell/scene', String, LATCHED, (PLANT,), (VISUALIZATION,),
     'JSON: what stands around the robot, as level areas: belts with their windows, barriers and cameras, boxes, '
     'supplies, sensors',
     'at the start, if there is a cell', recorded=True,
+)
+SEEN = Topic(
+    'cell/camera', PoseArray, REPORT, (PLANT,), (),
+    'parts that a camera of a belt has seen, as poses of the middle of their undersides, stamped with the time of the '
+    'picture', 'a picture with parts, while somebody listens', _BASE,
 )
 SET_INPUT = Topic(
     'cell/set_input', KeyValue, REQUEST, (), (PLANT,),

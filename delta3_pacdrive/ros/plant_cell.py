@@ -1,22 +1,26 @@
 """The cell of the plant node on the graph: its inputs, the log of its parts, and inputs that are set from outside.
 
 In: ``sercos/mdt`` (outputs). Out, in every cycle: ``sercos/at/io`` (inputs), ``sercos/at/belts`` (counts, parts). And
-``cell/parts`` and ``cell/scene`` (JSON). Service: ``input``; the same by topic: ``cell/set_input``.
+``cell/parts`` and ``cell/scene`` (JSON), and ``cell/camera``: poses of parts in pictures.
+Service: ``input``; the same by topic: ``cell/set_input``.
 """
 
 import json
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import KeyValue
 from diagnostic_msgs.srv import AddDiagnostics
+from geometry_msgs.msg import Pose, PoseArray
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.controller.belt_axes import belts_text
+from delta3_pacdrive.controller.belt_tracking import BeltReading
 from delta3_pacdrive.controller.messages import Status
 from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.errors import Delta3Error, ProgramError, Reason, RefusedError, TelegramError, shown
@@ -27,12 +31,13 @@ from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.plant.bus_plant import BusPlant
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.belt_receiver import parts_of
-from delta3_pacdrive.ros.interfaces import BELTS, INPUT, INPUTS, MDT, PARTS, SCENE, SET_INPUT, STATUS
+from delta3_pacdrive.ros.interfaces import BELTS, INPUT, INPUTS, MDT, PARTS, SCENE, SEEN, SET_INPUT, STATUS
 from delta3_pacdrive.ros.parameters import declare, descriptor
+from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import Clock
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.sercos.telegrams import BASE_FRAME, NO_SESSION
 from delta3_pacdrive.simulation.belts import axes_of, readings
 
 CELL = descriptor('cell file: what stands around the robot; empty: nothing', 0, 0, str)
@@ -84,6 +89,7 @@ class PlantCell:
         names = [belt.name for belt in self._axes]
         self._belts_codec = cdr.codec(telegrams.belts(names or ('',)))
         self._publish_belts = cdr.raw_publish(BELTS.publisher(node))
+        self._seen = Output(node, SEEN)
         self._parts, self._scene = PARTS.publisher(node), SCENE.publisher(node)
         self._scene.publish(String(data=json.dumps(self._world.scene)))
 
@@ -124,6 +130,8 @@ class PlantCell:
         counts, pictures = [float(one.count) for one in told], [float(one.pictures) for one in told]
         stamp, session = self._clock.stamp(cycle), self._bus_plant.slave.session
         parts = parts_of(self._axes, told)
+        if parts and self._seen.wanted:
+            self._tell_seen(told)
         if not parts:
             self._publish_belts(self._belts_codec.encode(stamp, session, counts + pictures))
             return
@@ -133,6 +141,22 @@ class PlantCell:
         message.header.frame_id = session.decode()
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         self._publish_belts(serialize_message(message))
+
+    def _tell_seen(self, told: Sequence[BeltReading]) -> None:
+        """Tell what cameras have seen, under the time of their pictures."""
+        for belt, reading in zip(self._axes, told, strict=True):
+            if not reading.sighted:
+                continue
+            message = PoseArray()
+            message.header.frame_id = BASE_FRAME.decode()
+            stamp = self._clock.stamp(self._world.pictured(belt.name))
+            message.header.stamp.sec, message.header.stamp.nanosec = stamp
+            for part in reading.sighted:
+                pose, half = Pose(), 0.5 * (belt.direction_rad + part.angle_rad)
+                pose.position.x, pose.position.y, pose.position.z = belt.place_m(part.along_m, part.across_m)
+                pose.orientation.z, pose.orientation.w = math.sin(half), math.cos(half)
+                message.poses.append(pose)
+            self._seen.publish(message)
 
     def tell_parts(self, told: dict[str, Any]) -> None:
         """Tell what has happened to parts in a bus cycle."""

@@ -99,13 +99,13 @@ class RobotMarkers:
         """Add a place [m], shape (3,), to the path that was travelled."""
         if np.isfinite(tcp_m).all() and not np.linalg.norm(tcp_m - self._last) < POINT_M:
             self._last = tcp_m
-            self._travelled.append(_point(tcp_m))
+            self._travelled.append(point_of(tcp_m))
 
     # what is shown ----------------------------------------------------------------------------------------------------
 
     def still(self) -> list[Marker]:
         """Return what changes seldom: base, motors, workspace, and the path that is planned."""
-        planned = _line('path_planned', [_point(place) for place in self._planned], PLANNED, LINE_M)
+        planned = _line('path_planned', [point_of(place) for place in self._planned], PLANNED, LINE_M)
         # what does not move is at the same place for all arm angles
         return [*self._still.placed(np.zeros(3), self._parameters), planned]
 
@@ -120,11 +120,11 @@ class RobotMarkers:
 
     def error(self, tcp_m: Floats, command_m: Floats, error_m: Floats) -> list[Marker]:
         """Return the commanded TCP, and the line from the TCP along the magnified error; all [m], shape (3,)."""
-        command = _marker('tcp_command', 0, Marker.SPHERE, COMMAND)
-        command.pose.position = _point(command_m)
+        command = marker_of('tcp_command', 0, Marker.SPHERE, COMMAND)
+        command.pose.position = point_of(command_m)
         command.scale = Vector3(x=COMMAND_M, y=COMMAND_M, z=COMMAND_M)
         end = tcp_m + self._magnification * error_m
-        return [command, _line('tcp_error', [_point(tcp_m), _point(end)], ERROR, ERROR_LINE_M)]
+        return [command, _line('tcp_error', [point_of(tcp_m), point_of(end)], ERROR, ERROR_LINE_M)]
 
 
 def _solid(part: Part, number: int, shape: Shape) -> Marker:
@@ -139,13 +139,13 @@ def _solid(part: Part, number: int, shape: Shape) -> Marker:
             kind, scale = Marker.SPHERE, (width, width, width)
         case _:
             raise TypeError(f'there is no marker of a {shape.kind}')
-    marker = _marker(part.name, number, kind, part.colour)
+    marker = marker_of(part.name, number, kind, part.colour)
     marker.scale.x, marker.scale.y, marker.scale.z = scale
     return marker
 
 
 def _line(name: str, points: list[Point], colour: Colour, width_m: float) -> Marker:
-    marker = _marker(name, 0, Marker.LINE_STRIP, colour)
+    marker = marker_of(name, 0, Marker.LINE_STRIP, colour)
     # RViz warns of a line of a single point
     marker.action = Marker.ADD if len(points) > 1 else Marker.DELETE
     marker.points = points
@@ -153,7 +153,8 @@ def _line(name: str, points: list[Point], colour: Colour, width_m: float) -> Mar
     return marker
 
 
-def _marker(name: str, number: int, kind: int, colour: Colour) -> Marker:
+def marker_of(name: str, number: int, kind: int, colour: Colour) -> Marker:
+    """Return a marker in the frame ``base``."""
     red, green, blue, opacity = colour
     marker = Marker(ns=name, id=number, type=kind, color=ColorRGBA(r=red, g=green, b=blue, a=opacity))
     marker.header.frame_id = BASE_FRAME.decode()  # its stamp stays 0: whatever time it is
@@ -161,6 +162,7 @@ def _marker(name: str, number: int, kind: int, colour: Colour) -> Marker:
     return marker
 
 
-def _point(place: Sequence[float] | Floats) -> Point:
+def point_of(place: Sequence[float] | Floats) -> Point:
+    """Return a place as messages have it."""
     x, y, z = place
     return Point(x=float(x), y=float(y), z=float(z))

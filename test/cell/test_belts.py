@@ -161,3 +161,54 @@ def test_a_script_ends_once_the_robot_has_left_the_belt(robot):
     with cell.simulate(robot, around=around(RUNS['slow'], 1)) as called, called.track('line', **QUICK):
         called.move_l(to_mm=[0, 0, 60], **QUICK)
     assert np.ptp(called.trace.signals['tcp_command'][-3:], axis=0).max() < 1e-6
+
+
+def test_a_belt_of_1_5_m_s_that_brakes_stands_and_starts_with_2_m_s2_carries_the_tcp_with_its_part(robot):
+    speed = [speed_of(1.5), speed_of(0.0, after_s=1.36), speed_of(1.5, after_s=2.3)]
+    barrier, window_mm = {'at_mm': 50, 'delay_s': 0.0005}, [450, 1200]
+    with cell.simulate(
+        robot, around=around(speed, 3, barrier=barrier, window_mm=window_mm), signals=['cell_belts']
+    ) as called:
+        called.move_l(to_mm=[-250, 100, -800], **QUICK)
+        part = [called.part('line') for _ in range(3)][-1]
+        with called.track('line', part, **QUICK):
+            called.move_l(to_mm=[0, 0, 40], **QUICK)
+            called.move_l(to_mm=[0, 0, 20], **QUICK)
+            called.output('gripper', True, payload_kg=0.2)
+            called.wait()
+            called.wait_time(0.95)  # while it brakes from 1.5 m/s, and begins to go again
+            called.move_l(to_mm=[0, 0, 60], **QUICK)
+        called.arch(to_mm=[0, -200, -850], up_mm=20, down_mm=20, **QUICK)
+        called.output('gripper', False, payload_kg=0.0)
+    far, cycles = apart_m(called.trace, part.along_m)
+    speeds = np.diff(called.trace.signals['cell_belts'][:, 0])[cycles] / 1e-3
+    assert (speeds.max(), speeds.min()) == pytest.approx((1.5, 0.0), abs=1e-9)
+    assert len(far) > 900
+    assert np.sqrt(np.mean(far**2)) < RMS_M
+    assert far.max() < MAX_M
+    assert called.trace.meta['cell']['outcomes']['placed'] == 1
+
+
+def test_circles_arches_and_cubics_are_driven_in_the_frame_of_the_part(robot):
+    with cell.simulate(robot, around=around([speed_of(0.5)], 1), signals=['cell_belts']) as called:
+        with called.track('line', **QUICK):
+            called.move_l(to_mm=[-60, 0, 60], **QUICK)
+            called.move_c(
+                via_mm=[0, 60, 60], to_mm=[60, 0, 60], speed_m_s=1.0, acceleration_m_s2=20.0, jerk_m_s3=2000.0
+            )
+            called.arch(to_mm=[0, 0, 20], up_mm=10, down_mm=15, **QUICK)
+            called.output('gripper', True, payload_kg=0.2)
+            called.dwell(0.06)
+            called.cubic(to_mm=[0, 0, 50], duration_s=0.15)
+        called.arch(to_mm=[0, -200, -850], up_mm=20, down_mm=20, **QUICK)
+        called.output('gripper', False, payload_kg=0.0)
+    trace = called.trace
+    far, _ = apart_m(trace)
+    assert far.max() < MAX_M
+    assert trace.meta['cell']['outcomes']['placed'] == 1
+    way = trace.signals['cell_belts'][:, 0]
+    x, y, z = trace.signals['tcp_true'].T
+    x, y, z = x + 0.7 - way, y - 0.1, z + 0.87  # seen from the part
+    on = (np.abs(z - 0.06) < 1e-4) & (y > 5e-3) & (np.hypot(x, y) < 0.08)
+    assert on.sum() > 150
+    assert np.abs(np.hypot(x, y)[on] - 0.06).max() < MAX_M

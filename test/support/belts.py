@@ -57,10 +57,15 @@ def gets_on(robot):
     return block
 
 
-def apart_m(trace):
-    """Return how far the true TCP is from the top of the first part while it stands on it [m], and the bus cycles."""
+def apart_m(trace, along_m=0.0):
+    """Return how far the true TCP is from the top of a part while it stands on it [m], and the bus cycles.
+
+    ``along_m`` is where the part is when the belt has gone 0 m: the first one unless it is told.
+    """
     tcp, way = trace.signals['tcp_true'], trace.signals['cell_belts'][:, 0]
-    top = np.column_stack([ORIGIN_M[0] + way, np.full(len(way), ORIGIN_M[1]), np.full(len(way), TOP_M)])
+    top = np.column_stack(
+        [ORIGIN_M[0] + along_m + way, np.full(len(way), ORIGIN_M[1]), np.full(len(way), TOP_M)]
+    )
     near = (np.abs(tcp[:, 2] - TOP_M) < ON_IT_M) & (np.linalg.norm(tcp - top, axis=1) < 0.02)
     cycles = np.flatnonzero(near)
     return np.linalg.norm(tcp - top, axis=1)[cycles], cycles[:-1]

@@ -1,7 +1,8 @@
 """Node for the eye: markers of the robot, and bus time as ``/clock``; it does nothing while nobody listens.
 
-In, while somebody listens to what comes of it: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``; always
-``motion/plan`` and ``motion/status``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
+In, while somebody listens to what comes of it: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``, and of a
+cell ``cell/scene``, ``cell/parts``, ``sercos/at/belts``; always ``motion/plan`` and ``motion/status``. Out:
+``markers`` (20 Hz), ``/clock`` (100 Hz).
 
 It is longer than other nodes because its subscriptions come and go with who listens.
 """
@@ -13,7 +14,7 @@ import numpy as np
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.messages import Status
@@ -21,12 +22,15 @@ from delta3_pacdrive.controller.planned_path import PlannedPath
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 from delta3_pacdrive.ros import cdr, node_process
+from delta3_pacdrive.ros.cell_markers import CellMarkers
+from delta3_pacdrive.ros.cell_reader import CellReader
 from delta3_pacdrive.ros.clock_output import ClockOutput
 from delta3_pacdrive.ros.interfaces import (
     JOINT_STATES,
     MARKERS,
     MOTION_PLAN,
     OUTPUTS,
+    SCENE,
     STATUS,
     TCP_COMMAND,
     TCP_ERROR,
@@ -39,6 +43,7 @@ from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_markers import RobotMarkers
+from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.sercos.telegram_codec import Decoded
 
 LOOK_S = 0.25  # between two looks at who listens
@@ -97,6 +102,9 @@ class RobotVisualizationNode(PollingNode):
         self._theta = self._tcp = np.full(3, np.nan)
         self._places = {'command': np.full(3, np.nan), 'error': np.zeros(3)}
         self._ticks = 0
+        self._time_s = 0.0  # of the bus
+        self._cell: CellReader | None = None
+        self._cell_markers = CellMarkers()
         MOTION_PLAN.bounded_subscription(
             self, self._on_plan, ROW_BYTES_MAX, profile=MOTION_PLAN.delivery.view
         )
@@ -112,6 +120,8 @@ class RobotVisualizationNode(PollingNode):
         self._joints.listen(shown or self._bus_clock.wanted)
         self._command.listen(shown)
         self._error.listen(shown)
+        if shown and self._cell is None and self.count_publishers(SCENE.name):
+            self._cell = CellReader(self)
         if not (shown or self._bus_clock.wanted):
             self._ticker.cancel()
         elif self._ticker.is_canceled():
@@ -121,6 +131,7 @@ class RobotVisualizationNode(PollingNode):
     def _tick(self) -> None:
         for sec, nanosec, _, values in self._joints.all():
             self._bus_clock.tell((sec, nanosec))
+            self._time_s = sec + nanosec / NANOSECONDS
             self._theta = np.array(values[:3])
             self._tcp = kinematics.forward(self._theta, self._robot, unreachable='nan')
             self._markers.travel(self._tcp)
@@ -135,6 +146,8 @@ class RobotVisualizationNode(PollingNode):
         markers = []
         if self._ticks % STILL_EVERY == 0:
             markers += self._markers.still()
+        if self._cell is not None:
+            markers += self._around(self._cell)
         if self._ticks % TRAVELLED_EVERY == 0:
             markers += self._markers.travelled()
         if self._ticks % ROBOT_EVERY == 0 and np.isfinite(self._tcp).all():
@@ -143,6 +156,19 @@ class RobotVisualizationNode(PollingNode):
                 markers += self._markers.error(self._tcp, self._places['command'], self._places['error'])
         if markers:
             self._output.publish(MarkerArray(markers=markers))
+
+    def _around(self, cell: CellReader) -> list[Marker]:
+        """Return what has to be shown of the cell."""
+        cell.read()
+        found = []
+        if self._ticks % STILL_EVERY == 0:
+            if not self.count_publishers(SCENE.name):
+                cell.now.clear()
+            found += self._cell_markers.still(cell.now.things)
+        if self._ticks % ROBOT_EVERY == 0 and np.isfinite(self._tcp).all():
+            x, y, z = self._tcp.tolist()
+            found += self._cell_markers.parts(cell.at(self._time_s, (x, y, z)))
+        return found
 
     def _on_plan(self, message: Float64MultiArray) -> None:
         self._planned.take(*row_of(message))

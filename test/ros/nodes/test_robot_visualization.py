@@ -1,5 +1,6 @@
 """Facts about what is shown in RViz and Foxglove: the robot where it is, only while somebody looks; and /clock."""
 
+import json
 from typing import Any
 
 import numpy as np
@@ -8,10 +9,11 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.ros.interfaces import JOINT_STATES, TCP_COMMAND, TCP_ERROR
+from delta3_pacdrive.ros.interfaces import JOINT_STATES, PARTS, SCENE, TCP_COMMAND, TCP_ERROR
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
@@ -23,6 +25,16 @@ from delta3_pacdrive.sercos.telegrams import JOINTS
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}
 PROGRAM = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.8]}}, {move_l: {to_m: [0.0, 0.15, -0.85]}}]'
+STAY = {'cycle': 5, 'how': 'lying', 'at_m': [0.0, 0.0, -0.9], 'angle_rad': 0.0, 'belt': '', 'count': 0}
+ONE_PART = {
+    'cycle': 5, 'cell': 'c', 'inputs': [], 'belts': ['line'], 'misses': [],
+    'parts': [{
+        'number': 7, 'type': 'bar', 'source': 'line', 'outcome': 'waiting', 'reason': '', 'picked_cycle': -1,
+        'pick_error_m': [0, 0, 0], 'hold_use': 0, 'hold_needed_n': 0, 'hold_force_n': 0, 'hold_cycle': -1,
+        'released_cycle': -1, 'where': '', 'place': -1, 'place_error_m': [0, 0, 0],
+        'size_m': [0.06, 0.04, 0.02], 'stays': [STAY],
+    }],
+}  # fmt: skip
 LINE_M = 3e-3  # places of a line are 2 mm apart, or those of joint states that lie on it
 
 
@@ -124,6 +136,21 @@ def test_what_is_put_down_is_no_longer_shown(shown: Shown) -> None:
     shown.graph.spin_until(lambda: shown.newest()['payload', 0].action == Marker.ADD, 'a payload')
     assert shown.newest()['payload', 0].scale.x == pytest.approx(2.0 ** (1 / 3) / 10.0)
     shown.graph.listener.destroy_publisher(outputs)
+
+
+def test_a_cell_that_is_told_is_shown_with_its_parts_until_it_is_gone(shown: Shown) -> None:
+    listener = shown.graph.listener
+    scene, told = SCENE.publisher(listener), PARTS.publisher(listener)
+    belt = {'kind': 'belt', 'name': 'line', 'at_m': [0, 0, -0.9], 'angle_rad': 0, 'size_m': [1, 0.3]}
+    scene.publish(String(data=json.dumps({'cell': 'c', 'things': [belt | {'increments_per_m': 1000.0}]})))
+    told.publish(String(data=json.dumps(ONE_PART)))
+    shown.graph.spin_until(lambda: ('cell/parts', 7) in shown.newest(), 'a part')
+    part = shown.newest()['cell/parts', 7]
+    assert part.pose.position.z == pytest.approx(-0.9 + 0.01)
+    shown.graph.spin_until(lambda: ('cell/belt', 0) in shown.newest(), 'the belt')
+    listener.destroy_publisher(scene)
+    listener.destroy_publisher(told)
+    shown.graph.spin_until(lambda: shown.newest()['cell/belt', 0].action == Marker.DELETE, 'no belt')
 
 
 def test_the_clock_tells_the_bus_time_of_the_joint_states(shown: Shown) -> None:

@@ -1,0 +1,79 @@
+"""The cell around the robot as RViz markers: belts with their windows, boxes, supplies, sensors, and the parts."""
+
+from collections.abc import Sequence
+
+from scipy.spatial.transform import Rotation
+from visualization_msgs.msg import Marker
+
+from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
+from delta3_pacdrive.ros.robot_markers import marker_of, point_of
+from delta3_pacdrive.scene.parts import Colour
+from delta3_pacdrive.view.values import CellInstant
+
+THINGS_MAX, PARTS_MAX = 400, 400  # that are shown
+SLAB_M, AREA_M = 0.012, 0.002  # thickness of a belt below its surface, and of areas
+PART: Colour = (0.78, 0.44, 0.12, 1.0)
+# colour, and height above the surface [m], as areas may lie above one another
+AREAS: dict[Kind, tuple[Colour, float]] = {
+    Kind.BELT: ((0.24, 0.26, 0.31, 1.0), -0.5 * SLAB_M),
+    Kind.WINDOW: ((0.18, 0.62, 0.36, 0.35), 0.001),
+    Kind.CAMERA: ((0.44, 0.28, 0.91, 0.35), 0.002),
+    Kind.BARRIER: ((0.85, 0.18, 0.23, 0.85), 0.003),
+    Kind.SENSOR: ((0.88, 0.54, 0.0, 0.5), 0.004),
+    Kind.BOX: ((0.23, 0.53, 1.0, 0.35), -0.5 * AREA_M),
+    Kind.SUPPLY: ((0.04, 0.45, 0.52, 0.5), -0.5 * AREA_M),
+}
+
+
+class CellMarkers:
+    """The markers of one cell; methods return those that have to be published."""
+
+    def __init__(self) -> None:
+        self._still: set[tuple[str, int]] = set()  # that are shown
+        self._parts: set[tuple[str, int]] = set()
+
+    def still(self, things: Sequence[Thing]) -> list[Marker]:
+        """Return what stands there, and what takes away things that are there no more."""
+        found = [_thing(number, thing) for number, thing in enumerate(things[:THINGS_MAX])]
+        gone, self._still = _gone(self._still, found)
+        return [*gone, *found]
+
+    def parts(self, now: CellInstant | None) -> list[Marker]:
+        """Return the newest parts where they are, and what takes away parts that are gone."""
+        found = []
+        for part in () if now is None else now.parts[-PARTS_MAX:]:
+            x, y, z = part.at_m
+            marker = marker_of('cell/parts', part.number, Marker.CUBE, PART)
+            _lay(marker, (x, y, z + 0.5 * part.size_m[2]), part.angle_rad, part.size_m)
+            found.append(marker)
+        gone, self._parts = _gone(self._parts, found)
+        return [*gone, *found]
+
+
+def _thing(number: int, thing: Thing) -> Marker:
+    colour, height_m = AREAS[thing.kind]
+    shape = Marker.CYLINDER if thing.kind is Kind.SENSOR else Marker.CUBE
+    marker = marker_of(f'cell/{thing.kind}', number, shape, colour)
+    x, y, z = thing.at_m
+    thickness = SLAB_M if thing.kind is Kind.BELT else AREA_M
+    _lay(marker, (x, y, z + height_m), thing.angle_rad, (*thing.size_m, thickness))
+    return marker
+
+
+def _lay(
+    marker: Marker, at_m: tuple[float, float, float], angle_rad: float, size_m: tuple[float, float, float]
+) -> None:
+    """Give a marker its middle, its angle about the vertical, and its size."""
+    marker.pose.position = point_of(at_m)
+    q = marker.pose.orientation
+    q.x, q.y, q.z, q.w = Rotation.from_euler('z', angle_rad).as_quat().tolist()
+    marker.scale.x, marker.scale.y, marker.scale.z = size_m
+
+
+def _gone(shown: set[tuple[str, int]], now: Sequence[Marker]) -> tuple[list[Marker], set[tuple[str, int]]]:
+    """Return what takes away markers that are shown no more, and those that are shown now."""
+    names = {(marker.ns, marker.id) for marker in now}
+    gone = [marker_of(name, number, Marker.CUBE, PART) for name, number in sorted(shown - names)]
+    for marker in gone:
+        marker.action = Marker.DELETE
+    return gone, names
