@@ -3,8 +3,12 @@
 The angle of the tool is a function of the distance on the path, so that it stays with the TCP through override, hold
 and resume. Where the plan says nothing of the tool, it stands where it is commanded to be.
 
-Arguments of the kernels here, beside those of ``task_arrays``:
+Arguments of the kernels here:
 
+``cycle``
+    Number of a bus cycle.
+``task``, ``timeline``
+    As in ``task_arrays``: array of one record ``TASK``, shape (1,), and ``motion.execution.TimelineArrays``.
 ``turns``
     Those of the plan: a ``motion.turns.TurnTables``, with no piece if the plan says nothing of the tool.
 ``turning``

@@ -27,7 +27,7 @@ PROGRAM_MISTAKES = [
     '2:9: repeat is 0, but must be a whole number between 1 and 10000',
     "4:18: moves[0].move_l.to_m: unknown point 'abov', the points are: 'above': did you mean above?",
     '4:35: moves[0].move_l.speed_m_s is -1.0, but must be a positive number',
-    "5:3: moves[1]: unknown key 'dwel', expected one of move_l, move_c, move_sb, arch, cubic, joints, dwell, "
+    "5:3: moves[1]: unknown key 'dwel', expected one of move_l, move_c, move_sb, arch, cubic, joints, turn, dwell, "
     'output, for_each: did you mean dwell?',
     "6:18: moves[2].output.name is 'griper', but must be one of ",
     '6:33: moves[2].output.value must be true or false, not 1',
@@ -36,7 +36,7 @@ PROGRAM_MISTAKES = [
 ]
 FAULT = '{fault: encoder_jump, axis: axis9, jump_rad: yes, after: 1}'
 FAULT_MISTAKES = [
-    "line 1, column 29: fault.axis is 'axis9', but must be one of axis1, axis2, axis3: did you mean axis",
+    "line 1, column 29: fault.axis is 'axis9', but must be one of axis1, axis2, axis3, axis4: did you mean axis",
     'line 1, column 46: fault.jump_rad must be a number, not True',
     "line 1, column 51: fault: unknown key 'after', expected one of after_s, axis, fault, for_s, jump_rad: "
     'did you mean after_s?',
@@ -76,7 +76,7 @@ def test_parameters_are_told_all_their_mistakes(tmp_path: Path, robot: Any) -> N
         ('gear_in:', 'many', "dynamics.gear_in must be a number, not 'many'"),
         ('cycle_time_s:', '', 'bus.cycle_time_s must be a number, not None'),
     ):
-        (number,) = [n for n, line in enumerate(lines) if line.strip().startswith(name)]
+        number, *_ = [n for n, line in enumerate(lines) if line.strip().startswith(name)]
         lines[number] = f'{lines[number].partition(":")[0]}: {value}'
         column = lines[number].index(':') + 2 + bool(value)
         expected.append((number, f'{number + 1}:{column}: {rule}'))

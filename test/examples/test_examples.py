@@ -51,6 +51,18 @@ def test_fill_a_box(run):
     assert apart < 0.01  # mm: what the encoders and the model leave where the robot turns round
 
 
+def test_turn_the_product(run):
+    _, numbers = run('turn_the_product')
+    robots, axes = numbers[:3], numbers[3:]
+    places, ways = [row[-2] for row in robots], [row[-1] for row in robots]
+    assert all(0.0 < place < way for place, way in zip(places, ways, strict=True))
+    assert max(places) < 0.1  # deg, also on the built robot
+    assert places[1] < 0.5 * places[0]  # the controller that knows the inertia of the tool
+    most, seconds = [row[0] for row in axes], [row[-1] for row in axes]
+    assert most == sorted(most, reverse=True)
+    assert seconds[0] < seconds[1] < seconds[2]
+
+
 def test_parts_in_motion(run):
     _, ((cycles, rods), (low, high), (radius,), (swing, limit)) = run('parts_in_motion')
     assert (rods, limit) == (6, 45.0)

@@ -83,7 +83,9 @@ def refusal(function, *arguments):
 def test_a_move_of_any_kind_survives_its_message_to_the_last_bit(robot):
     wait = {'moves': [{'move_l': {'to_m': [0.0, -0.1, -0.8], 'in_position': True}}]}
     waiting = program_planner.plan(programs.parse(wait, robot.motion), HOME, robot).plan
-    moves = [*planned(robot).moves, *waiting.moves]
+    turn, machine = {'moves': [{'turn': {'to_deg': 90}}]}, robot.replace(rotary__present=True)
+    turning = program_planner.plan(programs.parse(turn, robot.motion), HOME, machine).plan
+    moves = [*planned(robot).moves, *waiting.moves, *turning.moves]
     assert {move.kind for move in moves} == set(MoveKind)
     for number, move in enumerate(moves):
         back, n, count = Move.from_array(move.to_array(number, len(moves)).tolist(), robot.kinematics)
@@ -92,6 +94,7 @@ def test_a_move_of_any_kind_survives_its_message_to_the_last_bit(robot):
         assert back.master.tobytes() == move.master.tobytes()
         assert back.segments.tobytes() == move.segments.tobytes()
         assert back.events.tobytes() == move.events.tobytes()
+        assert back.turns.tobytes() == move.turns.tobytes()
         assert (back.stop_acceleration, back.stop_jerk) == (move.stop_acceleration, move.stop_jerk)
         assert (back.payload_kg, back.length_m, back.duration_s) == (
             move.payload_kg,

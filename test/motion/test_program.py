@@ -150,7 +150,8 @@ def only(**kind):
         (changed(moves=['go']), "moves[0] must be a mapping, not 'go'"),
         (
             changed(moves=[to(0, 0, -0.8), {}]),
-            'moves[1] must hold exactly one of move_l, move_c, move_sb, arch, cubic, joints, dwell, output, for_each',
+            'moves[1] must hold exactly one of move_l, move_c, move_sb, arch, cubic, joints, turn, dwell, output, '
+            'for_each',
         ),
         (changed(moves=[{'dwell': {'time_s': 1}, 'move_l': {}}]), 'moves[0] must hold exactly one of '),
         (only(jump=1), "moves[0]: unknown key 'jump'"),
@@ -386,7 +387,7 @@ MISTAKES = [
     "8:26: moves[0].move_l.to_m[1] must be a number, not 'abc'",
     '8:46: moves[0].move_l.strict must be true or false, not 1',
     "9:20: moves[1].move_l.to_m: unknown point 'palce', the points are: 'pick', 'place': did you mean place?",
-    "11:5: moves[3]: unknown key 'movel', expected one of move_l, move_c, move_sb, arch, cubic, joints, dwell, "
+    "11:5: moves[3]: unknown key 'movel', expected one of move_l, move_c, move_sb, arch, cubic, joints, turn, dwell, "
     'output, for_each: did you mean move_l?',
     '12:12: moves[4].cubic: missing key duration_s',
     f"13:20: moves[5].output.name is 'griper', but must be one of {', '.join(OUTPUTS)}: did you mean gripper?",

@@ -13,6 +13,7 @@ from delta3_pacdrive.motion.adapted_program import rest_of
 from delta3_pacdrive.motion.plan import VERSION, Move, MoveKind, Plan
 from delta3_pacdrive.motion.turning_move import TurnLimits, turn_motion
 from delta3_pacdrive.motion.turns import sample_turn, turn_at
+from delta3_pacdrive.motion.virtual_master import sample_master
 
 START = [0.15, 0.0, -0.80]
 THERE, ABOVE = [-0.15, 0.0, -0.80], [0.0, 0.1, -0.75]
@@ -229,16 +230,28 @@ def test_a_limit_of_the_rotary_axis_slows_the_move_down_with_a_notice_and_is_kep
     assert max(used) == pytest.approx(1.0, abs=4e-3)  # one of them is used up, and all are kept
 
 
-def test_blended_moves_keep_the_limits_of_the_axis_also_in_their_corners(machine):
-    weak = machine.replace(rotary__speed_max_deg_s=700.0, rotary__jerk_max_deg_s3=8e5)
+@pytest.mark.parametrize(
+    'limits',
+    [
+        {'speed_max_deg_s': 700.0},
+        {'acceleration_max_deg_s2': 9000.0},
+        {'jerk_max_deg_s3': 8e5},
+    ],
+)
+def test_blended_moves_keep_the_limits_of_the_axis_also_in_their_corners(limits, machine):
+    weak = machine.replace(**{f'rotary__{name}': value for name, value in limits.items()})
     planned = corner(weak, speed_m_s=3.0, acceleration_m_s2=40.0, jerk_m_s3=3000.0)
     assert any('is slowed down' in notice for notice in planned.notices)
-    _, turn = over_time(planned.plan.moves[0], 20001)
+    (move,) = planned.plan.moves
+    times = np.linspace(0.0, move.duration_s, 20001)
+    angle = sample_turn(sample_master(times, move.master)[:, 0], move.turns)[:, 0]
+    speed, acceleration = np.gradient(angle, times), np.gradient(np.gradient(angle, times), times)
     kept = TurnLimits.of(weak, weak.dynamics.payload_mass_kg)
-    speed, acceleration, jerk = np.abs(turn[:, 1:]).max(axis=0)
-    assert speed <= kept.speed_rad_s * 1.01  # between two samples of the planner
-    assert acceleration <= kept.acceleration_rad_s2 * 1.02
-    assert jerk <= kept.jerk_rad_s3 * 1.05
+    # between two samples of the planner
+    assert np.abs(speed).max() <= kept.speed_rad_s * 1.01
+    assert np.abs(acceleration[2:-2]).max() <= kept.acceleration_rad_s2 * 1.02
+    jerk = turn_motion(times[:-1], move.master, move.turns)[1][:, 3]
+    assert np.abs(jerk).max() <= kept.jerk_rad_s3 * 1.05
 
 
 def test_a_heavier_part_makes_a_turn_slower_where_the_current_is_the_limit(machine):
@@ -298,6 +311,8 @@ def test_a_faster_override_than_the_axis_bears_is_not_offered(machine):
 def test_the_tool_stays_between_its_limits(machine):
     sentence = refusal([{'move_l': {'to_m': THERE, 'turn_deg': 400}}], machine)
     assert 'the tool would turn to 400 deg, the limits are -360 and 360 deg' in sentence
+    sentence = refusal([{'turn': {'to_deg': -361}}], machine)
+    assert 'the tool would turn to -361 deg, the limits are -360 and 360 deg' in sentence
     assert 'the tool already stands at 0 deg' in refusal([{'turn': {'to_deg': 0}}], machine)
 
 
