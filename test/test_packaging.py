@@ -26,12 +26,13 @@ ROSDEP_KEYS = {
     'PyYAML': 'python3-yaml',
     'rosbags': 'python3-rosbags-pip',
 }  # the other keys are python3- and the distribution's name
-# of the extra "test", where benchmarks compare with them, and of the extra "view"
+# of the extra "test", where benchmarks compare with them, and of those for single commands
 OPTIONAL = {
     'pyarrow',
     'h5py',
     'dask',
     'distributed',
+    'optuna',
     'toppra',
     'mujoco',
     'viser',

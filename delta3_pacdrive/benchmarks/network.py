@@ -105,32 +105,33 @@ def measure(
             pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE}
             operator = near.start([sys.executable, '-P', '-m', OPERATOR], **pipes)
             try:
-                _told(operator, 'ready')
+                told_by(operator, 'ready')
                 for done, name in enumerate(names):
                     show(name, done, len(names))
-                    found[name] = _case(operator, link, CASES[name], program)
+                    found[name] = drive_over(operator, link, CASES[name], program)
             finally:
                 end([operator, planner])
     return {'seconds': seconds, 'cases': found}
 
 
-def _case(operator: 'subprocess.Popen[str]', link: Link, case: Case, program: Path) -> dict[str, Any]:
+def drive_over(operator: 'subprocess.Popen[str]', link: Link, case: Case, program: Path) -> dict[str, Any]:
+    """Let the operator drive a program over a link; return what it came to, and how long the way back took."""
     link.set(case.conditions)
     if operator.stdin is not None:
         operator.stdin.write(f'{program}\n')
         operator.stdin.flush()
-    _told(operator, 'moving')
+    told_by(operator, 'moving')
     if case.gap_s:
         time.sleep(GAP_AFTER_S)
         link.set(Conditions(down=True))
         time.sleep(case.gap_s)
         link.set(case.conditions)
-    run = _told(operator, 'cycles')
+    run = told_by(operator, 'cycles')
     link.set(Conditions())
-    return run | _told(operator, 'back_s')
+    return run | told_by(operator, 'back_s')
 
 
-def _told(operator: 'subprocess.Popen[str]', key: str) -> dict[str, Any]:
+def told_by(operator: 'subprocess.Popen[str]', key: str) -> dict[str, Any]:
     """Return the next line of the operator, which has to tell of something; raises RunError."""
     line = operator.stdout.readline() if operator.stdout is not None else ''
     told = dict(json.loads(line)) if line else {}

@@ -26,6 +26,7 @@ def test_every_study_is_looked_at():
         'learning',
         'line',
         'one_motor',
+        'optimisation',
         'ripple',
         'sweep',
         'tuning',

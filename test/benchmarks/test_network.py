@@ -34,7 +34,7 @@ def test_a_link_is_as_the_case_says_while_the_robot_drives_and_good_on_its_way_b
     monkeypatch.setattr(network.time, 'sleep', lambda _: None)
     lines = [json.dumps(one) for one in ({'moving': True}, RUN, {'back_s': 1.5})]
     link, case = Link(), network.Case(two_hosts.Conditions(1e-3), 0.1)
-    found = network._case(operator(*lines), link, case, 'a/program.yaml')
+    found = network.drive_over(operator(*lines), link, case, 'a/program.yaml')
     assert found == RUN | {'back_s': 1.5}
     assert link.told == [
         case.conditions, two_hosts.Conditions(down=True), case.conditions, two_hosts.Conditions(),
@@ -47,7 +47,7 @@ def test_a_link_is_as_the_case_says_while_the_robot_drives_and_good_on_its_way_b
 )
 def test_an_operator_that_has_ended_is_told(lines, sentence):
     with pytest.raises(RunError, match=f'the operator of the robot has ended: {sentence}'):
-        network._told(operator(*lines), 'ready')
+        network.told_by(operator(*lines), 'ready')
 
 
 def test_the_command_prints_a_line_for_each_link(monkeypatch, capsys):
