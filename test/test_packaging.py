@@ -32,6 +32,7 @@ OPTIONAL = {
     'h5py',
     'dask',
     'distributed',
+    'optuna',
     'toppra',
     'mujoco',
     'viser',

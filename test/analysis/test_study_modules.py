@@ -25,6 +25,7 @@ def test_every_study_is_looked_at():
         'jacobian',
         'learning',
         'one_motor',
+        'optimisation',
         'ripple',
         'sweep',
         'tuning',
