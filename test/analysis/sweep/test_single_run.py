@@ -69,6 +69,13 @@ def test_values_are_those_of_parameters_of_one_of_several_and_of_the_program(swe
     assert second.limits.acceleration_m_s2 == 3.0
 
 
+def test_moves_without_a_speed_have_that_of_their_own_run(sweep):
+    runner = Runner(sweep())
+    for speed in (0.4, 0.3, 0.3):
+        _, program = runner.made({'motion.speed_max_m_s': speed})
+        assert program.statements[1].limits.speed_m_s == speed
+
+
 def test_a_row_tells_the_figures_of_its_run(sweep):
     row = Runner(sweep()).run(2, {'dynamics.payload_mass_kg': 1.0})
     robot = parameters.load().replace(dynamics__payload_mass_kg=1.0)
