@@ -28,6 +28,7 @@ SAME_DECIMALS = 9  # of two starts [m] that are one
 HEAT_FIRST, HEAT_STEP, HEAT_TRIALS = 1.0, 5.0, 12
 HEAT_KEPT = 0.998  # of the nominal current, within as much
 OF_TOOL = 'of the motor of the rotary axis'
+ROUNDING_DEG = 1e-7
 START_TOLERANCE_RAD = 1e-2  # how far its tool may; the first turn begins where it stands
 START_TOLERANCE_M = (
     1e-3  # how far the robot may stand from the start of a program; the first move begins there
@@ -143,6 +144,12 @@ def _start_turn(program: Program, turn_rad: float | None, parameters: Parameters
     )
     if not turns:
         return None
+    low, high = rotary.angle_min_deg, rotary.angle_max_deg
+    if told is not None and not low - ROUNDING_DEG <= math.degrees(told) <= high + ROUNDING_DEG:
+        raise ProgramError(
+            f'program "{program.name}" starts with its tool at {math.degrees(told):.6g} deg, '
+            f'the limits are {low:g} and {high:g} deg'
+        )
     here = turn_rad if turn_rad is not None else rotary.home_rad if told is None else told
     if told is not None and abs(here - told) > START_TOLERANCE_RAD:
         raise ProgramError(

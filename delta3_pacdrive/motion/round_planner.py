@@ -60,6 +60,7 @@ Arches = dict[tuple[Arch, tuple[float, ...], tuple[float, ...], float], Curve]
 POINT_DECIMALS = 9  # of points [m] that are one
 OPEN_CORNER = 'blend_m waits for a move that follows; without one it ends exactly'  # as a notice says it
 ANGLE_ROUNDING_RAD = 1e-9
+COINCIDENT_RAD = 1e-6  # angles that are one
 BEHIND_M = 1.0  # places an event behind the end of a move: it is due when the move is over
 
 
@@ -263,9 +264,9 @@ class RoundPlanner:
         events = self._take_outputs(0.0)
         later = self._dues.in_time()
         with blamed_on(number, where):
-            turn = self._turned(statement.to)
-            if turn is None or turn[0] == turn[1]:
-                raise ProgramError(f'the tool already stands at {math.degrees(self.turn or 0.0):.6g} deg')
+            turn = self._turned(statement.to) or (0.0, 0.0)  # without an axis it is refused there
+            if abs(turn[1] - turn[0]) < COINCIDENT_RAD:
+                raise ProgramError(f'the tool already stands at {math.degrees(turn[0]):.6g} deg')
             planned = plan_turn(self.here, turn, self.payload, where, self._parameters)
         timed = tuple(due.timed(planned, 0.0) for due in later)
         places = ((number, planned.move.length_m),)

@@ -313,6 +313,9 @@ def test_the_tool_stays_between_its_limits(machine):
     assert 'the tool would turn to 400 deg, the limits are -360 and 360 deg' in sentence
     sentence = refusal([{'turn': {'to_deg': -361}}], machine)
     assert 'the tool would turn to -361 deg, the limits are -360 and 360 deg' in sentence
+    assert 'the tool already stands at 0 deg' in refusal([{'turn': {'to_rad': 1e-7}}], machine)
+    sentence = refusal([{'turn': {'to_deg': 0}}], machine, start_turn_deg=500)
+    assert 'starts with its tool at 500 deg, the limits are -360 and 360 deg' in sentence
     assert 'the tool already stands at 0 deg' in refusal([{'turn': {'to_deg': 0}}], machine)
 
 

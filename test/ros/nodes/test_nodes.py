@@ -124,7 +124,7 @@ def test_a_dump_of_a_node_loads_again(kind: type[Node], graph: Any) -> None:
         ({'axis': 4}, 'axis'),
         ({'plant': 'poor'}, "plant is 'poor', but must be plain or rich"),
         ({'plant': 'rich'}, 'rich.gear needs a bus.exchange_period_s'),
-        ({'rotary__present': True}, '^/mc4_drive: the graph drives no rotary axis yet'),
+        ({'rotary__present': True}, '^/mc4_drive_1: the graph drives no rotary axis yet'),
     ],
 )
 def test_a_wrong_parameter_is_refused_by_name(overrides: dict, expected: str, graph: Any) -> None:
