@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pages
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.benchmarks import network
 from delta3_pacdrive.benchmarks.two_hosts import Conditions, Host, Link, end, lack, two_hosts
@@ -100,3 +101,31 @@ def test_drives_on_another_host_give_the_bits_of_the_simulation_over_a_bad_link(
     assert len(common) > 0.5 * len(simulated.time_s)
     for name in (*SIGNALS, *CURRENT_SIGNALS):
         np.testing.assert_array_equal(recorded[name][theirs], simulated[name][ours], err_msg=name)
+
+
+def test_the_commands_of_the_page_make_a_robot_on_two_machines(
+    hosts: tuple[Host, Host, Link], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    near, far, _ = hosts
+    controller, drives = (
+        block.text.replace('192.168.7.1', near.address).replace('192.168.7.2', far.address).splitlines()
+        for block in pages.blocks(pages.SOURCE / 'docs/integrator.md')
+        if block.words == 'test/system/test_two_hosts.py'
+    )
+    assert (controller.pop(0), drives.pop(0)) == tuple(
+        f'export ROS_STATIC_PEERS={host.peer}' for host in (near, far)
+    )
+    environment = pages.environment(tmp_path)
+    for name in ('PATH', 'AMENT_PREFIX_PATH'):
+        monkeypatch.setenv(name, environment[name])
+    (line,) = drives
+    lines = [(far, line.replace('axis:=1', f'axis:={n}').replace('drive_1', f'drive_{n}')) for n in (1, 2, 3)]
+    nodes = [
+        host.start(['bash', '-c', f'exec {line}'])
+        for host, line in (*lines, *((near, one) for one in controller))
+    ]
+    try:
+        awaiting = near.start([sys.executable, '-P', '-c', AWAIT_END], stdout=subprocess.PIPE)
+        assert awaiting.communicate(timeout=300.0)[0].endswith(' \n')  # no fault
+    finally:
+        end(nodes)
