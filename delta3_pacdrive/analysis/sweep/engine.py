@@ -196,7 +196,7 @@ def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[
 
     """
     from distributed import as_completed
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
 
     waiting, own = iter(work), _versions()
 
