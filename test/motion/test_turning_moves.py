@@ -254,6 +254,23 @@ def test_blended_moves_keep_the_limits_of_the_axis_also_in_their_corners(limits,
     assert np.abs(jerk).max() <= kept.jerk_rad_s3 * 1.05
 
 
+def test_a_turn_that_begins_in_motion_keeps_its_acceleration(machine):
+    weak = machine.replace(rotary__acceleration_max_deg_s2=20000.0)
+    asked = {'speed_m_s': 1.0, 'acceleration_m_s2': 20.0, 'jerk_m_s3': 2000.0}
+    moves = [
+        {'move_l': {'to_m': [0.05, 0.0, -0.8], 'blend_m': 0.02, **asked}},
+        {'move_l': {'to_m': THERE, 'turn_deg': 180, **asked}},  # straight on
+    ]
+    planned = plan(moves, weak)
+    (notice,) = planned.notices
+    assert 'the acceleration of the tool would be' in notice
+    (move,) = planned.plan.moves
+    times = np.linspace(0.0, move.duration_s, 20001)
+    angle = sample_turn(sample_master(times, move.master)[:, 0], move.turns)[:, 0]
+    acceleration = np.degrees(np.gradient(np.gradient(angle, times), times))[2:-2]
+    assert 15000.0 < np.abs(acceleration).max() <= 20000.0 * 1.02
+
+
 def test_a_heavier_part_makes_a_turn_slower_where_the_current_is_the_limit(machine):
     weak = machine.replace(rotary__peak_current_a=1.2, rotary__nominal_current_a=1.0)
     times = [

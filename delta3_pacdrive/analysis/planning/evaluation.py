@@ -424,6 +424,8 @@ def _leading(part: _Part, planned: Planned) -> NDArray[np.int64]:
     shape = part.times.shape
     if part.move.kind in STANDING:
         return np.full(shape, QUANTITIES.index(Quantity.TIME))
+    if part.move.kind == MoveKind.TURN:
+        return np.full(shape, QUANTITIES.index(Quantity.ROTARY))
     if planned.rate < 1.0:
         return np.full(shape, QUANTITIES.index(Quantity.RMS_CURRENT))
     numbers = np.array([QUANTITIES.index(one.quantity) for one in part.limiters])[part.leading]
