@@ -15,7 +15,7 @@ from delta3_pacdrive.errors import ParameterError
 
 GEAR = ('dynamics.gear_in', 'dynamics.gear_out')
 SHOWN = {
-    'unit_robot': ('kinematics', 'dynamics', 'motor', 'motion', 'bus', 'drive.dc_link_voltage_v'),
+    'unit_robot': ('kinematics', 'dynamics', 'motor', 'motion', 'bus', 'rotary', 'drive.dc_link_voltage_v'),
     'transformation_task': (
         'kinematics', 'motion', 'bus', *GEAR, 'dynamics.payload_mass_kg', 'motor.torque_constant_n_m_a',
         'motor.brake_release_s', 'drive.enable_settle_s', 'drive.position_period_s', 'control',
@@ -24,7 +24,9 @@ SHOWN = {
         'drive', 'motor', 'bus', 'rich', *GEAR, 'dynamics.end_stop_min_deg', 'dynamics.end_stop_max_deg',
         'dynamics.payload_mass_kg', 'kinematics.arm_angle_correction_deg', 'control',
     ),
-    'plant': ('kinematics', 'dynamics', 'motor', 'bus', 'rich', 'drive.current_period_s', 'motion.home_m'),
+    'plant': (
+        'kinematics', 'dynamics', 'motor', 'bus', 'rich', 'rotary', 'drive.current_period_s', 'motion.home_m',
+    ),
     'recorder': (),
     'robot_visualization': ('kinematics', *GEAR, 'dynamics.payload_mass_kg'),
 }  # fmt: skip

@@ -110,7 +110,7 @@ def test_real_time_is_not_measured_where_it_is_not_permitted(monkeypatch, capsys
     [
         (
             ['kinematics', '--seconds', '3'],
-            '--seconds is for graph, motion, simulate and cell, not for kinematics',
+            '--seconds is for graph, robots, motion, simulate, cell and network, not for kinematics',
         ),
         (['motion', '--case', 'bare'], '--case is for graph, not for motion'),
         (['simulate', '--scheduling', 'ordinary'], '--scheduling is for graph, not for simulate'),

@@ -28,6 +28,7 @@ from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.motion.extension import Row
+from delta3_pacdrive.motion.output_names import OWN
 from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PARTICIPANTS, Identity
 from delta3_pacdrive.sercos.participants import Announcement, Occasion
@@ -122,6 +123,7 @@ class ScriptBus:
         first = parameters.motion.start_cycle - parameters.decision_cycles
         self._port = BusPort(parameters, first, around)
         belts = '[]' if around is None else belts_text(axes_of(around))
+        self.outputs = OWN if around is None else around.output_names
         self.controller = self._port.controller
         self.lose_answer = -1  # bus cycle in which the second drive is not heard
         self.commands: list[list[float]] = []
@@ -249,6 +251,10 @@ class ServedNode:
         self.controller.scripts.reply = lambda _, *reply: self.replies.append(reply)
         self.replies: list[Any] = []
         self._numbers = self._orders = self._driven = 0
+
+    def outputs(self) -> Any:
+        """Return the outputs that a script may name."""
+        return self.bus.outputs
 
     def stands(self, cycles: int = 8) -> bool:
         """Return whether the robot was commanded to stand for some bus cycles."""

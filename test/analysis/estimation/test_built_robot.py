@@ -180,8 +180,8 @@ def test_what_is_applied_is_a_parameter_file_with_source_and_interval_beside_eac
     assert fitted.motor.static_friction_n_m == pytest.approx(rich.motor.static_friction_n_m, rel=0.02)
     assert fitted.rich.gear_backlash_rad == pytest.approx(rich.rich.gear_backlash_rad, rel=WITHIN)
     text = path.read_text()
-    (line,) = [line for line in text.splitlines() if 'static_friction_n_m:' in line]
-    assert '  # F_s +- ' in line
+    lines = [line for line in text.splitlines() if 'static_friction_n_m:' in line]
+    (line,) = [line for line in lines if '  # F_s +- ' in line]  # the rotary axis has a friction of its own
     assert '(95 %); from ' in line
     assert 'robot.npz' in line
     assert text.startswith('# command: ')

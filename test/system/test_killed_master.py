@@ -1,0 +1,55 @@
+"""What becomes of a cell, of the script that works in it, and of the robot when the master of its bus is killed."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+Runner = Callable[..., subprocess.CompletedProcess[str]]
+
+AROUND = 'name: one input\ninputs: {start: {}}\n'
+WORKS = """
+from delta3_pacdrive import cell
+
+with cell.connect() as robot:
+    print('works', flush=True)
+    while True:
+        robot.move_l(to_mm=[100, 0, -800], speed_m_s=0.2)
+        robot.move_l(to_mm=[0, 0, -800], speed_m_s=0.2)
+        robot.wait()
+"""
+KILLED = '{fault: kill, node: transformation_task}'
+
+
+def test_a_cell_whose_master_is_killed_ends_its_script_and_works_again_once_it_is_reset(
+    start_delta3: Callable[..., subprocess.Popen[str]],
+    delta3: Runner,
+    tmp_path: Path,
+    nothing_left_behind: None,
+) -> None:
+    around, works = tmp_path / 'cell.yaml', tmp_path / 'works.py'
+    around.write_text(AROUND, encoding='utf-8')
+    works.write_text(WORKS, encoding='utf-8')
+    process = start_delta3('up', '--cell', around)
+    assert process.stderr is not None
+    assert process.stderr.readline().startswith('ready after')
+    script = subprocess.Popen(
+        [sys.executable, '-P', str(works)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert script.stdout is not None
+    assert script.stdout.readline() == 'works\n'
+    assert delta3('faults', 'inject', KILLED).returncode == 0
+    _, errors = script.communicate(timeout=60.0)
+    assert script.returncode != 0
+    assert 'the script does not have control of the robot any more' in errors
+    delta3('move', 'wait')  # phased up again, with the fault of the drives
+    for action in ('reset', 'enable'):
+        assert delta3('move', action).returncode == 0
+    assert delta3('move', 'l', '0', '0.05', '-0.8').returncode == 0
+    told = json.loads(delta3('io', '--json').stdout)
+    assert told['inputs']['start'] == {'value': False, 'forced': False}
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=20.0)
+    assert process.returncode == 0
