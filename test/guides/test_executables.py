@@ -15,7 +15,7 @@ from std_msgs.msg import String
 import pages
 from delta3_pacdrive.ros.qos import LATCHED, REPORT
 
-END_S = 30.0
+END_S = 120.0  # beside robots in real time that leave the others little
 
 
 def elsewhere(page: str) -> str:
