@@ -16,7 +16,8 @@ from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS
 
-pytestmark = pytest.mark.skipif(bool(lack()), reason=f'there cannot be two hosts here: {lack()}')
+LACK = lack()
+pytestmark = pytest.mark.skipif(bool(LACK), reason=f'there cannot be two hosts here: {LACK}')
 
 MESSAGES, PORT = 400, 5555
 AWAIT_END = """
