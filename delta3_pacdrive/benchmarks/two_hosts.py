@@ -25,6 +25,7 @@ from delta3_pacdrive.errors import RunError
 
 IP = shutil.which('ip') or shutil.which('ip', path='/usr/sbin:/sbin') or ''
 TUN = Path('/dev/net/tun')
+NAMESPACES = Path('/run/netns')
 SET_INTERFACE, PACKETS_WITHOUT_HEADER = 0x400454CA, 0x1001  # TUNSETIFF, IFF_TUN | IFF_NO_PI
 PACKET_BYTES, AT_ONCE = 65536, 64
 ADDRESSES = ('10.213.77.1', '10.213.77.2')
@@ -194,6 +195,7 @@ def two_hosts() -> Iterator[tuple[Host, Host, Link]]:
     if why := lack():
         raise RunError(f'there cannot be two hosts on this machine: {why}')
     pid = os.getpid()
+    _tidy()
     names = [f'delta3_{pid}_{side}' for side in ('near', 'far')]
     hosts = [Host(names[k], ADDRESSES[k], ADDRESSES[1 - k]) for k in (0, 1)]
     link: Link | None = None
@@ -218,6 +220,21 @@ def two_hosts() -> Iterator[tuple[Host, Host, Link]]:
         for name in names:
             with suppress(RunError):  # it has not come to that
                 _ip('netns', 'del', name)
+
+
+def _tidy() -> None:
+    """Take away the hosts of processes that were killed, with what still runs on them."""
+    for path in NAMESPACES.glob('delta3_*_*'):
+        pid = path.name.split('_')[1]
+        if pid.isdecimal() and not Path('/proc', pid).exists():
+            found = subprocess.run(
+                [IP, 'netns', 'pids', path.name], capture_output=True, text=True, check=False
+            )
+            for left in found.stdout.split():
+                with suppress(ProcessLookupError):
+                    os.kill(int(left), signal.SIGKILL)
+            with suppress(RunError):
+                _ip('netns', 'del', path.name)
 
 
 def end(processes: Sequence[subprocess.Popen[str]], patience_s: float = 20.0) -> None:
