@@ -80,7 +80,8 @@ def test_the_link_loses_repeats_and_mixes_up_as_many_packets_as_it_is_told_to(
 def test_what_a_killed_process_has_left_is_taken_away_by_the_next(nothing_left_behind: None) -> None:
     code = (
         'import os, signal; from delta3_pacdrive.benchmarks.two_hosts import two_hosts\n'
-        "with two_hosts() as (near, _, _): near.start(['sleep', '1000'], stdout=-3); print(near.namespace, flush=True); "
+        "with two_hosts() as (near, _, _): near.start(['sleep', '1000'], stdout=-3); "
+        'print(near.namespace, flush=True); '
         'os.kill(os.getpid(), signal.SIGKILL)'
     )
     done = subprocess.run([sys.executable, '-P', '-c', code], stdout=subprocess.PIPE, text=True, check=False)
