@@ -102,7 +102,8 @@ class LiveView:
             self._process.spin_for(max(0.0, min(end, self._drawn_s + period_s) - now))
             now = time.monotonic()
             if now >= self._drawn_s + period_s:
-                self._drawn_s = now
+                # on a grid, so that a picture that comes late does not make all later ones late; not to catch up
+                self._drawn_s = max(self._drawn_s + period_s, now - period_s)
                 self._draw(now)
                 self._scope.look()
             self._sort()
