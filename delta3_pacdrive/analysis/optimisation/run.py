@@ -14,12 +14,13 @@ from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.optimisation import figures, report, specification
 from delta3_pacdrive.analysis.optimisation.design import BASE, Optimisation, Trial, Trials
 from delta3_pacdrive.analysis.optimisation.search import NEEDED, Search, base_values, trial_of
-from delta3_pacdrive.analysis.optimisation.study import Results, Settings
+from delta3_pacdrive.analysis.optimisation.study import Results
 from delta3_pacdrive.analysis.provenance import Provenance, excused
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.sweep import engine, store
 from delta3_pacdrive.analysis.sweep.run import require_engine
 from delta3_pacdrive.analysis.sweep.single_run import Row, Runner
+from delta3_pacdrive.analysis.sweep.study import Settings
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.parameters import from_flat
@@ -40,6 +41,11 @@ class Study(studies.Study):
         require_engine()
         require_optuna()
         self.wanted = specification.load(self.settings.specification)
+
+    @property
+    def kept_told(self) -> str:
+        """What is on the disk, in words."""
+        return f'{self.kept} runs are'
 
     def run(self) -> dict[str, Any]:
         """Make the trials that are missing, write everything into the folder, return the report; raises Delta3Error."""

@@ -1,29 +1,9 @@
-"""What the study of an optimisation depends on, and what it finds: data only."""
+"""What the study of an optimisation finds: data only. It depends on what a sweep depends on."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from delta3_pacdrive.analysis.optimisation.design import Trials
-
-
-@dataclass(frozen=True)
-class Settings:
-    """The settings of the study of an optimisation.
-
-    Attributes
-    ----------
-    specification
-        Its file.
-    workers
-        Processes of an own cluster; 0: one for each core.
-    scheduler
-        Address of a cluster that is up; empty: an own one.
-
-    """
-
-    specification: Path
-    workers: int = 0
-    scheduler: str = ''
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,11 @@ class Study(studies.Study):
         self.sweep = specification.load(self.settings.specification)
         self.values = values_of(self.sweep)
 
+    @property
+    def kept_told(self) -> str:
+        """What is on the disk, in words."""
+        return f'{self.kept} of {self.sweep.runs} runs are'
+
     def run(self) -> dict[str, Any]:
         """Make the runs that are missing, write everything into the folder, return the report; raises Delta3Error."""
         kept = store.Store(self.folder, self.sweep)

@@ -1,4 +1,4 @@
-"""What the study of a sweep depends on, and what it finds: data only."""
+"""What the study of a sweep or an optimisation depends on, and what that of a sweep finds: data only."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +8,7 @@ from delta3_pacdrive.analysis.sweep.design import Runs
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of the study of a sweep.
+    """The settings of the study of a sweep or an optimisation.
 
     Attributes
     ----------

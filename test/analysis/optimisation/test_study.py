@@ -9,9 +9,9 @@ import yaml
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis.optimisation import report
 from delta3_pacdrive.analysis.optimisation.run import PARAMETERS, PROGRAM, Study
-from delta3_pacdrive.analysis.optimisation.study import Settings
 from delta3_pacdrive.analysis.study import silent
 from delta3_pacdrive.analysis.sweep import engine, single_run
+from delta3_pacdrive.analysis.sweep.study import Settings
 from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.motion import program_file
 
