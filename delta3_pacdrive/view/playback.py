@@ -23,6 +23,7 @@ from delta3_pacdrive.view.plots import rows_of
 from delta3_pacdrive.view.values import CellInstant, DriveFacts, Facts, InputFacts, Instant, PartPlace
 
 PICTURE_S = 1.0 / PICTURES_HZ
+UNDER_WAY_S = 3.0  # to a page that draws slowly, at most
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 WORDS = tuple(f'{value:g}' for value in SPEEDS)
 STEPS = ('-1', '+1')  # cycles
@@ -273,7 +274,7 @@ class Player:
         first, last = float(film.time_s[0]), float(film.time_s[-1])
         self.clock = Clock(first, last)
         self._stopping = False
-        self._slid_s = 0.0
+        self._slid_s = self._moved_s = 0.0
         self._asked: deque[Callable[[], None]] = deque()  # by the threads of the page; the loop does it
         gui: Any = page.server.gui
         with page.top:
@@ -294,8 +295,13 @@ class Player:
             self._asked.append(partial(self._show, float(self._slider.value)))
 
     def _show(self, time_s: float) -> None:
+        if time.monotonic() - self._moved_s < UNDER_WAY_S:
+            # What is under way to the page moves its slider once more. Here it is where it was asked to be already, so
+            # that nothing would be sent that puts it right: it has to move.
+            self._slider.value = self.clock.first_s
         self.clock.playing = False
         self.clock.seek(time_s)
+        self._slider.value = round(self.clock.time_s, 3)
 
     def _run_at(self, text: str) -> None:
         if text in WORDS:  # a page may say anything
@@ -335,6 +341,8 @@ class Player:
         if now - self._slid_s >= SLIDER_S:
             self._slid_s = now
             self._slider.value = round(self.clock.time_s, 3)
+            if self.clock.playing:
+                self._moved_s = now
             state = 'playing' if self.clock.playing else 'paused'
             self._page.read(self._film.facts(row, state, self.clock.speed))
 

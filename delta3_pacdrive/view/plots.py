@@ -13,6 +13,7 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 COLOURS = ('#3a86ff', '#f5821e', '#2f9e5b', '#c2255c', '#7048e8', '#0b7285', '#a86b00', '#5c677d')
 LINE = '#868e96'  # of axes and grids: it can be read on white and on black
 WIDTH, HEIGHT = 470, 130
+TICKS = 18  # pixels between two of an upright axis, at least: low charts have more than one as well
 # name: first column, names of the series, unit
 _XYZ = ('x', 'y', 'z')
 PLOTS = {
@@ -123,6 +124,6 @@ def chart(gui: Any, names: Sequence[str], title: str, time: str = 't [s]') -> An
         nothing,
         series=series,
         scales={'x': {'time': False}},
-        axes=(axis, axis | {'label': title, 'labelSize': 18, 'size': 52}),
+        axes=(axis, axis | {'label': title, 'labelSize': 18, 'size': 52, 'space': TICKS}),
         height=HEIGHT,
     )

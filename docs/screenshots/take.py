@@ -35,6 +35,7 @@ SIZE = (480, 400)  # pixels
 FINER = 1 if '--draft' in sys.argv else 2  # pixels drawn for one, in both directions
 BACKGROUND = (238, 242, 247)  # on light and on dark pages
 QUALITY = 72
+BETWEEN_S = '2.114'  # two places of the pick cycle
 # the second of the rounds, frame by frame, without the buttons and texts above the stage
 DRAW_ROUND = """([count, width, height, finer]) => {
   const { stage, clock, report } = delta3;
@@ -117,6 +118,9 @@ def view(browser, _, picture):
                 visit.page.get_by_text('playing', exact=True).wait_for()
                 visit.page.wait_for_timeout(4000)  # the plots fill
                 visit.page.get_by_role('button', name='Pause').click()
+                time = visit.page.locator('input[type="text"]').first
+                time.fill(BETWEEN_S)  # where the robot is fast, however fast the page is drawn here
+                time.press('Enter')
                 visit.page.evaluate('document.getElementById("webgl-software-rendering")?.remove()')
                 visit.page.wait_for_timeout(1000)
                 visit.page.screenshot(path=picture)
@@ -192,6 +196,8 @@ PICTURES = {'report.png': report, 'view.png': view, 'scope.png': scope, 'pick_cy
 
 if __name__ == '__main__':
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
+    if not folder.is_dir():
+        sys.exit(f'take.py: {folder} is no folder')
     with chromium() as browser, tempfile.TemporaryDirectory() as scratch:
         for name, take in PICTURES.items():
             take(browser, Path(scratch), folder / name)
