@@ -134,8 +134,8 @@ class Bringup:
         discovery.keep_to_this_machine()
         with only_one(self.options.namespace), log_folder(self.options.logs) as logs:
             simulation.compile_kernels()
-            if self.robot.rich.enabled:
-                simulation.rehearse(self.robot)  # compiles what only the built robot needs
+            if self.robot.rich.enabled or self.robot.rotary.present:
+                simulation.rehearse(self.robot)  # compiles what only such a robot needs
             try:
                 self._start(logs)
                 self._watch(show, rising)

@@ -18,7 +18,6 @@ from delta3_pacdrive.motion.output_names import OWN
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.plant.decoupled import require_stable
-from delta3_pacdrive.ros.parameters import require_three_axes
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,6 @@ def check_options(
     robot = core.load(options.parameters)
     if options.exchange_period_s is not None:
         robot = robot.replace(bus__exchange_period_s=options.exchange_period_s)
-    require_three_axes(robot)
     if robot.motion.enable_cycle < 0 or robot.motion.start_cycle < 0:
         raise ParameterError('a bring-up needs motion.enable_cycle and motion.start_cycle of at least 0')
     try:

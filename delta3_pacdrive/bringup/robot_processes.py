@@ -25,10 +25,10 @@ from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.parameters import overrides
+from delta3_pacdrive.sercos.configuration_check import drives_of
 
 RESTARTS_MAX, RESTARTS_S = 20, 60.0  # of processes that die, within that time
 CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
-AXES = (1, 2, 3)
 Nodes = dict[str, tuple[type[Node], dict[str, Any]]]  # kind and own parameters, by name
 RECORDER = 'recorder'
 SPARE = (RECORDER, 'view', VISUALIZATION)  # the robot goes on without them
@@ -90,9 +90,10 @@ class RobotProcesses:
             begins = first_decision(self._robot)
             task |= {'script_cycle': begins}
             plant |= {'cell_start_cycle': begins}
+        axes = range(1, len(drives_of(self._robot)) + 1)
         nodes: Nodes = {
             'plant': (PlantNode, plant),
-            **{f'mc4_drive_{axis}': (MC4DriveNode, {'axis': axis}) for axis in AXES},
+            **{f'mc4_drive_{axis}': (MC4DriveNode, {'axis': axis}) for axis in axes},
             'transformation_task': (
                 TransformationTaskNode,
                 task

@@ -15,12 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import interrupts
+from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.environment import log_folder
 from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.page import started
 from delta3_pacdrive.bringup.processes import ManagedProcess, spawn
 from delta3_pacdrive.errors import Delta3Error, RunError, RunInterruptedError
+from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.view import serving
 
 LOOK_S = 0.1
@@ -76,7 +78,7 @@ class RobotNow:
 
 def participants(robots: int, options: Options, page: bool) -> int:
     """Return how many processes of the graph some robots are."""
-    nodes = 1 if options.single_process else 5
+    nodes = 1 if options.single_process else len(drives_of(core.load(options.parameters))) + 2
     bringup_and_planner = 2
     return robots * (nodes + bringup_and_planner + page + (options.bag is not None) + options.markers)
 

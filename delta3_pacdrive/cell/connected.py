@@ -149,6 +149,7 @@ def seen_of(facts: dict[str, Any]) -> Seen:
         seen['payload_kg'],
         seen['inputs'],
         (u, v, w),
+        seen.get('turn_rad'),
     )
 
 

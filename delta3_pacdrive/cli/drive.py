@@ -10,12 +10,14 @@ from delta3_pacdrive.cli.output import print_answer
 
 
 def _axis(text: str) -> str:
-    from delta3_pacdrive.sercos.configuration_check import DRIVES
+    from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 
-    numbers = [str(number) for number in range(1, len(DRIVES) + 1)]
-    axis = dict(zip(numbers, DRIVES, strict=True)).get(text, text)
-    if axis not in (*DRIVES, 'list'):
-        raise argparse.ArgumentTypeError(f'{text!r} is no axis: {", ".join([*numbers, *DRIVES])}, or list')
+    numbers = [str(number) for number in range(1, len(ALL_DRIVES) + 1)]
+    axis = dict(zip(numbers, ALL_DRIVES, strict=True)).get(text, text)
+    if axis not in (*ALL_DRIVES, 'list'):
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is no axis: {", ".join([*numbers, *ALL_DRIVES])}, or list'
+        )
     return axis
 
 
@@ -23,7 +25,9 @@ def _axis(text: str) -> str:
 class Options(NodeOptions, JsonOptions):
     """Options of the command."""
 
-    axis: str = argument('1, 2, 3 (or axis1, axis2, axis3), or "list"', type=_axis)
+    axis: str = argument(
+        '1, 2, 3, or 4 for a rotary axis (or axis1, axis2, axis3, axis4), or "list"', type=_axis
+    )
     idn: str | None = argument('such as S-0-0104', default=None)
     value: str | None = argument('value to write; "command" executes a procedure command', default=None)
 

@@ -11,7 +11,7 @@ from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, op
 from delta3_pacdrive.cli.option_types import csv_file, folder
 from delta3_pacdrive.cli.output import INTERRUPTED, print_answer, print_json
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
-from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.errors import ParameterError, RunError
 
 if TYPE_CHECKING:
     from delta3_pacdrive.cell.fault_cases import CellCase
@@ -119,6 +119,11 @@ def _run_catalogue(options: Options) -> int:
     from delta3_pacdrive.verification.fault_catalogue.runner import run_catalogue
 
     robot = core.load(options.parameters)
+    if robot.rotary.present:
+        raise ParameterError(
+            'the fault catalogue has no cases of a rotary axis, and reads the telegrams of three drives: choose '
+            'parameters without it (rotary.present: false)'
+        )
     todo, in_cells = _chosen(options)
     count = len(todo) + len(in_cells)
     announce_compilation(options.parameters)

@@ -24,6 +24,9 @@ class Command(NamedTuple):
     control: int  # S-0-0134
     payload: float  # [kg], gripped
     outputs: int  # bit n is output n
+    turn: tuple[float, float] | None = (
+        None  # motor shaft [rad] and torque [N m] of the rotary axis, where there is one
+    )
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class Stop:
     hard
         Whether the stop may be harder than the move allows: an axis does not follow any more.
     drive
-        The drive (0 to 2) that reports the fault, None if it is no drive's.
+        Number of the drive that reports the fault, from 0 on; None if it is no drive's.
 
     """
 
@@ -64,33 +67,26 @@ class ControllerCycle:
         Gives the commands and evaluates the answers.
     axes
         Keeps what the drives have answered.
-    tool_axes
-        The same of the rotary axis; None: there is none.
     parameters
         Of the robot. A stop begins ``bus.outstanding_cycles_max`` cycles after the one whose answers tell of a fault.
 
     """
 
-    def __init__(
-        self,
-        task: Transformation,
-        axes: AxisMonitor,
-        parameters: Parameters,
-        tool_axes: AxisMonitor | None = None,
-    ) -> None:
-        self._task, self._axes, self._tool_axes = task, axes, tool_axes
+    def __init__(self, task: Transformation, axes: AxisMonitor, parameters: Parameters) -> None:
+        self._task, self._axes = task, axes
         self._reaction_cycles = parameters.bus.outstanding_cycles_max
 
     def command(self, cycle: int) -> Command:
         """Return the command of the next cycle."""
         motors = self._task.command(cycle)
         task = self._task
-        return Command(motors, task.torques, task.control(cycle), task.payload, task.outputs)
+        turn = None if task.turning is None else task.turning.commanded
+        return Command(motors, task.torques, task.control(cycle), task.payload, task.outputs, turn)
 
     def evaluate(
         self, cycle: int, answers: Sequence[tuple[Any, ...] | None], program_starts: int, stopped: bool
     ) -> Stop | None:
-        """Evaluate the answers of the three drives in a cycle.
+        """Evaluate the answers of the drives in a cycle.
 
         Parameters
         ----------
@@ -119,10 +115,6 @@ class ControllerCycle:
                 axes.accept(axis, answer[0], answer[1])
         self._task.receive(cycle, axes.positions, axes.torques)
         found = axes.check(cycle, program_starts)
-        if self._tool_axes is not None:
-            of_tool = self._tool_axes.check(cycle, program_starts)
-            if found is None or (of_tool is not None and of_tool.not_following and not found.not_following):
-                found = of_tool
         if found is None or (stopped and not found.not_following):
             late = None if stopped else self._task.settle(cycle)
             return None if late is None else Stop(late, cycle + self._reaction_cycles)

@@ -19,7 +19,6 @@ from delta3_pacdrive.faults.telegram_faults import FaultyLink
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.answer_buffer import AnswerBuffer
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
-from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.input_image import InputImage
 from delta3_pacdrive.sercos.losses import NO_ANSWER
 from delta3_pacdrive.sercos.scheduler import CycleScheduler
@@ -111,7 +110,7 @@ class CyclicOperation:
         self._now_s, self._now_ns = now_s, now_ns
         self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, port.refuse)
         self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max)
-        self.answers: AnswerBuffer[Content] = AnswerBuffer()
+        self.answers: AnswerBuffer[Content] = AnswerBuffer(len(services.drives))
         self.inputs, self.belts = InputImage(), BeltImage()
         self._observed = -1  # bus cycle up to which the task knows its belts
         self.running = False
@@ -191,7 +190,7 @@ class CyclicOperation:
         """Take the AT of an axis, and the time at which it came [ns], 0 if nobody knows it."""
         if not self.running:
             return
-        axis = DRIVES[index]
+        axis = self._services.drives[index]
         if cycle >= self.next_cycle:
             sentence = f'{axis} went on to bus cycle {cycle} without the master ({NO_ANSWER})'
             self._fall(RobotFault(FaultCode.BUS_TIME, sentence, axis, NO_ANSWER))

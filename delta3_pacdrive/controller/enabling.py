@@ -3,6 +3,7 @@
 Pure, as ``RobotState`` is, whose actions these requests add to.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -12,11 +13,12 @@ from delta3_pacdrive.controller.robot_state import Bus, RobotState
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, parse_idn
 
 RESET_CLASS_1 = Access(parse_idn('S-0-0099'), Operation.COMMAND)
 SETTLED_M = 1e-4  # by which a robot that is enabled may be away from its command
+DISPLACED_RAD = 0.02  # by which its tool may be turned then
 DISPLACED_M = 5e-3  # the same while a program is held, which the sag into the brakes must not end
 
 
@@ -75,8 +77,12 @@ class Enabling:
             away = self._task.distance_m(self._axes.positions)
         except UnreachableError as error:
             return Reason.of(error)
+        turned = self._task.tool_off_rad(self._axes.positions)
         if self._task.loaded:
             # a program that is held goes on where it was left
+            if turned > DISPLACED_RAD:
+                where = f'{math.degrees(turned):.3g} deg from where its program was held'
+                return Reason(Code.STATE, f'the tool was turned {where}: abort it first')
             if away <= DISPLACED_M:
                 return None
             where = f'{1e3 * away:.1f} mm from where its program was held'
@@ -84,6 +90,9 @@ class Enabling:
         if away > SETTLED_M:
             self._task.release()
             self._state.locate(self._task.locate(self._axes.positions), self._bus.answered)
+        elif turned > 0.0:
+            self._task.locate_tool(self._axes.positions)
+            self._state.locate(self._task.state['tcp'][0], self._bus.answered)
         return None
 
     def _answer_waiting(self, outcome: Callable[[Any], Reason | str | None]) -> None:
@@ -118,8 +127,9 @@ class Enabling:
         if self._waiting:
             self._answer_waiting(self.enable)
         if self._reset.state is ResetState.WAITING and self._state.without_torque:
-            self._reset.ask(len(DRIVES))
-            asked = [Asked(index, RESET_CLASS_1, self._take_answer) for index in range(len(DRIVES))]
+            drives = len(self._axes.status)
+            self._reset.ask(drives)
+            asked = [Asked(index, RESET_CLASS_1, self._take_answer) for index in range(drives)]
             self._state.actions.extend(asked)
 
     def lose_bus(self, fault: RobotFault) -> None:
@@ -129,7 +139,7 @@ class Enabling:
             self._answer(Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
 
     def _take_answer(self, index: int, answer: Answer) -> None:
-        if self._reset.answered(f'{DRIVES[index]}: {answer.sentence}' if answer.error else ''):
+        if self._reset.answered(f'{ALL_DRIVES[index]}: {answer.sentence}' if answer.error else ''):
             self._answer(self._clear_faults())
 
     def _clear_faults(self) -> Reason | None:

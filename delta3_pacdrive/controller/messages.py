@@ -21,11 +21,11 @@ Value = TypeVar('Value')
 
 @dataclass(frozen=True)
 class _Message:
-    """A message that is written as a JSON object: its fields, no others, of their types."""
+    """A message that is written as a JSON object: its fields of their types, without those that are None."""
 
     def to_json(self) -> str:
         """Return the text of the message."""
-        return json.dumps(asdict(self))
+        return json.dumps({name: value for name, value in asdict(self).items() if value is not None})
 
     @classmethod
     def from_json(cls, text: str) -> Self:
@@ -35,9 +35,11 @@ class _Message:
         except (ValueError, RecursionError):
             raise TelegramError(f'{shown(text)} is no {cls.__name__.lower()}') from None
         kinds = get_type_hints(cls)
-        names = [f.name for f in fields(cls)]
-        if not isinstance(values, Mapping) or set(values) != set(names):
-            raise TelegramError(f'a {cls.__name__.lower()} must have the keys {", ".join(names)}')
+        needed = [f.name for f in fields(cls) if f.default is not None]
+        told = set(values) if isinstance(values, Mapping) else set()
+        names = [f.name for f in fields(cls) if f.name in needed or f.name in told]
+        if told != set(names):
+            raise TelegramError(f'a {cls.__name__.lower()} must have the keys {", ".join(needed)}')
         for name in names:
             _require(values[name], kinds[name], f'{name} of a {cls.__name__.lower()}')
         return cls(**{name: _tupled(values[name]) for name in names})
@@ -50,6 +52,8 @@ def _tupled(value: Any) -> Any:
 def _require(value: Any, kind: Any, what: str) -> None:
     """Refuse a value of another type than its field's; raises TelegramError."""
     numbers = get_args(kind)
+    if type(None) in numbers:
+        kind, numbers = numbers[0], ()
     if numbers:
         if not isinstance(value, list) or len(value) != len(numbers):
             raise TelegramError(f'{what} must be a list of {len(numbers)} numbers, not {shown(value)}')
@@ -110,6 +114,8 @@ class Status(_Refusing):
         Messages of the present plan that have been checked.
     cycle
         Next bus cycle.
+    turn_rad
+        Where its tool stands then, of a robot with a rotary axis.
 
     """
 
@@ -130,6 +136,7 @@ class Status(_Refusing):
     order: int
     checked: int
     cycle: int
+    turn_rad: float | None = None
 
     @property
     def reason(self) -> Reason | None:

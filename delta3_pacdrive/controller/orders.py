@@ -147,6 +147,7 @@ class Orders:
             self._order if self._planner == self._watch.planner else 0,
             self._intake.checked,
             next_cycle,
+            state.turn_rad,
             **RobotFault.facts(refusal.fault if refusal else None),
         )
 

@@ -17,6 +17,7 @@ from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.limits import check_reach, check_speed
 from delta3_pacdrive.motion.plan import Move, Plan, PlanBuilder
 from delta3_pacdrive.motion.program_file import FAULTS_MAX
+from delta3_pacdrive.motion.turning_move import check_turn
 from delta3_pacdrive.parameters import Parameters
 
 ORDER_HEADER = 2  # start cycle (-1: as soon as possible), override; behind it the numbers of the moves
@@ -120,8 +121,12 @@ class PlanIntake:
         if self._builder.numbers + len(row) > NUMBERS_MAX:
             raise ProgramError(f'the plan has more than {NUMBERS_MAX} numbers')
         check_reach(move, self._robot, returning=number == 0)
-        self._overrides.append(check_speed(move, 1.0, self._robot))
+        self._overrides.append(self._check_speed(move, 1.0))
         self._builder.add(move)
+
+    def _check_speed(self, move: Move, override: float) -> float:
+        """Return the largest override that all motors bear in a move; raises ProgramError for a smaller one."""
+        return min(check_speed(move, override, self._robot), check_turn(move, override, self._robot))
 
     def _ended(self, kind: str, row: Any) -> Order | MoreMoves:
         return self._more(row) if kind == EXTEND else self._order(row, kind == EXACT)
@@ -142,7 +147,7 @@ class PlanIntake:
             raise ProgramError('an order came without moves')
         numbers = row[ORDER_HEADER:]
         if override > min(self._overrides):
-            check_speed(self._builder.moves[int(np.argmin(self._overrides))], override, self._robot)
+            self._check_speed(self._builder.moves[int(np.argmin(self._overrides))], override)
         # so that a move that begins beyond limits can only be driven first, and once
         self._builder.require_joined(numbers)
         return Order(self._builder.build(numbers), cycle, override, tuple(self._faults), exact)
@@ -154,7 +159,7 @@ class PlanIntake:
         check_reach(self._builder.moves[0], self._robot)  # only who stands may come back from beyond limits
         profile = told.profile
         if profile.override > min(self._overrides):
-            check_speed(self._builder.moves[int(np.argmin(self._overrides))], profile.override, self._robot)
+            self._check_speed(self._builder.moves[int(np.argmin(self._overrides))], profile.override)
         more = self._builder.build(told.order)
         self._builder.require_joined(told.order)
         return MoreMoves(told, more)

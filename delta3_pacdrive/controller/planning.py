@@ -20,12 +20,18 @@ class Planning:
     act
         Called with what the planning thread has to do.
 
+    Attributes
+    ----------
+    turn_rad
+        Where the tool of the robot stands; None: it has no rotary axis.
+
     """
 
     def __init__(self, queue: ProgramQueue, act: Callable[[Action], None]) -> None:
         self._queue, self._act = queue, act
         self._job: tuple[Job, Callable[[Result], None]] | None = None
         self._jobs = 0
+        self.turn_rad: float | None = None
 
     @property
     def busy(self) -> bool:
@@ -45,7 +51,8 @@ class Planning:
         """Let the queue, or another program, and a text behind it be planned from a place [m], shape (3,)."""
         self._jobs += 1
         x, y, z = here.tolist()
-        job = Job(self._jobs, program or self._queue.program, text, adaptation, (x, y, z), wrapped, behind)
+        planned = program or self._queue.program
+        job = Job(self._jobs, planned, text, adaptation, (x, y, z), wrapped, behind, self.turn_rad)
         self._job = job, then
         self._act(Working(job))
 

@@ -40,6 +40,8 @@ class Job:
         Whether the text may also be a single statement, or a list of them, and say whether it starts by itself.
     behind
         What the text follows while that is driven; None if it waits in the queue.
+    turn_rad
+        Where its tool stands, until the first move that says so; None: it has no rotary axis.
 
     """
 
@@ -50,6 +52,7 @@ class Job:
     here_m: Point
     wrapped: bool = False
     behind: 'Behind | None' = None
+    turn_rad: float | None = None
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,13 @@ def work(
         if program is None:
             raise ProgramError('no moves are in the queue')
         planned = program_planner.plan(
-            program, job.here_m, robot, returning=True, open_end=True, progress=progress
+            program,
+            job.here_m,
+            robot,
+            returning=True,
+            open_end=True,
+            progress=progress,
+            turn_rad=job.turn_rad,
         )
         if job.text and job.queue is not None:
             program_planner.require_start(more, _end_m(planned, len(job.queue.statements), job.here_m))
@@ -176,7 +185,13 @@ def _follow(
         names=names,
     )
     planned = program_planner.plan(
-        program, seam.start_m, robot, open_end=True, progress=progress, before=behind.load
+        program,
+        seam.start_m,
+        robot,
+        open_end=True,
+        progress=progress,
+        before=behind.load,
+        turn_rad=job.turn_rad if seam.turn_rad is None else seam.turn_rad,
     )
     return Result(job.number, program, planned, None, len(statements))
 

@@ -28,7 +28,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos import master
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import DRIVES, Identity
+from delta3_pacdrive.sercos.configuration_check import Identity, drives_of
 from delta3_pacdrive.sercos.master import BusMaster
 from delta3_pacdrive.sercos.participants import Announcement
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
@@ -92,14 +92,14 @@ class RobotController:
         now_ns: Callable[[], int],
         learned: Learned | None = None,
     ) -> None:
-        bus, identity = parameters.bus, Identity.of(parameters)
+        bus, identity, drives = parameters.bus, Identity.of(parameters), drives_of(parameters)
         self._parameters, self._port, self.wait_for_program = parameters, port, wait_for_program
         enabling_s = parameters.drive.enable_settle_s + parameters.motor.brake_release_s
         self._enabling_cycles = math.ceil(enabling_s / bus.cycle_time_s) + bus.outstanding_cycles_max
         self._start_s: float | None = None  # of the first cyclic operation
         self.task, self.axes = Transformation(parameters, learned), AxisMonitor(parameters)
-        self.bus = BusMaster(identity, self._locate)
-        self.services = ServiceRequests(self.bus.channel_closed)
+        self.bus = BusMaster(identity, self._locate, drives=drives)
+        self.services = ServiceRequests(self.bus.channel_closed, drives)
         self.state = RobotState(self, self.task, self.axes)
         self.enabling = Enabling(self, self.task, self.axes, self.state)
         self.gate = ScriptGate(self.task, period_s > 0.0, bus.cycle_time_s)
@@ -242,7 +242,7 @@ class RobotController:
         self.axes.drop(index)
         self.cycles.answers.drop(index)
         self.state.stop(fault, hard=True)
-        if len(self.axes.absent) == len(DRIVES):
+        if len(self.axes.absent) == len(self.services.drives):
             self._fall(fault)
         else:
             self.cycles.complete()

@@ -76,8 +76,9 @@ class RobotState:
         way or it is held).
     finished
         Whether a program came to its end.
-    located, tcp_m
-        How often the robot was found to stand ready for a program, and where [m].
+    located, tcp_m, turn_rad
+        How often the robot was found to stand ready for a program, where [m], and where its tool; None: it has no
+        rotary axis.
 
     """
 
@@ -90,6 +91,7 @@ class RobotState:
         self.finished = False
         self.located = 0
         self.tcp_m: Floats = task.state['tcp'][0].copy()
+        self.turn_rad: float | None = None
         self._aborting = False
         self._beside = False  # something is added to the plan that goes with a belt
         self._due = NEVER  # command cycle at which something ends
@@ -170,6 +172,7 @@ class RobotState:
         """Take note of where the robot stands: it can take a program from there."""
         self.located += 1
         self.tcp_m = tcp_m.copy()
+        self.turn_rad = None if self._task.turning is None else self._task.turning.angle_rad
         self.actions.append(robot_actions.Located(self.tcp_m, cycle))
         self.actions.append(robot_actions.Switched(cycle))
 
@@ -228,6 +231,10 @@ class RobotState:
         away = float(sum((order.plan.start_m() - stands) ** 2)) ** 0.5
         if away > STANDING_M:
             return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from where the robot stands')
+        try:
+            self._task.require_turns(order.plan)
+        except ProgramError as error:
+            return Reason.of(error)
         return None
 
     def _earliest(self, order: Order) -> int:

@@ -5,9 +5,10 @@ S-0-0104" is answered with "#3fa9 accepted: axis1: ...".
 """
 
 import re
+from collections.abc import Sequence
 
 from delta3_pacdrive.errors import TelegramError, shown
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 from delta3_pacdrive.sercos.service_channel import Access, Operation, parse_idn
 
 _MARK = re.compile(r'\s*(#\S{1,32}(?:\s+|$))(.*)', re.DOTALL)
@@ -38,10 +39,12 @@ def value_in(sentence: str) -> float:
     return _number(value.split(' ')[0] if equals else '')
 
 
-def parse_request(text: str) -> tuple[int, Access]:
-    """Return (number of the drive, access) of a request; raises TelegramError or ParameterError."""
+def parse_request(text: str, drives: Sequence[str] = DRIVES) -> tuple[int, Access]:
+    """Return (number of the drive, access) of a request to one of these; raises TelegramError or ParameterError."""
     words = text.split()
-    if len(words) < 3 or words[0] not in DRIVES or words[1] not in OPERATIONS:
+    if words[:1] == [TOOL_DRIVE] and TOOL_DRIVE not in drives:
+        raise TelegramError(f'the robot has no {TOOL_DRIVE}, that of a rotary axis (rotary.present is false)')
+    if len(words) < 3 or words[0] not in drives or words[1] not in OPERATIONS:
         raise TelegramError(
             f'{shown(text)} is no request: expected "axis1 read S-0-0104", "axis1 write S-0-0104 60" or '
             '"axis1 command S-0-0099"'
@@ -50,7 +53,7 @@ def parse_request(text: str) -> tuple[int, Access]:
     if len(words) != (4 if operation == Operation.WRITE else 3):
         raise TelegramError(f'{shown(text)}: only "write" takes a value, and it needs one')
     value = _number(words[3]) if operation == Operation.WRITE else 0.0
-    return DRIVES.index(words[0]), Access(parse_idn(words[2]), operation, value)
+    return list(drives).index(words[0]), Access(parse_idn(words[2]), operation, value)
 
 
 def _number(text: str) -> float:

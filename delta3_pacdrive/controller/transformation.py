@@ -39,6 +39,7 @@ from delta3_pacdrive.motor import motor
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import (
     CONTROL_ENABLE,
     CONTROL_MEASURE,
@@ -53,6 +54,7 @@ MEASURED = (
 )  # fmt: skip
 # each makes the error some thousand times smaller: the weight hardly changes within a twist
 TWIST_ITERATIONS = 4
+TOOL = len(DRIVES)  # number of the rotary axis, behind the arms
 DISABLE_CYCLES = 40  # after a stop: a drive that still follows needs them to see that its command stands
 
 
@@ -133,6 +135,8 @@ class Transformation:
         self._wait = PositionWait(parameters)
         self.tracking: BeltTracking | None = None
         self.turning = Turning(parameters) if parameters.rotary.present else None
+        if self.turning is not None:
+            self.turning.rehearse(record, self.timeline)
         self.own_profile: MotionProfile | None = None
         self.enable_cycle = self.disable_cycle = NEVER
         self._stop_cycle = NEVER
@@ -148,10 +152,26 @@ class Transformation:
         self.tracking = BeltTracking(self._parameters, belts) if belts else None
 
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
-        """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m]."""
+        """Take over where the motors stand, by forward kinematics in the first cycle (6); return the TCP [m].
+
+        Behind those of the arms comes that of the rotary axis, where it is known.
+        """
         theta, twist, tcp = self._place(motor_positions_rad)
         stand_at(theta, twist, tcp, self.state[0])
+        self.locate_tool(motor_positions_rad)
         return tcp
+
+    def locate_tool(self, motor_positions_rad: ArrayLike) -> None:
+        """Take over where the tool stands, unless that is where it is commanded to be."""
+        if self.tool_off_rad(motor_positions_rad) > 0.0 and self.turning is not None:
+            self.turning.stand_behind(float(np.asarray(motor_positions_rad)[TOOL]))
+
+    def tool_off_rad(self, motor_positions_rad: ArrayLike) -> float:
+        """Return how far the tool is from where it is commanded to be [rad]; 0 within the window of its drive."""
+        shafts = np.asarray(motor_positions_rad, dtype=np.float64)
+        if self.turning is None or len(shafts) <= TOOL:
+            return 0.0
+        return self.turning.off_rad(float(shafts[TOOL]))
 
     def distance_m(self, motor_positions_rad: ArrayLike) -> float:
         """Return how far the TCP is from where it is commanded to be [m]; raises UnreachableError."""
@@ -161,7 +181,7 @@ class Transformation:
     def _place(self, motor_positions_rad: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return arm angles, twists of the gears [rad] and TCP [m] of a robot at rest."""
         parameters = self._parameters
-        shaft = np.asarray(motor_positions_rad, dtype=np.float64) / parameters.dynamics.gear_ratio
+        shaft = np.asarray(motor_positions_rad, dtype=np.float64)[:TOOL] / parameters.dynamics.gear_ratio
         theta, twist = shaft, np.zeros(3)
         if parameters.gear_gives:
             compliance, half = parameters.gear_compliance_rad_n_m, 0.5 * parameters.control.gear_backlash_rad
@@ -174,7 +194,7 @@ class Transformation:
 
     def load(self, plan: Plan) -> None:
         """Take over a program; it waits for ``start``. Raises ProgramError if its tool stands elsewhere."""
-        require_turns(self.turning, plan)
+        self.require_turns(plan)
         self.timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
         if self.turning is not None:
             self.turning.follow(plan)
@@ -186,6 +206,10 @@ class Transformation:
         state['start_cycle'] = NEVER
         state['move'] = state['event'] = 0
         self._mark_measured()
+
+    def require_turns(self, plan: Plan) -> None:
+        """Refuse a plan that turns a tool which is not there, or stands elsewhere; raises ProgramError."""
+        require_turns(self.turning, plan)
 
     def start(self, cycle: int, override: float = 1.0) -> int:
         """Start the loaded program at a cycle to come; return the first one in which the TCP has arrived."""
@@ -283,7 +307,10 @@ class Transformation:
             timeline.change(self._coming)
         if first != timeline.at(profile.cycle - 1).number:
             raise ProgramError(f'move {first} is not the one that is driven in bus cycle {profile.cycle - 1}')
-        self._longer = timeline.extended(timeline.plan.extended(first, kept, more), profile), first
+        longer = timeline.plan.extended(first, kept, more)
+        if timeline.plan.turns is None:
+            self.require_turns(longer)
+        self._longer = timeline.extended(longer, profile), first
 
     @property
     def extending(self) -> bool:
@@ -506,8 +533,13 @@ class Transformation:
         self.next_cycle = cycle
 
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> np.void:
-        """Evaluate the answers of a cycle, in order; return what they give (``ANSWER``)."""
+        """Evaluate the answers of a cycle, in order; return what they give (``ANSWER``).
+
+        Behind the positions of the arms comes that of the rotary axis, where it is known.
+        """
         answer_cycle(cycle, positions_rad, torques_n_m, self.record)
+        if self.turning is not None and len(positions_rad) > TOOL:
+            self.turning.receive(cycle, float(positions_rad[TOOL]))
         return self.answer
 
     def progress(self) -> tuple[int, float, float]:

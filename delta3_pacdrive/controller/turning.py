@@ -41,6 +41,7 @@ TURNING_STATE = np.dtype(
         ('motor', 'f8'),  # motor command [rad]
         ('torque', 'f8'),  # that the motor is to have beside it [N m], else 0
         # of the last answer
+        ('answered', 'f8'),  # angle that was commanded in its cycle [rad]
         ('actual', 'f8'),  # angle of the tool by the encoder of the motor [rad]
         ('error', 'f8'),  # of that, set-point delay removed [rad]
         ('off', 'f8'),  # of the motor from its command [rad]
@@ -116,9 +117,10 @@ def answer_turn(cycle, position, turning):
     newer = max(cycle - int(whole), 0) % HISTORY
     older = max(cycle - int(whole) - 1, 0) % HISTORY
     due = (1.0 - share) * t.angle_history[newer] + share * t.angle_history[older]
+    t.answered = t.angle_history[cycle % HISTORY]
     t.actual = position / c.gear_ratio
     t.error = due - t.actual
-    t.off = t.angle_history[cycle % HISTORY] * c.gear_ratio - position
+    t.off = t.answered * c.gear_ratio - position
     t.within = t.within + 1 if abs(t.off) <= c.position_window else 0
 
 
@@ -152,15 +154,43 @@ class Turning:
         self.turns = NO_TURNS
         self.stand_at(parameters.rotary.home_rad)
 
+    def rehearse(self, task: NDArray[Any], timeline: Timeline) -> None:
+        """Call the compiled code once, so that none is compiled in the middle of a bus cycle; nothing changes by it."""
+        record = self.record.copy()
+        command_turn(0, task, timeline.arrays, self.turns, record)
+        answer_turn(0, 0.0, record)
+
     def stand_at(self, angle_rad: float) -> None:
         """Take over where the tool stands: it has always stood there."""
         state = self.state
-        state['angle'] = state['angle_history'] = state['actual'] = angle_rad
+        state['angle'] = state['angle_history'] = state['answered'] = state['actual'] = angle_rad
+
+    def stand_behind(self, position_rad: float) -> None:
+        """Take over where the tool stands by the position of its motor shaft."""
+        self.stand_at(position_rad / float(self.record['constants']['gear_ratio'][0]))
+
+    def off_rad(self, position_rad: float) -> float:
+        """Return how far the tool is from its command, by its motor shaft; 0 within the position window."""
+        constants = self.record['constants'][0]
+        off = abs(position_rad - self.angle_rad * float(constants['gear_ratio']))
+        return off / float(constants['gear_ratio']) if off > constants['position_window'] else 0.0
 
     @property
     def angle_rad(self) -> float:
         """Where the tool is commanded to be."""
         return float(self.state['angle'][0])
+
+    @property
+    def commanded(self) -> tuple[float, float]:
+        """Motor shaft [rad] and torque [N m] of the last command."""
+        state = self.state[0]
+        return float(state['motor']), float(state['torque'])
+
+    @property
+    def told(self) -> list[float]:
+        """Where the tool is commanded to be, where it is by its motor, and its error, of the last answer [rad]."""
+        state = self.state[0]
+        return [float(state['answered']), float(state['actual']), float(state['error'])]
 
     @property
     def within(self) -> int:

@@ -29,6 +29,8 @@ class Commanded:
         Where the plan has the TCP, beside what goes with a belt [m].
     tracked
         What goes with a belt; None: the robot has no belts.
+    turn_rad
+        Where the tool is commanded to be; None: the robot has no rotary axis.
 
     """
 
@@ -38,11 +40,14 @@ class Commanded:
     payload_kg: float
     planned_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     tracked: Tracked | None = None
+    turn_rad: float | None = None
 
     @classmethod
     def of(cls, task: Transformation) -> Self:
         """Return what the last command of a task has left."""
-        left = cls(task.end_cycle, task.loaded and task.held, task.outputs, task.payload)
+        turn = None if task.turning is None else task.turning.angle_rad
+        held = task.loaded and task.held
+        left = cls(task.end_cycle, held, task.outputs, task.payload, turn_rad=turn)
         if task.tracking is None:
             return left
         x, y, z = task.state['planned'][0].tolist()

@@ -14,15 +14,20 @@ from delta3_pacdrive.drive.scope import Block, DriveScope
 from delta3_pacdrive.faults.fault import MDT_FAULTS
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.faults.telegram_faults import FaultyLink
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, of_tool_axis
 from delta3_pacdrive.sercos import slave
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
 from delta3_pacdrive.sercos.participants import Occasion
 from delta3_pacdrive.sercos.slave import BusSlave
 from delta3_pacdrive.sercos.watchdog import BUS_SILENT_S, MASTER_SILENT_S, Watchdog
 from delta3_pacdrive.sercos.words import Phase
 
 AHEAD = 2  # cycles by which a drive may be behind the others
+
+
+def own_parameters(parameters: Parameters, index: int) -> tuple[Parameters, int]:
+    """Return the parameters of a drive, and its number among those that share them: a rotary axis has its own."""
+    return (parameters, index) if index < len(DRIVES) else (of_tool_axis(parameters), 0)
 
 
 class DrivePort(Protocol):
@@ -59,7 +64,7 @@ class BusDrive:
     Parameters
     ----------
     parameters, index
-        Of the robot; number of the axis, 0 to 2.
+        Of the robot; number of the axis, 0 to 2, and 3 for the rotary one.
     faults
         Of the drive.
     port
@@ -87,20 +92,21 @@ class BusDrive:
         look_s: float,
         now_s: Callable[[], float],
     ) -> None:
-        self._axis, self._port, self._now_s = DRIVES[index], port, now_s
+        self._axis, self._port, self._now_s = ALL_DRIVES[index], port, now_s
+        own, number = own_parameters(parameters, index)
         self._ahead_max = parameters.bus.outstanding_cycles_max + AHEAD
         self._link: FaultyLink[Command] = FaultyLink(faults, MDT_FAULTS, port.refuse)
         self._master = Watchdog(look_s)
         self._resting_position: float | None = None
         self._exchange_seen = 0  # at the last look
         self.phase = Phase.CP0
-        self._shown = parameters  # with which samples were taken
-        self.drive, self.slave = MC4(parameters, index), BusSlave()
-        self.register = Register(parameters, self._actual, self._configure, self.drive.clear_fault)
+        self._shown = own  # with which samples were taken
+        self.drive, self.slave = MC4(own, number), BusSlave()
+        self.register = Register(own, self._actual, self._configure, self.drive.clear_fault)
         self.clock = DriveClock(
             self.drive,
             self._axis,
-            parameters,
+            own,
             faults,
             lambda access: self.register.serve(access, self.phase),
             port.send_answer,

@@ -22,13 +22,12 @@ from delta3_pacdrive.configuration.checked import Errors, Section, nearest_of, r
 from delta3_pacdrive.configuration.located import place_in, place_of
 from delta3_pacdrive.configuration.readers import number_between, one_of, whole_number_between
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, TOOL_DRIVE
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT, TOOL_DRIVE
 
 AFTER_MAX_S = 1e5
 CYCLES_MAX = 1000
 UNIT_ROBOT, TASK = 'unit_robot', 'transformation_task'
 NODES = (UNIT_ROBOT, TASK, *DRIVES, PLANT)
-AXES = (*DRIVES, TOOL_DRIVE)  # the last one only where there is a rotary axis
 
 
 class Target(StrEnum):
@@ -239,7 +238,7 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
     elif not kind.once:
         keys.add('for_s')
     fields = Section(value, where, errors, keys | required, sorted(required))
-    known = AXES if kind.target == Target.AXIS else NODES
+    known = ALL_DRIVES if kind.target == Target.AXIS else (*NODES, TOOL_DRIVE)
     return Fault(
         name,
         fields.read(kind.target.value, one_of(known), '') if kind.target else '',

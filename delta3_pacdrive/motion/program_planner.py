@@ -20,6 +20,7 @@ from delta3_pacdrive.motion.program_parts import Part, parts
 from delta3_pacdrive.motion.round_planner import Arches, RoundPlanner
 from delta3_pacdrive.motion.thermal_load import LoadBehind, ThermalLoad
 from delta3_pacdrive.motion.turning_move import NO_AXIS, turn_load
+from delta3_pacdrive.motion.turns import JOINED_RAD
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -156,7 +157,8 @@ def _start_turn(program: Program, turn_rad: float | None, parameters: Parameters
             f'program "{program.name}" starts with its tool at {math.degrees(told):.6g} deg, but it stands at '
             f'{math.degrees(here):.6g} deg'
         )
-    return here
+    # a start that is told in degrees is the same angle but for rounding
+    return told if told is not None and abs(here - told) <= JOINED_RAD else here
 
 
 def _rounds(

@@ -16,7 +16,7 @@ from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.blending import PathSegment
 from delta3_pacdrive.motion.curves import COINCIDENT_M
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
-from delta3_pacdrive.motion.limits import Limits, phase_voltage_max
+from delta3_pacdrive.motion.limits import BETWEEN_SAMPLES, Limits, phase_voltage_max
 from delta3_pacdrive.motion.move_planner import Stretches, require_end_of_time
 from delta3_pacdrive.motion.plan import STANDING, Move, MoveKind
 from delta3_pacdrive.motion.planned_move import KEPT, PlannedMove, plan_dwell, slowed_down
@@ -30,6 +30,7 @@ SAMPLES = 400  # over the time of a move, beside the ends of its phases
 BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase
 SLOPE_SAMPLES = 17  # of a stretch, at which the turn is looked at
 ROUNDS_MAX = 12  # of planning with lower limits
+ROUNDING_DEG = 1e-6  # by which an angle may be beyond its limit
 STEEPEST = 1e-12  # [rad/m] below which nothing turns
 NO_AXIS = 'it turns the tool, but the robot has no rotary axis (rotary.present is false)'
 
@@ -152,6 +153,35 @@ def turn_excess(master: Floats, rows: Floats, limits: TurnLimits) -> TurnExcess:
     what, value, limit, unit = told[quantity]
     text = f'{what} would be {value:.4g} {unit} at s = {m[n, 0]:.4f} m, the limit is {limit:.4g} {unit}'
     return TurnExcess(m[:, 0], stretches.max(axis=0), text)
+
+
+def check_turn(move: Move, override: float, parameters: Parameters) -> float:
+    """Refuse a move of a foreign writer that the rotary axis cannot follow at an override; raises ProgramError.
+
+    Returns the largest override at which it would not be refused.
+    """
+    if not len(move.turns):
+        return math.inf
+    rotary = parameters.rotary
+    if not rotary.present:
+        raise ProgramError(NO_AXIS)
+    times = np.linspace(0.0, move.duration_s * (1.0 - BEFORE), SAMPLES)
+    m, turn = turn_motion(times, move.master, move.turns)
+    angle, speed = np.degrees(turn[:, 0]), np.abs(turn[:, 1]) * rotary.gear_ratio * override
+    low, high = rotary.angle_min_deg, rotary.angle_max_deg
+    beyond = np.maximum(low - angle, angle - high)
+    n = int(np.argmax(beyond))
+    if not beyond[n] <= ROUNDING_DEG:
+        raise ProgramError(
+            f'the tool would be at {angle[n]:.6g} deg at s = {m[n, 0]:.4f} m, the limits are {low:g} and {high:g} deg'
+        )
+    n, limit = int(np.argmax(speed)), rotary.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
+    if not speed[n] <= limit:
+        raise ProgramError(
+            f'the speed of the motor of the rotary axis would be {speed[n]:.4g} rad/s at s = {m[n, 0]:.4f} m, the '
+            f'limit is {rotary.max_speed_rad_s:.4g} rad/s'
+        )
+    return override * limit / float(speed[n]) if speed[n] > 0.0 else math.inf
 
 
 def turn_rows(segments: Sequence[PathSegment], ends_m: Sequence[float], length_m: float) -> Floats:

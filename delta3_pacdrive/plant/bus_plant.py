@@ -10,7 +10,7 @@ from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.parameters import Motor, Parameters
 from delta3_pacdrive.plant.plant_clock import Around, PlantClock
 from delta3_pacdrive.sercos import slave
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 from delta3_pacdrive.sercos.participants import Occasion
 from delta3_pacdrive.sercos.slave import BusSlave
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
@@ -130,7 +130,7 @@ class BusPlant:
 
     def greeted(self, index: int) -> None:
         """Take the answer of a drive to a greeting: from now on it is heard."""
-        axis = DRIVES[index]
+        axis = ALL_DRIVES[index]
         if self.slave.session != NO_SESSION and not self.slave.cyclic and axis not in self._linked:
             self._linked.add(axis)
             self._announce(self.slave.session, Occasion.CALLED)
@@ -147,7 +147,7 @@ class BusPlant:
             return
         silent = self.clock.silent()
         if silent:
-            names = ', '.join(DRIVES[index] for index in silent)
+            names = ', '.join(ALL_DRIVES[index] for index in silent)
             self._port.tell_loss(f'plant: no current of {names} for {silence:.1f} s: without power')
         else:
             self._port.tell_loss(f'plant: no MDT for {silence:.1f} s: the outputs stay as they are')

@@ -10,13 +10,15 @@ from typing import Protocol
 
 import numpy as np
 
-from delta3_pacdrive.faults.effects import apply_to_plant
+from delta3_pacdrive.faults.effects import apply_to_motors, apply_to_plant
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.plant import Plant
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.plant.tool_axis import ToolAxis
+from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE, drives_of
 
 REST_S = 1.0
+ARMS = len(DRIVES)
 OUTPUTS_AHEAD_MAX = 64  # bus cycles by which an MDT may be ahead of the plant
 
 
@@ -73,6 +75,7 @@ class PlantClock:
     ) -> None:
         bus = parameters.bus
         self._plant = Plant(parameters)
+        self._tool = ToolAxis(parameters) if parameters.rotary.present else None
         self._faults, self._publish, self._around = faults, publish, around
         self._carried: float | None = None  # what hangs at the robot in truth, if that is known
         self._waits = True  # for the outputs of the MDT before, if there is something around
@@ -80,9 +83,12 @@ class PlantClock:
         self._per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._rest_cycles = math.ceil(REST_S / bus.cycle_time_s)
         self.samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
-        self._matrix = np.zeros((self.samples, len(DRIVES)))
+        self._matrix, self._of_tool = np.zeros((self.samples, ARMS)), np.zeros((self.samples, 1))
+        self._columns = [*self._matrix.T, *([] if self._tool is None else self._of_tool.T)]
         self._no_currents = (0.0,) * self.samples
-        self._currents: list[dict[int, tuple[bool, float, tuple[float, ...]]]] = [{} for _ in DRIVES]
+        self._currents: list[dict[int, tuple[bool, float, tuple[float, ...]]]] = [
+            {} for _ in drives_of(parameters)
+        ]
         self._payload: float | None = None
         self.powerless: set[int] = set()
 
@@ -97,8 +103,15 @@ class PlantClock:
         return -(-self.exchange // self._per_cycle) + 1 if self.exchange else 0
 
     def shafts(self) -> Sequence[float]:
-        """Return the true shafts: positions [rad], speeds [rad/s] and coupling torques d [N m]."""
-        return self._plant.shafts()
+        """Return the true shafts: positions [rad], speeds [rad/s] and coupling torques d [N m], by axis."""
+        arms = self._plant.shafts()
+        if self._tool is None:
+            return arms
+        return [
+            value
+            for row, of_tool in enumerate(self._tool.shaft())
+            for value in (*arms[ARMS * row : ARMS * (row + 1)], of_tool)
+        ]
 
     def begin(self, exchange: int) -> None:
         """Begin cyclic operation; bus time goes on there, it never goes back."""
@@ -109,7 +122,7 @@ class PlantClock:
         self._waits = True
         if self._around is not None:
             self._around.begin(-(-self.exchange // self._per_cycle))
-        self._publish(self.exchange, self._plant.shafts())
+        self._publish(self.exchange, self.shafts())
 
     def take(
         self, index: int, exchange: int, released: bool, payload: float, values: tuple[float, ...]
@@ -121,9 +134,15 @@ class PlantClock:
         self.repeated += exchange < self.exchange
         if exchange >= self.exchange and exchange not in waiting:
             waiting[exchange] = released, payload, values
-            first, second, third = self._currents
-            if (exchange in first and exchange in second and exchange in third) or self.powerless:
+            if self.powerless or self._is_there(exchange):
                 self._advance()
+        return True
+
+    def _is_there(self, exchange: int) -> bool:
+        """Whether the currents of all drives are there."""
+        for waiting in self._currents:  # noqa: SIM110  a generator takes twice as long
+            if exchange not in waiting:
+                return False
         return True
 
     def take_outputs(self, cycle: int, outputs: int) -> None:
@@ -141,7 +160,7 @@ class PlantClock:
         """Go on without the currents of some drives, and without outputs; False if no drive has power any more."""
         self.powerless.update(silent)
         self.go_on_without_outputs()
-        return len(self.powerless) < len(DRIVES)
+        return len(self.powerless) < len(self._currents)
 
     def go_on_without_outputs(self) -> None:
         """Wait for no outputs until some come again: whoever commands them may be gone, and the drives stop."""
@@ -151,18 +170,17 @@ class PlantClock:
     def come_to_rest(self) -> int:
         """Let the machine go on without any current until it stands; return the bus cycle from which on it does."""
         end = -(-self.exchange // self._per_cycle) + self._rest_cycles
-        self.powerless.update(range(len(DRIVES)))
+        self.powerless.update(range(len(self._currents)))
         while self.exchange < end * self._per_cycle:
             self._integrate()
         return end
 
     def _advance(self) -> None:
         """Integrate every period whose currents are there from all drives that have power, as long as any has."""
-        first, second, third = self._currents
+        drives = len(self._currents)
         while True:
-            exchange = self.exchange
-            if not (exchange in first and exchange in second and exchange in third) and (
-                not 0 < len(self.powerless) < len(DRIVES) or not self.powerless.issuperset(self.silent())
+            if not self._is_there(self.exchange) and (
+                not 0 < len(self.powerless) < drives or not self.powerless.issuperset(self.silent())
             ):
                 return
             if not self._knows_outputs():
@@ -179,21 +197,25 @@ class PlantClock:
         if self.exchange >= self._faults.next_cycle * self._per_cycle:
             changes = self._faults.due(self.cycle)
             apply_to_plant(self._plant.state[0], changes, self._faults.active)
+            if self._tool is not None:
+                apply_to_motors(self._tool.state[0], self._faults.active, (TOOL_DRIVE,))
             if self._around is not None and any(fault.kind == 'payload_lost' for fault, _ in changes):
                 self._around.lose_part()
         if self._around is not None and not self.exchange % self._per_cycle:
             self._carried = self._around.step(self.cycle, self._plant.tcp().tolist())
         brakes = []
-        for index, waiting in enumerate(self._currents):
+        for index, (column, waiting) in enumerate(zip(self._columns, self._currents, strict=True)):
             released = False
             values = self._no_currents
             current = waiting.pop(self.exchange, None)
             if current is not None and index not in self.powerless:
-                # all three drives pass on the same payload, that of the MDT before
+                # all drives pass on the same payload, that of the MDT before
                 released, self._payload, values = current
-            self._matrix[:, index] = values
+            column[:] = values
             brakes.append(released)
         payload = self._payload if self._carried is None else self._carried
-        self._plant.advance(self._matrix, brakes, payload)
+        self._plant.advance(self._matrix, brakes[:ARMS], payload)
+        if self._tool is not None:
+            self._tool.advance(self._of_tool, brakes[ARMS], float(self._plant.state['carried'][0]))
         self.exchange += 1
-        self._publish(self.exchange, self._plant.shafts())
+        self._publish(self.exchange, self.shafts())

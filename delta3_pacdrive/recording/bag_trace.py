@@ -13,7 +13,7 @@ import numpy as np
 from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.recording.carried import CARRIED
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TURN_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
@@ -37,6 +37,7 @@ FIRST = 100  # messages that tell which layout a topic has
 BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
 LAYOUTS = {topic: [t for t in CARRIED if t.topic == topic] for topic in (t.topic for t in CARRIED)}
 SHAFTS = telegrams.SHAFTS.topic
+OF_TOOL = (telegrams.TOOL_AT.topic, telegrams.TURN.topic)
 UNREADABLE = -1
 _LOG = logging.getLogger(__name__)
 
@@ -175,6 +176,7 @@ def _read_bag(path: Path) -> Trace:
     signals = _signals(tables, cycles, {name: CARRIED[column.telegram] for name, column in columns.items()})
     if 'current' in signals:
         signals['current'] /= meta['torque_constant_n_m_a']
+    _of_tool(signals, meta)
     if len(common):
         rows = np.searchsorted(sampled, cycles)
         signals |= {name: currents[name][rows] for name in CURRENT_SIGNALS}
@@ -267,7 +269,7 @@ class _Column:
         self.refused += int(cyclic.sum() - good.sum())
         stamps = sec[good].astype(np.int64) * NANOSECONDS + nanosec[good].astype(np.int64)
         self._tables.append((stamps, values[good]))
-        if self.telegram in telegrams.AT:
+        if self.telegram in (*telegrams.AT, telegrams.TOOL_AT):
             self._words.append(_status_words(frames[good]))
 
 
@@ -337,10 +339,31 @@ def _signals(
     answered = [telegram.topic for telegram in telegrams.AT]
     for topic, values in rows.items():
         if topic not in answered:
+            wide = 1 if topic in OF_TOOL else values.shape[1] // len(carried[topic])
+            columns = 1 if topic in OF_TOOL else 3  # those of the arms come first
             for i, signal in enumerate(carried[topic]):
-                found[signal] = np.ascontiguousarray(values[:, 3 * i : 3 * i + 3])
+                if signal:
+                    found[signal] = np.ascontiguousarray(values[:, wide * i : wide * i + columns])
     answers = [rows[telegram.topic] for telegram in telegrams.AT if telegram.topic in rows]
     if len(answers) == len(telegrams.AT):
         for i, signal in enumerate(CARRIED[telegrams.AT[0]]):
             found[signal] = np.stack([answer[:, i] for answer in answers], axis=1)
-    return {signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS) if signal in found}
+    return {signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS, *TURN_SIGNALS) if signal in found}
+
+
+def _of_tool(signals: dict[str, Floats], meta: dict[str, Any]) -> None:
+    """Let the signals of a rotary axis be those of the tool, which its drive tells of the motor."""
+    given = meta.get('parameters')
+    constants = [
+        given.get(f'rotary.{name}') if isinstance(given, dict) else None
+        for name in ('gear_ratio', 'torque_constant_n_m_a')
+    ]
+    for signal, constant in zip(
+        ('turn_position', 'turn_speed', 'turn_current'), constants[:1] + constants, strict=True
+    ):
+        if signal not in signals:
+            continue
+        if isinstance(constant, int | float) and constant > 0.0:
+            signals[signal] /= constant
+        else:
+            del signals[signal]

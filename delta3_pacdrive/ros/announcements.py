@@ -56,13 +56,13 @@ class Participant:
         self._publisher.publish(message)
 
 
-def read_announcement(message: DiagnosticStatus) -> Announcement:
-    """Read what ``Participant`` has published; raises TelegramError."""
+def read_announcement(message: DiagnosticStatus, names: Sequence[str] = PARTICIPANTS) -> Announcement:
+    """Read what ``Participant`` has published, one of these or a planner; raises TelegramError."""
     facts = {item.key: item.value for item in message.values}
     links, bus_cycle, session = (facts.pop(key, '') for key in ('links', 'bus_cycle', 'session'))
     inputs, belts = _inputs(message.name, facts.pop('inputs', '[]')), facts.pop('belts', '[]')
     _require_belts(message.name, belts)
-    if message.name not in (*PARTICIPANTS, UNIT_ROBOT) or facts.keys() != {f.name for f in fields(Identity)}:
+    if message.name not in (*names, UNIT_ROBOT) or facts.keys() != {f.name for f in fields(Identity)}:
         raise TelegramError(f'{shown(message.name)} announces itself without what the bus asks for')
     if not bus_cycle.isdecimal() or len(bus_cycle) > CYCLE_DIGITS_MAX:
         raise TelegramError(f'{shown(message.name)} announces bus cycle {shown(bus_cycle)}')
@@ -112,9 +112,12 @@ def _is_name(value: object) -> bool:
 
 
 def receive_announcements(
-    node: RobotNode, take: Callable[[Announcement], None], refuse: Callable[[str], None]
+    node: RobotNode,
+    take: Callable[[Announcement], None],
+    refuse: Callable[[str], None],
+    names: Sequence[str] = PARTICIPANTS,
 ) -> None:
-    """Subscribe to the announcements of all participants."""
+    """Subscribe to the announcements of all participants, who have these names."""
     interfaces.PARTICIPANTS.bounded_subscription(
-        node, lambda message: take(read_announcement(message)), refuse=refuse
+        node, lambda message: take(read_announcement(message, names)), refuse=refuse
     )

@@ -1,6 +1,6 @@
 """The master's end of ``sercos/at/axisN``: takes AT off the wire and refuses what is none of its session."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from delta3_pacdrive.controller.cyclic_operation import Content
@@ -32,6 +32,8 @@ class AtReceiver:
         Called with number of the axis, bus cycle, content and time of arrival [ns], 0 if nobody knows it.
     receive_greeting
         Called before cyclic operation, with number of the axis and content.
+    drives
+        Names of the drives on the bus.
 
     Attributes
     ----------
@@ -48,14 +50,16 @@ class AtReceiver:
         statistics: BusStatistics,
         receive: Callable[[int, int, Content, int], None],
         receive_greeting: Callable[[int, Content], None],
+        drives: Sequence[str] = DRIVES,
     ) -> None:
         self.session = NO_SESSION
         self._cycles, self._statistics = cycles, statistics
         self._receive, self._receive_greeting = receive, receive_greeting
         self._log = node.get_logger()
-        self._codecs = [cdr.codec(telegram) for telegram in telegrams.AT]
+        self._drives = drives
+        self._codecs = [cdr.codec(telegrams.at(axis)) for axis in drives]
         self._takes: list[Callable[[], Taken | None]] = []
-        for index, axis in enumerate(DRIVES):
+        for index, axis in enumerate(drives):
             if polled:
                 # The clock drives the task, so that an answer need not wake it: it is read at the next tick.
                 self._takes.append(AT.polled_subscription(node, axis))
@@ -80,7 +84,7 @@ class AtReceiver:
             cycle = self._cycles.count(sec, nanosec)
             status, service = parse_at_frame(frame, self.session)
         except TelegramError as error:
-            self.refuse(f'{DRIVES[index]}: {error}')
+            self.refuse(f'{self._drives[index]}: {error}')
             return
         if cycle >= 0:
             self._receive(index, cycle, (values, status, service), received_ns)

@@ -36,8 +36,9 @@ class CommandSender:
         self._session = NO_SESSION
         self._last = b''
         self._frames: dict[tuple[int, float, int], bytes] = {}  # without a word of the service channel
-        self._torques = torques
-        self._codec = cdr.codec(telegrams.mdt(torques))
+        self._torques, self._count = torques, len(requests.drives)
+        self._idle = (0,) * self._count
+        self._codec = cdr.codec(telegrams.mdt(torques, requests.drives))
         self.publish = cdr.raw_publish(MDT.publisher(node))
 
     def begin(self, session: bytes) -> None:
@@ -50,19 +51,28 @@ class CommandSender:
         """Greet the drives, outside of cyclic operation."""
         words = self._requests.to_send()
         frame = telegrams.mdt_frame(greeting.phase, CONTROL_OFF, 0.0, greeting.session, words)
-        self.publish(self._codec.encode((ACYCLIC_SEC, 0), frame, [0.0] * (6 if self._torques else 3)))
+        self.publish(
+            self._codec.encode((ACYCLIC_SEC, 0), frame, [0.0] * self._count * (2 if self._torques else 1))
+        )
 
     def send(self, stamp: tuple[int, int], command: Command) -> None:
         """Send the MDT of a bus cycle."""
-        motors, torques, control, payload, outputs = command
+        motors, torques, control, payload, outputs, turn = command
         if self._requests.busy:
             words = self._requests.to_send()
             frame = telegrams.mdt_frame(Phase.CP4, control, payload, self._session, words, outputs)
         else:
             known = self._frames.get((control, payload, outputs))
-            frame = known or telegrams.mdt_frame(Phase.CP4, control, payload, self._session, outputs=outputs)
+            frame = known or telegrams.mdt_frame(
+                Phase.CP4, control, payload, self._session, self._idle, outputs
+            )
             self._frames[control, payload, outputs] = frame
-        values = [*motors.tolist(), *torques.tolist()] if self._torques else motors.tolist()
+        values, beside = motors.tolist(), torques.tolist()
+        if turn is not None:
+            values.append(turn[0])
+            beside.append(turn[1])
+        if self._torques:
+            values += beside
         self._last = self._codec.encode(stamp, frame, values)
         self.publish(self._last)
 

@@ -16,7 +16,7 @@ from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.sercos.words import Status
 
@@ -32,7 +32,7 @@ class DriveTelegrams:
     node
         Publishes and subscribes.
     parameters, index
-        Of the robot; number of the axis, 0 to 2.
+        Of the robot; number of the axis, from 0 on.
 
     Attributes
     ----------
@@ -45,7 +45,8 @@ class DriveTelegrams:
 
     def __init__(self, node: RobotNode, parameters: Parameters, index: int) -> None:
         bus = parameters.bus
-        self._node, self._index, self._axis = node, index, DRIVES[index]
+        drives = drives_of(parameters)
+        self._node, self._index, self._axis, self._count = node, index, drives[index], len(drives)
         self._cycles, self._exchanges = Clock(bus.cycle_time_s), Clock(bus.exchange_period_s)
         self._samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
         self._bus_drive: BusDrive
@@ -55,9 +56,10 @@ class DriveTelegrams:
         self._newest_current = b''
         self._current_frames: dict[tuple[bool, float], bytes] = {}
         self._torques = parameters.sends_torque  # whether an MDT commands them
-        self._mdt, self._at = cdr.codec(telegrams.mdt(self._torques)), cdr.codec(telegrams.AT[index])
+        self._mdt = cdr.codec(telegrams.mdt(self._torques, drives))
+        self._at = cdr.codec(telegrams.at(self._axis))
         self._current = cdr.codec(telegrams.motor_current(self._axis, self._samples))
-        self._shaft = cdr.codec(telegrams.SHAFTS)
+        self._shaft = cdr.codec(telegrams.shafts(drives))
         self.publish_at = cdr.raw_publish(AT.publisher(node, self._axis))
         self._publish_current = cdr.raw_publish(MOTOR_CURRENT.publisher(node, self._axis))
         self._phases = Output(node, PHASE_CURRENT, self._axis)
@@ -89,14 +91,16 @@ class DriveTelegrams:
             sec, nanosec, frame, values = self._mdt.decode(data)
             cycle = self._cycles.count(sec, nanosec)
             if frame != self._frame:
-                phase, control, service, payload = telegrams.parse_mdt_frame(frame, self._index, session)
+                phase, control, service, payload = telegrams.parse_mdt_frame(
+                    frame, self._index, session, self._count
+                )
                 bus_drive.phase = phase
                 self._words, self._frame = (control, service, payload), frame
         except TelegramError as error:
             self.refuse(f'{self._axis}: {error}')
             return
         if cycle >= 0:
-            torque = values[len(DRIVES) + self._index] if self._torques else 0.0
+            torque = values[self._count + self._index] if self._torques else 0.0
             bus_drive.take_command(cycle, Command(values[self._index], *self._words, torque))
             return
         position = bus_drive.greeted(self._words[1])
@@ -117,9 +121,9 @@ class DriveTelegrams:
         except TelegramError as error:
             self.refuse(f'{self._axis}: {error}')
             return
-        i = self._index
+        i, count = self._index, self._count
         if exchange >= 0:
-            bus_drive.clock.take_shaft(exchange, (values[i], values[3 + i], values[6 + i]))
+            bus_drive.clock.take_shaft(exchange, (values[i], values[count + i], values[2 * count + i]))
         elif not bus_drive.slave.cyclic:
             bus_drive.stand(values[i])
             frame = telegrams.current_frame(False, 0.0, session)

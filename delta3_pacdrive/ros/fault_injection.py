@@ -29,6 +29,7 @@ from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.interfaces import FAULT_SCHEDULE, INJECT_FAULT
 from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.sercos.configuration_check import TOOL_DRIVE
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node knows of it by then
@@ -71,7 +72,7 @@ class FaultInjection:
             if len(text) > REQUEST_MAX:
                 raise ProgramError(f'the fault has {len(text)} characters, the limit is {REQUEST_MAX}')
             fault = parse(yaml_file.parse(text, 'the fault', ProgramError), 'fault')
-            require_axes([fault], rotary=False)
+            self._require_axes([fault])
             closed = self._controller.closed()
             if closed is not None:
                 raise ProgramError(f'a fault needs cyclic operation, {closed}')
@@ -83,9 +84,13 @@ class FaultInjection:
 
     def check(self, faults: Sequence[Fault]) -> None:
         """Refuse faults that cannot be carried out; raises ProgramError."""
+        self._require_axes(faults)
         for fault in faults:
             if fault.kind in PROCESS_FAULTS and not node_process.is_separate():
                 raise ProgramError(f'{fault.text}: all nodes of this robot are in one process')
+
+    def _require_axes(self, faults: Sequence[Fault]) -> None:
+        require_axes(faults, rotary=TOOL_DRIVE in self._controller.services.drives)
 
     def inject(self, faults: Sequence[Fault], cycle: int) -> list[Scheduled]:
         """Announce faults whose times count from a bus cycle; raises ProgramError."""

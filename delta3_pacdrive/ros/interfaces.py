@@ -1,7 +1,7 @@
 """The table of interfaces: every topic and service of a robot.
 
 Publishers, subscriptions, the recorder, the check for a second writer and the table in the documentation come from it.
-Names are relative; a name with ``axisN`` stands for three topics.
+Names are relative; a name with ``axisN`` stands for three topics, and for a fourth one where there is a rotary axis.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ from delta3_pacdrive.ros import cdr, discovery, qos
 from delta3_pacdrive.ros.deferred_service import Tell, create_deferred_service
 from delta3_pacdrive.ros.polling import PollingNode, Taken
 from delta3_pacdrive.sercos import telegrams
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 from delta3_pacdrive.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME, MDT_FRAME, Telegram
 
 TASK, PLANNER, DRIVE, PLANT = 'transformation_task', 'unit_robot', 'mc4_drive', 'plant'
@@ -186,8 +186,14 @@ class Topic:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all topics for which this one stands."""
+        """Names of all topics for which this one stands, but for those that come with a rotary axis."""
         return tuple(self.of(axis) for axis in DRIVES) if EVERY_AXIS in self.name else (self.name,)
+
+    def names_of(self, rotary: bool) -> tuple[str, ...]:
+        """Return the names of those topics of a robot with a rotary axis, or without one."""
+        if EVERY_AXIS in self.name and rotary:
+            return (*self.names, self.of(TOOL_DRIVE))
+        return self.names if rotary or self.rate != ROTARY_RATE else ()
 
     @property
     def of_exchange(self) -> bool:
@@ -197,7 +203,7 @@ class Topic:
     @property
     def cyclic(self) -> bool:
         """Whether a message of it comes in every bus cycle or exchange."""
-        return self.rate in (CYCLE, EXCHANGE)
+        return self.rate in (CYCLE, EXCHANGE, ROTARY_RATE)
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -266,6 +272,7 @@ class Topic:
 
 
 CYCLE, EXCHANGE, CHANGE, ASKED = 'every cycle', 'every exchange', 'on a change', 'on request'
+ROTARY_RATE = 'every cycle, if there is a rotary axis'
 JOINT_MOTION_RATE = 'every cycle, if the parameter `joint_motion` of the node asks for it'
 _BASE = BASE_FRAME.decode()
 
@@ -405,6 +412,11 @@ TCP_ERROR = _telegram(
     telegrams.TCP_ERROR,
     'Cartesian error [m], the set-point delay of 1.75 cycles removed; the raw error is command - actual',
     (VISUALIZATION,), recorded=True, answer='tcp_error',
+)
+TURN = _telegram(
+    telegrams.TURN,
+    'angle of the tool [rad]: commanded, by the encoder of its motor, and its error, the set-point delay removed',
+    rate=ROTARY_RATE, recorded=True,
 )
 MASTER = _telegram(
     telegrams.MASTER, 'virtual master: distance [m], speed [m/s], number of the move', recorded=True,
@@ -565,7 +577,7 @@ RECORDER_STATE = Topic(
 TOPICS = tuple(item for item in list(vars().values()) if isinstance(item, Topic))
 RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
 ANSWER_TOPICS = tuple(topic for topic in TOPICS if topic.answer)
-ONE_WRITER = tuple(name for topic in TOPICS if topic.one_writer for name in topic.names)
+ONE_WRITER = tuple(name for topic in TOPICS if topic.one_writer for name in topic.names_of(rotary=True))
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from array import array
+from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -73,10 +74,16 @@ def shows(kind: str, name: str) -> bool:
     return name in SHOWN[kind] or name.partition('.')[0] in SHOWN[kind]
 
 
-def declare_robot(node: Node, kind: str, writable: frozenset[str] = frozenset()) -> core.Parameters:
+def declare_robot(
+    node: Node,
+    kind: str,
+    writable: frozenset[str] = frozenset(),
+    own: Callable[[core.Parameters], core.Parameters] | None = None,
+) -> core.Parameters:
     """Read every parameter of the robot and return them checked; also refuses overrides that nobody declared.
 
-    The node shows those of its kind. ``writable`` names those that may be set while it runs.
+    The node shows those of its kind, with the values that ``own`` returns if it has some of its own. ``writable``
+    names those that may be set while it runs.
 
     Call it after the node's own parameters are declared.
     """
@@ -92,7 +99,7 @@ def declare_robot(node: Node, kind: str, writable: frozenset[str] = frozenset())
             of_type = f.type if f.type in (int, float, bool, str) else list
             low, high = f.metadata.get('low', 0.0), f.metadata.get('high', 0.0)
             # what is read only cannot be hidden again
-            changeable = key in writable or not shows(kind, key)
+            changeable = key in writable or not shows(kind, key) or own is not None
             info = descriptor(f.metadata['description'], low, high, of_type, changeable)
             entries.append((key, list(default) if of_type is list else default, info))
     values = [list(value) if isinstance(value, array) else value for value in _declare_all(node, entries)]
@@ -104,14 +111,22 @@ def declare_robot(node: Node, kind: str, writable: frozenset[str] = frozenset())
         if not shows(kind, key):
             node.undeclare_parameter(key)
     robot = core.from_flat(named, node.get_fully_qualified_name())
-    require_three_axes(robot, f'{node.get_fully_qualified_name()}: ')
+    if own is not None and robot.rotary.present:
+        _show_own(node, own(robot), [info for info in entries if shows(kind, info[0])], writable)
     return robot
 
 
-def require_three_axes(robot: core.Parameters, where: str = '') -> None:
-    """Refuse a robot with a rotary axis, which the nodes know nothing of; raises ParameterError."""
-    if robot.rotary.present:
-        raise ParameterError(
-            f'{where}the graph drives no rotary axis yet, but rotary.present is true: delta3 plan, delta3 simulate and '
-            'scripts in a simulation know the axis'
-        )
+def _show_own(node: Node, own: core.Parameters, entries: list[Any], writable: frozenset[str]) -> None:
+    """Show other values than those that the robot has told the node.
+
+    What cannot be written has its range from the arms, and is shown without one.
+    """
+    values = core.flatten(own)
+    shown: list[Any] = []
+    for key, _, info in entries:
+        node.undeclare_parameter(key)
+        fixed = ParameterDescriptor(description=info.description, read_only=True)
+        value = values[key]
+        told = list(value) if isinstance(value, tuple) else value
+        shown.append((key, told, info if key in writable else fixed))
+    node.declare_parameters('', shown, ignore_override=True)

@@ -37,6 +37,7 @@ from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.sercos.telegrams import BASE_FRAME, NO_SESSION
 from delta3_pacdrive.simulation.belts import axes_of, readings
 
@@ -83,7 +84,7 @@ class PlantCell:
         self._bus_plant: BusPlant
         self._frame = b''  # of the last MDT: it rarely changes
         self._outputs = 0
-        self._mdt = cdr.codec(telegrams.mdt(parameters.sends_torque))
+        self._mdt = cdr.codec(telegrams.mdt(parameters.sends_torque, drives_of(parameters)))
         self._codec = cdr.codec(telegrams.inputs(self.inputs or ('',)))  # without inputs nothing is sent
         self._publish = cdr.raw_publish(INPUTS.publisher(node))
         names = [belt.name for belt in self._axes]

@@ -26,7 +26,7 @@ def offer_service_requests(node: Node, requests: ServiceRequests) -> None:
             answers.publish(String(data=f'{mark} {text}' if mark else text))
 
         try:
-            index, access = parse_request(request)
+            index, access = parse_request(request, requests.drives)
             requests.ask(index, access, lambda index, answer: say(outcome(index, access, answer)))
         except Delta3Error as error:
             say(answer_text(False, str(error)))

@@ -18,7 +18,8 @@ from delta3_pacdrive.sercos.telegrams import JOINTS
 
 JOINT_STATES_S = 0.01  # of bus time
 ACYCLIC = (ACYCLIC_SEC, 0)
-AT_EASE = [0.0] * (len(JOINTS) - 3)  # torques of the passive joints
+ARMS = 3
+AT_EASE = [0.0] * (len(JOINTS) - ARMS)  # torques of the passive joints
 
 
 class JointMotionOutputs:
@@ -60,6 +61,8 @@ class TaskOutputs:
         ]
         self._joint_states = TelegramOutput(node, interfaces.JOINT_STATES)
         self.master = TelegramOutput(node, interfaces.MASTER)
+        self._turning = controller.task.turning
+        self._turn = None if self._turning is None else TelegramOutput(node, interfaces.TURN)
         self._ratio = parameters.dynamics.gear_ratio
         self._geometry = geometry(parameters)
         self._rates, self._tree = np.zeros((1, 3)), np.zeros((1, 2, len(JOINTS)))
@@ -70,22 +73,26 @@ class TaskOutputs:
         for output, values in self._answers:
             output.send(ACYCLIC, [0.0] * len(values))
         self.master.send(ACYCLIC, [0.0] * 3)
+        if self._turn is not None:
+            self._turn.send(ACYCLIC, [0.0] * 3)
 
     def send(self, cycle: int, stamp: tuple[int, int]) -> None:
         """Publish what the answers of a cycle say."""
         for output, values in self._answers:
             if output.wanted:
                 output.send(stamp, values.tolist())
+        if self._turn is not None and self._turning is not None and self._turn.wanted:
+            self._turn.send(stamp, self._turning.told)
         if self._through_jacobian is not None:
             self._through_jacobian.send(cycle, stamp, self._tcp_command)
         if self._joint_states.wanted and cycle % self._joint_states_every == 0:
             # of the joints that are shown: the arms, behind the gears
-            torques = [torque * self._ratio for torque in self._axes.torques.tolist()]
+            torques = [torque * self._ratio for torque in self._axes.torques[:ARMS].tolist()]
             self._joint_states.send(stamp, [*self._joint_motion(), *torques, *AT_EASE])
 
     def _joint_motion(self) -> list[float]:
         """Return positions and speeds of all joints of the robot as a tree."""
-        self._rates[0] = [speed / self._ratio for speed in self._axes.speeds]
+        self._rates[0] = [speed / self._ratio for speed in self._axes.speeds[:ARMS]]
         tree_joints(self._theta.reshape(1, 3), self._rates, self._tree, self._geometry)
         if math.isnan(self._tree[0, 0, -1]):
             # the motors stand where the arms cannot be, which is a fault; readers of joint states take no nan

@@ -1,4 +1,4 @@
-"""AT of the three drives by bus cycle, until those of a cycle are all there or known to be lost."""
+"""AT of the drives by bus cycle, until those of a cycle are all there or known to be lost."""
 
 from typing import Generic, TypeVar
 
@@ -11,6 +11,11 @@ Content = TypeVar('Content')
 class AnswerBuffer(Generic[Content]):
     """The master keeps here what has been answered.
 
+    Parameters
+    ----------
+    drives
+        Number of drives on its bus.
+
     Attributes
     ----------
     expected
@@ -20,14 +25,14 @@ class AnswerBuffer(Generic[Content]):
 
     """
 
-    def __init__(self) -> None:
-        self.expected = [0] * len(DRIVES)
+    def __init__(self, drives: int = len(DRIVES)) -> None:
+        self.expected = [0] * drives
         self.lost = self.repeated = 0
-        self._contents: list[dict[int, Content]] = [{} for _ in DRIVES]
+        self._contents: list[dict[int, Content]] = [{} for _ in range(drives)]
 
     def begin(self, cycle: int) -> None:
         """Begin cyclic operation with a cycle."""
-        self.expected = [cycle] * len(DRIVES)
+        self.expected = [cycle] * len(self.expected)
         for contents in self._contents:
             contents.clear()
 
@@ -45,8 +50,7 @@ class AnswerBuffer(Generic[Content]):
 
     def is_complete(self, cycle: int) -> bool:
         """Whether nothing of a cycle can come any more."""
-        first, second, third = self.expected
-        return cycle < first and cycle < second and cycle < third
+        return cycle < min(self.expected)
 
     def get(self, cycle: int) -> list[Content | None]:
         """Take out the answers of a cycle; ``None``: lost."""

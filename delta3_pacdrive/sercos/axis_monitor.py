@@ -15,7 +15,7 @@ from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos import losses
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import DRIVES, drives_of
 from delta3_pacdrive.sercos.losses import LOSSES_IN_A_ROW, NO_ANSWER, Losses, count_telegrams
 from delta3_pacdrive.sercos.words import Status, in_torque
 
@@ -37,7 +37,7 @@ class AxisFault:
     not_following
         Whether the axis does not follow its commands any more: bit 3 of S-0-0135 is off beside its fault.
     drive
-        The drive (0 to 2) that reports it, None if the master has found it.
+        Number of the drive that reports it, from 0 on; None if the master has found it.
 
     """
 
@@ -47,12 +47,12 @@ class AxisFault:
 
 
 class AxisMonitor:
-    """The monitor keeps what the master knows of the three drives, or of others that are named.
+    """The monitor keeps what the master knows of the drives: those of the arms, and that of a rotary axis behind them.
 
     Attributes
     ----------
     positions, speeds, torques
-        Of the motor shafts [rad, rad/s, N m], as the last answers said, or extrapolated.
+        Of the motor shafts [rad, rad/s, N m], as the last answers said, or extrapolated; by axis.
     status
         Status words S-0-0135.
     losses
@@ -62,17 +62,19 @@ class AxisMonitor:
 
     """
 
-    def __init__(self, parameters: Parameters, names: Sequence[str] = DRIVES) -> None:
-        self._cycle_time_s, self._names = parameters.bus.cycle_time_s, names
-        count = len(names)
+    def __init__(self, parameters: Parameters) -> None:
+        self._cycle_time_s, self._names = parameters.bus.cycle_time_s, drives_of(parameters)
+        count, arms = len(self._names), len(DRIVES)
         self.positions: Floats = np.zeros(count)
         self.torques: Floats = np.zeros(count)
         self.speeds = [0.0] * count
         self.status = [0] * count
         self.losses = [0] * count
         self.absent: set[int] = set()
-        self._recent = [Losses() for _ in names]
-        self._checked: list[int] = []
+        self._recent = [Losses() for _ in self._names]
+        # what couples is checked together: the arms, and the rotary axis by itself
+        self._groups = [range(arms), range(arms, count)] if count > arms else [range(arms)]
+        self._checked: list[list[int]] = [[] for _ in self._groups]
 
     def begin(self) -> None:
         """Begin cyclic operation: everybody takes part."""
@@ -80,7 +82,7 @@ class AxisMonitor:
         self.speeds = [0.0] * len(self._names)
         self.status = [0] * len(self._names)
         self._recent = [Losses() for _ in self._names]
-        self._checked = []
+        self._checked = [[] for _ in self._groups]
 
     def clear_losses(self) -> None:
         """Begin a new window of lost answers."""
@@ -88,7 +90,7 @@ class AxisMonitor:
             recent.losses_in_window = 0
 
     def accept(self, axis: int, values: Sequence[float], status: int) -> None:
-        """Accept the answer of an axis (0 to 2): position [rad], speed [rad/s], torque [N m], status word."""
+        """Accept the answer of an axis, by its number: position [rad], speed [rad/s], torque [N m], status word."""
         self.positions[axis], self.speeds[axis], self.torques[axis] = values
         self.status[axis] = status
         count_telegram(self._recent[axis])
@@ -101,9 +103,9 @@ class AxisMonitor:
         cycles
             How many they are.
         answers
-            Rows of position [rad], speed [rad/s] and torque [N m], a column for each axis, shape (3, 3).
+            Rows of position [rad], speed [rad/s] and torque [N m], a column for each axis, shape (3, axes).
         status
-            Status words, shape (3,).
+            Status words, shape (axes,).
 
         """
         self.positions[:], self.torques[:] = answers[0], answers[2]
@@ -131,7 +133,7 @@ class AxisMonitor:
 
     def is_checked(self, status: list[int]) -> bool:
         """Whether these status words are those that were checked last: they tell nothing new."""
-        return status == self._checked
+        return status == [word for words in self._checked for word in words]
 
     def check(self, cycle: int, program_starts: int) -> AxisFault | None:
         """Check the answers of a cycle, once they are all there.
@@ -146,20 +148,32 @@ class AxisMonitor:
         Returns
         -------
         AxisFault | None
-            The first fault that the answers tell of. A status that has been checked is not told again.
+            The first fault that the answers tell of. A status that has been checked is not told again. A rotary axis
+            comes behind the arms, unless it alone does not follow any more.
 
         """
-        for index, axis in enumerate(self._names):
+        found: AxisFault | None = None
+        for number, group in enumerate(self._groups):
+            told = self._check(cycle, program_starts, number, group)
+            if found is None or (told is not None and told.not_following and not found.not_following):
+                found = told
+        return found
+
+    def _check(self, cycle: int, program_starts: int, number: int, group: range) -> AxisFault | None:
+        """Check the axes of a group, by its number."""
+        for index in group:
+            axis = self._names[index]
             if too_many(self._recent[index]):
                 in_a_row = self._recent[index].losses_in_a_row >= LOSSES_IN_A_ROW
                 many = 'two AT lost in a row' if in_a_row else 'ten AT lost in a window'
                 sentence = f'{axis}: {many} in bus cycle {cycle} ({NO_ANSWER})'
                 return AxisFault(RobotFault(FaultCode.ANSWER_LOST, sentence, axis, NO_ANSWER, cycle))
-        if self.status == self._checked and cycle != program_starts:
+        words = self.status[group.start : group.stop]
+        if words == self._checked[number] and cycle != program_starts:
             return None
-        self._checked = list(self.status)
-        for index, axis in enumerate(self._names):
-            status = self.status[index]
+        self._checked[number] = words
+        for index, status in zip(group, words, strict=True):
+            axis = self._names[index]
             if index in self.absent:
                 continue
             if status & ERROR:

@@ -1,15 +1,21 @@
 """Start-up of the bus: who is there, and whether everybody means the same (phases CP0 to CP3)."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 from delta3_pacdrive.parameters import Parameters, flatten
 
 DRIVES = ('axis1', 'axis2', 'axis3')
 TOOL_DRIVE = 'axis4'  # of the rotary axis, where there is one
+ALL_DRIVES = (*DRIVES, TOOL_DRIVE)
 PLANT = 'plant'
-PARTICIPANTS = (*DRIVES, PLANT)
+PARTICIPANTS = (*DRIVES, PLANT)  # of a robot without a rotary axis
+
+
+def drives_of(parameters: Parameters) -> tuple[str, ...]:
+    """Return the drives of a robot in their order: a fourth one if it has a rotary axis."""
+    return ALL_DRIVES if parameters.rotary.present else DRIVES
 
 
 @dataclass(frozen=True)
@@ -43,9 +49,9 @@ class Identity:
         )
 
 
-def missing(present: Mapping[str, object]) -> list[str]:
+def missing(present: Mapping[str, object], participants: Sequence[str] = PARTICIPANTS) -> list[str]:
     """Participants that have not announced themselves."""
-    return [name for name in PARTICIPANTS if name not in present]
+    return [name for name in participants if name not in present]
 
 
 def disagreements(master: Identity, participants: Mapping[str, Identity]) -> list[str]:

@@ -11,7 +11,6 @@ from enum import Enum, auto
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
 from delta3_pacdrive.sercos.configuration_check import (
     DRIVES,
-    PARTICIPANTS,
     PLANT,
     Identity,
     disagreements,
@@ -136,9 +135,13 @@ class BusMaster:
         Takes over where the motor shafts [rad] stand; returns why that is no place of the robot.
     draw
         Returns a new session.
+    drives
+        Names of the drives on its bus.
 
     Attributes
     ----------
+    names
+        Of those who take part.
     phase, session
         Of the bus.
     cyclic
@@ -153,9 +156,11 @@ class BusMaster:
         identity: Identity,
         locate: Callable[[Sequence[float]], Reason | None],
         draw: Callable[[], bytes] = new_session,
+        drives: Sequence[str] = DRIVES,
     ) -> None:
         self._identity, self._locate, self._draw = identity, locate, draw
-        self._participants = Participants()
+        self._drives, self.names = drives, (*drives, PLANT)
+        self._participants = Participants(self.names)
         self.phase = Phase.CP0
         self.cyclic = False
         self.waiting: Reason | None = None
@@ -220,17 +225,21 @@ class BusMaster:
                 actions.append(Wait(waiting))
         if waiting is not None:
             self._looks_in_vain += 1
-        elif self.phase == Phase.CP2 and (nowhere := self._locate([self._resting[n] for n in range(3)])):
+        elif self.phase == Phase.CP2 and (nowhere := self._locate(self._shafts())):
             actions.append(Note(RobotFault(FaultCode.PLACE, nowhere.sentence)))
         elif ready or self.phase != Phase.CP3:
             actions += self._take(ONWARD[self.phase], next_cycle)
         return actions
 
+    def _shafts(self) -> list[float]:
+        """Return where the motor shafts stand [rad], in the order of the drives."""
+        return [self._resting[n] for n in range(len(self._drives))]
+
     def _disagreement(self) -> RobotFault | None:
         """Say who rests on something else than the master, which matters from CP2 on."""
         if self.phase < Phase.CP2:
             return None
-        present = {name: self._participants.identities[name] for name in PARTICIPANTS}
+        present = {name: self._participants.identities[name] for name in self.names}
         sentences = disagreements(self._identity, present)
         return RobotFault(FaultCode.PARAMETERS, '; '.join(sentences)) if sentences else None
 
@@ -239,19 +248,19 @@ class BusMaster:
         if self.phase == Phase.CP0:
             if doubled is not None:
                 return Reason(Code.BUS, f'waiting until one of them ends: {doubled}')
-            absent = missing(self._participants.identities)
+            absent = missing(self._participants.identities, self.names)
             return Reason(Code.BUS, f'waiting for {", ".join(absent)}') if absent else None
         if self.phase == Phase.CP1:
-            silent = [axis for index, axis in enumerate(DRIVES) if index not in self._resting]
+            silent = [axis for index, axis in enumerate(self._drives) if index not in self._resting]
             # a drive answers with the shaft position that the plant tells it
-            doubtful = len(silent) == len(DRIVES) and self._looks_in_vain > PATIENCE
+            doubtful = len(silent) == len(self._drives) and self._looks_in_vain > PATIENCE
             doubt = ': is the plant running?' if doubtful else ''
             return (
                 Reason(Code.BUS, f'waiting for an answer of {", ".join(silent)}{doubt}') if silent else None
             )
         if self.phase == Phase.CP2:
             linked = self._participants.links[PLANT]
-            unlinked = [axis for axis in DRIVES if axis not in linked]
+            unlinked = [axis for axis in self._drives if axis not in linked]
             return (
                 Reason(Code.BUS, f'waiting for the plant to hear {", ".join(unlinked)}') if unlinked else None
             )
@@ -302,7 +311,7 @@ class BusMaster:
             First bus cycles that are not started, and not complete.
 
         """
-        names = ', '.join(DRIVES[index] for index in silent) or of_plant
+        names = ', '.join(self._drives[index] for index in silent) or of_plant
         sentence = f'no AT of {names} for {silence_s:.1f} s in bus cycle {answered} ({NO_ANSWER})'
         fault = RobotFault(FaultCode.ANSWER_LOST, sentence, names, NO_ANSWER, answered)
         if silence_s > ANSWER_SILENT_S and ahead > AHEAD and silent:

@@ -5,6 +5,7 @@ bag that is played back for example, is of somebody who is not there. In cyclic 
 announces itself then has come later, or has left the bus.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -52,6 +53,11 @@ class Announcement:
 class Participants:
     """Table of participants of one master.
 
+    Parameters
+    ----------
+    names
+        Of those who take part.
+
     Attributes
     ----------
     identities, links
@@ -64,7 +70,8 @@ class Participants:
 
     """
 
-    def __init__(self) -> None:
+    def __init__(self, names: Sequence[str] = PARTICIPANTS) -> None:
+        self._names = names
         self.identities: dict[str, Identity] = {}
         self.links: dict[str, tuple[str, ...]] = {}
         self.bus_cycle = 0
@@ -86,7 +93,7 @@ class Participants:
 
     def announced(self, announcement: Announcement) -> bool:
         """Take an announcement; whether its participant has come or gone in cyclic operation."""
-        if announcement.session != self._session or announcement.name not in PARTICIPANTS:
+        if announcement.session != self._session or announcement.name not in self._names:
             return False
         self.bus_cycle = max(self.bus_cycle, announcement.bus_cycle)
         if not self._cyclic:

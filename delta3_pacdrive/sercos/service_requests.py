@@ -1,7 +1,7 @@
 """The master's ends of the service channels of all drives, and who waits for which answer."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from delta3_pacdrive.errors import Reason, TelegramError
 from delta3_pacdrive.sercos.configuration_check import DRIVES
@@ -24,18 +24,22 @@ class ServiceRequests:
     ----------
     closed
         Returns why the channels are closed, None while they are open.
+    drives
+        Names of the drives on the bus.
 
     Attributes
     ----------
     busy
         Whether an access is under way.
+    drives
+        Names of the drives.
 
     """
 
-    def __init__(self, closed: Callable[[], Reason | None]) -> None:
-        self._closed = closed
-        self._channels = [ServiceMaster() for _ in DRIVES]
-        self._waiting: list[deque[Done]] = [deque() for _ in DRIVES]
+    def __init__(self, closed: Callable[[], Reason | None], drives: Sequence[str] = DRIVES) -> None:
+        self._closed, self.drives = closed, drives
+        self._channels = [ServiceMaster() for _ in drives]
+        self._waiting: list[deque[Done]] = [deque() for _ in drives]
         self.busy = False
 
     def ask(self, index: int, access: Access, done: Done) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 from delta3_pacdrive.sercos.words import PAYLOAD_MAX_KG, Phase
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -20,7 +20,6 @@ POINT, VECTOR = 'geometry_msgs/msg/PointStamped', 'geometry_msgs/msg/Vector3Stam
 BASE_FRAME = b'base'
 NO_SESSION = b'0000'
 BRAKE_FREE, BRAKE_HELD = 'free', 'held'
-MDT_FRAME = 'CPn wwww wwww wwww ssss ssss ssss ppp.pppp oo hhhh'
 AT_FRAME = 'wwww ssss hhhh'
 CURRENT_FRAME = f'{BRAKE_FREE} ppp.pppp hhhh'
 _TWO_WORDS = struct.Struct('>HH')
@@ -60,12 +59,34 @@ def motor_current(axis: str, samples: int) -> Telegram:
     return Telegram(f'{axis}/motor_current', JOINT_STATE, (axis,), (0, 0, samples), len(CURRENT_FRAME))
 
 
-MDT = Telegram('sercos/mdt', JOINT_STATE, DRIVES, (3, 0, 0), len(MDT_FRAME))
-# with the additive torque commands S-0-0081 [N m] as efforts
-TORQUE_MDT = MDT._replace(lengths=(3, 0, 3))
-AT = tuple(Telegram(f'sercos/at/{axis}', JOINT_STATE, (axis,), (1, 1, 1), len(AT_FRAME)) for axis in DRIVES)
+def mdt_form(drives: int) -> str:
+    """Return the form of the frame of an MDT to so many drives."""
+    return f'CPn{" wwww" * drives}{" ssss" * drives} ppp.pppp oo hhhh'
+
+
+def mdt(torques: bool, drives: Sequence[str] = DRIVES) -> Telegram:
+    """Return that of a master which commands torques S-0-0081 [N m] beside the shafts, or of one that does not."""
+    count = len(drives)
+    lengths = (count, 0, count if torques else 0)
+    return Telegram('sercos/mdt', JOINT_STATE, tuple(drives), lengths, len(mdt_form(count)))
+
+
+def at(axis: str) -> Telegram:
+    """Return that of the answers of a drive."""
+    return Telegram(f'sercos/at/{axis}', JOINT_STATE, (axis,), (1, 1, 1), len(AT_FRAME))
+
+
+def shafts(drives: Sequence[str] = DRIVES) -> Telegram:
+    """Return that of the true motor shafts of drives: positions [rad], speeds [rad/s], coupling torques [N m]."""
+    count = len(drives)
+    return Telegram('plant/motor_shafts', JOINT_STATE, tuple(drives), (count, count, count), len(NO_SESSION))
+
+
+MDT_FRAME = mdt_form(len(DRIVES))
+MDT, TORQUE_MDT = mdt(torques=False), mdt(torques=True)
+AT, TOOL_AT = tuple(at(axis) for axis in DRIVES), at(TOOL_DRIVE)
 INPUTS_TOPIC, BELTS_TOPIC = 'sercos/at/io', 'sercos/at/belts'
-SHAFTS = Telegram('plant/motor_shafts', JOINT_STATE, DRIVES, (3, 3, 3), len(NO_SESSION))
+SHAFTS = shafts()
 FOLLOWING_ERROR = Telegram('following_error', JOINT_STATE, DRIVES, (3, 0, 0), len(BASE_FRAME))
 # the joints of the robot as a tree (scene.joints): both rods of a forearm at their elbow, the plate on rod 1a
 JOINTS = (
@@ -81,6 +102,7 @@ TCP_ERROR = Telegram.triple('tcp/error', VECTOR)
 JOINT_MOTION = Telegram('joint_motion', JOINT_STATE, DRIVES, (0, 3, 3), len(BASE_FRAME))
 JACOBIAN = Telegram.triple('jacobian', VECTOR)
 MASTER = Telegram.triple('motion/master', VECTOR)
+TURN = Telegram.triple('tool/turn', VECTOR)  # of the rotary axis, where there is one
 
 
 class DriveWords(NamedTuple):
@@ -109,11 +131,6 @@ def belts(names: Sequence[str]) -> Telegram:
     return Telegram(BELTS_TOPIC, JOINT_STATE, tuple(names), (len(names), len(names), 0), len(NO_SESSION))
 
 
-def mdt(torques: bool) -> Telegram:
-    """Return that of a master which commands torques beside the shafts, or of one that does not."""
-    return TORQUE_MDT if torques else MDT
-
-
 def new_session() -> bytes:
     """Draw a session."""
     return b'%04x' % (1 + secrets.randbelow(_SESSIONS - 1))
@@ -129,23 +146,23 @@ def mdt_frame(
 ) -> bytes:
     """Frame of an MDT: phase, the control word S-0-0134 for each drive, its word of the service channel, payload.
 
-    Behind them the digital outputs: bit n is output n.
+    Behind them the digital outputs: bit n is output n. There are as many drives as words of the service channel.
     """
-    words = ' '.join(f'{word:04x}' for word in (control, control, control, *service))
+    words = ' '.join(f'{word:04x}' for word in (*[control] * len(service), *service))
     return f'CP{phase} {words} {payload_kg:08.4f} {outputs:02x} '.encode() + session
 
 
-def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes) -> DriveWords:
-    """Return what an MDT tells a drive; raises TelegramError."""
+def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes, drives: int = len(DRIVES)) -> DriveWords:
+    """Return what an MDT to so many drives tells one of them; raises TelegramError."""
     try:
         head, *words, payload, outputs, theirs = frame.decode('ascii').split()
-        if len(words) != 2 * len(DRIVES):
+        if len(words) != 2 * drives:
             raise ValueError
         _outputs(outputs)
-        control, service = _TWO_WORDS.unpack(unhexlify(words[axis_index] + words[len(DRIVES) + axis_index]))
+        control, service = _TWO_WORDS.unpack(unhexlify(words[axis_index] + words[drives + axis_index]))
         parsed = DriveWords(Phase[head], control, service, _payload(payload))
     except (ValueError, KeyError, struct.error):
-        raise TelegramError(f'frame_id {frame!r:.60} of an MDT is not "{MDT_FRAME}"') from None
+        raise TelegramError(f'frame_id {frame!r:.60} of an MDT is not "{mdt_form(drives)}"') from None
     require_session(theirs.encode(), session, 'an MDT')
     return parsed
 

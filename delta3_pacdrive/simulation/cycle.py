@@ -43,13 +43,13 @@ from delta3_pacdrive.plant.plant import true_tcp
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
+from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE, drives_of
 from delta3_pacdrive.sercos.words import in_torque
 from delta3_pacdrive.simulation.belts import readings
 from delta3_pacdrive.simulation.requested import Requested
 from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 from delta3_pacdrive.simulation.tool_axis import NAMES as TURN_NAMES
-from delta3_pacdrive.simulation.tool_axis import answer_tool, command_tool
+from delta3_pacdrive.simulation.tool_axis import answer_tool, command_tool, note_turn
 
 REST_S = 1.0  # without torque, in which a machine comes to rest
 ROOM_CYCLES = 1024  # for signals, before anybody knows how long it takes
@@ -145,7 +145,7 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
         answer_cycle(k, r.answers[0], r.answers[2], task)
         note_answers(k, r.answers, task, signals)
         if tool is not None:
-            answer_tool(k, tool[2][0].drive[0].state.answer[0], tool)
+            answer_tool(k, tool)
     return end
 
 
@@ -202,11 +202,11 @@ class SimulatedOperation:
             if fault.kind in PROCESS_FAULTS:
                 raise RunError(f'{fault.text}: a simulation has no processes, use delta3 run')
             self._schedule.add(Scheduled.of(fault, self._start, parameters.bus.cycle_time_s))
-        self._axes = AxisMonitor(parameters)
         if (robot.tool is None) != (task.turning is None):
             raise RunError('controller and machine must both have a rotary axis, or none (rotary.present)')
-        self._tool_axes = None if robot.tool is None else AxisMonitor(parameters, (TOOL_DRIVE,))
-        self._controller = ControllerCycle(task, self._axes, parameters, self._tool_axes)
+        self._axes = AxisMonitor(parameters)
+        self._controller = ControllerCycle(task, self._axes, parameters)
+        self._names = drives_of(parameters)
         room = task.last_cycle + 1 if task.end_cycle < NEVER else ROOM_CYCLES
         self._signals = np.empty((len(NAMES), room, 3))
         self._turn_signals = np.empty((len(TURN_NAMES), room if robot.tool is not None else 0))
@@ -218,8 +218,7 @@ class SimulatedOperation:
     @property
     def lost(self) -> int:
         """AT that did not reach the master."""
-        of_tool = 0 if self._tool_axes is None else sum(self._tool_axes.losses)
-        return sum(self._axes.losses) + of_tool
+        return sum(self._axes.losses)
 
     def run(self) -> dict[str, Floats]:
         """Run to the end of the program, or to rest; return the signals, torques [N m] in place of currents.
@@ -263,6 +262,11 @@ class SimulatedOperation:
     def _without_torque(self) -> bool:
         return self._task.enable_cycle == NEVER and not any(drive.powered for drive in self._drives())
 
+    def _status(self) -> list[int]:
+        """Return the status words S-0-0135 of all drives."""
+        status, tool = self._robot.status.tolist(), self._robot.tool
+        return status if tool is None else [*status, tool.status]
+
     def _drives(self) -> list[MC4]:
         tool = self._robot.tool
         return self._robot.drives if tool is None else [*self._robot.drives, tool.drive]
@@ -272,12 +276,9 @@ class SimulatedOperation:
         starts = self._start if cycle <= self._start else NEVER
         after = min(end, starts, self._task.next_event(cycle), self._schedule.next_event(cycle))
         robot, task, axes = self._robot, self._task, self._axes
-        status = robot.status
         one_by_one = robot.observed or bool(self._requested) or self._settles(cycle)
         one_by_one = one_by_one or self._world is not None
-        if self._tool_axes is not None and robot.tool is not None:
-            one_by_one = one_by_one or not self._tool_axes.is_checked([robot.tool.status])
-        if after <= cycle or one_by_one or not axes.is_checked(status.tolist()):
+        if after <= cycle or one_by_one or not axes.is_checked(self._status()):
             self._make_room(cycle + 1)
             self._requested.note_begin()
             self._begin(cycle)
@@ -292,9 +293,10 @@ class SimulatedOperation:
         machine = robot.record, robot.plant.built, robot.currents
         command = task.control(cycle), task.record, task.timeline.arrays, task.learned.torques
         reached = int(run_stretch((cycle, after), *command, *machine, self._signals, self._beside()))
-        axes.accept_cycles(reached - cycle, robot.answers, status.tolist())
-        if self._tool_axes is not None and (tool := robot.tool) is not None:
-            self._tool_axes.accept_cycles(reached - cycle, np.array(tool.answer)[:, None], [tool.status])
+        answers = robot.answers
+        if robot.tool is not None:
+            answers = np.column_stack([answers, robot.tool.answer])
+        axes.accept_cycles(reached - cycle, answers, self._status())
         if reached == after:
             task.commanded_to(after)
             return after
@@ -333,7 +335,7 @@ class SimulatedOperation:
         if self._world is not None:
             # the outputs of the MDT before: they are there now
             self._world.step(cycle, robot.plant.tcp().tolist(), self._task.outputs)
-        motors, torques, control, payload, _ = self._controller.command(cycle)
+        motors, torques, control, payload, *_ = self._controller.command(cycle)
         carried = None if self._world is None else self._world.carried_kg
         if carried is not None:
             # what the controller has gripped is what it believes; this hangs there, from now on
@@ -351,23 +353,17 @@ class SimulatedOperation:
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the answers that reach the master, and react to what they tell."""
-        answers, status = self._robot.answers, self._robot.status.tolist()
-        for changes, word in zip(self.drive_status, status, strict=True):
+        answers, status = self._robot.answers, self._status()
+        for changes, word in zip(self.drive_status, status, strict=False):
             if not changes or changes[-1][1] != word:
                 changes.append([cycle, word])
+        told: list[Sequence[float]] = answers.T.tolist()
+        if self._robot.tool is not None:
+            told.append(self._robot.tool.answer)
         received = [
-            None
-            if self._schedule.telegram(AT_LOSSES, axis, cycle)
-            else (answers[:, index].tolist(), status[index])
-            for index, axis in enumerate(DRIVES)
+            None if self._schedule.telegram(AT_LOSSES, axis, cycle) else (values, word)
+            for axis, values, word in zip(self._names, told, status, strict=True)
         ]
-        tool, beside = self._robot.tool, self._beside()
-        if tool is not None and self._tool_axes is not None and beside is not None:
-            if self._schedule.telegram(AT_LOSSES, TOOL_DRIVE, cycle):
-                self._tool_axes.extrapolate(0)
-            else:
-                self._tool_axes.accept(0, tool.answer, tool.status)
-            answer_tool(cycle, float(self._tool_axes.positions[0]), beside)
         if self._must_succeed and cycle >= self._start and not self.stopped:
             self._require_torque(status, cycle)
         starts = NEVER if self.stopped else self._start
@@ -375,12 +371,12 @@ class SimulatedOperation:
         if self._task.tracking is not None and self._world is not None:
             self._task.tracking.observe(cycle, readings(self._world))
         note_answers(cycle, answers, self._task.record, self._signals)
+        if (beside := self._beside()) is not None:
+            note_turn(cycle, beside)
         late = stop is not None and stop.fault.code is FaultCode.NOT_IN_POSITION
         if stop is not None and (late or not self._must_succeed):
             drives = self._drives()
             causes = [f': {fault_text(drives[axis].fault)}' for axis in self._axes.faulty()]
-            if self._tool_axes is not None and self._tool_axes.faulty():
-                causes.append(f': {fault_text(drives[-1].fault)}')
             self._stop(stop, ''.join(causes[:1]))
 
     def _change_faults(self, cycle: int) -> None:
@@ -405,10 +401,7 @@ class SimulatedOperation:
         self._task.stop_at(stop.first, stop.hard)
 
     def _require_torque(self, status: Sequence[int], cycle: int) -> None:
-        tool, names, words = self._robot.tool, list(DRIVES), list(status)
-        if tool is not None:
-            names, words = [*names, TOOL_DRIVE], [*words, tool.status]
-        for axis, word, drive in zip(names, words, self._drives(), strict=True):
+        for axis, word, drive in zip(self._names, status, self._drives(), strict=True):
             if not in_torque(word):
                 why = fault_text(drive.fault) if drive.fault else drive.drive_state.name.lower()
                 raise RunError(f'{axis} is not enabled in bus cycle {cycle}: {why}')

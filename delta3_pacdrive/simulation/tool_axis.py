@@ -89,22 +89,33 @@ def command_tool(cycle, control, task, timeline, payload_kg, beside):
 
 
 @kernel
-def answer_tool(cycle, position, beside):
+def answer_tool(cycle, beside):
     """Evaluate the answer of the axis in a bus cycle, and note it.
 
     Parameters
     ----------
     cycle
         Number of the bus cycle.
-    position
-        Of the motor shaft as the master knows it [rad]: that of a lost answer is extrapolated.
     beside
         As in ``command_tool``, with signals of shape (6, cycles).
 
     """
+    answer_turn(cycle, beside[2][0].drive[0].state.answer[0], beside[1])
+    note_turn(cycle, beside)
+
+
+@kernel
+def note_turn(cycle, beside):
+    """Note what the axis answers in a bus cycle, and what the task makes of it.
+
+    Parameters
+    ----------
+    cycle, beside
+        As in ``answer_tool``.
+
+    """
     _, turning, tool, _, signals = beside
     answer, constants = tool[0].drive[0].state.answer, tool[0].drive[0].constants
-    answer_turn(cycle, position, turning)
     t, ratio = turning[0].state, turning[0].constants.gear_ratio
     signals[TURN_POSITION, cycle] = answer[0] / ratio
     signals[TURN_ERROR, cycle] = t.error

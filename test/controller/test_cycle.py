@@ -42,7 +42,7 @@ def controller(robot):
 def test_a_command_holds_shafts_control_word_and_payload(controller, robot):
     controller.task.enable(1)
     assert controller.cycle.command(0).control == CONTROL_ON
-    motors, torques, control, payload, _ = controller.cycle.command(1)
+    motors, torques, control, payload, *_ = controller.cycle.command(1)
     assert control == CONTROL_ENABLE
     assert payload == robot.dynamics.payload_mass_kg
     assert not torques.any()

@@ -135,6 +135,38 @@ def test_parts_of_an_order_that_was_never_finished_do_not_get_into_the_next(
     assert len(taken.plan.moves) == 3
 
 
+def turning_row(robot, degrees: float) -> Any:
+    """Return the row of a move whose tool turns by an angle."""
+    machine = robot.replace(rotary__present=True)
+    document = {'moves': [{'move_l': {'to_m': MOVES[0], 'turn_deg': degrees}}]}
+    program = program_file.parse(document, robot.motion)
+    return program_planner.plan(program, robot.motion.home_m, machine).plan.move(0).to_array(0, 1)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'expected'),
+    [
+        ({}, 'the robot has no rotary axis'),
+        (
+            {'rotary__present': True, 'rotary__angle_max_deg': 80.0},
+            'the tool would be at 90 deg at s = 0.1118 m, the limits are -360 and 80 deg',
+        ),
+        (
+            {'rotary__present': True, 'rotary__max_speed_rpm': 30.0, 'rotary__speed_max_deg_s': 10.0},
+            'the speed of the motor of the rotary axis would be',
+        ),
+    ],
+)
+def test_a_turn_that_the_robot_cannot_make_spoils_its_order(robot, changes: dict, expected: str) -> None:
+    row = turning_row(robot, 90.0)
+    found = order(PlanIntake(robot.replace(**changes)), 1, [row], (-1.0, 1.0, 0.0))
+    assert isinstance(found, Reason)
+    assert expected in found.sentence
+    taken = order(PlanIntake(robot.replace(rotary__present=True)), 1, [row], (-1.0, 1.0, 0.0))
+    assert isinstance(taken, Order)
+    assert taken.plan.end_turn_rad == pytest.approx(np.pi / 2)
+
+
 def test_a_rate_at_which_a_motor_would_turn_too_fast_is_refused(robot, rows: list[Any]) -> None:
     from delta3_pacdrive.motion.limits import check_speed
     from delta3_pacdrive.motion.plan import Move

@@ -18,6 +18,7 @@ from delta3_pacdrive.ros.interfaces import (
     RECORDED,
     SERVICES,
     TOPICS,
+    TURN,
     VISUALIZATION,
     Topic,
 )
@@ -28,7 +29,7 @@ from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.script_client import ScriptNode
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
 
 # what rclpy gives every node
 OF_EVERY_NODE = {'/rosout', '/parameter_events'}
@@ -36,17 +37,19 @@ OF_RCLPY = {
     'describe_parameters', 'get_parameter_types', 'get_parameters', 'get_type_description', 'list_parameters',
     'set_parameters', 'set_parameters_atomically',
 }  # fmt: skip
-BY_NAME = {name: topic for topic in TOPICS for name in topic.names}
+BY_NAME = {name: topic for topic in TOPICS for name in topic.names_of(rotary=True)}
+ON_REQUEST = {'motion__start_cycle': -1, 'rotary__present': True}
 
 
 @pytest.fixture(scope='module')
 def robot(shared_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    shared_graph.add(PlantNode, motion__start_cycle=-1, cell='cell')
-    shared_graph.robot(('1', '2', '3'), motion__start_cycle=-1)
+    shared_graph.add(PlantNode, cell='cell', **ON_REQUEST)
+    shared_graph.robot(('1', '2', '3', '4'), **ON_REQUEST)
     # the master comes last; it tells everything
-    shared_graph.add(TransformationTaskNode, real_time_factor=0.0, motion__start_cycle=-1, joint_motion=True)
-    shared_graph.add(UnitRobotNode, motion__start_cycle=-1)
-    shared_graph.add(RecorderNode, bag=str(tmp_path_factory.mktemp('bags') / 'bag'))
+    shared_graph.add(TransformationTaskNode, real_time_factor=0.0, joint_motion=True, **ON_REQUEST)
+    shared_graph.add(UnitRobotNode, **ON_REQUEST)
+    bag = str(tmp_path_factory.mktemp('bags') / 'bag')
+    shared_graph.add(RecorderNode, bag=bag, rotary__present=True)
     shared_graph.add(OperatorNode, shared_graph.spin_for)
     shared_graph.add(ScriptNode)
     # it reads what it needs only as long as somebody looks
@@ -119,7 +122,7 @@ def test_every_topic_that_a_node_reads_is_in_the_table_with_its_type_and_qos(rob
 
 def test_the_recorder_reads_what_the_table_says_and_nothing_else(robot: Any) -> None:
     found = {name for node, name, _ in endpoints(robot, 'subscriptions') if node == 'recorder'}
-    assert found == {name for topic in RECORDED for name in topic.names}
+    assert found == {name for topic in RECORDED for name in topic.names_of(rotary=True)}
 
 
 def test_every_service_is_in_the_table_with_its_type(robot: Any) -> None:
@@ -155,19 +158,26 @@ def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:
     assert set(ONE_WRITER) == {
         'sercos/phase',
         'sercos/mdt',
-        *(f'sercos/at/{axis}' for axis in DRIVES),
-        *(f'{axis}/motor_current' for axis in DRIVES),
+        *(f'sercos/at/{axis}' for axis in ALL_DRIVES),
+        *(f'{axis}/motor_current' for axis in ALL_DRIVES),
         'plant/motor_shafts',
         'sercos/at/io',
         'sercos/at/belts',
     }
 
 
-def test_a_name_with_axis_n_stands_for_three() -> None:
+def test_a_name_with_axis_n_stands_for_three_and_a_fourth_one_with_a_rotary_axis() -> None:
     topic = next(topic for topic in TOPICS if topic.name == 'sercos/at/axisN')
     assert isinstance(topic, Topic)
     assert topic.names == tuple(f'sercos/at/{axis}' for axis in DRIVES)
+    assert topic.names_of(rotary=False) == topic.names
+    assert topic.names_of(rotary=True) == (*topic.names, 'sercos/at/axis4')
     assert topic.of('axis2') == 'sercos/at/axis2'
+
+
+def test_only_a_robot_with_a_rotary_axis_tells_of_its_turn() -> None:
+    assert [topic.name for topic in TOPICS if not topic.names_of(rotary=False)] == ['tool/turn']
+    assert TURN.names_of(rotary=True) == ('tool/turn',)
 
 
 def test_any_client_may_ask_for_reliable_delivery_of_any_topic() -> None:

@@ -58,9 +58,15 @@ OPEN = {
     topic.name: (topic.type, REQUEST)
     for topic in (interfaces.JOINT_TRAJECTORY, interfaces.OVERRIDE, interfaces.PROGRAM, interfaces.MOVE_L)
 }
-CYCLIC = {name for topic in RECORDED if topic.cyclic for name in topic.names}
+CYCLIC = {name for topic in RECORDED if topic.cyclic for name in topic.names_of(rotary=False)}
 TOPICS = (
-    {name: (topic.type, topic.delivery.publisher) for topic in RECORDED for name in topic.names} | MORE | OPEN
+    {
+        name: (topic.type, topic.delivery.publisher)
+        for topic in RECORDED
+        for name in topic.names_of(rotary=False)
+    }
+    | MORE
+    | OPEN
 )
 NEWEST = 20  # messages of a topic that are played back
 LOOKED_AT = 20  # bus cycles after them, in which nothing moves

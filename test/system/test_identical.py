@@ -24,7 +24,7 @@ from delta3_pacdrive.motion.learned import Learned, Origin
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.bag_reader import open_bag
-from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, JOINT_MOTION
+from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, JOINT_MOTION, TURN_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
@@ -282,6 +282,85 @@ def test_feed_forward_of_the_model_gives_the_bits_of_its_simulation(
     _assert_same(simulated, recorded, result)
     cycles = len(simulated.time_s)
     np.testing.assert_array_equal(recorded['torque_command'][:cycles], simulated['torque_command'])
+
+
+# turns on the way, over rounded corners with parts of two weights, and while the robot stands
+TURNING = """
+start_m: [-0.1525, 0.0, -0.85]
+start_turn_deg: 30
+payload_kg: 0.0
+limits: {speed_m_s: 4.0, acceleration_m_s2: 100.0, jerk_m_s3: 20000.0}
+moves:
+- output: {name: gripper, value: true, payload_kg: 0.5}
+- dwell: {time_s: 0.03}
+- move_l: {to_m: {by_m: [0, 0, 0.025]}, blend_m: 0.025}
+- move_l: {to_m: {by_m: [0.305, 0, 0]}, blend_m: 0.025, turn_deg: 180}
+- move_l: {to_m: {by_m: [0, 0, -0.025]}, in_position: true}
+- output: {name: gripper, value: false, payload_kg: 0.0}
+- turn: {to_deg: 90}
+- move_l: {to_m: {by_m: [0, 0, 0.025]}, blend_m: 0.025}
+- move_l: {to_m: {by_m: [-0.305, 0, 0]}, blend_m: 0.025, turn_deg: {by_deg: -180}}
+- move_l: {to_m: {by_m: [0, 0, -0.025]}}
+"""
+TOLD_OF_TURNS = [name for name in TURN_SIGNALS if name != 'turn_true']  # what no topic tells
+
+
+def _run_turning(
+    source: str, program: Path, delta3: Runner, bag: Path, options: list[str]
+) -> tuple[Trace, Trace, subprocess.CompletedProcess[str]]:
+    """Return a run of the simulation, the same one on the graph, and how that ended."""
+    robot = parameters.load(source)
+    simulated = simulation.run(programs.load(program, robot.motion), robot)
+    options = ['--real-time-factor', '0', '--parameters', source, *options]
+    done = delta3('run', program, '--json', '--bag', bag, *options)
+    return simulated, trace_file.load(bag), done
+
+
+@pytest.mark.parametrize(
+    ('source', 'options'),
+    [
+        ('delta3+rotary', ['--single-process']),
+        ('model+rotary', ['--single-process']),
+        ('rich+rotary+model', ['--single-process']),
+        ('model+rotary', []),
+    ],
+)
+def test_a_tool_that_turns_gives_the_bits_of_its_simulation(
+    source: str, options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    program = tmp_path / 'turning.yaml'
+    program.write_text(TURNING)
+    simulated, recorded, done = _run_turning(source, program, delta3, tmp_path / 'bag', options)
+    assert done.returncode == 0, done.stderr
+    _assert_same(simulated, recorded, json.loads(done.stdout))
+    assert np.abs(simulated['turn_current']).max() > 1.0
+    for name in TOLD_OF_TURNS:
+        np.testing.assert_array_equal(recorded[name][: len(simulated.time_s)], simulated[name], err_msg=name)
+    assert 'turn_true' not in recorded.signals
+
+
+def test_faults_of_a_tool_that_turns_give_the_bits_of_the_simulation(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    program = tmp_path / 'turning.yaml'
+    program.write_text(
+        TURNING
+        + """
+faults:
+- {fault: drop_mdt, axis: axis4, after_s: 0.05}
+- {fault: drop_at, axis: axis4, after_s: 0.08}
+- {fault: overload, axis: axis4, torque_n_m: 0.4, after_s: 0.1, for_s: 0.03}
+- {fault: encoder_failure, axis: axis4, after_s: 0.16}
+"""
+    )
+    simulated, recorded, done = _run_turning('model+rotary', program, delta3, tmp_path / 'bag', [])
+    assert done.returncode == 1
+    assert json.loads(done.stdout)['error'] == simulated.meta['stopped']
+    assert simulated.meta['stopped'].startswith('axis4 reports a fault in bus cycle')
+    common = _assert_same_where_recorded(simulated, recorded, 1e-3)
+    assert len(common) == common[-1] + 1
+    for name in TOLD_OF_TURNS:
+        np.testing.assert_array_equal(recorded[name][: len(common)], simulated[name][common], err_msg=name)
 
 
 def test_time_optimal_arches_give_the_bits_of_their_simulation(

@@ -338,3 +338,19 @@ def test_a_child_that_gives_way_has_no_thread_in_real_time_left(tmp_path: Path) 
     finally:
         process.kill()
         process.communicate()
+
+
+def test_a_fourth_drive_that_is_killed_ends_the_run_with_its_name(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    program = tmp_path / 'killed.yaml'
+    program.write_text(
+        'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.2, turn_deg: 90}}]\n'
+        'faults: [{fault: kill, node: axis4, after_s: 0.2}]\n'
+    )
+    done = delta3('run', program, '--parameters', 'rotary', '--real-time-factor', '0')
+    assert done.returncode == 1
+    assert 'mc4_drive_4 was killed by SIGKILL in bus cycle' in done.stderr
+    done = delta3('run', program)
+    assert done.returncode == 1
+    assert 'the robot has no' in done.stderr

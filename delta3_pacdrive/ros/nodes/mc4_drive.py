@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 
 from delta3_pacdrive.drive.bus_drive import BusDrive
 from delta3_pacdrive.errors import ParameterError, Reason
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, of_tool_axis
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.drive_parameters import WRITABLE, DriveParameters
@@ -26,10 +26,11 @@ from delta3_pacdrive.ros.interfaces import PHASE
 from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.bus_time import Clock
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES, drives_of
 from delta3_pacdrive.sercos.participants import Occasion
 
 HOUSEKEEPING_S = 0.25
+AXIS = descriptor('number of the axis: 1 to 3, or 4 for a rotary axis', 0, len(ALL_DRIVES), int)
 
 
 class MC4DriveNode(RobotNode):
@@ -48,11 +49,17 @@ class MC4DriveNode(RobotNode):
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__('mc4_drive', **node_options)
-        number = declare(self, 'axis', 0, descriptor('number of the axis, 1 to 3', 0, len(DRIVES), int))
+        number = declare(self, 'axis', 0, AXIS)
+        name = self.get_fully_qualified_name()
         if not number:
-            raise ParameterError(f'{self.get_fully_qualified_name()} needs the parameter axis: 1, 2 or 3')
-        parameters = declare_robot(self, 'mc4_drive', frozenset(WRITABLE))
-        index, axis = number - 1, DRIVES[number - 1]
+            raise ParameterError(f'{name} needs the parameter axis: 1, 2 or 3, or 4 for a rotary axis')
+        index, axis = number - 1, ALL_DRIVES[number - 1]
+        own = of_tool_axis if index >= len(DRIVES) else None
+        parameters = declare_robot(self, 'mc4_drive', frozenset(WRITABLE), own)
+        if axis not in drives_of(parameters):
+            raise ParameterError(
+                f'{name}: axis is 4, but the robot has no rotary axis (rotary.present is false)'
+            )
         self._cycles = Clock(parameters.bus.cycle_time_s)
         self.telegrams = telegrams = DriveTelegrams(self, parameters, index)
         # what the drive sends goes out without a call between

@@ -1,6 +1,6 @@
-"""Node of the plant: three motors, brakes, gears and the coupled arms.
+"""Node of the plant: motors, brakes, gears and the coupled arms, and a rotary axis where there is one.
 
-In: ``axisN/motor_current`` of the three drives (currents of a period, brake output), ``sercos/phase``. Out:
+In: ``axisN/motor_current`` of the drives (currents of a period, brake output), ``sercos/phase``. Out:
 ``plant/motor_shafts`` (true shaft positions, speeds and coupling torques d), one message per exchange period. When the
 plant goes on: see ``plant.plant_clock``; how it takes part in the bus: see ``plant.bus_plant``; what stands around the
 robot: see ``plant_cell``.
@@ -12,6 +12,7 @@ from typing import Any
 
 from std_msgs.msg import Header
 
+from delta3_pacdrive.drive.bus_drive import own_parameters
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.plant.bus_plant import BusPlant, current_max_a
 from delta3_pacdrive.ros import cdr, node_process
@@ -23,7 +24,7 @@ from delta3_pacdrive.ros.plant_cell import InputRequests, plant_cell
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
+from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, drives_of
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 GREETING_S = 0.02
@@ -51,13 +52,17 @@ class PlantNode(RobotNode):
         self._bus_plant = plant = BusPlant(
             parameters, faults, self, HOUSEKEEPING_S, time.monotonic, cell.around if cell else None
         )
-        most_a = current_max_a(parameters.motor)
+        self._drives = drives_of(parameters)
         self._codecs = [
-            cdr.codec(telegrams.motor_current(axis, plant.clock.samples), most_a) for axis in DRIVES
+            cdr.codec(
+                telegrams.motor_current(axis, plant.clock.samples),
+                current_max_a(own_parameters(parameters, index)[0].motor),
+            )
+            for index, axis in enumerate(self._drives)
         ]
-        self._shafts = cdr.codec(telegrams.SHAFTS)
+        self._shafts = cdr.codec(telegrams.shafts(self._drives))
         self._publish = cdr.raw_publish(MOTOR_SHAFTS.publisher(self))
-        for index, axis in enumerate(DRIVES):
+        for index, axis in enumerate(self._drives):
             MOTOR_CURRENT.subscription(self, self._on_current(index), axis, raw=True)
         PHASE.bounded_subscription(self, self._on_phase, refuse=self._refuse)
         if cell:
@@ -142,7 +147,7 @@ class PlantNode(RobotNode):
             return
         self._looks += 1
         if self._looks % REPORT_EVERY == 0:
-            missing = [axis for axis in DRIVES if self.count_publishers(f'{axis}/motor_current') == 0]
+            missing = [axis for axis in self._drives if self.count_publishers(f'{axis}/motor_current') == 0]
             waiting = f'waiting for {", ".join(missing)}' if missing else 'all drives are there'
             if waiting != self._waiting:
                 self._waiting = waiting

@@ -43,7 +43,10 @@ class RecorderNode(PollingNode):
         if not folder:
             raise RunError('the recorder needs a folder: parameter bag')
         self._recording = Recording(Path(folder), program, parameters)
-        self._drains = [self._subscribe(topic, name) for topic in RECORDED for name in topic.names]
+        self._rotary = parameters.rotary.present
+        self._drains = [
+            self._subscribe(topic, name) for topic in RECORDED for name in topic.names_of(self._rotary)
+        ]
         self._state = RECORDER_STATE.publisher(self)
         self._ready = self._said_stopped = False
         self._begin_ns = time.time_ns()
@@ -93,11 +96,23 @@ class RecorderNode(PollingNode):
             return
         if (found := self._told.take()) is not None:
             self._recording.know(found)
+            self._hear_rotary_axis(found)
             self._told = None
             self.get_logger().info(f'controller of the robot: {found.controller}')
         elif self._told.ready and time.monotonic() >= self._ask_s:
             self._ask_s = time.monotonic() + ANSWER_S
             self._told.ask()
+
+    def _hear_rotary_axis(self, robot: core.Parameters) -> None:
+        """Record also the topics of a rotary axis, of a robot that turns out to have one."""
+        if robot.rotary.present and not self._rotary:
+            self._rotary = True
+            self._drains += [
+                self._subscribe(topic, name)
+                for topic in RECORDED
+                for name in topic.names_of(rotary=True)
+                if name not in topic.names_of(rotary=False)
+            ]
 
     def _catch_up(self) -> None:
         """Take what had been published when this was called, of a robot that goes on or has ended."""

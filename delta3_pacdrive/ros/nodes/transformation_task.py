@@ -99,7 +99,13 @@ class TransformationTaskNode(PollingNode):
         self._phases = PHASE.publisher(self)
         self._outputs = TaskOutputs(self, parameters, controller, joint_motion)
         self._receiver = AtReceiver(
-            self, clock, factor > 0.0, self._cycles.statistics, self._cycles.take, controller.greeted
+            self,
+            clock,
+            factor > 0.0,
+            self._cycles.statistics,
+            self._cycles.take,
+            controller.greeted,
+            controller.services.drives,
         )
         self._inputs = InputReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         self._belts = BeltReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
@@ -109,7 +115,7 @@ class TransformationTaskNode(PollingNode):
         self._actions = RobotOutputs(self, controller, self._injection, self._planner, clock)
         self._operators = OperatorServices(self, controller, self.change, self._planner.tell_status)
         self._scripts = ScriptRequests(self, controller, self.change)
-        receive_announcements(self, controller.announced, self.refuse)
+        receive_announcements(self, controller.announced, self.refuse, controller.bus.names)
         self._reports = ProgressReport(self, report_s, controller.progress, controller.totals)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self._ticker = self.create_timer(period_s or STARTUP_S, self._tick, autostart=False)

@@ -121,10 +121,10 @@ def test_a_dump_of_a_node_loads_again(kind: type[Node], graph: Any) -> None:
         ({'motor__peak_current_a': 'much'}, 'motor.peak_current_a'),
         ({'motor__peak_current_a': -1.0}, 'motor.peak_current_a'),
         ({'bus__cycle_time_s': 1.5e-3}, 'must be 0.001, 0.002 or 0.004'),
-        ({'axis': 4}, 'axis'),
+        ({'axis': 4}, '^/mc4_drive_4: axis is 4, but the robot has no rotary axis'),
+        ({'axis': 5}, 'axis'),
         ({'plant': 'poor'}, "plant is 'poor', but must be plain or rich"),
         ({'plant': 'rich'}, 'rich.gear needs a bus.exchange_period_s'),
-        ({'rotary__present': True}, '^/mc4_drive_1: the graph drives no rotary axis yet'),
     ],
 )
 def test_a_wrong_parameter_is_refused_by_name(overrides: dict, expected: str, graph: Any) -> None:

@@ -33,7 +33,7 @@ TMPFS_BYTES = 1 << 20
 SOON_S = 1.0  # for a recorder that has nothing else to do
 AT_ONCE = 50  # messages, fewer than the queues hold
 FRAME = 'x' * 200
-CYCLIC = {name: topic.type for topic in RECORDED if topic.cyclic for name in topic.names}
+CYCLIC = {name: topic.type for topic in RECORDED if topic.cyclic for name in topic.names_of(rotary=False)}
 
 
 class Studio:
