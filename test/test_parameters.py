@@ -393,6 +393,17 @@ def test_a_file_of_ones_own_goes_before_the_packaged_one_of_its_name(robot, tmp_
     assert refusal(parameters.load, 'richer').startswith('cannot read parameter file richer')
 
 
+def test_a_folder_hides_no_packaged_file_of_its_name(tmp_path, monkeypatch):
+    wanted = {name: parameters.load(name).checksum for name in ('rich', 'model+rotary')}
+    for name in ('rich', 'model', 'rotary'):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert {name: parameters.load(name).checksum for name in wanted} == wanted
+    # the controller that a program of the thesis has, too
+    (tmp_path / 'experiment1').mkdir()
+    assert parameters.of_run(None, 'experiment1') == parameters.THESIS_CONTROLLER
+
+
 def test_all_mistakes_of_a_file_are_told_with_their_places(tmp_path):
     default = parameters.config_directory() / parameters.DEFAULT_FILE
     lines = default.read_text(encoding='utf-8').splitlines()

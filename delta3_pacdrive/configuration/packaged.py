@@ -14,3 +14,8 @@ def program_names() -> list[str]:
         if os.path.isdir(folder):
             return sorted(name.removesuffix('.yaml') for name in os.listdir(folder) if name.endswith('.yaml'))
     return []
+
+
+def is_own(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file of one's own goes before the packaged one of its name; a folder is no such file."""
+    return os.path.exists(path) and not os.path.isdir(path)

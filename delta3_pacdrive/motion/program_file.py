@@ -98,7 +98,7 @@ def find(path: str | Path) -> Path:
     """Return the file that ``path`` means: itself, else the packaged program of that name."""
     path = Path(path)
     own = config_directory() / 'programs' / f'{path.name}.yaml'
-    if not path.exists() and path.parent == Path() and own.exists():
+    if not packaged.is_own(path) and path.parent == Path() and own.exists():
         return own
     return path
 

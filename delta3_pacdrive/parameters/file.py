@@ -62,7 +62,7 @@ def of_run(given: str | None, program: str | Path | None = None) -> str:
 
 def _is_of_the_thesis(program: str | Path) -> bool:
     path, folder = Path(program), config_directory() / 'programs'
-    if path.parent == Path() and not path.exists():
+    if path.parent == Path() and not packaged.is_own(path):
         path = folder / f'{path.name}.yaml'
     return path.stem in packaged.THESIS_PROGRAMS and path.resolve().parent == folder.resolve()
 
@@ -71,7 +71,7 @@ def parts(path: str | Path) -> list[Path]:
     """Return the files that ``path`` means: itself, a packaged one, or several that ``+`` joins."""
     found = find(path)
     several = [find(part) for part in str(path).split('+')]
-    if found.exists() or not any(part.exists() for part in several):
+    if packaged.is_own(found) or not any(packaged.is_own(part) for part in several):
         return [found]
     return several
 
@@ -80,7 +80,7 @@ def find(path: str | Path) -> Path:
     """Return the parameter file that ``path`` means: itself, else the packaged one of that name."""
     path = Path(path)
     for own in config_directory().glob('*.yaml'):
-        if str(path) in (own.name, own.stem) and not path.exists():
+        if str(path) in (own.name, own.stem) and not packaged.is_own(path):
             return own
     return path
 

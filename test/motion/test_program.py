@@ -408,11 +408,11 @@ def test_ten_mistakes_are_enough(robot, tmp_path):
 
 
 def test_a_mistake_in_a_fault_of_a_program_has_its_place_too(robot, tmp_path):
-    text = 'moves: [{dwell: {time_s: 1}}]\nfaults:\n- {fault: drop_mtd, axis: axis1}\n- {fault: kill, node: axis4}'
+    text = 'moves: [{dwell: {time_s: 1}}]\nfaults:\n- {fault: drop_mtd, axis: axis1}\n- {fault: kill, node: axis5}'
     one, two = refusal(programs.load, written(tmp_path, text), robot.motion).split('; ')
     assert "yaml:3:11: faults[0].fault is 'drop_mtd'" in one
     assert one.endswith('did you mean drop_mdt?')
-    assert "yaml:4:23: faults[1].node is 'axis4'" in two
+    assert "yaml:4:23: faults[1].node is 'axis5'" in two
 
 
 def test_text_that_comes_as_a_message_tells_line_and_column(robot):
@@ -449,3 +449,10 @@ def test_packaged_programs_are_found_by_their_names(robot):
     assert 'experiment1' in names
     for name in names:
         assert programs.load(name, robot.motion).statements
+
+
+def test_a_folder_hides_no_packaged_program_of_its_name(robot, tmp_path, monkeypatch):
+    wanted = programs.load('packaging', robot.motion).name
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'packaging').mkdir()  # of results, say
+    assert programs.load('packaging', robot.motion).name == wanted
