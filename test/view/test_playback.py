@@ -1,6 +1,8 @@
 """Facts about the playing of recordings, without a browser."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.view.playback import SPEEDS, Clock, Film, overload_of
+from delta3_pacdrive.view.playback import SPEEDS, Clock, Film, Player, overload_of
 
 
 @pytest.fixture(scope='module')
@@ -188,3 +190,50 @@ def test_inputs_of_a_recording_are_read_and_a_recording_without_a_cell_has_none(
     assert {on for _, on in seen} == {True, False}
     bare = Film(run)
     assert (bare.things, bare.at(0).cell, bare.facts(0, 'playing', 1.0).inputs) == ((), None, ())
+
+
+class Slider:
+    """A slider as viser has it: what is set from here is sent to the page, unless it has that value already."""
+
+    def __init__(self, value):
+        self._value, self.sent, self.asked = value, [], None
+
+    @property
+    def value(self):
+        return self._value
+
+    @value.setter
+    def value(self, value):
+        if value != self._value:
+            self.sent.append(value)
+        self._value = value
+
+    def on_update(self, asked):
+        self.asked = asked
+
+    def slide(self, value):
+        """Let somebody at the page put it somewhere."""
+        self._value = value
+        self.sent.clear()
+        self.asked(SimpleNamespace(client='somebody'))
+
+
+@pytest.mark.parametrize('playing', [True, False])
+def test_a_slider_that_is_set_while_pictures_are_under_way_is_sent_where_it_was_set(run, playing):
+    page, sliders = MagicMock(), []
+    page.server.gui.add_slider.side_effect = lambda *given: sliders.append(Slider(given[-1])) or sliders[0]
+    player, drawn = Player(page, Film(run)), []
+
+    def show(instant):
+        drawn.append(instant.time_s)
+        if len(drawn) == 8:
+            player.clock.playing = playing
+            sliders[0].slide(0.5)
+        elif len(drawn) == 16:
+            player.stop()
+
+    page.show.side_effect = show
+    player.clock.play()
+    player.run()
+    assert sliders[0].sent[-1] == 0.5
+    assert drawn[-1] == pytest.approx(0.5, abs=1e-3)
