@@ -40,6 +40,7 @@ TITLES = {
 CASES = tuple(TITLES)
 WITHOUT_PAGE = tuple(case for case in CASES if case not in ('viewed', 'scoped'))
 BESIDE_PAGE = ('separate', 'viewed')
+PAGE_LEAST_S = 2.0  # that a page is watched, for figures of it
 BESIDE_SCOPE = ('separate', 'scoped')
 SCOPED = (
     'axis1.current_reference,axis1.motor_current,axis1.phase_current_1,axis1.phase_voltage_1,axis2.current_reference,'
@@ -269,11 +270,19 @@ def _rows(result: dict[str, Any]) -> dict[str, str]:
             f'{result["scope_samples"]} samples of a channel held, {result["scope_lost"]} lost'
         )
     if 'page_kb_s' in result:
-        watched = f'{result["page_kb_s"]:.0f} kB/s for {result["page_watched_s"]:.0f} s'
-        pictures = f'{result["page_pictures_hz"]:.0f} pictures a second in motion'
-        rows['page'] = f'{result["page_cores"]:.3f} cores, {pictures}, {watched}'
+        rows['page'] = _page(result)
     rows['memory (PSS)'] = f'{sum(result["memory_mib"].values()):.0f} MiB'
     return rows
+
+
+def _page(result: dict[str, Any]) -> str:
+    watched_s = result['page_watched_s']
+    if watched_s < PAGE_LEAST_S:
+        return f'watched for {watched_s:.1f} s: too short to say what it takes'
+    pictures = f'{result["page_pictures_hz"]:.1f} pictures a second in motion'
+    return (
+        f'{result["page_cores"]:.3f} cores, {pictures}, {result["page_kb_s"]:.0f} kB/s for {watched_s:.0f} s'
+    )
 
 
 def show(results: dict[str, dict[str, Any]]) -> None:

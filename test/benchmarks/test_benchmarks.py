@@ -83,6 +83,25 @@ def test_the_benchmark_of_the_graph_prints_its_columns_side_by_side(monkeypatch,
 
 
 @pytest.mark.parametrize(
+    ('watched_s', 'told'),
+    [
+        (57.0, 'page 0.095 cores, 30.2 pictures a second in motion, 214 kB/s for 57 s'),
+        (0.3, 'page watched for 0.3 s: too short to say what it takes'),
+    ],
+)
+def test_the_benchmark_tells_what_a_page_takes_if_it_was_watched_for_long(
+    watched_s, told, monkeypatch, capsys
+):
+    page = {
+        'page_watched_s': watched_s, 'page_cores': 0.095, 'page_pictures_hz': 30.2, 'page_kb_s': 214.0
+    }  # fmt: skip
+    monkeypatch.setattr(graph, 'in_child', lambda _: FIGURES | page)
+    assert bench.main(['graph', '--view', '--case', 'viewed', '--scheduling', 'ordinary']) == 0
+    rows = [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert told in rows
+
+
+@pytest.mark.parametrize(
     ('options', 'cases'),
     [
         (['--view'], ['separate', 'viewed']),
