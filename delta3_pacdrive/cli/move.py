@@ -1,6 +1,7 @@
 """``delta3 move``: send moves and programs to a robot that is up, and start, hold, resume, override or abort them."""
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -270,6 +271,8 @@ def _state_facts(operator: Any) -> dict[str, Any]:
     seen = operator.progress
     operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
     facts = {key: operator.progress.get(key) for key in STATE_FACTS}
+    if TURN in operator.progress:
+        facts[TURN] = operator.progress[TURN]
     try:
         operator.wait_until(lambda: operator.queue, 'unit_robot/queue', PLANNER_S)
     except RunError:
@@ -279,6 +282,7 @@ def _state_facts(operator: Any) -> dict[str, Any]:
 
 
 SILENT_S = 5.0  # without a word of a robot that moves, which is dead then
+TURN = 'turn_rad'  # is told where there is a rotary axis
 UP_S = 120.0  # for a robot that is asked to come up, the first compilation of its kernels included
 PLANNER_S = 2.0  # without a word of the planner, when ``state`` is asked
 STATE_FACTS = (
@@ -302,6 +306,8 @@ def _state_text(facts: dict[str, Any]) -> str:
     if facts['override'] is not None:
         parts.append(f'override {100 * facts["override"]:g} %')
     parts.append(f'TCP at {millimetres(facts["tcp_m"])}')
+    if TURN in facts:
+        parts.append(f'tool at {math.degrees(facts[TURN]):.2f} deg')
     if facts['queue'] is not None:
         parts.append(f'{facts["queue"]} moves in the queue')
     if facts['planning']:

@@ -319,6 +319,7 @@ class RobotController:
             'learned_torques': task.learned.exist,
             'unlearned': task.learned.reason,
             'repeated_telegrams': cycles.answers.repeated,
+            **({} if (turning := task.turning) is None else {'turn_rad': turning.told[1]}),
         }
 
     def totals(self) -> dict[str, Any]:

@@ -45,6 +45,9 @@ def read_progress(text: str) -> dict[str, Any] | None:
     # JSON as Python reads it knows Infinity; where the arms close no chain the place, and it alone, is nan
     if any(abs(x) > NUMBER_MAX for x in place):
         return None
+    turned = facts.get('turn_rad', 0.0)  # there is one only where there is a rotary axis
+    if not isinstance(turned, (int, float)) or not abs(turned) < NUMBER_MAX:
+        return None
     if not all(abs(facts[key]) < NUMBER_MAX for key in _NUMBERS if isinstance(facts.get(key), (int, float))):
         return None
     return facts if all(isinstance(facts.get(key), kinds) for key, kinds in _TYPES.items()) else None

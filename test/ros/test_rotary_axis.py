@@ -1,5 +1,6 @@
 """Facts about a robot with a rotary axis on the running graph: its fourth drive, its turns, and what is refused."""
 
+import json
 import math
 from typing import Any
 
@@ -13,6 +14,7 @@ from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
+from delta3_pacdrive.ros.progress_report import read_progress
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
@@ -82,6 +84,9 @@ def test_bus_and_machine_have_four_axes_and_the_tool_turns_with_the_robot(graph:
     told = cyclic(cell.turns)[-1].vector
     assert told.x == math.pi / 2
     assert told.y == pytest.approx(told.x, abs=1e-3)
+    progress = cell.task.progress()
+    assert read_progress(json.dumps(progress)) == progress
+    assert progress['turn_rad'] == pytest.approx(told.x, abs=1e-3)
     assert max(abs(message.vector.z) for message in cyclic(cell.turns)) < math.radians(0.2)
 
 
@@ -101,6 +106,7 @@ def test_without_a_rotary_axis_nothing_is_told_of_a_fourth_drive_and_turns_are_r
     assert not answer.success
     assert 'the robot has no axis4, that of a rotary axis' in answer.message
     assert cell.task.progress()['fault'] == ''
+    assert 'turn_rad' not in cell.task.progress()
 
 
 def test_the_bus_waits_for_the_fourth_drive(graph: Any) -> None:

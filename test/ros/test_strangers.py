@@ -239,7 +239,7 @@ def test_no_text_on_the_progress_ends_or_misleads_a_client(text: str, cell: Cell
 def test_numbers_that_no_robot_has_are_none_of_its_progress(value: str, cell: Cell) -> None:
     facts = cell.task.progress()
     assert read_progress(json.dumps(facts)) == facts
-    for name in ('cycles', 'move', 'outputs', 'rate', 'payload_kg'):
+    for name in ('cycles', 'move', 'outputs', 'rate', 'payload_kg', 'turn_rad'):
         assert read_progress(json.dumps(facts | {name: 'X'}).replace('"X"', value)) is None, name
     told = read_progress(json.dumps(facts | {'tcp_m': [0.0, 'X', 0.0]}).replace('"X"', value))
     assert (told is None) is (value != 'NaN')  # there may be none: the arms close no chain
