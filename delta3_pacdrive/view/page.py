@@ -27,7 +27,7 @@ from delta3_pacdrive.view.serving import Place, own_pages_only
 from delta3_pacdrive.view.values import Facts, Instant, Wish
 
 PICTURES_HZ = 30.2
-READ_S, PLOT_S = 0.15, 0.4  # between two updates of what is read, and of plots and the path travelled
+READ_S, PLOT_S = 0.2, 0.4  # between two updates of what is read, and of plots and the path travelled
 FLASH_S = 0.5
 HISTORY_S = 30.0  # of the path travelled; plots show as much at most
 GHOST_FAR_M = 0.4  # a ghost goes no further away, however much its error is magnified
@@ -273,10 +273,8 @@ class Page:
         self._facts = facts
         if not self.watched:
             return
-        now = time.monotonic()
-        if now - self._read_s >= READ_S:  # else the next picture writes it, when it is due
-            self._read_s = now
-            self._write()
+        self._read_s = now = time.monotonic()  # the next picture has nothing to add
+        self._write()
         self._figure.carry(facts.payload_kg or 0.0)
         self._flash(now)
         if self.controls is not None:
