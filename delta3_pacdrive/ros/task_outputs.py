@@ -14,11 +14,12 @@ from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.publishers import TelegramOutput
 from delta3_pacdrive.scene.joints import tree_joints
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC
+from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegrams import JOINTS
 
 JOINT_STATES_S = 0.01  # of bus time
 ACYCLIC = (ACYCLIC_SEC, 0)
-ARMS = 3
+ARMS = len(DRIVES)
 AT_EASE = [0.0] * (len(JOINTS) - ARMS)  # torques of the passive joints
 
 

@@ -1,0 +1,33 @@
+"""Facts about a robot with a rotary axis that is up, from the command line: its processes, what it does and tells."""
+
+import signal
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Runner = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def test_a_tool_turns_on_a_robot_that_is_up_and_is_where_it_is_told_to_be(
+    start_delta3: Callable[..., subprocess.Popen[str]],
+    delta3: Runner,
+    tmp_path: Path,
+    nothing_left_behind: Any,
+) -> None:
+    program = tmp_path / 'turns.yaml'
+    program.write_text('moves: [{move_l: {to_m: [0.1, 0.0, -0.8], turn_deg: 90}}]')
+    up = start_delta3('up', '--parameters', 'rotary')
+    assert up.stderr is not None
+    assert any('ready' in line for line in up.stderr)
+    assert 'tool at 0.00 deg' in delta3('move', 'state').stdout.replace('-0.00', '0.00')
+    done = delta3('move', 'program', program)
+    assert done.returncode == 0, done.stderr
+    told = delta3('move', 'state').stdout
+    angle = float(told.split('tool at ')[1].split(' deg')[0])
+    assert abs(angle - 90.0) < 0.1
+    assert delta3('drive', '4', 'S-0-0104').stdout.startswith('axis4: S-0-0104 ')
+    up.send_signal(signal.SIGINT)
+    output, _ = up.communicate(timeout=20.0)
+    assert up.returncode == 0
+    assert '0 lost AT' in output
