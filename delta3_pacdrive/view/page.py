@@ -253,6 +253,7 @@ class Page:
                 self._figure.travelled.points = segments(1e-3 * rows[:, TCP]).astype(np.float32)
                 if len(rows):
                     self._plots.draw(rows[np.searchsorted(rows[:, 0], rows[-1, 0] - self._seconds) :])
+        self.server.flush()  # else a picture waits for viser's window, twice 1/60 s: 28 of 30 would be sent
 
     def _ghost_of(self, instant: Instant, tcp: Floats, error: Floats) -> Floats | None:
         """Return where the ghost is: as far away as its error, magnified."""

@@ -325,9 +325,10 @@ class Player:
 
     def run(self) -> None:
         """Show it until it is stopped."""
-        then = time.monotonic()
+        due = then = time.monotonic()
         while not self._stopping:
-            time.sleep(PICTURE_S)
+            due = max(due + PICTURE_S, then)  # on a grid; not to catch up
+            time.sleep(max(0.0, due - time.monotonic()))
             now = time.monotonic()
             self.clock.advance(now - then)
             then = now

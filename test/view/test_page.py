@@ -2,6 +2,7 @@
 
 import json
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 from io import BytesIO
 
@@ -77,6 +78,22 @@ def mark_in(picture):
     if not count or sizes.max() < 20:
         return None
     return np.flip(ndimage.center_of_mass(spots == 1 + sizes.argmax())) + 0.5
+
+
+def test_a_picture_is_sent_at_once_and_as_a_whole(page, visit, robot, monkeypatch):
+    order = []
+    whole = page.server.atomic
+
+    @contextmanager
+    def atomic():
+        with whole():
+            yield
+        order.append('whole')
+
+    monkeypatch.setattr(page.server, 'atomic', atomic)
+    monkeypatch.setattr(page.server, 'flush', lambda: order.append('sent'))
+    page.show(instant_at(PLACES[0], robot))
+    assert order[-2:] == ['whole', 'sent']
 
 
 def test_the_plate_is_where_forward_kinematics_says(page, visit, robot):
