@@ -54,9 +54,14 @@ WARM_STAGES, WARM_STEP = (
     0.99,
 )  # of a solution that is known nearly: how it is brought back within all limits
 NEWTON_MAX, SEARCH_MAX = 60, 40
-DECREMENT = 2.5e-5  # of the barrier by a Newton's step, in terms of its terms, at which it is made sharper
+# of the barrier by a Newton's step, in terms of its terms, at which the last stage ends, and each before it
+DECREMENT, EARLY_DECREMENT = 2.5e-5, 1e-2
+# A whole step that promises hardly less than the one before, and little, follows what the Hessian leaves out: that
+# takes many steps and gains nothing.
+CRAWLING, CRAWLING_BELOW = 0.7, 3e-3
 # of a step: how much of what it promises it must keep, and how it is shortened otherwise
 SLOPE, SHORTER = 0.1, 0.6
+NOTCHES = 2  # by how many of these the first step that is tried may be longer than the last one that was taken
 START, START_HALVINGS = 1e4, 80  # first y that is tried [1/s^2]
 
 
@@ -108,21 +113,22 @@ def _with_whole_slope(slant, weight, a, b, c):
 @kernel
 def _at_point(n, y, d, e, time, heat, demand):
     """Barrier, time and heat at a grid point: value, inf beyond a limit, gradient and Hessian."""
-    if not 0.0 < y < demand.square_max[n]:
+    square_max, change_max, bounded, accelerated, jerked, rated = demand
+    if not 0.0 < y < square_max[n]:
         return BROKEN
     root = np.sqrt(y)
     value = time / root
     slant = (-0.5 * time / (root * y), 0.0, 0.0)
     bend = (0.75 * time / (root * y * y), 0.0, 0.0, 0.0, 0.0, 0.0)
-    room = 1.0 - y / demand.square_max[n]
+    room = 1.0 - y / square_max[n]
     product = room
-    inverse = 1.0 / (demand.square_max[n] - y)
+    inverse = 1.0 / (square_max[n] - y)
     slant = _with_slope(slant, inverse, 1.0, 0.0)
     bend = _with_square(bend, inverse * inverse, 1.0, 0.0)
-    for i in range(demand.bounded.shape[1]):
-        p, q = demand.bounded[n, i, 0], demand.bounded[n, i, 1]
-        k = demand.bounded[n, i, 3]
-        f = p * y + q * d + demand.bounded[n, i, 2] + k * root
+    for i in range(bounded.shape[1]):
+        p, q = bounded[n, i, 0], bounded[n, i, 1]
+        k = bounded[n, i, 3]
+        f = p * y + q * d + bounded[n, i, 2] + k * root
         if not -1.0 < f < 1.0:
             return BROKEN
         p += 0.5 * k / root
@@ -139,7 +145,7 @@ def _at_point(n, y, d, e, time, heat, demand):
             bend = _with_square(bend, 2.0 * h, p - 0.5 * f / y, q)
             bend = _with_square(bend, 0.25 * h * f * f / (y * y), 1.0, 0.0)
     # between two grid points y changes little: else it would jump where no limit is looked at
-    even = demand.change_max[n]
+    even = change_max[n]
     up, down = 1.0 / (even * y - d), 1.0 / (even * y + d)
     if not (up > 0.0 and down > 0.0):
         return BROKEN
@@ -150,9 +156,9 @@ def _at_point(n, y, d, e, time, heat, demand):
     bend = _with_square(bend, up * up, even, -1.0)
     bend = _with_square(bend, down * down, even, 1.0)
     value -= np.log(product)
-    for _ in range(demand.accelerated.shape[1] // 2):
-        p, q = demand.accelerated[n, 0, 0], demand.accelerated[n, 0, 1]
-        r = demand.accelerated[n, 1, 0]
+    for _ in range(accelerated.shape[1] // 2):
+        p, q = accelerated[n, 0, 0], accelerated[n, 0, 1]
+        r = accelerated[n, 1, 0]
         along, across = p * y + q * d, r * y
         left = 1.0 - along * along - across * across
         if not left > 0.0:
@@ -164,10 +170,10 @@ def _at_point(n, y, d, e, time, heat, demand):
         bend = _with_square(bend, 2.0 / left, p, q)
         bend = _with_square(bend, 2.0 / left, r, 0.0)
     bound, slope = 1.0 / root, -0.5 / (root * y)
-    for first in range(0, demand.jerked.shape[1], 3):
+    for first in range(0, jerked.shape[1], 3):
         left, a, b, c = bound * bound, bound * slope, 0.0, 0.0
         for i in range(first, first + 3):
-            p, q, r = demand.jerked[n, i, 0], demand.jerked[n, i, 1], demand.jerked[n, i, 2]
+            p, q, r = jerked[n, i, 0], jerked[n, i, 1], jerked[n, i, 2]
             f = p * y + q * d + r * e
             left -= f * f
             a, b, c = a - f * p, b - f * q, c - f * r
@@ -178,11 +184,11 @@ def _at_point(n, y, d, e, time, heat, demand):
         bend = _with_whole_square(bend, 4.0 / (left * left), a, b, c)
         bend = _with_square(bend, -2.0 * slope * slope / left, 1.0, 0.0)
         for i in range(first, first + 3):
-            p, q, r = demand.jerked[n, i, 0], demand.jerked[n, i, 1], demand.jerked[n, i, 2]
+            p, q, r = jerked[n, i, 0], jerked[n, i, 1], jerked[n, i, 2]
             bend = _with_whole_square(bend, 2.0 / left, p, q, r)
-    for i in range(demand.rated.shape[1]):
-        p, q, r = demand.rated[n, i, 0], demand.rated[n, i, 1], demand.rated[n, i, 2]
-        f = p * y + q * d + r * e + demand.rated[n, i, 3]
+    for i in range(rated.shape[1]):
+        p, q, r = rated[n, i, 0], rated[n, i, 1], rated[n, i, 2]
+        f = p * y + q * d + r * e + rated[n, i, 3]
         if not -bound < f < bound:
             return BROKEN
         up, down = 1.0 / (bound - f), 1.0 / (bound + f)
@@ -298,8 +304,11 @@ def _minimise(c, demand, heat, warm):
     sharpness = SHARPNESS * terms / (duration / count)
     if warm:
         sharpness *= SHARPER ** (STAGES - WARM_STAGES)
-    for _ in range(WARM_STAGES if warm else STAGES):
+    stages = WARM_STAGES if warm else STAGES
+    for stage in range(stages):
         value = _evaluate(c, demand, sharpness, heat, gradient, band)
+        enough = terms * (DECREMENT if stage == stages - 1 else EARLY_DECREMENT)
+        notch, before = 0, np.inf
         for _ in range(NEWTON_MAX):
             if not _newton_step(gradient, band, step):
                 break
@@ -307,9 +316,13 @@ def _minimise(c, demand, heat, warm):
             decrement = 0.0
             for n in range(count):
                 decrement -= gradient[n] * step[n]
-            if decrement < DECREMENT * terms:
+            if decrement < enough or (notch == 0 and CRAWLING * before < decrement < CRAWLING_BELOW * terms):
                 break
-            share, found = 1.0, np.inf
+            before = decrement
+            # a step that was too long for the last one is hardly short enough for this one
+            notch, share, found = max(0, notch - NOTCHES), 1.0, np.inf
+            for _ in range(notch):
+                share *= SHORTER
             for _ in range(SEARCH_MAX):
                 for n in range(count):
                     other[n] = c[n] + share * step[n]
@@ -317,6 +330,7 @@ def _minimise(c, demand, heat, warm):
                 if found <= value - SLOPE * share * decrement:
                     break
                 share *= SHORTER
+                notch += 1
             else:
                 break
             c[:], value = other, found
