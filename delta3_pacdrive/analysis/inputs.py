@@ -7,6 +7,8 @@ from delta3_pacdrive.analysis.provenance import digest
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.trace_file import TABLES
 
+BAG_FILES = ('.mcap', '.db3')
+
 
 def is_recording(text: str) -> bool:
     """Whether an input is a recording: a folder, or a file that is no program."""
@@ -17,6 +19,18 @@ def is_recording(text: str) -> bool:
 def is_table(text: str) -> bool:
     """Whether an input is a table of measurements, by the end of its name."""
     return Path(text).suffix.lower() in TABLES
+
+
+def bags_in(text: str) -> list[str]:
+    """Return the bags in a folder of several robots, in the order of their names; of any other input itself."""
+    path = Path(text)
+    if not path.is_dir() or _is_bag(path):
+        return [text]
+    return [str(bag) for bag in sorted(path.iterdir()) if bag.is_dir() and _is_bag(bag)] or [text]
+
+
+def _is_bag(folder: Path) -> bool:
+    return any(file.suffix in BAG_FILES or file.name == 'metadata.yaml' for file in folder.iterdir())
 
 
 def program_name(text: str) -> str:

@@ -10,7 +10,8 @@ from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import ParameterError
 
 RUN = (
-    'trace (.npz), table of measurements (.csv, .parquet, .mat), rosbag2 folder, or a program that is simulated: '
+    'trace (.npz), table of measurements (.csv, .parquet, .mat), rosbag2 folder, folder with the bags of several '
+    'robots, or a program that is simulated: '
     f'{", ".join(program_names())}'
 )
 START, CORRELATION, NONE = 'start', 'correlation', 'none'
@@ -61,6 +62,12 @@ class RunOptions(WindowOptions):
         'them: one for each run, nothing for one that needs none',
         'FILE[,FILE...]',
     )
+
+    def __post_init__(self) -> None:
+        """Let a folder of several robots stand for the bags in it."""
+        from delta3_pacdrive.analysis.inputs import bags_in
+
+        self.inputs = [run for text in self.inputs for run in bags_in(text)]
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""

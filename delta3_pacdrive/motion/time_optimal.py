@@ -61,7 +61,9 @@ DECREMENT, EARLY_DECREMENT = 2.5e-5, 1e-2
 CRAWLING, CRAWLING_BELOW = 0.7, 3e-3
 # of a step: how much of what it promises it must keep, and how it is shortened otherwise
 SLOPE, SHORTER = 0.1, 0.6
-NOTCHES = 2  # by how many of these the first step that is tried may be longer than the last one that was taken
+NOTCHES = (
+    2  # by how many of these the first step that is tried may be longer than the last one that was taken
+)
 START, START_HALVINGS = 1e4, 80  # first y that is tried [1/s^2]
 
 
@@ -276,6 +278,15 @@ def _newton_step(gradient, band, step):
 
 
 @kernel
+def _duration(c):
+    """Sum of the slownesses of the coefficients [s]."""
+    duration = 0.0
+    for n in range(c.shape[0]):
+        duration += 1.0 / np.sqrt(c[n])
+    return duration
+
+
+@kernel
 def _minimise(c, demand, heat, warm):
     """Set the coefficients to those of the fastest motion; return the number of Newton's steps, -1 if none is legal."""
     count, value, steps = c.shape[0], np.inf, 0
@@ -298,10 +309,7 @@ def _minimise(c, demand, heat, warm):
         + demand.jerked.shape[1] / 1.5
         + 2.0 * demand.rated.shape[1]
     )
-    duration = 0.0
-    for n in range(count):
-        duration += 1.0 / np.sqrt(c[n])
-    sharpness = SHARPNESS * terms / (duration / count)
+    sharpness = SHARPNESS * terms / (_duration(c) / count)
     if warm:
         sharpness *= SHARPER ** (STAGES - WARM_STAGES)
     stages = WARM_STAGES if warm else STAGES

@@ -3,7 +3,8 @@
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -47,8 +48,43 @@ def ask_all(act: Callable[[OperatorNode], Answered], prefix: str = '/') -> list[
         A signal asked for the end.
 
     """
-    discovery.keep_to_this_machine()
     below = '/' + prefix.strip('/')
+    with _finder() as (process, finder, interrupted):
+        outcomes = _ask_found(process, finder, act, below, interrupted)
+    _require_some(outcomes, below)
+    return sorted(outcomes, key=lambda outcome: outcome.namespace)
+
+
+def find_all(prefix: str = '/') -> list[str]:
+    """Return the namespaces of all robots of the domain, or of those below one.
+
+    Raises
+    ------
+    RunError
+        There is none.
+    RunInterruptedError
+        A signal asked for the end.
+
+    """
+    below = '/' + prefix.strip('/')
+    found: set[str] = set()
+    with _finder() as (process, finder, interrupted):
+        patient_until = time.monotonic() + FIRST_S
+        while time.monotonic() < patient_until:
+            process.spin_for(LOOK_S)
+            if interrupted.is_set():
+                raise RunInterruptedError(interrupts.sentence(interrupts.asked()))
+            if new := _robots(finder, below) - found:
+                found |= new
+                patient_until = time.monotonic() + SETTLED_S
+    _require_some(found, below)
+    return sorted(found)
+
+
+@contextmanager
+def _finder() -> Iterator[tuple[node_process.Process, Node, threading.Event]]:
+    """Hold a node that looks for robots, who spins it, and whether a signal has asked for the end."""
+    discovery.keep_to_this_machine()
     interrupted = threading.Event()
     with interrupts.answered_by(interrupted.set):
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -57,13 +93,15 @@ def ask_all(act: Callable[[OperatorNode], Answered], prefix: str = '/') -> list[
             finder = Node('find_robots')
             finder.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
             process.add(finder)
-            outcomes = _ask_found(process, finder, act, below, interrupted)
+            yield process, finder, interrupted
         finally:
             node_process.leave(process)
-    if not outcomes:
+
+
+def _require_some(found: Collection[object], below: str) -> None:
+    if not found:
         where = '' if below == '/' else f' below namespace {below}'
         raise RunError(f'no robot is up{where} in domain {os.environ.get(VARIABLE) or 0}')
-    return sorted(outcomes, key=lambda outcome: outcome.namespace)
 
 
 def _ask_found(

@@ -141,3 +141,16 @@ def test_an_oscilloscope_waits_for_a_robot_as_long_as_it_is_told_to(refused, tmp
     sentence = 'no drives with an oscilloscope within 0.3 s: is a robot up in namespace /?'
     assert refused(arguments) == (1, f'error: {sentence}\n')
     assert not list(tmp_path.iterdir())
+
+
+def test_robots_are_not_all_recorded_with_the_parameters_of_one(refused, tmp_path):
+    status, errors = refused(['record', '--all', tmp_path / 'all', '--parameters', 'rich'])
+    assert status == 2
+    assert errors.endswith('--parameters is rich, but with --all each robot tells its own\n')
+
+
+def test_without_a_robot_all_of_them_are_not_recorded(refused, tmp_path):
+    status, errors = refused(['record', '--all', tmp_path / 'all', '--namespace', 'hall'])
+    assert status == 1
+    assert errors.startswith('error: no robot is up below namespace /hall in domain ')
+    assert not (tmp_path / 'all').exists()

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from bags import record
+from bags import messages, record
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
@@ -33,6 +33,21 @@ def test_report_writes_one_file_and_names_it(here, trace, capsys):
     text = (here / 'page.html').read_text(encoding='utf-8')
     assert [run['kind'] for run in document_of(text)['runs']] == ['trace', 'program']
     assert 'delta3 report a.npz experiment1 --parameters ,rich --output page.html' in text
+
+
+def test_a_folder_with_the_bags_of_several_robots_stands_for_all_of_them(here, capsys):
+    (here / 'hall').mkdir()
+    for name in ('robot2', 'robot1'):  # the order of a page is that of their names
+        record(here / 'hall' / name, messages())
+    (here / 'hall' / 'notes').mkdir()
+    (here / 'hall' / 'list.txt').write_text('robot3')
+    assert main(['report', 'hall', '--output', 'page.html']) == 0
+    runs = document_of((here / 'page.html').read_text(encoding='utf-8'))['runs']
+    assert [run['name'] for run in runs] == ['robot1', 'robot2']
+    assert main(['report', 'hall', '--parameters', 'delta3,rich,', '--output', 'other.html']) == 2
+    assert '--parameters names 3 files, but there are 2 runs' in capsys.readouterr().err
+    assert main(['report', str(here / 'hall' / 'notes'), '--output', 'other.html']) == 1
+    assert 'it is no bag' in capsys.readouterr().err
 
 
 def test_report_shows_the_part_that_is_asked_for(here, trace, capsys):

@@ -8,7 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from delta3_pacdrive.recording import trace_file
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 pytestmark = pytest.mark.timeout(600)
@@ -43,9 +46,13 @@ def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
     delta3: Runner,
     processes: Callable[[], list[str]],
     nothing_left_behind: None,
+    tmp_path: Path,
 ) -> None:
     up = fork_delta3('up', '--robots', '2', *SLOW)
     assert 'ready after' in read_until(up.stderr, 'ready after')
+    recorder = fork_delta3('record', '--all', str(tmp_path / 'both'))
+    for _ in range(2):
+        assert 'recorder]: recording' in read_until(recorder.stderr, 'recorder]: recording')
     moved = delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005', '--detach', '--namespace', 'robot2')
     assert moved.returncode == 0, moved.stderr
     held = delta3('move', 'hold', '--all')
@@ -60,6 +67,11 @@ def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
     stopped = delta3('move', 'emergency_stop', '--all', '--namespace', '/robot2')
     assert stopped.stdout.startswith('/robot2: emergency stop in bus cycle')
     assert stopped.returncode == 0, stopped.stderr
+    recorder.send_signal(signal.SIGINT)
+    assert recorder.communicate(timeout=60.0)[1].count(', 0 missing') == 2
+    for name, stops in (('robot1', False), ('robot2', True)):
+        bag = trace_file.load(tmp_path / 'both' / name)
+        assert (float(np.ptp(bag['motor_command'])) > 0.0) is stops, name  # each robot is in its own bag
     assert '/robot2: fault: emergency stop' in read_until(up.stderr, '/robot2: fault')
 
     numbers = [int(entry.split(':')[0]) for entry in processes()]

@@ -7,7 +7,8 @@ It is longer than other nodes because it has topics of whole robots instead of s
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -167,32 +168,37 @@ class RecorderNode(PollingNode):
         super().destroy_node()
 
 
-def record(folder: Path, robot: core.Parameters | None, namespace: str) -> int:
-    """Be a process that records a robot into a new folder until it is interrupted; return the exit status.
+def record(bags: Mapping[str, Path], robot: core.Parameters | None) -> int:
+    """Be a process that records robots into new folders until it is interrupted; return the exit status.
 
-    A robot of which nothing is known is asked for its parameters.
+    Parameters
+    ----------
+    bags
+        Folder of each robot, by namespace.
+    robot
+        Parameters for the metadata; None: each robot is asked for its own.
 
     Raises
     ------
     RunError
-        The recording ended before that, for want of space.
+        A recording ended before that, for want of space.
 
     """
     discovery.keep_to_this_machine()
     made: list[RecorderNode] = []
     known = core.load(core.of_run(None)) if robot is None else robot
 
-    def recorder() -> RecorderNode:
-        made.append(
-            RecorderNode(
-                robot is None,
-                namespace=namespace,
-                parameter_overrides=overrides(known, {'bag': str(folder)}),
-            )
-        )
-        return made[0]
+    def recorder_of(namespace: str, folder: Path) -> RecorderNode:
+        told = overrides(known, {'bag': str(folder)})
+        made.append(RecorderNode(robot is None, namespace=namespace, parameter_overrides=told))
+        return made[-1]
 
-    status = node_process.run([recorder], [])
-    if made and made[0].stopped:
-        raise RunError(f'the recording into {folder} ended before the robot did: {made[0].stopped}')
+    status = node_process.run([partial(recorder_of, *bag) for bag in bags.items()], [])
+    stopped = [
+        f'the recording into {folder} ended before the robot did: {node.stopped}'
+        for folder, node in zip(bags.values(), made, strict=False)  # fewer if one could not begin
+        if node.stopped
+    ]
+    if stopped:
+        raise RunError('; '.join(stopped))
     return status
