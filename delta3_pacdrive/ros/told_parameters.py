@@ -1,5 +1,6 @@
 """The parameters of a robot, as its nodes tell them."""
 
+import math
 from contextlib import suppress
 from typing import Any
 
@@ -11,6 +12,7 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import Delta3Error
 from delta3_pacdrive.ros.parameters import shows
 
+ANSWER_S = 2.0  # for an answer, before the robot is asked again
 TELL_PARAMETERS = {
     'plant': 'plant',
     'mc4_drive_1': 'mc4_drive',
@@ -37,6 +39,7 @@ class ToldParameters:
             name: node.create_client(GetParameters, f'{name}/get_parameters') for name in TELL_PARAMETERS
         }
         self._answers: dict[str, tuple[list[str], Any]] = {}  # by node: names, and what is to come
+        self._again_s, self._patience_s = -math.inf, ANSWER_S
 
     @property
     def ready(self) -> bool:
@@ -50,6 +53,17 @@ class ToldParameters:
             names = [name for name in left if shows(TELL_PARAMETERS[node], name)]
             left = [name for name in left if name not in names]
             self._answers[node] = names, question.call_async(GetParameters.Request(names=names))
+
+    def ask_until_told(self, now_s: float) -> bool:
+        """Ask if all are there and the last question is old; whether it has asked.
+
+        Each question has twice the time of the one before: a busy robot needs longer than any fixed time.
+        """
+        if now_s < self._again_s or not self.ready:
+            return False
+        self._again_s, self._patience_s = now_s + self._patience_s, 2.0 * self._patience_s
+        self.ask()
+        return True
 
     def take(self) -> core.Parameters | None:
         """Return what has been told since the last call; None for nothing, or what no robot of this version has."""

@@ -23,7 +23,7 @@ from delta3_pacdrive.ros.numbers import numbers
 from delta3_pacdrive.ros.qos import PLAN_WRITER, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_reader import RobotReader
-from delta3_pacdrive.ros.told_parameters import TELL_PARAMETERS
+from delta3_pacdrive.ros.told_parameters import TELL_PARAMETERS, ToldParameters
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
@@ -225,3 +225,14 @@ def test_the_tcp_error_is_the_one_that_the_robot_tells(graph: Any, reader: Robot
     graph.spin_until(look, 'an instant')
     assert told[0].error_m.tolist() == [1e-5, -2e-5, 3e-5]
     assert told[0].cell is None
+
+
+def test_a_robot_is_given_more_time_for_an_answer_each_time_that_it_is_asked(graph: Any) -> None:
+    """A busy one that needs longer than a fixed time for each would never be heard."""
+    told = ToldParameters(graph.listener)
+    assert not told.ask_until_told(0.0)  # nobody is there
+    graph.robot(('plant', '1', 'task'))
+    graph.spin_until(lambda: told.ready, 'all that tell them')
+    asked = [time_s for time_s in range(100) if told.ask_until_told(float(time_s))]
+    assert asked == [0, 2, 6, 14, 30, 62]
+    graph.spin_until(told.take, 'the answer')

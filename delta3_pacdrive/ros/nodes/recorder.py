@@ -27,7 +27,6 @@ from delta3_pacdrive.ros.told_parameters import ToldParameters
 
 DRAIN_S = 0.02
 QUIET_S = 0.2  # without a message: all that was published has arrived
-ANSWER_S = 2.0  # for a robot that was asked for its parameters, before it is asked again
 
 
 class RecorderNode(PollingNode):
@@ -54,7 +53,6 @@ class RecorderNode(PollingNode):
         self._newest_ns = 0  # when the newest message was published
         self._recording.bag.begin()
         self._told = ToldParameters(self) if asks else None
-        self._ask_s = 0.0  # monotonic, not before
         self.create_timer(DRAIN_S, self._drain)
         self.create_timer(FLUSH_S, self._flush)
 
@@ -100,9 +98,8 @@ class RecorderNode(PollingNode):
             self._hear_rotary_axis(found)
             self._told = None
             self.get_logger().info(f'controller of the robot: {found.controller}')
-        elif self._told.ready and time.monotonic() >= self._ask_s:
-            self._ask_s = time.monotonic() + ANSWER_S
-            self._told.ask()
+        else:
+            self._told.ask_until_told(time.monotonic())
 
     def _hear_rotary_axis(self, robot: core.Parameters) -> None:
         """Record also the topics of a rotary axis, of a robot that turns out to have one."""
