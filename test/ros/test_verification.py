@@ -137,6 +137,22 @@ def test_what_went_wrong_in_a_case_is_told(catalogue: Catalogue, monkeypatch: py
     assert found.recovered_s is not None
 
 
+def test_a_robot_that_does_not_come_back_ends_its_case_and_not_the_catalogue(
+    catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does a bus that takes no order for a new machine: that of a busy robot was in CP0."""
+
+    def refuse(*_: Any) -> None:
+        raise ProgramError('the bus is in CP0')
+
+    monkeypatch.setattr(catalogue, 'make_ready', refuse)
+    monkeypatch.setattr(catalogue.operator, 'inject', refuse)
+    found = outcome_of(catalogue, State.STANDING, fault='encoder_noise', axis='axis1', noise_rad=5e-4)
+    assert 'the bus is in CP0' in found.problem
+    assert found.recovered_s is None
+    assert not found.as_expected
+
+
 def test_bus_time_passes_when_it_should(catalogue: Catalogue) -> None:
     before = catalogue.fresh()['bus_time_s']
     catalogue.let_pass(0.5)
