@@ -120,7 +120,7 @@ class AutomatedOperator:
     def replace_the_machine(self) -> None:
         """Let a new machine take the place of one that cannot be moved any more; its process is started again.
 
-        Without cyclic operation nobody takes the order: the bus comes up by itself, or the next try says why it does not.
+        Without cyclic operation nobody takes the order: the bus comes up by itself, or the next try says why not.
         """
         with suppress(Delta3Error):
             self.operator.inject(json.dumps({'fault': 'kill', 'node': PLANT}))
