@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.configuration.checked import nearest_of
+from delta3_pacdrive.drive.channels import is_full_name
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.recording import quantities
 from delta3_pacdrive.recording.quantities import ONE, TIME, UNITS
 from delta3_pacdrive.recording.signals import OF_DRIVES
-from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.recording.trace import RECORD, Trace
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -123,6 +124,8 @@ def _require_increasing(path: Path, time_s: Floats) -> None:
 
 
 def _by_headings(table: Table) -> dict[str, list[Source]]:
+    if any(map(is_full_name, table.headings)):
+        raise TraceError(f'{table.path} holds no signals of a run: {RECORD}')
     labels = [quantities.plain(quantities.parted(heading)[0]) for heading in table.headings]
     known = quantities.columns(any(label.startswith(OF_DRIVES) for label in labels))
     found: dict[str, list[Source | None]] = {}
