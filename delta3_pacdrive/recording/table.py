@@ -93,18 +93,23 @@ def trace_of(table: Table, chosen: ColumnFile | None = None, gaps: bool = False)
     }
     time_s = values.pop(TIME)[:, 0]
     _require_increasing(table.path, time_s)
-    meta, empty = dict(table.meta), []
+    meta, empty, partly = dict(table.meta), [], []
     for name, columns in values.items():
         if np.isinf(columns).any() or (not gaps and np.isnan(columns).any()):
             row = int(np.argmax(~np.isfinite(columns).all(axis=1)))
             raise TraceError(f'{table.path} holds a number that is not finite: {name}, row {row + 1}')
-        if np.isnan(columns).all(axis=0).any():
+        lacking = np.isnan(columns)
+        if lacking.all(axis=0).any():
             empty.append(name)
+        elif lacking.any():
+            partly.append(f'{name} in {int(lacking.any(axis=1).sum())}')
+    notices = list(meta.get('notices', ()))
     if empty:
-        meta['notices'] = [
-            *meta.get('notices', ()),
-            f'Columns without any number are left out: {", ".join(empty)}',
-        ]
+        notices.append(f'Columns without any number are left out: {", ".join(empty)}')
+    if partly:
+        notices.append(f'Of {len(time_s)} rows some lack a number, which stay gaps: {", ".join(partly)}')
+    if notices:
+        meta['notices'] = notices
     return Trace(time_s, {name: rows for name, rows in values.items() if name not in empty}, meta)
 
 
@@ -161,6 +166,10 @@ def by_choice(table: Table, chosen: ColumnFile, wanted: Sequence[str] = (TIME,))
     for one in chosen.columns:
         place = _place(table.path, one.column, labels, bare)
         own = found.setdefault(one.signal, [None] * quantities.width(one.signal))
+        if any(other is not None and other.place == place for other in own):
+            raise TraceError(
+                f'{chosen.path} says that column {shown(one.column)} of {table.path} is {one.signal} of two axes'
+            )
         told = quantities.parted(labels[place])[1]
         if told is not None and told in UNITS and told != one.unit:
             raise TraceError(
