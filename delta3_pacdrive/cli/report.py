@@ -14,6 +14,12 @@ class Options(RunOptions):
 
     output: str = option('the page; a file of this name is replaced', 'FILE.html', default='report.html')
 
+    scope: str | None = option(
+        'show these records of the oscilloscope as well: what delta3 scope, or simulate --scope, has left of the '
+        '(first) run',
+        'FILE[,FILE...]',
+    )
+
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
         if len(self.inputs) > 1:
@@ -26,16 +32,19 @@ class Options(RunOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
+    from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_page import page
+    from delta3_pacdrive.recording import record_file
 
     path = Path(options.output)
     page.require_writable_page(path)
+    files = options.scope.split(',') if options.scope else []
+    records = [record_file.read(name) for name in files]
     runs = options.runs()
-    origin = Provenance.of(
-        options.command_line, runs[0].robot, runs[0].told_source, [one.origin for one in runs]
-    )
-    page.write(path, runs, origin, options.align)
+    inputs = [*(one.origin for one in runs), *noted(files)]
+    origin = Provenance.of(options.command_line, runs[0].robot, runs[0].told_source, inputs)
+    page.write(path, runs, origin, options.align, records)
     if options.json:
         result = {'ok': True, 'files': [str(path)], 'bytes': path.stat().st_size}
         print(json.dumps(result | {'provenance': origin.lines()}))

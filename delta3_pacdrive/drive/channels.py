@@ -185,3 +185,9 @@ def chosen(texts: Sequence[str]) -> tuple[tuple[int, Channel], ...]:
 def full_name(axis: int, channel: Channel) -> str:
     """Return the name of a channel of an axis, 0 to 2."""
     return f'{DRIVES[axis]}.{channel.name}'
+
+
+def is_full_name(text: str) -> bool:
+    """Whether a text names a drive and, behind a point, a channel of it."""
+    axis, point, _ = text.partition('.')
+    return axis in DRIVES and bool(point)

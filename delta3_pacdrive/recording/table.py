@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.configuration.checked import nearest_of
+from delta3_pacdrive.drive.channels import is_full_name
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.recording import quantities
 from delta3_pacdrive.recording.quantities import ONE, TIME, UNITS
 from delta3_pacdrive.recording.signals import OF_DRIVES
-from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.recording.trace import RECORD, Trace
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -92,18 +93,23 @@ def trace_of(table: Table, chosen: ColumnFile | None = None, gaps: bool = False)
     }
     time_s = values.pop(TIME)[:, 0]
     _require_increasing(table.path, time_s)
-    meta, empty = dict(table.meta), []
+    meta, empty, partly = dict(table.meta), [], []
     for name, columns in values.items():
         if np.isinf(columns).any() or (not gaps and np.isnan(columns).any()):
             row = int(np.argmax(~np.isfinite(columns).all(axis=1)))
             raise TraceError(f'{table.path} holds a number that is not finite: {name}, row {row + 1}')
-        if np.isnan(columns).all(axis=0).any():
+        lacking = np.isnan(columns)
+        if lacking.all(axis=0).any():
             empty.append(name)
+        elif lacking.any():
+            partly.append(f'{name} in {int(lacking.any(axis=1).sum())}')
+    notices = list(meta.get('notices', ()))
     if empty:
-        meta['notices'] = [
-            *meta.get('notices', ()),
-            f'Columns without any number are left out: {", ".join(empty)}',
-        ]
+        notices.append(f'Columns without any number are left out: {", ".join(empty)}')
+    if partly:
+        notices.append(f'Of {len(time_s)} rows some lack a number, which stay gaps: {", ".join(partly)}')
+    if notices:
+        meta['notices'] = notices
     return Trace(time_s, {name: rows for name, rows in values.items() if name not in empty}, meta)
 
 
@@ -123,6 +129,8 @@ def _require_increasing(path: Path, time_s: Floats) -> None:
 
 
 def _by_headings(table: Table) -> dict[str, list[Source]]:
+    if any(map(is_full_name, table.headings)):
+        raise TraceError(f'{table.path} holds no signals of a run: {RECORD}')
     labels = [quantities.plain(quantities.parted(heading)[0]) for heading in table.headings]
     known = quantities.columns(any(label.startswith(OF_DRIVES) for label in labels))
     found: dict[str, list[Source | None]] = {}
@@ -158,6 +166,10 @@ def by_choice(table: Table, chosen: ColumnFile, wanted: Sequence[str] = (TIME,))
     for one in chosen.columns:
         place = _place(table.path, one.column, labels, bare)
         own = found.setdefault(one.signal, [None] * quantities.width(one.signal))
+        if any(other is not None and other.place == place for other in own):
+            raise TraceError(
+                f'{chosen.path} says that column {shown(one.column)} of {table.path} is {one.signal} of two axes'
+            )
         told = quantities.parted(labels[place])[1]
         if told is not None and told in UNITS and told != one.unit:
             raise TraceError(

@@ -84,6 +84,8 @@ class _Reader:
         encoding = self.form.encoding or self._encoding(stream)
         with io.TextIOWrapper(stream, encoding) as text:
             tables = [self._numbers(piece) for piece in self._behind_headings(self._pieces(text))]
+        if not self.headings:
+            raise TraceError(f'{self.path} is empty: it has no headings and no numbers')
         rows = [table for table in tables if len(table)]
         values = np.concatenate(rows) if rows else np.empty((0, len(self.headings)))
         named = len(self.headings)

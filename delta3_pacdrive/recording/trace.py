@@ -10,11 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive import whole_file
+from delta3_pacdrive.drive.channels import is_full_name
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import columns_of
+
+# told of a file that holds channels of drives where signals of a run are expected
+RECORD = 'it is a record of an oscilloscope, which delta3 report RUN --scope FILE shows'
 
 
 @dataclass(frozen=True)
@@ -64,12 +69,9 @@ class Trace:
     def load(path: str | Path) -> 'Trace':
         """Read a ``.npz`` file; raises TraceError."""
         try:
-            with Path(path).open('rb') as stream:
-                if not zipfile.is_zipfile(stream):  # numpy would speak of pickles
-                    raise ValueError('it is no .npz archive, or its end is missing')
-                stream.seek(0)
-                with np.load(stream, allow_pickle=False) as file:
-                    columns = {name: file[name] for name in file.files}
+            columns = arrays_of(Path(path))
+            if any(map(is_full_name, columns)):
+                raise ValueError(RECORD)
             if absent := {'time_s', 'meta'} - columns.keys():
                 raise ValueError(f'it has no {" and no ".join(sorted(absent))}')
             meta = json.loads(str(columns.pop('meta')))
@@ -92,6 +94,16 @@ class Trace:
                 raise ValueError(f'its {name} is of type {values.dtype} and shape {values.shape}')
         if not (np.isfinite(self.time_s).all() and (np.diff(self.time_s) > 0.0).all()):
             raise ValueError('its time_s does not increase')
+
+
+def arrays_of(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an ``.npz`` file; raises ValueError, OSError and what a damaged file makes of numpy."""
+    with path.open('rb') as stream:
+        if not zipfile.is_zipfile(stream):  # numpy would speak of pickles
+            raise ValueError('it is no .npz archive, or its end is missing')
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
 
 
 @contextmanager

@@ -68,8 +68,13 @@ def test_a_cell_without_a_number_is_a_gap(cell, place, tmp_path):
     trace = load(tmp_path / 'a.csv', text)
     assert np.flatnonzero(np.isnan(trace['current']).any(axis=0)).tolist() == [place - 1]
     assert np.flatnonzero(np.isnan(trace['current']).any(axis=1)).tolist() == [1]
+    assert trace.meta['notices'] == ['Of 3 rows some lack a number, which stay gaps: current in 1']
     with pytest.raises(TraceError, match=r'not finite: current, row 2$'):
         load(tmp_path / 'a.csv', text, gaps=False)
+
+
+def test_a_table_without_gaps_tells_of_none(tmp_path):
+    assert 'notices' not in load(tmp_path / 'a.csv', lines()).meta
 
 
 @pytest.mark.parametrize(
@@ -92,7 +97,9 @@ def test_a_cell_without_a_number_is_a_gap(cell, place, tmp_path):
         (b'PK\x03\x04' + bytes(range(256)), 'is no text'),
         ('x' * (2 << 20), 'a line has more than'),
         (lines().encode('utf-16')[:-1], 'cannot read trace'),
-        ('', 'no column time'),
+        ('', 'is empty: it has no headings and no numbers$'),
+        ('\n\n', 'is empty'),
+        ('# exported by a logger\n', 'is empty'),
     ],
 )  # fmt: skip
 def test_what_is_no_such_table_gets_one_sentence(content, sentence, tmp_path):
@@ -165,6 +172,8 @@ def test_a_file_without_headings_is_read_by_the_numbers_of_its_columns(tmp_path)
         (('column: 4', 'column: 9'), 'no column 9, it has 4 columns'),
         (('unit: ms', 'unit: mm'), r"columns\[0\].unit is 'mm', but must be one of \[s\], \[ms\], \[us\]"),
         (('axis: 3', 'axis: 2'), 'two columns are current, axis 2'),
+        (('column: 4', 'column: 3'), 'column 3 of .* is current of two axes'),
+        (('column: 4', 'column: Größe 2'), "column 'Größe 2' of .* is current of two axes"),
         (('axis: 3, ', ''), r'columns\[3\]: missing key axis, one of 1, 2, 3'),
         (('factor: -2.0', 'factor: 0'), 'factor is 0'),
         (('factor: -2.0', 'factor: .inf'), 'must be finite'),

@@ -54,7 +54,7 @@ def test_every_unit_is_what_it_says(unit, tmp_path):
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [
-        ('', 'no column time'),
+        ('', 'is empty'),
         ('time [s]\n', 'no row of numbers'),
         ('time [s],speed [rad/s]\n0,1\n', 'unknown column'),
         ('time,current_1 [A],current_2 [A],current_3 [A]\n0,1,2,3\n', 'must tell its unit'),

@@ -21,6 +21,29 @@ RIPPLE_CYCLES = 5  # on either side, whose mean is taken off
 
 
 @dataclass(frozen=True)
+class ArmSpeeds:
+    """The arm speeds of an experiment, as those of others are held against them.
+
+    Attributes
+    ----------
+    ripple_deg_s
+        Of the robot: ``ripple_deg_s``.
+    apart_percent
+        What model and robot are apart, rms, of the peak; None if the model does not move.
+
+    """
+
+    ripple_deg_s: float
+    apart_percent: float | None
+
+    @classmethod
+    def of(cls, comparison: Comparison) -> 'ArmSpeeds':
+        """Of model and robot that both tell their arm speeds."""
+        (row,) = [row for row in comparison.statistics() if (row.signal, row.column) == ('arm_speed', 'all')]
+        return cls(ripple_deg_s(comparison, comparison.robot), row.deviation_rms_percent)
+
+
+@dataclass(frozen=True)
 class Claim:
     """A claim of the thesis.
 
@@ -52,7 +75,7 @@ def claims(
     number: int | None,
     comparison: Comparison,
     attribution: Attribution | None,
-    elsewhere_deg_s: Mapping[int, float] | None = None,
+    elsewhere: Mapping[int, ArmSpeeds] | None = None,
 ) -> list[Claim]:
     """Hold a run of an experiment against every claim of its section and of 11.1.4; none for other programs.
 
@@ -64,8 +87,8 @@ def claims(
         Of model and robot.
     attribution
         What explains it, if that is known.
-    elsewhere_deg_s
-        Ripple of the arm speeds of the same robot in other experiments [deg/s], by their numbers, if that is known.
+    elsewhere
+        Arm speeds of the same two in other experiments, by their numbers, if they are known.
 
     """
     if number is None:
@@ -74,7 +97,7 @@ def claims(
     section = f'11.1.{number}'
     found = [
         _row(section, 'arm velocities match', rows, 'arm_speed', 'all', _alike),
-        _ripple(section, number, comparison, elsewhere_deg_s or {}),
+        _ripple(section, number, comparison, elsewhere or {}),
         _row(
             section,
             'the acceleration follows its reference in the mean',
@@ -92,10 +115,16 @@ def claims(
             _row(section, 'the error norm of the model is larger than that of the robot', rows, 'tcp_error_norm', '',
                  _larger_norm),
         ]  # fmt: skip
+    if number == 3:
+        found.insert(1, _better(section, rows, elsewhere or {}))
     if number == 2:
         found.append(_row(section, 'the error norms do not agree', rows, 'tcp_error_norm', '', _apart))
     return [
         *found,
+        _row(
+            '11.1.4', 'the arm angles of the model follow what is desired', rows, 'arm_angle', 'all', _reached
+        ),
+        _row('11.1.4', 'the TCP of the model follows what is desired', rows, 'tcp', 'all', _reached),
         _row('11.1.4', 'arm angles of model and robot are alike', rows, 'arm_angle', 'all', _alike),
         _row('11.1.4', 'TCP positions of model and robot are alike', rows, 'tcp', 'all', _alike),
         _row('11.1.4', 'the error norms deviate clearly', rows, 'tcp_error_norm', '', _apart),
@@ -147,6 +176,14 @@ def _follows(row: Statistics) -> tuple[str, str]:
     return _answer(share < FOLLOWS_PERCENT), figure
 
 
+def _reached(row: Statistics) -> tuple[str, str]:
+    if row.model_from_reference_rms is None or not row.peak:
+        return UNKNOWN, 'the run tells no reference'
+    share = 100.0 * row.model_from_reference_rms / row.peak
+    figure = f'model {row.model_from_reference_rms:.2g} {row.unit} rms from its reference, {share:.2g} % of the peak'
+    return _answer(share < ALIKE_PERCENT), figure
+
+
 def _from_reference(row: Statistics) -> tuple[float, float, str] | None:
     model, robot = row.model_from_reference_rms, row.robot_from_reference_rms
     if model is None or robot is None:
@@ -176,7 +213,24 @@ def _larger_norm(row: Statistics) -> tuple[str, str]:
     return _answer(row.model_rms > row.robot_rms), figure
 
 
-def _ripple(section: str, number: int, comparison: Comparison, elsewhere_deg_s: Mapping[int, float]) -> Claim:
+def _better(
+    section: str, rows: dict[tuple[str, str], Statistics], elsewhere: Mapping[int, ArmSpeeds]
+) -> Claim:
+    text = 'the model follows the velocities of the robot better than in experiments 1 and 2'
+    row = rows.get(('arm_speed', 'all'))
+    if row is None or row.deviation_rms_percent is None:
+        return Claim(section, text, UNKNOWN, 'the runs do not both tell how the arms move')
+    own = row.deviation_rms_percent
+    figure = f'{own:.2g} % of the peak apart, rms'
+    others = {n: elsewhere[n].apart_percent for n in (1, 2) if n in elsewhere}
+    known = {n: percent for n, percent in others.items() if percent is not None}
+    if len(known) < 2:
+        return Claim(section, text, UNKNOWN, f'{figure}; that of experiments 1 and 2 is not known')
+    told = ', '.join(f'{percent:.2g} % in experiment {n}' for n, percent in known.items())
+    return Claim(section, text, _answer(own < min(known.values())), f'{figure}; {told}')
+
+
+def _ripple(section: str, number: int, comparison: Comparison, elsewhere: Mapping[int, ArmSpeeds]) -> Claim:
     text = (
         'the robot has a smaller ripple of its velocities than in experiments 1 and 2'
         if number == 3
@@ -187,16 +241,11 @@ def _ripple(section: str, number: int, comparison: Comparison, elsewhere_deg_s: 
     model, robot = (ripple_deg_s(comparison, run) for run in (comparison.model, comparison.robot))
     figure = f'robot {robot:.3g}, model {model:.3g} deg/s rms'
     if number == 3:
-        others = [elsewhere_deg_s.get(n) for n in (1, 2)]
-        if None in others:
+        others = {n: elsewhere[n].ripple_deg_s for n in (1, 2) if n in elsewhere}
+        if len(others) < 2:
             return Claim(section, text, UNKNOWN, f'{figure}; that of experiments 1 and 2 is not known')
-        told = ', '.join(f'{other:.3g} in experiment {n}' for n, other in enumerate(others, start=1))
-        return Claim(
-            section,
-            text,
-            _answer(all(robot < other for other in elsewhere_deg_s.values())),
-            f'{figure}; robot {told}',
-        )
+        told = ', '.join(f'{other:.3g} in experiment {n}' for n, other in others.items())
+        return Claim(section, text, _answer(robot < min(others.values())), f'{figure}; robot {told}')
     return Claim(section, text, _answer(robot > RIPPLE_RATIO * model), figure)
 
 

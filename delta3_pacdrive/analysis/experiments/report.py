@@ -30,7 +30,7 @@ def tables(found: Results) -> list[Table]:
 
 
 def _claims(found: Results) -> list[Claim]:
-    return claims(found.number, found.comparison, found.attribution, found.elsewhere_deg_s)
+    return claims(found.number, found.comparison, found.attribution, found.elsewhere)
 
 
 def _signals(comparison: Comparison) -> Table:

@@ -15,7 +15,7 @@ from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.analysis import study as studies
 from delta3_pacdrive.analysis.alignment import BY_START, align
 from delta3_pacdrive.analysis.experiments import attribution, figures, report
-from delta3_pacdrive.analysis.experiments.claims import ripple_deg_s
+from delta3_pacdrive.analysis.experiments.claims import ArmSpeeds
 from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
 from delta3_pacdrive.analysis.experiments.study import Pair, Results, Settings
 from delta3_pacdrive.analysis.provenance import Provenance, digest, excused
@@ -25,7 +25,7 @@ from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.trace import Trace
 
-RIPPLES_LESS = 3  # of the experiments: 11.1.3 compares its ripple with that of the others
+LAST = 3  # of the experiments: 11.1.3 compares its arm speeds with those of the others
 FILES = {'model': 'model.yaml', 'robot': 'robot.yaml'}  # their parameters
 
 Graph = Callable[
@@ -77,10 +77,8 @@ class Study(studies.Study):
         if self.settings.attributed:
             run = Run.of(simulated['model'], model)
             explained = attribution.attribute(self._program, run, model, robot, self.on_progress)
-        elsewhere = self._ripples_elsewhere() if number == RIPPLES_LESS else {}
-        found = Results(
-            number, self._program.name, comparison, explained, self._notes, elsewhere_deg_s=elsewhere
-        )
+        elsewhere = self._arm_speeds_elsewhere() if number == LAST else {}
+        found = Results(number, self._program.name, comparison, explained, self._notes, elsewhere=elsewhere)
         self.on_progress('tables and figures', 0, 0)
         for path in files.values():
             folder.add(path)
@@ -102,13 +100,16 @@ class Study(studies.Study):
             f'robot: both are compared every {1e3 * max(cycle_s.values()):g} ms'
         )
 
-    def _ripples_elsewhere(self) -> dict[int, float]:
-        """Return the ripple of the robot in the experiments before, which are simulated on the spot."""
-        found, robot = {}, self.robots['robot']
-        for number in range(1, RIPPLES_LESS):
-            program = programs.load(self._path.with_stem(f'experiment{number}'), robot.motion)
-            run = Run.of(simulation.run(program, robot), robot)
-            found[number] = ripple_deg_s(Comparison.of(run, run), run)
+    def _arm_speeds_elsewhere(self) -> dict[int, ArmSpeeds]:
+        """Return the arm speeds of both in the experiments before, which are simulated on the spot."""
+        found = {}
+        for number in range(1, LAST):
+            path = self._path.with_stem(f'experiment{number}')
+            model, robot = (
+                Run.of(simulation.run(programs.load(path, own.motion), own), own)
+                for own in self.robots.values()
+            )
+            found[number] = ArmSpeeds.of(Comparison.of(model, robot))
         return found
 
     def _provenance(self) -> Provenance:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from delta3_pacdrive.analysis import alignment, runs
 from delta3_pacdrive.analysis.alignment import Alignment
 from delta3_pacdrive.analysis.experiments.attribution import Attribution
+from delta3_pacdrive.analysis.experiments.claims import ArmSpeeds
 from delta3_pacdrive.analysis.experiments.comparison import Comparison
 
 
@@ -74,8 +75,8 @@ class Results:
         In sentences.
     alignment
         How any two runs were brought to one time.
-    elsewhere_deg_s
-        Ripple of the arm speeds of the robot in other experiments [deg/s], by their numbers.
+    elsewhere
+        Arm speeds of the same two in other experiments, by their numbers.
 
     """
 
@@ -85,7 +86,7 @@ class Results:
     attribution: Attribution | None
     notes: list[str]
     alignment: Alignment | None = None
-    elsewhere_deg_s: Mapping[int, float] = field(default_factory=dict)
+    elsewhere: Mapping[int, ArmSpeeds] = field(default_factory=dict)
 
     @property
     def title(self) -> str:

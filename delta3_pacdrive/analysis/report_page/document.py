@@ -3,7 +3,8 @@
 Times are seconds from the start of the program, or bus time where there is none; runs after the first one are shifted
 to its time. ``signals`` of a run are packed as ``columns`` says, one row for each bus cycle from ``first_s`` on, every
 ``period_s``. ``differences`` are later runs minus the first one, on the cycles of that. ``cell`` is
-what was around the robot in the first run, if it tells of that: see ``around``.
+what was around the robot in the first run, if it tells of that: see ``around``. ``records`` are those of oscilloscopes,
+if there are any: see ``scopes``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,12 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.analysis.report_page import scopes
 from delta3_pacdrive.analysis.report_page.around import around
 from delta3_pacdrive.analysis.report_page.columns import packed, resolution_of
 from delta3_pacdrive.analysis.report_page.plots import APART, PLOTS, is_shown, others, quantity
 from delta3_pacdrive.analysis.run_comparison import Comparison, subtracted
 from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.recording.record_file import SavedRecord
 from delta3_pacdrive.scene import parts
 from delta3_pacdrive.scene.poses import frames
 
@@ -24,7 +27,11 @@ VERSION = 1
 
 
 def report_document(
-    title: str, runs: Sequence[Run], comparisons: Sequence[Comparison], coarser: float = 1.0
+    title: str,
+    runs: Sequence[Run],
+    comparisons: Sequence[Comparison],
+    coarser: float = 1.0,
+    records: Sequence[SavedRecord] = (),
 ) -> dict[str, Any]:
     """Return the document of a page.
 
@@ -38,6 +45,8 @@ def report_document(
         Of each later run with the first one.
     coarser
         Factor on the resolution of all signals.
+    records
+        Of oscilloscopes, on the time of the first run.
 
     """
     held = [signals_of(run) for run in runs]
@@ -45,7 +54,7 @@ def report_document(
     every = list(dict.fromkeys(name for signals in held for name in signals))
     shown = [plot.document(every) for plot in (*PLOTS, *others(every))]
     cell = around(runs[0])
-    return {
+    found: dict[str, Any] = {
         'version': VERSION,
         'title': title,
         'time': 'time from program start' if runs[0].knows_start else 'bus time',
@@ -58,7 +67,13 @@ def report_document(
             for run, signals, comparison in zip(runs[1:], held[1:], comparisons, strict=True)
         ],
         'plots': [plot for plot in shown if plot is not None],
-    } | ({} if cell is None else {'cell': cell})
+    }
+    if cell is not None:
+        found['cell'] = cell
+    if records:
+        found['records'] = scopes.document(records, coarser)
+        found['runs'][0]['marks'] += scopes.marks(records)
+    return found
 
 
 def signals_of(run: Run) -> dict[str, Floats]:

@@ -14,14 +14,17 @@ from pathlib import Path
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.analysis.alignment import START
 from delta3_pacdrive.analysis.provenance import Provenance, write_text
+from delta3_pacdrive.analysis.report_page import scopes
 from delta3_pacdrive.analysis.report_page.document import report_document
 from delta3_pacdrive.analysis.report_page.tables import sections
 from delta3_pacdrive.analysis.run_comparison import compare
 from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.errors import ReportError
+from delta3_pacdrive.recording.record_file import SavedRecord
 
 LONGEST_S = 300.0  # of all runs together
 BASE_BYTES, BYTES_PER_S = 1_000_000, 100_000  # of a page, and more for each second of a run
+BYTES_PER_VALUE = 4  # and for each value of a record
 COARSER, COARSEST = 4.0, 1024.0  # how data that is too large is rounded
 RUNS_MAX = 4
 # a robot is drawn by one of each
@@ -41,21 +44,30 @@ def require_writable_page(path: Path) -> None:
         raise ReportError(f'cannot write {path}: {why}')
 
 
-def write(path: Path, runs: Sequence[Run], origin: Provenance, how: str = START) -> None:
-    """Write the page of one or more runs; a file that is there is replaced, or stays as it was.
+def write(
+    path: Path,
+    runs: Sequence[Run],
+    origin: Provenance,
+    how: str = START,
+    records: Sequence[SavedRecord] = (),
+) -> None:
+    """Write the page of one or more runs, with records of the first; a file that is there is replaced, or stays.
 
     Raises
     ------
     ReportError
-        There are too many runs, they last too long, one tells no pose, or the file cannot be written.
+        There are too many runs, they last too long, one tells no pose, a record does not belong to the first one, or
+        the file cannot be written.
     TraceError
         The runs cannot be compared.
 
     """
-    write_text(page(runs, origin, how), path)
+    write_text(page(runs, origin, how, records), path)
 
 
-def page(runs: Sequence[Run], origin: Provenance, how: str = START) -> str:
+def page(
+    runs: Sequence[Run], origin: Provenance, how: str = START, records: Sequence[SavedRecord] = ()
+) -> str:
     """Return the page as text; raises as ``write`` does."""
     length_s = sum(float(run.part.time_s[-1] - run.part.time_s[0]) for run in runs)
     if len(runs) > RUNS_MAX:
@@ -66,14 +78,17 @@ def page(runs: Sequence[Run], origin: Provenance, how: str = START) -> str:
         )
     for run in runs:
         _require_pose(run)
+    records = scopes.shown(runs[0], records)
     comparisons = [compare(runs[0], other, how) for other in runs[1:]]
     title = ' and '.join(dict.fromkeys(run.title for run in runs))
-    tables = sections(runs, comparisons, origin)
+    tables = sections(runs, comparisons, origin, records)
+    most = BASE_BYTES + BYTES_PER_S * length_s + BYTES_PER_VALUE * sum(one.values.size for one in records)
     coarser = 1.0
     while True:
-        document = json.dumps(report_document(title, runs, comparisons, coarser), allow_nan=False)
+        found = report_document(title, runs, comparisons, coarser, records)
+        document = json.dumps(found, allow_nan=False)
         text = _assembled(title, runs, tables, document)
-        if len(text.encode()) <= BASE_BYTES + BYTES_PER_S * length_s or coarser >= COARSEST:
+        if len(text.encode()) <= most or coarser >= COARSEST:
             return text
         coarser *= COARSER
 

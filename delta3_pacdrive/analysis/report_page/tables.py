@@ -1,4 +1,4 @@
-"""Tables of a page as HTML: moves, parts, statistics, differences, origin. They read without scripts."""
+"""Tables of a page as HTML: moves, records, parts, statistics, differences, origin. They read without scripts."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,6 +15,7 @@ from delta3_pacdrive.analysis.report_page.plots import PLOTS, quantity
 from delta3_pacdrive.analysis.run_comparison import Comparison, move_figures
 from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.analysis.runs import Run, named
+from delta3_pacdrive.recording.record_file import SavedRecord
 from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 
 NOTHING = '&ndash;'
@@ -34,13 +35,19 @@ _MOVE_COLUMNS = (
 _READ_IN = {name: (plot.unit, plot.factor) for plot in PLOTS for name, _ in plot.signals}
 
 
-def sections(runs: Sequence[Run], comparisons: Sequence[Comparison], origin: Provenance) -> str:
+def sections(
+    runs: Sequence[Run],
+    comparisons: Sequence[Comparison],
+    origin: Provenance,
+    records: Sequence[SavedRecord] = (),
+) -> str:
     """Return all tables of a page."""
     names = named(runs)
     parts = [
         _notes(runs, names),
         *(_comparison(names, n, one) for n, one in enumerate(comparisons, start=1)),
         _moves(runs, names),
+        _records(records),
         *(_parts(n, run, names[n] if len(runs) > 1 else '') for n, run in enumerate(runs)),
         *(_drives(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
         *(_statistics(run, name if len(runs) > 1 else '') for run, name in zip(runs, names, strict=True)),
@@ -180,6 +187,34 @@ def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:
             whose = f' of <b>{escape(name)}</b>' if len(runs) > 1 else ''
             lines.append(f'<p>Energy{whose}: {escape(found.text(repeat))}.</p>')
     return ''.join(lines)
+
+
+def _records(records: Sequence[SavedRecord]) -> str:
+    """Return the table of the records of oscilloscopes; times are those of the first run."""
+    if not records:
+        return ''
+    rows, attributes = [], []
+    for one in records:
+        last_s = one.first_s + one.step_s * (len(one.values) - 1)
+        rows.append(
+            [
+                f'<code>{escape(one.path.name)}</code>',
+                escape(', '.join(one.names)),
+                str(len(one.values)),
+                _number(1.0 / one.step_s, 0),
+                _number(one.first_s, 4),
+                escape(one.trigger) or NOTHING,
+                NOTHING if one.trigger_s is None else _number(one.trigger_s, 6),
+                f'<code>{escape(one.command)}</code>' if one.command else NOTHING,
+            ]
+        )
+        attributes.append(f'data-from="{one.first_s:.6f}" data-to="{last_s:.6f}" data-run="0"')
+    header = ['record', 'channels', 'samples', 'rate [Hz]', 'from [s]', 'trigger', 'seen [s]', 'command']
+    return _section(
+        'records',
+        'Oscilloscope',
+        '<p class="hint">Click a row to see the record.</p>' + _table(header, rows, attributes),
+    )
 
 
 def _parts(number: int, run: Run, name: str) -> str:

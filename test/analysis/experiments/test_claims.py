@@ -1,12 +1,14 @@
 """Facts about the claims of 11.1: each gets a verdict by a figure of the run, and none that the run does not tell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis.experiments import run
 from delta3_pacdrive.analysis.experiments.attribution import Attribution, outcome_of
-from delta3_pacdrive.analysis.experiments.claims import FAILS, HOLDS, UNKNOWN, claims, ripple_deg_s
+from delta3_pacdrive.analysis.experiments.claims import FAILS, HOLDS, UNKNOWN, ArmSpeeds, claims, ripple_deg_s
 from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
 from delta3_pacdrive.analysis.experiments.study import Settings
 from delta3_pacdrive.analysis.study import silent
@@ -72,15 +74,50 @@ def test_experiment_3_has_less_ripple_if_it_has_less_than_both_others():
     own = ripple_deg_s(third, third.robot)
 
     def verdict(first, second):
-        return by_text(claims(3, third, None, {1: first, 2: second}), 'smaller ripple').verdict
+        others = {1: ArmSpeeds(first, 1.0), 2: ArmSpeeds(second, 1.0)}
+        return by_text(claims(3, third, None, others), 'smaller ripple').verdict
 
     assert verdict(1.1 * own, 1.1 * own) == HOLDS
     assert verdict(1.1 * own, 0.9 * own) == FAILS
     assert verdict(0.9 * own, 1.1 * own) == FAILS
-    assert by_text(claims(3, third, None, {1: own}), 'smaller ripple').verdict == UNKNOWN
+    assert by_text(claims(3, third, None, {1: ArmSpeeds(own, 1.0)}), 'smaller ripple').verdict == UNKNOWN
 
 
-def test_an_experiment_3_simulates_the_others_to_judge_its_ripple(undrawn, tmp_path):
+def test_a_model_follows_the_robot_better_if_its_speeds_are_nearer_than_in_both_others():
+    third = compared(3, parameters.load('rich'))
+    own = ArmSpeeds.of(third).apart_percent
+    assert own == pytest.approx(0.19, abs=0.01)
+
+    def claim(first, second):
+        others = {1: ArmSpeeds(1.0, first), 2: ArmSpeeds(1.0, second)}
+        return by_text(claims(3, third, None, others), 'velocities of the robot better')
+
+    assert claim(1.1 * own, 1.1 * own).verdict == HOLDS
+    assert claim(1.1 * own, 0.9 * own).verdict == FAILS
+    assert claim(0.9 * own, 1.1 * own).verdict == FAILS
+    assert claim(1.1 * own, None).verdict == UNKNOWN
+    assert by_text(claims(3, third, None), 'velocities of the robot better').verdict == UNKNOWN
+    assert (
+        claim(0.5, 0.25).figure
+        == '0.19 % of the peak apart, rms; 0.5 % in experiment 1, 0.25 % in experiment 2'
+    )
+
+
+def test_a_model_follows_what_is_desired_as_long_as_nobody_sees_a_difference(first):
+    found = claims(1, first, None)
+    for part in ('arm angles of the model follow', 'the TCP of the model follows'):
+        claim = by_text(found, part)
+        assert (claim.section, claim.verdict) == ('11.1.4', HOLDS)
+    assert claim.figure == 'model 0.047 mm rms from its reference, 0.015 % of the peak'
+    late = replace(
+        first.model, reference={**first.model.reference, 'tcp': first.model.reference['tcp'] + 6e-3}
+    )
+    found = claims(1, replace(first, model=late), None)
+    assert by_text(found, 'the TCP of the model follows').verdict == FAILS
+    assert by_text(found, 'arm angles of the model follow').verdict == HOLDS
+
+
+def test_an_experiment_3_simulates_the_others_to_judge_its_arm_speeds(undrawn, tmp_path):
     settings = Settings(3, robot='rich', attributed=False)
     report = run.Study(settings, tmp_path, 'a test', silent).run()
     (claim,) = [claim for claim in report['claims'] if 'smaller ripple' in claim['text']]
@@ -92,3 +129,6 @@ def test_an_experiment_3_simulates_the_others_to_judge_its_ripple(undrawn, tmp_p
     assert claim['figure'].endswith(f'robot {told[0]}, {told[1]}')
     # the thesis saw less; this robot swings as much as it did before
     assert claim['verdict'] == FAILS
+    (claim,) = [claim for claim in report['claims'] if 'velocities of the robot better' in claim['text']]
+    assert claim['figure'].endswith('0.23 % in experiment 1, 0.34 % in experiment 2')
+    assert claim['verdict'] == HOLDS

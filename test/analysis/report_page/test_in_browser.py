@@ -1,5 +1,7 @@
 """Facts about the report page in a real browser: what it draws, and that everything follows one time."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page import page
 from delta3_pacdrive.analysis.report_page.columns import resolution_of
 from delta3_pacdrive.analysis.report_page.plots import quantity
+from delta3_pacdrive.recording.record_file import SavedRecord
 from delta3_pacdrive.recording.signals import SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.scene.parts import RODS
 from delta3_pacdrive.scene.poses import poses
@@ -19,6 +22,7 @@ INSTANTS_S = (0.0, 0.111, 0.35, 0.62, 0.75)  # within four moves of the packagin
 ROUNDING = 1.0 + 1e-6  # of half a step
 PIXELS = 2.0  # between what is drawn and where it has to be
 DOT = (230, 0, 126)  # colour of the mark at the TCP
+NOTHING = '\N{EN DASH}'  # of a value that nobody tells
 NEAR = 60  # between colours, for edges that are blended
 
 
@@ -130,6 +134,42 @@ def test_numbers_in_the_browser_are_those_of_the_trace(visit, one, robot):
         held = np.array(visit.page.evaluate(f'{series}[{name!r}].map(column => Array.from(column))')).T
         step = resolution_of(name, quantity(name)[0], robot.bus.increments_per_rev)
         assert np.abs(held - values).max() <= 0.5 * step * ROUNDING, name
+
+
+def test_samples_of_a_record_stand_until_the_next_one_and_tell_their_values(browser, one, tmp_path):
+    step, names = 62.5e-6, tuple(f'axis1.phase_current_{n}' for n in range(8))
+    values = np.arange(320.0)[:, np.newaxis] + 1000.0 * np.arange(8)
+    start_s = one.part.meta['start_cycle'] * one.period_s
+    record = SavedRecord(
+        Path('s.npz'), names, ('A',) * 8, start_s + 0.3, step, values, 'a fault', start_s + 0.31
+    )
+    page.write(tmp_path / 'page.html', [one], Provenance.of('test'), records=[record])
+    with Visit(browser, (tmp_path / 'page.html').as_uri()) as visit:
+        visit.page.wait_for_selector(READY, state='attached')
+        held = np.array(
+            visit.page.evaluate('delta3.report.records[0].columns.A.map(column => Array.from(column))')
+        ).T
+        assert np.abs(held - values).max() <= 1e-4
+        panel = 'delta3.plots.panels[0]'
+        times = visit.page.evaluate(f'Array.from({panel}.chart.data[0])')
+        assert times == pytest.approx(0.3 + step * np.arange(320), abs=1e-9)
+        told = f'{panel}.entries.map(one => one.value.textContent)'
+        seek(visit, 0.3 + 100.4 * step)
+        assert [float(text) for text in visit.page.evaluate(told)] == pytest.approx(values[100])
+        seek(visit, 0.5)
+        assert set(visit.page.evaluate(told)) == {NOTHING}
+        assert (
+            visit.page.evaluate(f'{panel}.entries.map(one => one.entry.dataset.dash)')
+            == ['0'] * 6 + ['1'] * 2
+        )
+        assert visit.page.evaluate(
+            f'{panel}.chart.series[1].paths !== delta3.plots.panels[1].chart.series[1].paths'
+        )
+        visit.page.locator('#records tr[data-from]').click()
+        low, high = visit.page.evaluate('delta3.clock.window')
+        assert low < 0.3 < 0.3 + 319 * step < high < 0.4
+        assert visit.page.get_by_label('trigger of s.npz: a fault').is_visible()
+        assert visit.complaints == []
 
 
 def test_slider_robot_plots_and_table_show_the_same_instant(visit, one):

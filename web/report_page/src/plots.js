@@ -7,6 +7,7 @@ import { AXIS_COLOURS, axisColours, colour, onTheme } from './theme.js';
 const HEIGHT = 150;
 const GUTTER = 58; // width of the scale at the left; the track of moves keeps the same
 const DASHES = { run: [[], [7, 4], [2, 3], [8, 3, 2, 3]], command: [4, 3], true: [1, 3] };
+const STEPS = uPlot.paths.stepped({ align: 1 }); // a sample stands until the next one
 const DRAGGED = 4; // pixels between a click and a drag
 
 export class Plots {
@@ -16,6 +17,9 @@ export class Plots {
     this.panels = [];
     this.list = document.getElementById('panels');
     this.chips = document.getElementById('chips');
+    for (const record of report.records) {
+      for (const plot of record.plots) this.put(plot, [new Panel(this, plot, samplesOf(record, plot))]);
+    }
     for (const plot of report.plots) this.add(plot);
     new ResizeObserver(() => this.resize()).observe(this.list);
     clock.addEventListener('window', () => this.panels.forEach((panel) => panel.showWindow()));
@@ -31,6 +35,11 @@ export class Plots {
       const curves = differencesOf(report, difference, plot);
       if (curves.length) made.push(new Panel(this, plot, curves, report.runs[difference.number].name));
     });
+    this.put(plot, made);
+  }
+
+  // What belongs to a plot, with the button that shows or hides it.
+  put(plot, made) {
     const group = document.createElement('div');
     group.className = 'group';
     made.forEach((panel) => group.append(panel.element));
@@ -86,6 +95,20 @@ function differencesOf(report, difference, plot) {
   }));
 }
 
+// Curves of a plot of a record, whose one signal holds the channels of one unit.
+function samplesOf(record, plot) {
+  const [{ name }] = plot.signals;
+  return record.columns[name].map((values, column) => ({
+    series: record, name, column, values, factor: plot.factor, role: 'actual',
+  }));
+}
+
+// Which of the dashes tells a curve from those of its colour: by the run, or by the channel of a record.
+function dashOf({ series, column, difference }) {
+  if (series.held) return Math.floor(column / AXIS_COLOURS);
+  return difference ? 0 : series.number;
+}
+
 class Panel {
   constructor(plots, plot, curves, subtracted = '') {
     Object.assign(this, { plots, plot, curves, subtracted, shown: false, chart: null, hovered: null });
@@ -116,7 +139,7 @@ class Panel {
       entry.type = 'button';
       entry.className = 'entry';
       entry.style.setProperty('--curve', `var(--${this.colourName(curve)})`);
-      entry.dataset.dash = curve.difference ? 0 : curve.series.number;
+      entry.dataset.dash = dashOf(curve);
       const label = entry.appendChild(document.createElement('span'));
       label.textContent = this.plot.columns[curve.column] ?? '';
       if (several && curve.column === 0) label.dataset.run = curve.series.name;
@@ -214,8 +237,9 @@ class Panel {
             stroke: this.plot.columns.length === 1 ? norm : axes[curve.column % AXIS_COLOURS],
             width: curve.role === 'actual' ? 1.4 : 1,
             alpha: curve.role === 'actual' ? 1 : 0.75,
-            dash: curve.role === 'actual' ? DASHES.run[curve.difference ? 0 : curve.series.number] : DASHES[curve.role],
+            dash: curve.role === 'actual' ? DASHES.run[dashOf(curve)] : DASHES[curve.role],
             points: { show: false },
+            ...(curve.series.held && { paths: STEPS }),
           })),
         ],
         hooks: {
@@ -251,7 +275,7 @@ class Panel {
   showValues(time) {
     this.curves.forEach((curve, n) => {
       if (!this.entries[n]) return;
-      const value = curve.factor * curve.values[curve.series.cycleAt(time)];
+      const value = curve.series.covers(time) ? curve.factor * curve.values[curve.series.cycleAt(time)] : NaN;
       this.entries[n].value.textContent = Number.isFinite(value) ? unsigned(value.toFixed(this.digits)) : '–';
     });
   }

@@ -1,8 +1,8 @@
-// The report as the page holds it: runs, and their differences, with the values of signals.
+// The report as the page holds it: runs, their differences, and records of oscilloscopes, with the values of signals.
 
 import { unpacked } from './columns.js';
 
-// A series of bus cycles with the signals of a run, or of a difference of two.
+// A series of bus cycles with the signals of a run, or of a difference of two; or the samples of a record.
 class Series {
   constructor(document, number) {
     Object.assign(this, document);
@@ -22,6 +22,11 @@ class Series {
 
   has(name) {
     return name in this.columns;
+  }
+
+  // Whether it tells of a time: what runs hold stands on either side of them.
+  covers(time) {
+    return !this.held || (time >= this.first_s - 1e-9 && time < this.lastTime + this.period_s);
   }
 
   // Number of the cycle at a time, or the one before; the first or last one outside.
@@ -45,6 +50,7 @@ export class Report {
     Object.assign(this, document);
     this.runs = document.runs.map((run, number) => new Series(run, number));
     this.differences = document.differences.map((difference, n) => new Series(difference, n + 1));
+    this.records = (document.records ?? []).map((record) => Object.assign(new Series(record, 0), { held: true }));
     const all = this.runs;
     this.first = Math.min(...all.map((run) => run.first_s));
     this.last = Math.max(...all.map((run) => run.lastTime));
@@ -52,7 +58,7 @@ export class Report {
   }
 
   async unpack() {
-    await Promise.all([...this.runs, ...this.differences].map((series) => series.unpack()));
+    await Promise.all([...this.runs, ...this.differences, ...this.records].map((series) => series.unpack()));
     if (this.cell) await this.unpackCell();
   }
 
