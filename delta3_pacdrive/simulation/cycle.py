@@ -145,7 +145,7 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
         answer_cycle(k, r.answers[0], r.answers[2], task)
         note_answers(k, r.answers, task, signals)
         if tool is not None:
-            answer_tool(k, tool)
+            answer_tool(k, task, tool)
     return end
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.controller.turning import answer_turn, command_turn
+from delta3_pacdrive.controller.turning import answer_turn, command_turn, error_at_places
 from delta3_pacdrive.drive.arrays import DRIVE
 from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.numerics.kernel import kernel
@@ -33,6 +33,9 @@ TOOL = np.dtype(
         ('exchanges', 'i8'),  # in a bus cycle
         ('received', 'i8'),  # whether the drive gets the MDT
         ('status', 'i8'),  # S-0-0135
+        # of the true angle [rad], set-point delay removed: in the last answer, and at most where moves end
+        ('true_error', 'f8'),
+        ('true_place_error_max', 'f8'),
     ],
     align=True,
 )
@@ -89,24 +92,27 @@ def command_tool(cycle, control, task, timeline, payload_kg, beside):
 
 
 @kernel
-def answer_tool(cycle, beside):
+def answer_tool(cycle, task, beside):
     """Evaluate the answer of the axis in a bus cycle, and note it.
 
     Parameters
     ----------
     cycle
         Number of the bus cycle.
+    task
+        What ``command_cycle`` takes.
     beside
         As in ``command_tool``, with signals of shape (6, cycles).
 
     """
-    answer_turn(cycle, beside[2][0].drive[0].state.answer[0], beside[1])
+    answer = beside[2][0].drive[0].state.answer
+    answer_turn(cycle, answer[0], answer[2], task, beside[1])
     note_turn(cycle, beside)
 
 
 @kernel
 def note_turn(cycle, beside):
-    """Note what the axis answers in a bus cycle, and what the task makes of it.
+    """Note what the axis answers in a bus cycle, what the task makes of it, and what is true.
 
     Parameters
     ----------
@@ -121,6 +127,11 @@ def note_turn(cycle, beside):
     signals[TURN_ERROR, cycle] = t.error
     signals[TURN_SPEED, cycle] = answer[1] / ratio
     signals[TURN_CURRENT, cycle] = answer[2] / constants.torque_constant
+    r = tool[0]
+    before, r.true_error = r.true_error, t.due - signals[TURN_TRUE, cycle]
+    r.true_place_error_max = max(
+        r.true_place_error_max, error_at_places(cycle, r.true_error, before, turning)
+    )
 
 
 class ToolDrive:
@@ -154,6 +165,11 @@ class ToolDrive:
     def status(self) -> int:
         """Status word S-0-0135 of the last AT."""
         return int(self.record['status'][0])
+
+    @property
+    def told(self) -> dict[str, float]:
+        """What only a simulation knows, under the names that results of runs have."""
+        return {'turn_place_error_max_rad': float(self.record['true_place_error_max'][0])}
 
     @property
     def answer(self) -> tuple[float, float, float]:
