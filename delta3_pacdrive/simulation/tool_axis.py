@@ -66,6 +66,13 @@ def run_tool(command, torque, control, payload_kg, tool, currents):
 
 
 @kernel
+def note_turn_command(cycle, angle, tool, signals):
+    """Note the ``angle`` [rad] commanded in a ``cycle``, and the true one in ``signals``, shape (6, cycles)."""
+    signals[TURN_COMMAND, cycle] = angle
+    signals[TURN_TRUE, cycle] = tool[0].plant[0].state.angle
+
+
+@kernel
 def command_tool(cycle, control, task, timeline, payload_kg, beside):
     """Command the axis and run its bus cycle, behind the arms; return whether its status word changes.
 
@@ -85,8 +92,7 @@ def command_tool(cycle, control, task, timeline, payload_kg, beside):
     before = tool[0].status
     command_turn(cycle, task, timeline, turns, turning)
     t = turning[0].state
-    signals[TURN_COMMAND, cycle] = t.angle
-    signals[TURN_TRUE, cycle] = tool[0].plant[0].state.angle
+    note_turn_command(cycle, t.angle, tool, signals)
     run_tool(t.motor, t.torque, control, payload_kg, tool, currents)
     return before != tool[0].status
 
@@ -160,6 +166,10 @@ class ToolDrive:
         self.axis = ToolAxis(parameters, self.record['plant'][0])
         self.record['exchanges'] = round(bus.cycle_time_s / bus.exchange_period_s)
         self.record['received'] = 1
+
+    def cycle(self, command_rad: float, torque_n_m: float, control: int, payload_kg: float) -> None:
+        """Run one bus cycle: see ``run_tool``."""
+        run_tool(command_rad, torque_n_m, control, payload_kg, self.record, self.currents)
 
     @property
     def status(self) -> int:

@@ -179,6 +179,7 @@ def test_a_compiled_stretch_gives_the_bits_of_single_bus_cycles(turned, machine)
     one_by_one = simulation.run(program(half_cycles(turn=True), machine), machine, signals=('payload',))
     for name, values in turned.signals.items():
         assert np.array_equal(values, one_by_one[name]), name
+    assert one_by_one.meta['figures'] == turned.meta['figures']
 
 
 def test_the_tool_stands_where_the_program_starts(machine):
