@@ -14,6 +14,7 @@ from delta3_pacdrive.controller.belt_tracking import BeltTracking
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.script_gate import first_decision
 from delta3_pacdrive.controller.transformation import Figures, Transformation
+from delta3_pacdrive.controller.turning import combined_turns
 from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError
 from delta3_pacdrive.motion.execution import MotionProfile
@@ -31,7 +32,6 @@ from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.simulation.run import note_currents, trace_of
 from delta3_pacdrive.simulation.scoped import ScopedRobot
 from delta3_pacdrive.simulation.stepped import SteppedOperation
-from delta3_pacdrive.simulation.turn_figures import turn_figures
 
 
 class SimulatedLink:
@@ -229,7 +229,8 @@ class SimulatedLink:
             'start_cycle': first,
             'end_cycle': self._end_cycle,
             'planned_end_m': task_end,
-            'figures': vars(combined(self._figures)) | turn_figures(found, moves, first, self.parameters),
+            'figures': combined(self._figures).told
+            | ({} if (tool := self._robot.tool) is None else tool.told),
             'faults': [],
             'unlearned': '',
         }
@@ -264,4 +265,5 @@ def combined(figures: Sequence[Figures]) -> Figures:
         of_axes('current_rms_a', rms),
         of_axes('at_current_peak_a', max),
         of_axes('at_current_rms_a', rms),
+        combined_turns([one.turn for one in figures if one.turn is not None]),
     )

@@ -11,7 +11,7 @@ from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, op
 from delta3_pacdrive.cli.option_types import csv_file, folder
 from delta3_pacdrive.cli.output import INTERRUPTED, print_answer, print_json
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
-from delta3_pacdrive.errors import ParameterError, RunError
+from delta3_pacdrive.errors import RunError
 
 if TYPE_CHECKING:
     from delta3_pacdrive.cell.fault_cases import CellCase
@@ -96,15 +96,18 @@ def line_of(row: dict[str, Any]) -> str:
     return f'{text}\n    NOT AS EXPECTED: {what}'
 
 
-def _chosen(options: Options) -> 'tuple[list[Case], list[CellCase]]':
-    """Return the cases that are asked for: of robots that are brought up, and in simulated cells; raises RunError."""
+def _chosen(options: Options, rotary: bool) -> 'tuple[list[Case], list[CellCase]]':
+    """Return the cases that are asked for: of robots that are brought up, and in simulated cells; raises RunError.
+
+    ``rotary``: whether the robot has a rotary axis.
+    """
     from delta3_pacdrive.cell import fault_catalogue as of_cells
     from delta3_pacdrive.verification.fault_catalogue.cases import cases
 
     only = options.only or ''
     in_cells = [] if options.short else of_cells.cases(only)
     try:
-        return cases(options.short, only), in_cells
+        return cases(options.short, only, rotary), in_cells
     except RunError:
         if not in_cells:
             raise
@@ -119,12 +122,7 @@ def _run_catalogue(options: Options) -> int:
     from delta3_pacdrive.verification.fault_catalogue.runner import run_catalogue
 
     robot = core.load(options.parameters)
-    if robot.rotary.present:
-        raise ParameterError(
-            'the fault catalogue has no cases of a rotary axis, and reads the telegrams of three drives: choose '
-            'parameters without it (rotary.present: false)'
-        )
-    todo, in_cells = _chosen(options)
+    todo, in_cells = _chosen(options, robot.rotary.present)
     count = len(todo) + len(in_cells)
     announce_compilation(options.parameters)
     if not options.json:

@@ -179,10 +179,16 @@ def print_figures(result: dict[str, Any]) -> None:
         ('peak in the AT', _amperes(result['at_current_peak_a'])),
         ('rms in the AT', _amperes(result['at_current_rms_a'])),
     ]
-    if 'turn_place_error_max_rad' in result:
-        place, way = (math.degrees(result[f'turn_{name}error_max_rad']) for name in ('place_', ''))
+    if 'turn_error_max_rad' in result:
+        place, way = (math.degrees(result[f'turn_{name}error_max_rad']) for name in ('encoder_place_', ''))
+        told = f'by its encoder {place:.4f} deg'
+        if 'turn_place_error_max_rad' in result:  # a robot on the graph does not know it
+            true = math.degrees(result['turn_place_error_max_rad'])
+            told = f'{true:.4f} deg off at most where moves end, {told}, on the way {way:.4f} deg'
+        else:
+            told = f'{told} off at most where moves end, on the way {way:.4f} deg'
         peak, rms = result['turn_current_peak_a'], result['turn_current_rms_a']
-        rows.append(('tool', f'{place:.4f} deg off at most where moves end, {way:.4f} deg on the way'))
+        rows.append(('tool', told))
         rows.append(('tool current', f'{peak:.2f} A peak, {rms:.2f} A rms in the AT'))
     if result.get('repeat', 1) > 1:
         rounds = 60.0 * result['repeat'] / result['program_s']

@@ -6,7 +6,6 @@ the actions of the state. Tests let it run without ROS.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from typing import Any, Protocol
 
 from delta3_pacdrive.controller.belt_axes import read_belts
@@ -328,5 +327,5 @@ class RobotController:
             'at_losses': self.axes.losses,
             'input_losses': self.cycles.inputs.lost,
             **self.cycles.statistics.summary(),
-            'figures': asdict(self.task.figures()),
+            'figures': self.task.figures().told,
         }

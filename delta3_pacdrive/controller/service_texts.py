@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 
 from delta3_pacdrive.errors import TelegramError, shown
-from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
+from delta3_pacdrive.sercos.configuration_check import DRIVES, NO_TOOL_DRIVE, TOOL_DRIVE
 from delta3_pacdrive.sercos.service_channel import Access, Operation, parse_idn
 
 _MARK = re.compile(r'\s*(#\S{1,32}(?:\s+|$))(.*)', re.DOTALL)
@@ -43,7 +43,7 @@ def parse_request(text: str, drives: Sequence[str] = DRIVES) -> tuple[int, Acces
     """Return (number of the drive, access) of a request to one of these; raises TelegramError or ParameterError."""
     words = text.split()
     if words[:1] == [TOOL_DRIVE] and TOOL_DRIVE not in drives:
-        raise TelegramError(f'the robot has no {TOOL_DRIVE}, that of a rotary axis (rotary.present is false)')
+        raise TelegramError(NO_TOOL_DRIVE)
     if len(words) < 3 or words[0] not in drives or words[1] not in OPERATIONS:
         raise TelegramError(
             f'{shown(text)} is no request: expected "axis1 read S-0-0104", "axis1 write S-0-0104 60" or '

@@ -157,7 +157,7 @@ def command_cycle(cycle, task, timeline, corrections):
     if cycle >= s.start_cycle:
         time = (cycle - profile.cycle) * c.cycle_time
         number, s.master, s.master_speed, _ = profile_at(time, s.move, timeline)
-        _switch_outputs(number, _is_over(cycle, s, profile), tables, s)
+        _switch_outputs(number, is_over(cycle, s, profile), tables, s)
         p = plan_path_at(s.master, number, tables)
         has_angles = tables.moves[tables.order[number]].joints == 1
         if has_angles:
@@ -191,7 +191,7 @@ def command_cycle(cycle, task, timeline, corrections):
 
 
 @kernel
-def _is_over(cycle, s, profile):
+def is_over(cycle, s, profile):
     """Whether a program has come to its end in a cycle, and not to a stop; ``profile`` is that of the timeline."""
     return cycle >= s.end_cycle and profile.held == 0
 
@@ -307,7 +307,7 @@ def _payload_at(cycle, task, timeline):
     s, c, profile, tables = task[0].state, task[0].constants, timeline.profile[0], timeline.tables
     time = (cycle - profile.cycle) * c.cycle_time
     number, master, _, _ = profile_at(time, s.move, timeline)
-    over = _is_over(cycle, s, profile)
+    over = is_over(cycle, s, profile)
     payload, event = s.payload, s.event
     for driven in range(s.move, number + 1):
         move = tables.moves[tables.order[driven]]

@@ -25,7 +25,7 @@ from delta3_pacdrive.controller.task_arrays import (
     stand_at,
     task_constants,
 )
-from delta3_pacdrive.controller.turning import Turning, require_turns
+from delta3_pacdrive.controller.turning import TurnFigures, Turning, require_turns
 from delta3_pacdrive.dynamics import gravity, inertia
 from delta3_pacdrive.errors import ProgramError, RobotFault, RunError
 from delta3_pacdrive.kinematics import geometry
@@ -75,6 +75,13 @@ class Figures:
     current_rms_a: list[float | None]
     at_current_peak_a: list[float]
     at_current_rms_a: list[float]
+    turn: TurnFigures | None = None  # of a robot with a rotary axis
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """The figures under the names that results of runs have."""
+        of_tool = {} if self.turn is None else self.turn.told
+        return {name: value for name, value in vars(self).items() if name != 'turn'} | of_tool
 
 
 class Transformation:
@@ -224,6 +231,8 @@ class Transformation:
         state['payload'] = payload_on_grid(self.timeline.plan.move(0).payload_kg)
         for name in MEASURED:
             state[name] = 0
+        if self.turning is not None:
+            self.turning.begin()
         self.current_peak, self.current_rms = [None] * 3, [None] * 3
         self._mark_measured()
         self._wait.begin(self.timeline)
@@ -535,11 +544,11 @@ class Transformation:
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> np.void:
         """Evaluate the answers of a cycle, in order; return what they give (``ANSWER``).
 
-        Behind the positions of the arms comes that of the rotary axis, where it is known.
+        Behind the positions and torques of the arms come those of the rotary axis, where they are known.
         """
         answer_cycle(cycle, positions_rad, torques_n_m, self.record)
         if self.turning is not None and len(positions_rad) > TOOL:
-            self.turning.receive(cycle, float(positions_rad[TOOL]))
+            self.turning.receive(cycle, float(positions_rad[TOOL]), float(torques_n_m[TOOL]), self.record)
         return self.answer
 
     def progress(self) -> tuple[int, float, float]:
@@ -561,6 +570,7 @@ class Transformation:
             list(self.current_rms),
             s['current_peak'].tolist(),
             np.sqrt(s['current_square_sum'] / cycles).tolist(),
+            None if self.turning is None else self.turning.figures(),
         )
 
 

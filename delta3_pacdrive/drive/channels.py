@@ -23,7 +23,7 @@ from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.motor import phase_columns
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 from delta3_pacdrive.sercos.service_channel import format_idn, parse_idn
 
 SCOPE_CHANNELS_MAX = 8  # that an oscilloscope shows at once
@@ -157,7 +157,7 @@ def channel_named(name: str) -> Channel:
 
 
 def chosen(texts: Sequence[str]) -> tuple[tuple[int, Channel], ...]:
-    """Return axis (0 to 2) and channel of texts such as ``axis1.current_reference``, at most eight.
+    """Return axis (0 to 3) and channel of texts such as ``axis1.current_reference``, at most eight.
 
     Raises
     ------
@@ -168,12 +168,12 @@ def chosen(texts: Sequence[str]) -> tuple[tuple[int, Channel], ...]:
     found = []
     for text in texts:
         axis, _, name = text.partition('.')
-        if axis not in DRIVES:
-            names = f'{", ".join(DRIVES)}, a point, and a channel'
+        if axis not in ALL_DRIVES:
+            names = f'{", ".join(ALL_DRIVES)}, a point, and a channel'
             raise ParameterError(
                 f'{shown(text)} is no channel: expected {names}, such as axis1.current_reference'
             )
-        found.append((DRIVES.index(axis), channel_named(name)))
+        found.append((ALL_DRIVES.index(axis), channel_named(name)))
     for place, (one, text) in enumerate(zip(found, texts, strict=True)):
         if one in found[:place]:
             raise ParameterError(f'{text} is asked for twice')
@@ -183,11 +183,11 @@ def chosen(texts: Sequence[str]) -> tuple[tuple[int, Channel], ...]:
 
 
 def full_name(axis: int, channel: Channel) -> str:
-    """Return the name of a channel of an axis, 0 to 2."""
-    return f'{DRIVES[axis]}.{channel.name}'
+    """Return the name of a channel of an axis, 0 to 3."""
+    return f'{ALL_DRIVES[axis]}.{channel.name}'
 
 
 def is_full_name(text: str) -> bool:
     """Whether a text names a drive and, behind a point, a channel of it."""
     axis, point, _ = text.partition('.')
-    return axis in DRIVES and bool(point)
+    return axis in ALL_DRIVES and bool(point)

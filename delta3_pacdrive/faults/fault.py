@@ -22,7 +22,7 @@ from delta3_pacdrive.configuration.checked import Errors, Section, nearest_of, r
 from delta3_pacdrive.configuration.located import place_in, place_of
 from delta3_pacdrive.configuration.readers import number_between, one_of, whole_number_between
 from delta3_pacdrive.errors import ProgramError, shown
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT, TOOL_DRIVE
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES, NO_TOOL_DRIVE, PLANT, TOOL_DRIVE
 
 AFTER_MAX_S = 1e5
 CYCLES_MAX = 1000
@@ -260,9 +260,7 @@ def require_axes(faults: Sequence[Fault], rotary: bool) -> None:
     """
     for fault in faults:
         if fault.target == TOOL_DRIVE and not rotary:
-            raise ProgramError(
-                f'{fault.text}: the robot has no {TOOL_DRIVE}, that of a rotary axis (rotary.present is false)'
-            )
+            raise ProgramError(f'{fault.text}: {NO_TOOL_DRIVE}')
 
 
 def applies_to(fault: Fault, node: str) -> bool:

@@ -76,13 +76,19 @@ class TimelineArrays(NamedTuple):
 
 
 @kernel
+def plan_time_at(time, profile):
+    """Return the time of the plan [s] that goes with a time behind the table of ``profile``, a record ``PROFILE``."""
+    return profile.time + profile.override * (time - profile.duration)
+
+
+@kernel
 def profile_at(time, number, timeline):
     """Return number of the move, master distance, speed, acceleration, at a time since the motion profile began [s]."""
     c, table, tables = timeline.profile[0], timeline.table, timeline.tables
     if time < c.duration or c.held == 1:
         s, v, a = master_at(time, table, 0, c.rows)
         return c.number, s, v, a
-    plan_time = c.time + c.override * (time - c.duration)
+    plan_time = plan_time_at(time, c)
     number = advance_number(plan_time, max(number, c.number), tables)
     s, v, a = plan_master_at(plan_time, number, tables)
     return number, s, c.override * v, c.override * c.override * a

@@ -16,7 +16,7 @@ from delta3_pacdrive.drive.scope import Block, decimation_of
 from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 
 SAMPLES_MAX = 1_000_000  # of a record: a minute at 16 kHz
 RATE_MAX_HZ, RATE_MIN_HZ = 16_000.0, 1.0
@@ -41,7 +41,7 @@ class Mode(StrEnum):
     ROLLING = 'rolling'
 
 
-Source = tuple[int, Channel]  # axis 0 to 2
+Source = tuple[int, Channel]  # axis 0 to 3
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Setting:
     Attributes
     ----------
     channels
-        Axis (0 to 2) and channel of each.
+        Axis (0 to 3) and channel of each.
     decimation
         Periods of the current loop from sample to sample.
     sample_time_s
@@ -125,7 +125,7 @@ class Setting:
     @property
     def axes(self) -> tuple[int, ...]:
         """Drives that have to tell something."""
-        return tuple(axis for axis in range(len(DRIVES)) if self.of_axis(axis))
+        return tuple(axis for axis in range(len(ALL_DRIVES)) if self.of_axis(axis))
 
 
 def setting(
@@ -261,7 +261,7 @@ class Acquisition:
         return self._trigger is not None or self.setting.trigger is None
 
     def add(self, axis: int, block: Block) -> None:
-        """Take a block of a drive, 0 to 2.
+        """Take a block of a drive, 0 to 3.
 
         Raises
         ------
@@ -284,10 +284,10 @@ class Acquisition:
         self.lost += max(count, 0)
         if self.triggered and self._next is not None:
             if began_anew:
-                raise RunError(f'the bus has begun anew while {DRIVES[axis]} was recorded')
+                raise RunError(f'the bus has begun anew while {ALL_DRIVES[axis]} was recorded')
             raise RunError(
-                f'{count} samples of {DRIVES[axis]} were lost while they were recorded: a record with gaps is none. '
-                'Choose fewer channels or a lower rate'
+                f'{count} samples of {ALL_DRIVES[axis]} were lost while they were recorded: a record with gaps is '
+                'none. Choose fewer channels or a lower rate'
             )
         for of in self._blocks:
             self._blocks[of] = []

@@ -7,6 +7,7 @@ second one is refused with the name of the first. While none is armed, nothing i
 import array
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ from delta3_pacdrive.drive.scope import Block
 from delta3_pacdrive.errors import Delta3Error, TelegramError, shown
 from delta3_pacdrive.ros.interfaces import SCOPE_ANSWER, SCOPE_REQUEST, SCOPE_SAMPLES
 from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.sercos.configuration_check import NO_TOOL_DRIVE, TOOL_DRIVE
 
 GIVEN_UP_S = 5.0  # without a request, after which an oscilloscope is disarmed
 IDENTITY_MAX, NAME_MAX = 32, 100
@@ -34,6 +36,7 @@ class ScopeRequest:
     name: str
     channels: tuple[str, ...]
     decimation: int
+    axes: tuple[str, ...]  # whose drives are asked
 
     @staticmethod
     def read(text: str, axis: str) -> 'ScopeRequest':
@@ -41,7 +44,8 @@ class ScopeRequest:
         try:
             document = json.loads(text)
             identity, name = document['scope'], document['name']
-            channels, decimation = document['channels'].get(axis, []), document['decimation']
+            axes, decimation = document['channels'], document['decimation']
+            channels = axes.get(axis, [])
             texts = [identity, name, *channels]
         except (ValueError, RecursionError, KeyError, TypeError, AttributeError):
             raise TelegramError(f'{shown(text[:80])} is no request for an oscilloscope') from None
@@ -53,7 +57,7 @@ class ScopeRequest:
             raise TelegramError(f'the decimation of an oscilloscope is a number up to {DECIMATION_MAX}')
         if len(channels) > SCOPE_CHANNELS_MAX + TRIGGERS_MAX:
             raise TelegramError(f'an oscilloscope shows at most {SCOPE_CHANNELS_MAX} channels')
-        return ScopeRequest(identity, name[:NAME_MAX], tuple(channels), decimation)
+        return ScopeRequest(identity, name[:NAME_MAX], tuple(channels), decimation, tuple(axes))
 
 
 class DriveScopeServer:
@@ -63,11 +67,13 @@ class DriveScopeServer:
     ----------
     node, axis, bus_drive
         The drive.
+    drives
+        Names of all drives of its robot.
 
     """
 
-    def __init__(self, node: RobotNode, axis: str, bus_drive: BusDrive) -> None:
-        self._node, self._axis, self._bus_drive = node, axis, bus_drive
+    def __init__(self, node: RobotNode, axis: str, bus_drive: BusDrive, drives: Sequence[str]) -> None:
+        self._node, self._axis, self._bus_drive, self._drives = node, axis, bus_drive, drives
         self._served: ScopeRequest | None = None
         self._asked_s = 0.0
         self._period_s = float(bus_drive.drive.constants['current_period'][0])
@@ -78,6 +84,9 @@ class DriveScopeServer:
 
     def _on_request(self, message: String) -> None:
         request, served = ScopeRequest.read(message.data, self._axis), self._served
+        if TOOL_DRIVE in request.axes and TOOL_DRIVE not in self._drives:
+            self._answer(request, NO_TOOL_DRIVE)
+            return
         if not request.channels:
             if served is not None and served.identity == request.identity:
                 self._disarm()

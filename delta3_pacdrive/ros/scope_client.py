@@ -19,7 +19,7 @@ from delta3_pacdrive.drive.scope import Block
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError
 from delta3_pacdrive.recording.acquisition import Acquisition, Mode, Record, Setting
 from delta3_pacdrive.ros.interfaces import SCOPE_ANSWER, SCOPE_REQUEST, SCOPE_SAMPLES
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,7 +69,7 @@ class ScopeClient:
         self._subscriptions = [
             SCOPE_ANSWER.subscription(operator, self._on_answer),
             *(
-                SCOPE_SAMPLES.subscription(operator, self._receiver(axis), DRIVES[axis])
+                SCOPE_SAMPLES.subscription(operator, self._receiver(axis), ALL_DRIVES[axis])
                 for axis in setting.axes
             ),
         ]
@@ -96,7 +96,9 @@ class ScopeClient:
 
     def _ask(self, arm: bool = True) -> None:
         axes = self._setting.axes if arm else ()
-        channels = {DRIVES[axis]: [channel.name for channel in self._setting.of_axis(axis)] for axis in axes}
+        channels = {
+            ALL_DRIVES[axis]: [channel.name for channel in self._setting.of_axis(axis)] for axis in axes
+        }
         request = {
             'scope': self._identity, 'name': self._name, 'channels': channels,
             'decimation': self._setting.decimation,
@@ -140,8 +142,11 @@ class ScopeClient:
 
     @property
     def reaches_drives(self) -> bool:
-        """Whether all drives listen, and those that are asked have an oscilloscope."""
-        axes = (DRIVES[axis] for axis in self._setting.axes)
+        """Whether all drives of the arms listen, and those of them that are asked have an oscilloscope.
+
+        They know whether there is one of a rotary axis; that one is asked again until it answers.
+        """
+        axes = (axis for number, axis in enumerate(DRIVES) if number in self._setting.axes)
         return self._requests.get_subscription_count() >= len(DRIVES) and all(
             self._operator.count_publishers(SCOPE_SAMPLES.of(axis)) for axis in axes
         )
@@ -157,7 +162,7 @@ class ScopeClient:
         """
         if time.monotonic() - self._asked_s > AGAIN_S:
             self._ask()
-        axes = [DRIVES[axis] for axis in self._setting.axes]
+        axes = [ALL_DRIVES[axis] for axis in self._setting.axes]
         for answer in self._answers.values():
             if not answer['armed']:
                 raise ProgramError(str(answer['refusal']))
@@ -178,8 +183,8 @@ class ScopeClient:
         for axis, heard_s in self._heard_s.items():
             if now - heard_s > SILENT_S:
                 raise RunError(
-                    f'{DRIVES[axis]} has told nothing for {SILENT_S:g} s while {awaited(acquisition)}: is its robot '
-                    'still up, and in cyclic operation?'
+                    f'{ALL_DRIVES[axis]} has told nothing for {SILENT_S:g} s while {awaited(acquisition)}: is its '
+                    'robot still up, and in cyclic operation?'
                 )
 
     # who has nothing else to do waits ---------------------------------------------------------------------------------

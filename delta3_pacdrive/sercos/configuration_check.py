@@ -9,6 +9,7 @@ from delta3_pacdrive.parameters import Parameters, flatten
 DRIVES = ('axis1', 'axis2', 'axis3')
 TOOL_DRIVE = 'axis4'  # of the rotary axis, where there is one
 ALL_DRIVES = (*DRIVES, TOOL_DRIVE)
+NO_TOOL_DRIVE = f'the robot has no {TOOL_DRIVE}, that of a rotary axis (rotary.present is false)'
 PLANT = 'plant'
 PARTICIPANTS = (*DRIVES, PLANT)  # of a robot without a rotary axis
 

@@ -49,7 +49,7 @@ from delta3_pacdrive.simulation.belts import readings
 from delta3_pacdrive.simulation.requested import Requested
 from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 from delta3_pacdrive.simulation.tool_axis import NAMES as TURN_NAMES
-from delta3_pacdrive.simulation.tool_axis import answer_tool, command_tool, note_turn
+from delta3_pacdrive.simulation.tool_axis import answer_tool, command_tool, note_turn, note_turn_command
 
 REST_S = 1.0  # without torque, in which a machine comes to rest
 ROOM_CYCLES = 1024  # for signals, before anybody knows how long it takes
@@ -145,7 +145,7 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
         answer_cycle(k, r.answers[0], r.answers[2], task)
         note_answers(k, r.answers, task, signals)
         if tool is not None:
-            answer_tool(k, tool)
+            answer_tool(k, task, tool)
     return end
 
 
@@ -345,11 +345,11 @@ class SimulatedOperation:
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
         robot.cycle(motors, control, payload, received, torques)
         note_currents(cycle, robot.record, self._signals)
-        tool, beside = robot.tool, self._beside()
-        if tool is not None and beside is not None:
+        tool, turning = robot.tool, self._task.turning
+        if tool is not None and turning is not None:
             tool.record['received'] = self._schedule.telegram(MDT_LOSSES, TOOL_DRIVE, cycle) is None
-            carried_kg = float(robot.plant.state['carried'][0])
-            command_tool(cycle, control, self._task.record, self._task.timeline.arrays, carried_kg, beside)
+            note_turn_command(cycle, turning.angle_rad, tool.record, self._turn_signals)
+            tool.cycle(*turning.commanded, control, float(robot.plant.state['carried'][0]))
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the answers that reach the master, and react to what they tell."""

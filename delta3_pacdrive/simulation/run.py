@@ -21,7 +21,6 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.simulation.scoped import ScopedRobot
-from delta3_pacdrive.simulation.turn_figures import turn_figures
 
 Planner = Callable[[Program, Floats, Parameters], program_planner.Planned]
 
@@ -138,19 +137,17 @@ def run(
         if isinstance(robot, ScopedRobot):
             robot.finish()
     note_currents(robot, task)
-    moves = plan_times.driven_moves(planned.plan)
-    of_tool = turn_figures(found, moves, motion.start_cycle, parameters)
     driven = {
         'program': planned.name,
         'notices': list(planned.notices),
         'program_s': planned.plan.duration_s,
         'repeat': planned.repeat,
-        'moves': moves,
+        'moves': plan_times.driven_moves(planned.plan),
         'outputs': plan_times.output_changes(planned.plan),
         'start_cycle': parameters.motion.start_cycle,
         'end_cycle': task.end_cycle,
         'planned_end_m': planned.plan.end_m().tolist(),
-        'figures': vars(task.figures()) | of_tool,
+        'figures': task.figures().told | ({} if robot.tool is None else robot.tool.told),
         'faults': [fault.to_document() | {'text': fault.text} for fault in program.faults],
         'unlearned': task.learned.reason,
     }

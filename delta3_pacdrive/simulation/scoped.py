@@ -1,15 +1,20 @@
 """A robot whose drives have oscilloscopes: exchange by exchange, as the nodes run it, with the same bits."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from delta3_pacdrive.controller.transformation import TOOL
+from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.drive.scope import Block, DriveScope
+from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, of_tool_axis
 from delta3_pacdrive.recording.acquisition import Acquisition
+from delta3_pacdrive.sercos.configuration_check import NO_TOOL_DRIVE
 from delta3_pacdrive.simulation.robot import Robot
+from delta3_pacdrive.simulation.tool_axis import ToolDrive
 
 
 class ScopedRobot(Robot):
@@ -22,6 +27,11 @@ class ScopedRobot(Robot):
     acquisition
         Takes what the oscilloscopes hand over; its setting says what they show.
 
+    Raises
+    ------
+    ParameterError
+        They show something of a rotary axis, and the robot has none.
+
     """
 
     observed = True
@@ -31,15 +41,25 @@ class ScopedRobot(Robot):
         self._cycle = 0
         self._acquisition, self._setting = acquisition, acquisition.setting
         self._parameters = parameters
+        if self.tool is not None:
+            self.tool = _ScopedTool(parameters, self._run)
         self._scopes = {axis: self._scope(axis) for axis in self._setting.axes}
 
     def _scope(self, axis: int) -> DriveScope:
         def hand_over(block: Block) -> None:
             self._acquisition.add(axis, block)
 
-        channels = self._setting.of_axis(axis)
-        every = self._setting.decimation
-        return DriveScope(self.drives[axis], channels, every, lambda: self._parameters, hand_over)
+        drive, own = self._drive(axis), self._parameters
+        parameters = own if axis != TOOL else of_tool_axis(own)
+        setting = self._setting
+        return DriveScope(drive, setting.of_axis(axis), setting.decimation, lambda: parameters, hand_over)
+
+    def _drive(self, axis: int) -> MC4:
+        if axis != TOOL:
+            return self.drives[axis]
+        if self.tool is None:
+            raise ParameterError(NO_TOOL_DRIVE)
+        return self.tool.drive
 
     def cycle(
         self,
@@ -74,10 +94,30 @@ class ScopedRobot(Robot):
     def _run(self, exchange: int, i: int, shaft: Sequence[float]) -> bool:
         if i in self._scopes and not self._acquisition.done:
             return self._scopes[i].run_period(exchange, *shaft)
-        return self.drives[i].run_period(*shaft)
+        return self._drive(i).run_period(*shaft)
 
     def finish(self) -> None:
         """Hand over what the oscilloscopes still hold."""
         for scope in self._scopes.values():
             scope.flush()
         self._acquisition.finish()
+
+
+class _ScopedTool(ToolDrive):
+    """The drive of the rotary axis of a robot that is observed; ``run`` is ``ScopedRobot._run``."""
+
+    def __init__(self, parameters: Parameters, run: Callable[[int, int, Sequence[float]], bool]) -> None:
+        super().__init__(parameters)
+        self._run, self._exchange = run, 0
+
+    def cycle(self, command_rad: float, torque_n_m: float, control: int, payload_kg: float) -> None:
+        """Run one bus cycle as ``ToolDrive.cycle`` does, with its oscilloscope."""
+        r, shaft = self.record[0], self.axis.shaft()
+        if r['received']:
+            r['status'] = self.drive.begin_cycle(command_rad, control, *shaft, torque=torque_n_m)
+        else:
+            r['status'] = self.drive.extrapolate_cycle(*shaft)
+        for _ in range(int(r['exchanges'])):
+            released = self._run(self._exchange, TOOL, self.axis.shaft())
+            self.axis.advance(self.currents, released, payload_kg)
+            self._exchange += 1

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.controller.turning import answer_turn, command_turn
+from delta3_pacdrive.controller.turning import answer_turn, command_turn, error_at_places
 from delta3_pacdrive.drive.arrays import DRIVE
 from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.numerics.kernel import kernel
@@ -33,6 +33,9 @@ TOOL = np.dtype(
         ('exchanges', 'i8'),  # in a bus cycle
         ('received', 'i8'),  # whether the drive gets the MDT
         ('status', 'i8'),  # S-0-0135
+        # of the true angle [rad], set-point delay removed: in the last answer, and at most where moves end
+        ('true_error', 'f8'),
+        ('true_place_error_max', 'f8'),
     ],
     align=True,
 )
@@ -63,6 +66,13 @@ def run_tool(command, torque, control, payload_kg, tool, currents):
 
 
 @kernel
+def note_turn_command(cycle, angle, tool, signals):
+    """Note the ``angle`` [rad] commanded in a ``cycle``, and the true one in ``signals``, shape (6, cycles)."""
+    signals[TURN_COMMAND, cycle] = angle
+    signals[TURN_TRUE, cycle] = tool[0].plant[0].state.angle
+
+
+@kernel
 def command_tool(cycle, control, task, timeline, payload_kg, beside):
     """Command the axis and run its bus cycle, behind the arms; return whether its status word changes.
 
@@ -82,31 +92,33 @@ def command_tool(cycle, control, task, timeline, payload_kg, beside):
     before = tool[0].status
     command_turn(cycle, task, timeline, turns, turning)
     t = turning[0].state
-    signals[TURN_COMMAND, cycle] = t.angle
-    signals[TURN_TRUE, cycle] = tool[0].plant[0].state.angle
+    note_turn_command(cycle, t.angle, tool, signals)
     run_tool(t.motor, t.torque, control, payload_kg, tool, currents)
     return before != tool[0].status
 
 
 @kernel
-def answer_tool(cycle, beside):
+def answer_tool(cycle, task, beside):
     """Evaluate the answer of the axis in a bus cycle, and note it.
 
     Parameters
     ----------
     cycle
         Number of the bus cycle.
+    task
+        What ``command_cycle`` takes.
     beside
         As in ``command_tool``, with signals of shape (6, cycles).
 
     """
-    answer_turn(cycle, beside[2][0].drive[0].state.answer[0], beside[1])
+    answer = beside[2][0].drive[0].state.answer
+    answer_turn(cycle, answer[0], answer[2], task, beside[1])
     note_turn(cycle, beside)
 
 
 @kernel
 def note_turn(cycle, beside):
-    """Note what the axis answers in a bus cycle, and what the task makes of it.
+    """Note what the axis answers in a bus cycle, what the task makes of it, and what is true.
 
     Parameters
     ----------
@@ -121,6 +133,11 @@ def note_turn(cycle, beside):
     signals[TURN_ERROR, cycle] = t.error
     signals[TURN_SPEED, cycle] = answer[1] / ratio
     signals[TURN_CURRENT, cycle] = answer[2] / constants.torque_constant
+    r = tool[0]
+    before, r.true_error = r.true_error, t.due - signals[TURN_TRUE, cycle]
+    r.true_place_error_max = max(
+        r.true_place_error_max, error_at_places(cycle, r.true_error, before, turning)
+    )
 
 
 class ToolDrive:
@@ -150,10 +167,19 @@ class ToolDrive:
         self.record['exchanges'] = round(bus.cycle_time_s / bus.exchange_period_s)
         self.record['received'] = 1
 
+    def cycle(self, command_rad: float, torque_n_m: float, control: int, payload_kg: float) -> None:
+        """Run one bus cycle: see ``run_tool``."""
+        run_tool(command_rad, torque_n_m, control, payload_kg, self.record, self.currents)
+
     @property
     def status(self) -> int:
         """Status word S-0-0135 of the last AT."""
         return int(self.record['status'][0])
+
+    @property
+    def told(self) -> dict[str, float]:
+        """What only a simulation knows, under the names that results of runs have."""
+        return {'turn_place_error_max_rad': float(self.record['true_place_error_max'][0])}
 
     @property
     def answer(self) -> tuple[float, float, float]:

@@ -17,18 +17,22 @@ from delta3_pacdrive.ros.interfaces import MOTOR_SHAFTS
 from delta3_pacdrive.ros.polling import PollingNode, Taken
 from delta3_pacdrive.ros.qos import WATCHER
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.sercos.configuration_check import DRIVES, drives_of
 from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
-from delta3_pacdrive.sercos.telegrams import NO_SESSION, TORQUE_MDT, parse_mdt_frame
+from delta3_pacdrive.sercos.telegrams import NO_SESSION, at, mdt, parse_mdt_frame, shafts
 from delta3_pacdrive.sercos.words import Control
 
 SHAFTS, MDT = MOTOR_SHAFTS.name, interfaces.MDT.name
 AT = interfaces.AT.names
-CODECS = {
-    telegram.topic: cdr.codec(telegram)
-    for topic in (MOTOR_SHAFTS, interfaces.MDT, interfaces.AT)
-    for telegram in topic.telegrams
-}
-TORQUE_CODECS = CODECS | {MDT: cdr.codec(TORQUE_MDT)}  # of a robot whose master commands torques
+
+
+def codecs_of(drives: Sequence[str] = DRIVES, torques: bool = False) -> dict[str, TelegramCodec]:
+    """Return what reads the cyclic telegrams of a robot with these drives; ``torques``: its master commands some."""
+    telegrams = (shafts(drives), mdt(torques, drives), *map(at, drives))
+    return {telegram.topic: cdr.codec(telegram) for telegram in telegrams}
+
+
+CODECS = codecs_of()
 
 
 @dataclass(frozen=True)
@@ -107,9 +111,9 @@ def read_telegrams(
     )
 
 
-def enabled_from(commands: Telegrams) -> int:
-    """First bus cycle in which the drives obey the newest order to enable them; ``NEVER`` without one."""
-    words = map(parse_mdt_frame, commands.frames, repeat(0), commands.sessions)
+def enabled_from(commands: Telegrams, drives: int = len(DRIVES)) -> int:
+    """First bus cycle in which so many drives obey the newest order to enable them; ``NEVER`` without one."""
+    words = map(parse_mdt_frame, commands.frames, repeat(0), commands.sessions, repeat(drives))
     enabled = np.array([bool(word.control & Control.ENABLE) for word in words], bool)
     begun = np.flatnonzero(enabled[1:] & ~enabled[:-1])
     return int(commands.cycles[begun[-1] + 1]) + 1 if len(begun) and enabled[-1] else NEVER
@@ -131,8 +135,10 @@ class TelegramLog:
 
     def __init__(self, node: PollingNode, robot: Parameters, refuse: Callable[[str], None]) -> None:
         self._robot, self._refuse, self._clock = robot, refuse, Clock(robot.bus.cycle_time_s)
-        self._codecs = TORQUE_CODECS if robot.sends_torque else CODECS
-        self._takes = {topic: node.create_polled_subscription(JointState, topic, WATCHER) for topic in CODECS}
+        self._codecs = codecs_of(drives_of(robot), robot.sends_torque)
+        self._takes = {
+            topic: node.create_polled_subscription(JointState, topic, WATCHER) for topic in self._codecs
+        }
         self._kept: dict[str, list[Telegrams]] | None = None
 
     def begin(self) -> None:

@@ -77,6 +77,25 @@ def test_the_figures_of_a_run_are_printed_each_behind_its_name_in_its_unit(capsy
     }
 
 
+OF_TURNS = {
+    'turn_error_max_rad': 0.003,
+    'turn_encoder_place_error_max_rad': 0.0007,
+    'turn_current_peak_a': 3.21,
+    'turn_current_rms_a': 1.23,
+}
+
+
+def test_how_far_a_tool_is_off_is_told_with_who_says_so(capsys):
+    output.print_figures(RESULT | OF_TURNS)
+    graph = printed(capsys)
+    assert graph['tool'] == ['by its encoder 0.0401 deg off at most where moves end, on the way 0.1719 deg']
+    assert graph['tool current'] == ['3.21 A peak, 1.23 A rms in the AT']
+    output.print_figures(RESULT | OF_TURNS | {'turn_place_error_max_rad': 0.0008})
+    assert printed(capsys)['tool'] == [
+        '0.0458 deg off at most where moves end, by its encoder 0.0401 deg, on the way 0.1719 deg'
+    ]
+
+
 @pytest.fixture
 def simulated(monkeypatch):
     """Return the function that lets simulations end with some figures."""

@@ -56,6 +56,38 @@ def test_samples_are_those_of_the_simulation_to_the_last_bit(rate_hz: float, gra
     assert np.ptp(found.values[:, CHANNELS.index('axis2.state')]) > 0.0  # it was enabled meanwhile
 
 
+def test_samples_of_a_rotary_axis_are_those_of_the_simulation(graph: Any) -> None:
+    own = {'rotary__present': True}
+    graph.robot(('plant', '1', '2', '3', '4'), **own)
+    channels = [
+        'axis4.current_reference',
+        'axis4.encoder_increments',
+        'axis4.S-0-0104',
+        'axis4.state',
+        'axis1.voltage',
+    ]
+    scope = Scope(graph, channels)
+    acquisition = scope.client.arm(PATIENCE_S)
+    graph.add(TransformationTaskNode, real_time_factor=0.0, **own)
+    scope.client.follow(acquisition, PATIENCE_S)
+    (found,) = scope.records
+    simulated: list[Record] = []
+    program = Program('a robot that stands', (Dwell(0.1),))
+    simulation.run(program, scope.robot.replace(**own), Acquisition(found.setting, simulated.append))
+    assert found.first == simulated[0].first == 1
+    np.testing.assert_array_equal(found.values, simulated[0].values)
+    assert set(found.values[:, 2]) == {scope.robot.rotary.position_gain_rad_s_rad}
+    assert np.ptp(found.values[:, 3]) > 0.0
+
+
+def test_a_rotary_axis_that_is_not_there_is_refused_by_the_other_drives(graph: Any) -> None:
+    graph.robot()
+    for channels in (['axis4.current'], ['axis1.current', 'axis4.current']):
+        with pytest.raises(ProgramError, match=r'^the robot has no axis4, that of a rotary axis'):
+            Scope(graph, channels).record()
+    assert len(Scope(graph, ['axis1.current']).record().values) == 1600
+
+
 def test_a_value_that_is_written_triggers_and_is_shown_from_its_bus_cycle_on(graph: Any) -> None:
     task = graph.robot()
     graph.spin_until(lambda: task.progress()['in_torque'], 'torque')

@@ -95,6 +95,68 @@ def test_the_signals_of_the_axis_belong_together(turned, machine):
     assert figures['turn_error_max_rad'] == np.abs(signals['turn_error'][start:]).max()
 
 
+def errors_at_the_ends(trace, ends_s, delay):
+    """How far the tool is off when the set points of each end are there [rad]: by its encoder, and truly."""
+    cycles = np.arange(len(trace.time_s))
+    ends = trace.meta['start_cycle'] + np.array(ends_s) / trace.meta['cycle_time_s']
+    by_encoder = np.interp(ends + delay, cycles, trace['turn_error'][:, 0])
+    truly = np.interp(ends, cycles, trace['turn_command'][:, 0]) - np.interp(
+        ends + delay, cycles, trace['turn_true'][:, 0]
+    )
+    return np.abs(by_encoder), np.abs(truly)
+
+
+@pytest.mark.parametrize('name', ['delta3', 'rich+model'])
+def test_the_figures_of_a_run_are_those_of_its_signals_where_moves_end(name):
+    machine = parameters.load(name).replace(rotary__present=True)
+    trace = simulation.run(program(half_cycles(turn=True), machine), machine)
+    ends = [move['end_s'] for move in trace.meta['moves']]
+    by_encoder, truly = errors_at_the_ends(trace, ends, machine.set_point_delay_cycles)
+    figures = trace.meta['figures']
+    assert figures['turn_encoder_place_error_max_rad'] == pytest.approx(by_encoder.max(), rel=1e-6)
+    assert figures['turn_place_error_max_rad'] == pytest.approx(truly.max(), rel=1e-6)
+    assert figures['turn_error_max_rad'] > by_encoder.max()
+
+
+def test_where_moves_end_is_known_at_an_override(machine):
+    stepped, _, task = operation(machine, [*LINE, {'dwell': {'time_s': 0.1}}])
+    end = task.timeline.plan.tables.starts[1]
+    start, delay = machine.motion.start_cycle, machine.set_point_delay_cycles
+    stepped.go_to(start + 100)
+    task.change(resume(task.timeline, task.next_cycle, 0.5))
+    stepped.go_to(task.coming_last_cycle + 1)
+    profile = task.timeline.record[0]
+    over = profile['cycle'] + (profile['duration'] + (end - profile['time']) / 0.5) / 1e-3
+    errors = stepped.signals()['turn_error'][:, 0]
+    cycles = np.arange(len(errors))
+    rest = (
+        profile['cycle']
+        + (profile['duration'] + (task.timeline.plan.duration_s - profile['time']) / 0.5) / 1e-3
+    )
+    wanted = np.abs(np.interp(np.array([over, rest]) + delay, cycles, errors)).max()
+    assert over - start > 1.5 * end / 1e-3
+    assert task.figures().turn.place_error_max_rad == pytest.approx(wanted, rel=1e-6)
+
+
+def test_a_second_program_has_figures_of_its_own(machine):
+    stepped, _, task = operation(machine, LINE)
+    stepped.go_to(task.last_cycle + 1)
+    assert task.figures().turn.error_max_rad > 1e-5
+    task.load(
+        program_planner.plan(
+            program([{'dwell': {'time_s': 0.05}}], machine, start_m=[0.1525, 0.0, -0.85]),
+            task.state['tcp'][0],
+            machine,
+            turn_rad=task.turning.angle_rad,
+        ).plan
+    )
+    task.start(task.next_cycle + 5)
+    stepped.go_to(task.last_cycle + 1)
+    figures = task.figures().turn
+    assert figures.measured_cycles == 50 + 100
+    assert figures.place_error_max_rad <= figures.error_max_rad < 1e-5
+
+
 def test_the_axis_needs_the_current_that_its_inertia_and_friction_ask_for(turned, machine):
     rotary, current = machine.rotary, turned['turn_current'][:, 0]
     acceleration = np.gradient(np.gradient(turned['turn_true'][:, 0])) / turned.meta['cycle_time_s'] ** 2
@@ -117,6 +179,7 @@ def test_a_compiled_stretch_gives_the_bits_of_single_bus_cycles(turned, machine)
     one_by_one = simulation.run(program(half_cycles(turn=True), machine), machine, signals=('payload',))
     for name, values in turned.signals.items():
         assert np.array_equal(values, one_by_one[name]), name
+    assert one_by_one.meta['figures'] == turned.meta['figures']
 
 
 def test_the_tool_stands_where_the_program_starts(machine):
@@ -279,10 +342,16 @@ def test_a_script_turns_the_tool_with_the_same_calls(machine):
         robot.move_l(to_mm=[50, 0, -800], turn_deg=90, blend_mm=10)
         robot.move_l(to_mm=[50, 50, -800], turn_deg={'by_deg': 45})
         robot.wait()
+        robot.wait_time(0.3)  # what comes then is a program of its own
         robot.move_l(to_mm=[0, 0, -780])
         robot.turn(to_rad=0.0)
     trace = robot.trace
     angles = np.degrees(trace['turn_command'][:, 0])
     assert angles.max() == pytest.approx(135.0, abs=1e-6)
     assert angles[-1] == pytest.approx(0.0, abs=1e-6)
+    figures = trace.meta['figures']
+    assert figures['turn_error_max_rad'] == np.abs(trace['turn_error'][trace.meta['start_cycle'] :]).max()
+    ends = [move['end_s'] for move in trace.meta['moves']]  # of scripts in whole cycles
+    by_encoder, _ = errors_at_the_ends(trace, ends, machine.set_point_delay_cycles)
+    assert figures['turn_encoder_place_error_max_rad'] == pytest.approx(by_encoder.max(), rel=0.02)
     assert math.degrees(trace.meta['figures']['turn_place_error_max_rad']) < AT_THE_PLACE_DEG

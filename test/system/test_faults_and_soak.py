@@ -63,9 +63,24 @@ def test_faults_lead_to_what_they_have_to_lead_to(
     assert [f'{row["case"]} {row["state"]}' for row in table] == list(rows)
 
 
+def test_faults_of_a_rotary_axis_lead_to_what_they_have_to_lead_to(
+    delta3: Runner, nothing_left_behind: None
+) -> None:
+    options = ('--parameters', 'rotary', '--only', 'axis4 moving')
+    done = delta3('faults', *options, '--json', timeout=300.0)
+    result = json.loads(done.stdout)
+    assert [row for row in result['cases'] if not row['ok']] == []
+    rows = {row['case']: row for row in result['cases']}
+    assert {'drop_at axis4', 'encoder_failure axis4', 'winding_short axis4', 'kill axis4'} <= rows.keys()
+    assert rows['winding_short axis4']['reaction'] == '8905 AD'
+    assert rows['kill axis4']['fault_source'] == 'axis4'
+    for row in rows.values():
+        assert row['deviation_m'] < 0.2e-3, row  # the arms are on their path
+
+
 def test_no_line_of_the_table_is_wider_than_100_columns() -> None:
     fault = RobotFault(FaultCode.DRIVE, 'axis2 reports a fault in bus cycle 7', 'axis2', 8112, 7)
-    for case in cases.cases():
+    for case in cases.cases(rotary=True):
         outcome = cases.Outcome(case, 0.999, None, fault, True, '', 0.1234, 59.9)
         for line in (faults.line_of(outcome.to_row() | {'ok': True}), faults.columns(faults.HEADINGS)):
             assert len(line) <= 100, line

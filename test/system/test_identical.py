@@ -332,8 +332,13 @@ def test_a_tool_that_turns_gives_the_bits_of_its_simulation(
     program.write_text(TURNING)
     simulated, recorded, done = _run_turning(source, program, delta3, tmp_path / 'bag', options)
     assert done.returncode == 0, done.stderr
-    _assert_same(simulated, recorded, json.loads(done.stdout))
+    result = json.loads(done.stdout)
+    _assert_same(simulated, recorded, result)
     assert np.abs(simulated['turn_current']).max() > 1.0
+    of_tool = {name: x for name, x in simulated.meta['figures'].items() if name.startswith('turn_')}
+    assert {name: result.get(name) for name in of_tool} == of_tool | {'turn_place_error_max_rad': None}
+    driven = slice(recorded.meta['start_cycle'], recorded.meta['start_cycle'] + result['measured_cycles'])
+    assert result['turn_error_max_rad'] == np.abs(recorded['turn_error'][driven]).max()
     for name in TOLD_OF_TURNS:
         np.testing.assert_array_equal(recorded[name][: len(simulated.time_s)], simulated[name], err_msg=name)
     assert 'turn_true' not in recorded.signals

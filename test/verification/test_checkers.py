@@ -16,6 +16,7 @@ from delta3_pacdrive.verification.fault_catalogue.runner import judge_reference
 from delta3_pacdrive.verification.fault_catalogue.signatures import (
     AxisRecord,
     burdened,
+    coupling_of_arms,
     loaded,
     misread,
     sagged,
@@ -416,6 +417,41 @@ def test_the_catalogue_says_what_each_fault_leads_to_in_each_state():
     chosen = cases(only='held')
     assert chosen
     assert {case.state for case in chosen} == {State.HELD}
+
+
+def test_a_robot_with_a_rotary_axis_has_the_cases_of_its_drive_as_well():
+    with_axis, without = cases(rotary=True), cases()
+    assert with_axis[: len(without)] == without
+    of_tool = with_axis[len(without) :]
+    assert {case.target for case in of_tool} == {'axis4'}
+    assert len({case.line for case in with_axis}) == len(with_axis)
+    tried = {(case.kind, case.state) for case in of_tool}
+    kinds = {'drop_mdt', 'drop_at', 'encoder_failure', 'encoder_jump', 'encoder_drift', 'winding_short', 'dc_link',
+             'brake_stuck', 'overload', 'freeze', 'kill'}  # fmt: skip
+    assert tried >= {(kind, state) for kind in kinds for state in State if state != State.STARTING}
+    assert {'8111', '8902', '8905', '8171', '8112', '8506', '8909', '8910', 'axis4'} <= {
+        case.expected for case in of_tool
+    }
+    assert 'winding_short axis4 moving' in [case.line for case in cases(short=True, rotary=True)]
+    with pytest.raises(
+        RunError, match=r"holds the text 'axis4'; those of axis4 need a robot with a rotary axis"
+    ):
+        cases(only='axis4')
+
+
+def test_the_record_of_a_fourth_axis_is_its_own():
+    shafts, answers = np.zeros((10, 12)), np.zeros((10, 3))
+    shafts[:] = 10.0 * np.arange(12)
+    answers[:, 0], answers[:, 2] = 30.0, 0.5
+    found = AxisRecord.of({SHAFTS: telegrams(shafts), 'sercos/at/axis4': telegrams(answers)}, 3, 100)
+    assert misread(found) == ''
+    assert (set(found.speed), set(found.coupling)) == ({70.0}, {110.0})
+    assert coupling_of_arms(shafts)[0].tolist() == [80.0, 90.0, 100.0]
+    assert coupling_of_arms(shafts[:, :9])[0].tolist() == [60.0, 70.0, 80.0]
+    # a small motor has small loads
+    light = replace(found, coupling=np.full(10, 0.6))
+    assert loaded(light) == 'carries 0.60 N m'
+    assert loaded(record(coupling=np.full(10, 0.6))) == ''
 
 
 class Operated(AutomatedOperator):

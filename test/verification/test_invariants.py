@@ -13,7 +13,8 @@ from delta3_pacdrive.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, parse
 from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.ros.polling import Taken
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
-from delta3_pacdrive.sercos.telegrams import mdt_frame
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
+from delta3_pacdrive.sercos.telegrams import mdt_form, mdt_frame
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, Phase
 from delta3_pacdrive.verification import invariants
 from delta3_pacdrive.verification.soak import programs as soak_programs
@@ -23,6 +24,7 @@ from delta3_pacdrive.verification.telegram_log import (
     MDT,
     SHAFTS,
     Telegrams,
+    codecs_of,
     enabled_from,
     read_telegrams,
 )
@@ -248,6 +250,24 @@ def test_drives_are_enabled_in_the_cycle_behind_the_newest_order() -> None:
     assert from_orders(off, on, off, on) == 104
     assert from_orders(off, on, off) == NEVER
     assert from_orders(on, on) == NEVER  # nobody has seen when that began
+    four = [mdt_frame(Phase.CP4, control, 0.0, b'3fa9', (0, 0, 0, 0)) for control in (off, on)]
+    cycles = np.arange(100, 102)
+    assert enabled_from(Telegrams(cycles, four, cycles, cycles * 1e-3, np.zeros((2, 4))), 4) == 102
+
+
+def test_the_telegrams_of_a_robot_with_a_rotary_axis_are_those_of_four_drives() -> None:
+    codecs = codecs_of(ALL_DRIVES, torques=True)
+    assert codecs.keys() - CODECS.keys() == {'sercos/at/axis4'}
+    frame = b'x' * 60 + b'3fa9'
+    shafts = codecs[SHAFTS].encode((1, 0), b'3fa9', [float(n) for n in range(12)])
+    torques = codecs[MDT].encode((1, 0), frame[: len(mdt_form(4))], [float(n) for n in range(8)])
+    for topic, data, numbers in ((SHAFTS, shafts, 12), (MDT, torques, 8)):
+        read = read_telegrams(topic, [(data, info(1))], Clock(1e-3), pytest.fail, codecs)
+        assert read is not None
+        assert read.values.tolist() == [[float(n) for n in range(numbers)]]
+    refused: list[str] = []
+    assert read_telegrams(SHAFTS, [(shafts, info(1))], Clock(1e-3), refused.append) is None
+    assert len(refused) == 1  # a robot with three drives has other ones
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ class MC4DriveNode(RobotNode):
         self.drive = bus_drive.drive
         self._settings = DriveParameters(self, axis, bus_drive.register)
         self._participant = Participant(self, axis, parameters)
-        self._scope = DriveScopeServer(self, axis, bus_drive)
+        self._scope = DriveScopeServer(self, axis, bus_drive, drives_of(parameters))
         self.report = DriveReport(self, axis, bus_drive, telegrams)
         PHASE.bounded_subscription(self, self._on_phase, refuse=self.refuse)
         telegrams.receive_for(bus_drive)

@@ -7,7 +7,7 @@ from typing import Any
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, FAULTS
 from delta3_pacdrive.errors import FaultCode, RobotFault, RunError
 from delta3_pacdrive.faults.fault import KINDS, NODES, PROCESS_FAULTS, TASK, UNIT_ROBOT
-from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
+from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, TOOL_DRIVE
 
 
 class State(StrEnum):
@@ -216,8 +216,38 @@ _ROWS = [
         _STARTS | {State.MOVING: 'unit_robot'},  # silent, or started again, whichever comes first
     ),
 ]
+# of the rotary axis: no weight tries to turn its tool, so that a worn brake shows nothing
+_LATE = FaultCode.NOT_IN_POSITION
+_DRIFTS: dict[State, str] = dict.fromkeys((State.MOVING, State.STOPPING, State.HELD), _LATE)
+_OF_TOOL: list[tuple[dict[str, Any], str]] = [
+    ({'fault': 'drop_mdt'}, ''),
+    ({'fault': 'drop_mdt'} | TWO, '8112'),
+    ({'fault': 'drop_at'}, ''),
+    ({'fault': 'drop_at'} | TWO, '8506'),
+    ({'fault': 'encoder_failure'}, '8171'),
+    ({'fault': 'encoder_jump', 'jump_rad': 2.0}, '8171'),
+    ({'fault': 'encoder_jump', 'jump_rad': 0.1}, ''),
+    ({'fault': 'winding_short'}, '8905'),
+    ({'fault': 'dc_link', 'voltage_v': 250.0}, '8909'),
+    ({'fault': 'dc_link', 'voltage_v': 800.0}, '8910'),
+    ({'fault': 'brake_stuck'}, _LATE),  # stronger than what the integrator gives in time
+    ({'fault': 'overload', 'torque_n_m': 0.6}, ''),
+]
+_ROWS_OF_TOOL = [
+    *(_Row({**fault, 'axis': TOOL_DRIVE}, expected) for fault, expected in _OF_TOOL),
+    # its set point drags behind at the end of a program, which comes before the brakes
+    _Row({'fault': 'encoder_drift', 'drift_rad_s': 2.0, 'axis': TOOL_DRIVE}, '8911', _DRIFTS),
+    _Row({'fault': 'freeze', 'node': TOOL_DRIVE, 'seconds': HUNG_S}, TOOL_DRIVE, _STARTS),
+    _Row({'fault': 'kill', 'node': TOOL_DRIVE}, TOOL_DRIVE, _STARTS),
+]
 # a load that is over before the brake, which could not hold it, is applied
 I2T = Case({'fault': 'overload', 'axis': 'axis2', 'torque_n_m': 9.0, 'for_s': 0.8}, State.STANDING, '8902')
+# too much for long, and more than the motor has
+OF_LOADED_TOOL = [
+    Case({'fault': 'overload', 'axis': TOOL_DRIVE, 'torque_n_m': 3.0, 'for_s': 0.6}, State.STANDING, '8902'),
+    Case({'fault': 'overload', 'axis': TOOL_DRIVE, 'torque_n_m': 5.0, 'for_s': 0.03}, State.STANDING, '8111'),
+    Case({'fault': 'overload', 'axis': TOOL_DRIVE, 'torque_n_m': 5.0, 'for_s': 0.03}, State.MOVING, '8111'),
+]
 SHORT = (
     'drop_mdt axis2 x2 enabling',
     'drop_at axis3 x2 stopping',
@@ -228,6 +258,8 @@ SHORT = (
     'emergency_stop stopped by fault',
     'kill transformation_task starting',
 )
+SHORT_OF_TOOL = ('drop_at axis4 x2 held', 'winding_short axis4 moving')
+WITHOUT_TOOL = f'; those of {TOOL_DRIVE} need a robot with a rotary axis (rotary.present)'
 
 
 def _of_row(row: _Row) -> list[Case]:
@@ -242,10 +274,16 @@ def _of_row(row: _Row) -> list[Case]:
     return cases
 
 
-def cases(short: bool = False, only: str = '') -> list[Case]:
-    """Return the catalogue, or a short form of it: some kinds in some states; ``only`` those that hold a text."""
+def cases(short: bool = False, only: str = '', rotary: bool = False) -> list[Case]:
+    """Return the catalogue, or a short form of it: some kinds in some states; ``only`` those that hold a text.
+
+    ``rotary``: with those of a rotary axis. Raises RunError if there are none.
+    """
     everything = [case for row in _ROWS for case in _of_row(row)] + [I2T]
-    found = [case for case in everything if only in case.line and (not short or case.line in SHORT)]
+    if rotary:
+        everything += [case for row in _ROWS_OF_TOOL for case in _of_row(row)] + OF_LOADED_TOOL
+    lines = (*SHORT, *SHORT_OF_TOOL)
+    found = [case for case in everything if only in case.line and (not short or case.line in lines)]
     if not found:
-        raise RunError(f'no case of the catalogue holds the text {only!r}')
+        raise RunError(f'no case of the catalogue holds the text {only!r}' + ('' if rotary else WITHOUT_TOOL))
     return found

@@ -17,13 +17,13 @@ from delta3_pacdrive.ros.interfaces import COURSE, DIAGNOSTICS, FAULT_SCHEDULE
 from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.qos import REPORT
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, PLANT, drives_of
 from delta3_pacdrive.verification.fault_catalogue.cases import Case
 from delta3_pacdrive.verification.operator import AutomatedOperator
 from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS, TelegramLog, enabled_from
 
 CHILDREN = {PLANT: 'plant', TASK: 'transformation_task', UNIT_ROBOT: 'unit_robot'} | {
-    axis: f'mc4_drive_{number}' for number, axis in enumerate(DRIVES, 1)
+    axis: f'mc4_drive_{number}' for number, axis in enumerate(ALL_DRIVES, 1)
 }
 
 
@@ -64,7 +64,7 @@ class FaultObserver(AutomatedOperator):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.hardware_id in DRIVES:
+            if status.hardware_id in ALL_DRIVES:
                 self._drives[status.hardware_id] = {item.key: item.value for item in status.values}
 
     def look(self) -> None:
@@ -93,8 +93,11 @@ class FaultObserver(AutomatedOperator):
     def _enable(self) -> int:
         """Enable the drives; return the first bus cycle in which they obey, as the MDT say it."""
         self.operator.enable(True)
-        self.wait(lambda: enabled_from(self._log.telegrams(MDT)) < NEVER, 'MDT that enable the drives')
-        return enabled_from(self._log.telegrams(MDT))
+        drives = len(drives_of(self._robot))
+        self.wait(
+            lambda: enabled_from(self._log.telegrams(MDT), drives) < NEVER, 'MDT that enable the drives'
+        )
+        return enabled_from(self._log.telegrams(MDT), drives)
 
     def _hold(self) -> MotionProfile:
         """Hold the robot; return the motion profile of its stop."""

@@ -16,10 +16,10 @@ from delta3_pacdrive.bringup.scheduling import Schedule
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RobotFault, RunError
 from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, PLANT
 from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State
 from delta3_pacdrive.verification.fault_catalogue.observer import FaultObserver
-from delta3_pacdrive.verification.fault_catalogue.signatures import COUPLING, OF_AXIS, AxisRecord
+from delta3_pacdrive.verification.fault_catalogue.signatures import OF_AXIS, AxisRecord, coupling_of_arms
 from delta3_pacdrive.verification.operator import EXPLANATION_S, run_operated
 from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS
 
@@ -39,7 +39,8 @@ COOLING_S = 6.0  # bus time in which the I2t monitoring forgets
 REFERENCE_LINE_M, REFERENCE_END_M = 0.2e-3, 0.03e-3
 HEAVY_KG = 2.0
 SETTLE_S = 0.1
-THERE_M = 0.01
+THERE_M, THERE_RAD = 0.01, 0.01
+TURN_DEG = 90.0  # of the tool of a rotary axis at the other end
 PAYLOAD_KG = 0.3  # by which that what the arms feel may be off
 
 
@@ -122,7 +123,20 @@ class Catalogue(FaultObserver):
         return judge_reference(self._log.tcp(), self._home, self._away, self.progress['fault'])
 
     def _moves(self, *points: Floats, **limits: float) -> list[dict[str, Any]]:
-        return [{'move_l': {'to_m': point.tolist(), 'speed_m_s': SPEED_M_S, **limits}} for point in points]
+        """Return moves to these points; where there is a rotary axis its tool turns on the way, and is at 0 at home."""
+        moves: list[dict[str, Any]] = []
+        for point in points:
+            angle_deg = 0.0 if point is self._home else TURN_DEG
+            turn = {'turn_deg': angle_deg} if self._robot.rotary.present else {}
+            moves.append({'move_l': {'to_m': point.tolist(), 'speed_m_s': SPEED_M_S, **turn, **limits}})
+        return moves
+
+    def make_ready(self, home_m: Sequence[float]) -> None:
+        """Do what has to be done, and turn the tool of a rotary axis to where it is at home; raises Delta3Error."""
+        super().make_ready(home_m)
+        if abs(self.progress.get('turn_rad', 0.0)) > THERE_RAD:
+            self.drive([{'turn': {'to_deg': 0.0}}])
+            self.wait(self.stands, 'end of the turn')
 
     def _run(self, case: Case, outcome: Outcome) -> None:
         self._program = {}
@@ -317,7 +331,7 @@ class Catalogue(FaultObserver):
         """Sum of the coupling torques [N m] of the three arms, which stand."""
         self._log.begin()
         self.let_pass(SETTLE_S)
-        return float(self._log.telegrams(SHAFTS).values[:, COUPLING].sum(axis=1).mean())
+        return float(coupling_of_arms(self._log.telegrams(SHAFTS).values).sum(axis=1).mean())
 
     def _payload_evidence(self, held_n_m: float) -> str:
         """Say what the arms feel of the payload that was gripped: nothing any more, if it has fallen off."""
@@ -339,7 +353,7 @@ class Catalogue(FaultObserver):
             return f'{lost} lost' if lost else f'{late} repeated' if late else ''
         if self._first is None:
             return ''
-        return OF_AXIS[case.kind](AxisRecord.of(self._log.kept(), DRIVES.index(case.target), self._first))
+        return OF_AXIS[case.kind](AxisRecord.of(self._log.kept(), ALL_DRIVES.index(case.target), self._first))
 
 
 def run_catalogue(

@@ -6,13 +6,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.verification.telegram_log import AT, SHAFTS, Telegrams
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.sercos.telegrams import at
+from delta3_pacdrive.verification.telegram_log import SHAFTS, Telegrams
 
 ENCODER_RAD = 1e-4  # ten times what the grid of the encoder makes
 SAG_RAD_S = 0.5
-EXTRA_N_M = 1.0  # beyond what load, friction and the motor's own inertia ask for; arms alone need 0.3 at rest
+# beyond what load, friction and the motor's own inertia ask for; arms alone need 0.3 at rest, a rotary axis nothing
+EXTRA_N_M, EXTRA_OF_TOOL_N_M = 1.0, 0.4
 POSITION, TORQUE = 0, 2  # columns of an AT
-COUPLING = slice(6, 9)  # of the shafts
+ARMS = len(DRIVES)
+
+
+def coupling_of_arms(shafts: Floats) -> Floats:
+    """Return the coupling torques [N m] of the arms in rows of motor shafts, shape (n, 3)."""
+    first = 2 * shafts.shape[1] // 3
+    return shafts[:, first : first + ARMS]
 
 
 @dataclass(frozen=True)
@@ -23,21 +32,24 @@ class AxisRecord:
     torque: Floats  # that the drive told [N m]
     position: Floats  # of the shaft [rad]
     speed: Floats  # of the shaft [rad/s]
-    coupling: Floats  # torque d of the arm [N m]
+    coupling: Floats  # torque d of what hangs at it [N m]
+    extra: float = EXTRA_N_M  # of which nothing is said [N m]
 
     @staticmethod
     def of(recorded: dict[str, Telegrams], axis: int, first: int) -> 'AxisRecord':
         """Cut it out of what was recorded."""
-        answers, shafts = recorded[AT[axis]], recorded[SHAFTS]
+        answers, shafts = recorded[at(ALL_DRIVES[axis]).topic], recorded[SHAFTS]
         common, own, true = np.intersect1d(answers.cycles, shafts.cycles, return_indices=True)
         own, true = own[common >= first], true[common >= first]
         values = shafts.values[true]
+        drives = values.shape[1] // 3
         return AxisRecord(
             answers.values[own, POSITION],
             answers.values[own, TORQUE],
             values[:, axis],
-            values[:, 3 + axis],
-            values[:, 6 + axis],
+            values[:, drives + axis],
+            values[:, 2 * drives + axis],
+            EXTRA_N_M if axis < ARMS else EXTRA_OF_TOOL_N_M,
         )
 
 
@@ -58,13 +70,13 @@ def burdened(record: AxisRecord) -> str:
     held = record.torque != 0.0
     extra = np.abs(record.torque - record.coupling)[held]
     torque = float(np.percentile(extra, 90)) if len(extra) else 0.0
-    return f'needs {torque:.2f} N m more than its load' if torque > EXTRA_N_M else ''
+    return f'needs {torque:.2f} N m more than its load' if torque > record.extra else ''
 
 
 def loaded(record: AxisRecord) -> str:
     """Say how much torque the load of the shaft asks for, mostly."""
     torque = float(np.median(np.abs(record.coupling))) if len(record.coupling) else 0.0
-    return f'carries {torque:.2f} N m' if torque > EXTRA_N_M else ''
+    return f'carries {torque:.2f} N m' if torque > record.extra else ''
 
 
 OF_AXIS: dict[str, Callable[[AxisRecord], str]] = {
