@@ -162,6 +162,7 @@ class _Row:
 
 
 TWO = {'cycles': 2}
+_LATE = FaultCode.NOT_IN_POSITION
 # of each axis in turn
 _OF_AXES: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'drop_mdt'}, ''),
@@ -186,14 +187,18 @@ _OF_AXES: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'dc_link', 'voltage_v': 250.0}, '8909'),
     ({'fault': 'dc_link', 'voltage_v': 800.0}, '8910'),
     ({'fault': 'brake_worn', 'lost_share': 1.0, 'for_s': 0.1}, '8911'),
-    ({'fault': 'brake_stuck'}, ''),
+    ({'fault': 'brake_stuck'}, _LATE),  # stronger than what the integrator gives in time
     ({'fault': 'overload', 'torque_n_m': 2.0}, ''),
 ]
+# a set point drags behind at the end of a program, which comes before the brakes
+_OTHERWISE: dict[str, dict[State, str]] = {
+    'encoder_drift': dict.fromkeys((State.MOVING, State.STOPPING, State.HELD), _LATE)
+}
 HUNG_S = 4.5  # longer than others wait
 _STARTS = {State.STARTING: '8506'}  # of the plant that hangs: the first cause
 _ROWS = [
     *(
-        _Row({**fault, 'axis': DRIVES[number % len(DRIVES)]}, expected)
+        _Row({**fault, 'axis': DRIVES[number % len(DRIVES)]}, expected, _OTHERWISE.get(fault['fault'], {}))
         for number, (fault, expected) in enumerate(_OF_AXES)
     ),
     _Row({'fault': 'payload_lost'}),
@@ -217,8 +222,6 @@ _ROWS = [
     ),
 ]
 # of the rotary axis: no weight tries to turn its tool, so that a worn brake shows nothing
-_LATE = FaultCode.NOT_IN_POSITION
-_DRIFTS: dict[State, str] = dict.fromkeys((State.MOVING, State.STOPPING, State.HELD), _LATE)
 _OF_TOOL: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'drop_mdt'}, ''),
     ({'fault': 'drop_mdt'} | TWO, '8112'),
@@ -227,16 +230,18 @@ _OF_TOOL: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'encoder_failure'}, '8171'),
     ({'fault': 'encoder_jump', 'jump_rad': 2.0}, '8171'),
     ({'fault': 'encoder_jump', 'jump_rad': 0.1}, ''),
+    ({'fault': 'encoder_drift', 'drift_rad_s': 2.0}, '8911'),
     ({'fault': 'winding_short'}, '8905'),
     ({'fault': 'dc_link', 'voltage_v': 250.0}, '8909'),
     ({'fault': 'dc_link', 'voltage_v': 800.0}, '8910'),
-    ({'fault': 'brake_stuck'}, _LATE),  # stronger than what the integrator gives in time
+    ({'fault': 'brake_stuck'}, _LATE),
     ({'fault': 'overload', 'torque_n_m': 0.6}, ''),
 ]
 _ROWS_OF_TOOL = [
-    *(_Row({**fault, 'axis': TOOL_DRIVE}, expected) for fault, expected in _OF_TOOL),
-    # its set point drags behind at the end of a program, which comes before the brakes
-    _Row({'fault': 'encoder_drift', 'drift_rad_s': 2.0, 'axis': TOOL_DRIVE}, '8911', _DRIFTS),
+    *(
+        _Row({**fault, 'axis': TOOL_DRIVE}, expected, _OTHERWISE.get(fault['fault'], {}))
+        for fault, expected in _OF_TOOL
+    ),
     _Row({'fault': 'freeze', 'node': TOOL_DRIVE, 'seconds': HUNG_S}, TOOL_DRIVE, _STARTS),
     _Row({'fault': 'kill', 'node': TOOL_DRIVE}, TOOL_DRIVE, _STARTS),
 ]
