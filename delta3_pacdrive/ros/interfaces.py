@@ -416,7 +416,7 @@ TCP_ERROR = _telegram(
 TURN = _telegram(
     telegrams.TURN,
     'angle of the tool [rad]: commanded, by the encoder of its motor, and its error, the set-point delay removed',
-    rate=ROTARY_RATE, recorded=True,
+    (VISUALIZATION,), rate=ROTARY_RATE, recorded=True,
 )
 MASTER = _telegram(
     telegrams.MASTER, 'virtual master: distance [m], speed [m/s], number of the move', recorded=True,

@@ -9,14 +9,17 @@ import pytest
 from diagnostic_msgs.srv import AddDiagnostics
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.progress_report import read_progress
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
 from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.robot_reader import RobotReader
 from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
 from delta3_pacdrive.sercos.telegrams import mdt_form
 
@@ -88,6 +91,30 @@ def test_bus_and_machine_have_four_axes_and_the_tool_turns_with_the_robot(graph:
     assert read_progress(json.dumps(progress)) == progress
     assert progress['turn_rad'] == pytest.approx(told.x, abs=1e-3)
     assert max(abs(message.vector.z) for message in cyclic(cell.turns)) < math.radians(0.2)
+
+
+def test_the_tool_is_seen_to_turn_by_markers_and_page(graph: Any) -> None:
+    graph.add(RobotVisualizationNode, rotary__present=True)
+    arrays = graph.listen(MarkerArray, 'markers')
+    cell = Cell(graph)
+    reader = RobotReader(graph.add(OperatorNode, graph.spin_for), ROBOT)
+
+    def pointer() -> float:
+        found = [marker for array in arrays for marker in array.markers if marker.ns == 'pointer']
+        q = found[-1].pose.orientation if found else None
+        return 2.0 * math.atan2(q.z, q.w) if q else math.nan
+
+    graph.spin_until(lambda: pointer() == pytest.approx(0.0, abs=1e-3), 'markers')
+    cell.move()
+    assert 0.1 < cell.turns[-1].vector.y < 1.4
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    graph.spin_until(lambda: pointer() == pytest.approx(math.pi / 2, abs=1e-3), 'a pointer that is turned')
+    instants = []
+    graph.spin_until(lambda: (found := reader.instant()) and not instants.append(found), 'a picture')
+    turn = instants[-1].turn
+    assert turn.angle_rad == pytest.approx(math.pi / 2, abs=1e-3)
+    assert turn.error_rad == pytest.approx(math.pi / 2 - turn.angle_rad, abs=1e-6)
+    assert turn.true_rad is None
 
 
 def test_without_a_rotary_axis_nothing_is_told_of_a_fourth_drive_and_turns_are_refused(graph: Any) -> None:
