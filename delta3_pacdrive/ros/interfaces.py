@@ -435,7 +435,8 @@ JACOBIAN = _telegram(
 JOINT_STATES = _telegram(
     telegrams.JOINT_STATES,
     'arm angles [rad], arm speeds [rad/s], arm torques (gear ratio times motor torque) [N m]; behind them, without '
-    'torques, the passive joints of the robot as the tree that `robot_description` says',
+    'torques, the passive joints of the robot as the tree that `robot_description` says, and last, with its own, the '
+    'tool of a rotary axis (`axis4`)',
     (PLANNER, VISUALIZATION), '100 Hz', recorded=True,
 )
 OUTPUTS = Topic(

@@ -26,6 +26,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.peripherals.cell_scene import brings_parts
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.cell_reader import CellReader
+from delta3_pacdrive.ros.joint_states import JointStatesReader
 from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.polling import Taken
 from delta3_pacdrive.ros.qos import NEWEST
@@ -63,7 +64,7 @@ class RobotReader:
         self._lags = interfaces.FOLLOWING_ERROR.polled_subscription(operator, profile=NEWEST)
         self._errors = interfaces.TCP_ERROR.polled_subscription(operator, profile=NEWEST)
         self._turns = interfaces.TURN.polled_subscription(operator, profile=NEWEST)
-        self._joint_codec = cdr.codec(telegrams.JOINT_STATES)
+        self._joint_reader = JointStatesReader()
         self._lag_codec = cdr.codec(telegrams.FOLLOWING_ERROR)
         self._error_codec = cdr.codec(telegrams.TCP_ERROR)
         self._turn_codec = cdr.codec(telegrams.TURN)
@@ -94,13 +95,12 @@ class RobotReader:
         self.cell.read()
         while (taken := self._joints()) is not None:
             with suppress(TelegramError):  # joints of somebody else: the topic belongs to everybody
-                found = self._joint_codec.decode(taken[0])
+                found = self._joint_reader.read(taken[0])
         if found is None:
             return None
-        sec, nanosec, _, values = found
-        theta, speed, effort = np.array(values).reshape(3, -1)[:, :3]  # behind them come the passive joints
+        theta, speed, effort = map(np.array, (found.angles, found.speeds, found.torques))
         torque = effort / self.parameters.dynamics.gear_ratio
-        time_s = sec + nanosec / NANOSECONDS
+        time_s = found.sec + found.nanosec / NANOSECONDS
         tcp = kinematics.forward(theta, self.parameters, unreachable='nan')
         there = bool(np.isfinite(tcp).all())
         x, y, z = tcp.tolist()

@@ -45,7 +45,9 @@ from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_markers import RobotMarkers
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
+from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.sercos.telegram_codec import Decoded
+from delta3_pacdrive.sercos.telegrams import Telegram, joint_states
 
 LOOK_S = 0.25  # between two looks at who listens
 TICK_S = 0.01  # while somebody does
@@ -57,9 +59,15 @@ JOINT_STATES_QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)
 class _Heard:
     """A cyclic topic is heard only as long as it is wanted."""
 
-    def __init__(self, node: PollingNode, topic: Topic, profile: QoSProfile = NEWEST) -> None:
+    def __init__(
+        self,
+        node: PollingNode,
+        topic: Topic,
+        profile: QoSProfile = NEWEST,
+        telegram: Telegram | None = None,
+    ) -> None:
         self._node, self._topic, self._profile = node, topic, profile
-        self._codec = cdr.codec(topic.telegrams[0])
+        self._codec = cdr.codec(telegram or topic.telegrams[0])
         self._take: Callable[[], Any] | None = None
 
     def listen(self, wanted: bool) -> None:
@@ -98,7 +106,8 @@ class RobotVisualizationNode(PollingNode):
         self._markers = RobotMarkers(self._robot, magnification)
         self._planned = PlannedPath(self._robot.kinematics)
         self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
-        self._joints = _Heard(self, JOINT_STATES, JOINT_STATES_QUEUE)
+        drives = drives_of(self._robot)
+        self._joints = _Heard(self, JOINT_STATES, JOINT_STATES_QUEUE, joint_states(drives))
         self._command, self._error = _Heard(self, TCP_COMMAND), _Heard(self, TCP_ERROR)
         self._turns = _Heard(self, TURN)
         self._theta = self._tcp = np.full(3, np.nan)
