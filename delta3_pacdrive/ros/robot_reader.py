@@ -104,12 +104,13 @@ class RobotReader:
         tcp = kinematics.forward(theta, self.parameters, unreachable='nan')
         there = bool(np.isfinite(tcp).all())
         x, y, z = tcp.tolist()
+        turn = TurnInstant(self._turn[1], self._turn[2]) if self.parameters.rotary.present else None
+        turn_rad = 0.0 if turn is None else turn.angle_rad
         return Instant(
             time_s, theta, self._lag, torque,
             torque / self.parameters.motor.torque_constant_n_m_a, self._overload,
             float(np.linalg.norm(kinematics.jacobian(theta, tcp, self.parameters) @ speed)) if there else 0.0,
-            error_m=self._error, cell=self.cell.at(time_s, (x, y, z)) if there else None,
-            turn=TurnInstant(self._turn[1], self._turn[2]) if self.parameters.rotary.present else None,
+            error_m=self._error, cell=self.cell.at(time_s, (x, y, z), turn_rad) if there else None, turn=turn,
         )  # fmt: skip
 
     def facts(self) -> Facts:

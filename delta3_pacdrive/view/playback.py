@@ -164,7 +164,8 @@ class Film:
         cycle = round(float(self.time_s[row]) / self.run.period_s) + start
         x, y, z = self._tcp[row].tolist()
         parts = []
-        for part, place, angle in story.at(cycle, (x, y, z)):
+        turn = self._turn_at(row)
+        for part, place, angle in story.at(cycle, (x, y, z), turn.angle_rad if turn else 0.0):
             length, width, height = part['size_m']
             parts.append(PartPlace(part['number'], part['type'], (length, width, height), place, angle))
         return CellInstant(tuple(parts), {name: story.way_m(name, cycle) for name in story.belts})

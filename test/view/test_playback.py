@@ -116,6 +116,27 @@ def test_the_tool_of_a_rotary_axis_is_shown_as_it_was_recorded(run, tmp_path, ro
     assert Film(run).at(row).turn is None
 
 
+def test_a_part_on_a_rotary_axis_is_shown_turned_as_it_was(tmp_path, robot):
+    (tmp_path / 'p.yaml').write_text("""
+        start_m: [-0.1525, 0.0, -0.85]
+        payload_kg: 0.0
+        moves:
+        - output: {name: gripper, value: true, payload_kg: 0.5}
+        - dwell: {time_s: 0.05}
+        - move_l: {to_m: {by_m: [0, 0, 0.05]}}
+        - move_l: {to_m: {by_m: [0.2, 0, 0]}, turn_deg: 120}
+    """)
+    turning = robot.replace(rotary__present=True)
+    program = program_file.load(tmp_path / 'p.yaml', turning.motion)
+    d3.simulate(program, turning, cell='cell').save(tmp_path / 'p.npz')
+    film = Film(runs.load(str(tmp_path / 'p.npz')))
+    for row in (0, len(film.time_s) // 2, len(film.time_s) - 1):
+        now = film.at(row)
+        (part,) = (one for one in now.cell.parts if one.number == 0)
+        assert part.angle_rad == pytest.approx(now.turn.angle_rad, abs=np.radians(0.2))
+    assert part.angle_rad == pytest.approx(np.radians(120.0), abs=np.radians(0.2))
+
+
 def test_a_recording_without_positions_is_refused(run):
     trace = Trace(run.part.time_s, {'current': run.part['current']}, run.part.meta)
     bare = runs.Run(**{name: getattr(run, name) for name in run.__dataclass_fields__} | {'part': trace})

@@ -182,7 +182,7 @@ class RobotVisualizationNode(PollingNode):
             found += self._cell_markers.still(cell.now.things)
         if self._ticks % ROBOT_EVERY == 0 and np.isfinite(self._tcp).all():
             x, y, z = self._tcp.tolist()
-            found += self._cell_markers.parts(cell.at(self._time_s, (x, y, z)))
+            found += self._cell_markers.parts(cell.at(self._time_s, (x, y, z), self._turn_rad))
         return found
 
     def _on_plan(self, message: Float64MultiArray) -> None:

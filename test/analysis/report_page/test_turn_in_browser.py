@@ -11,12 +11,14 @@ from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page import page
 from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.scene.poses import poses
 from page_data import document_of
 from report_views import READY, seek
 
 INSTANTS_S = (0.0, 0.05, 0.1, 0.15)
 ROUNDED = 2e-6  # of places [m] and quaternions: signals of a page are rounded
+PLACES = 'delta3.stage.cell.places(delta3.clock.time, delta3.stage.robot.tcp, delta3.stage.robot.turned)'
 PLACED = """
     (robot, name) => {
         const part = robot.parts.get(name);
@@ -89,6 +91,49 @@ def test_the_tool_of_the_ghost_stands_off_by_the_magnified_error(visit, run):
     assert (x, y) == (0.0, 0.0)
     assert abs(error) > 1e-5
     assert math.remainder(2.0 * math.atan2(z, w) - angle, math.tau) == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.fixture(scope='module')
+def carried(tmp_path_factory, robot):
+    """Return a run in which a part is carried to its box and turned."""
+    folder = tmp_path_factory.mktemp('carried')
+    (folder / 'p.yaml').write_text("""
+        start_m: [-0.15, 0.002, -0.85]
+        payload_kg: 0.0
+        moves:
+        - output: {name: gripper, value: true, payload_kg: 0.5}
+        - dwell: {time_s: 0.05}
+        - move_l: {to_m: {by_m: [0, 0, 0.05]}}
+        - move_l: {to_m: {by_m: [0.2, 0, 0]}, turn_deg: 120}
+    """)
+    turning = robot.replace(rotary__present=True)
+    program = program_file.load(folder / 'p.yaml', turning.motion)
+    simulation.run(program, turning, cell=cell_file.load('cell')).save(folder / 'p.npz')
+    return runs.load(str(folder / 'p.npz'))
+
+
+def test_a_part_in_hand_turns_about_the_tcp_with_the_tool(browser, carried, tmp_path):
+    page.write(tmp_path / 'page.html', [carried], Provenance.of('test'))
+    part, angles = carried.part, []
+    with Visit(browser, (tmp_path / 'page.html').as_uri()) as visit:
+        visit.page.wait_for_selector(READY, state='attached')
+        for row in (0, len(part.time_s) * 3 // 4, len(part.time_s) - 1):
+            time_s = float(part.time_s[row])
+            seek(visit, time_s)
+            turn = part['turn_position'][row, 0]
+            cycle = round(time_s / carried.period_s) + part.meta['start_cycle']
+            expected = {
+                one['number']: (place, angle)
+                for one, place, angle in carried.cell.at(cycle, tuple(part['tcp_actual'][row]), turn)
+            }
+            drawn = {one['number']: one for one in visit.page.evaluate(PLACES)}
+            assert drawn.keys() == expected.keys()
+            for number, (place, angle) in expected.items():
+                assert drawn[number]['at'] == pytest.approx(place, abs=ROUNDED)
+                assert drawn[number]['angle'] == pytest.approx(angle, abs=ROUNDED)
+            angles.append(math.degrees(expected[0][1]))
+    assert angles[0] < 1.0 < 20.0 < angles[1] < angles[2]
+    assert angles[2] == pytest.approx(120.0, abs=0.2)
 
 
 def test_the_plots_of_the_turn_stand_in_the_page_in_degrees(text):

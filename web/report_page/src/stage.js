@@ -186,7 +186,7 @@ export class Stage {
     this.robot.place(actual.angles, actual.tcp, actual.turn);
     // where parts are known they are seen themselves
     this.robot.showPart('payload', !this.cell?.parts.length && carries(run, time));
-    this.cell?.place(time, this.robot.tcp);
+    this.cell?.place(time, this.robot.tcp, this.robot.turned);
     this.showDot(0, actual.tcp, true);
     this.ghosts.forEach((ghost, n) => {
       const pose = ghost.pose(time, actual, this.magnified);
