@@ -19,7 +19,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.peripherals import cell_scene
 from delta3_pacdrive.peripherals.cell import Place
 from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
-from delta3_pacdrive.peripherals.part_places import place_m
+from delta3_pacdrive.peripherals.part_places import angle_rad, place_m
 from delta3_pacdrive.peripherals.parts import How, Stay
 from delta3_pacdrive.peripherals.parts_report import PartsLog
 from delta3_pacdrive.recording.trace import Trace
@@ -104,7 +104,7 @@ class CellStory:
         belt = self.belts.get(stay.belt)
         return stay.count / belt.increments_per_m if belt and belt.increments_per_m else math.nan
 
-    def at(self, cycle: int, tcp_m: Place) -> Iterator[tuple[Document, Place, float]]:
+    def at(self, cycle: int, tcp_m: Place, turn_rad: float = 0.0) -> Iterator[tuple[Document, Place, float]]:
         """Tell where parts are at the begin of a bus cycle.
 
         Parameters
@@ -113,6 +113,8 @@ class CellStory:
             Of the bus.
         tcp_m
             The TCP with which a part in hand goes [m].
+        turn_rad
+            Angle of the tool with which it turns [rad].
 
         Yields
         ------
@@ -130,9 +132,9 @@ class CellStory:
                 belt = self.belts.get(stay.belt)
                 way = self.way_m(stay.belt, cycle) - self.begin_m(stay)
                 direction = belt.angle_rad if belt else math.nan
-            place = place_m(stay, tcp_m, way, direction)
+            place = place_m(stay, tcp_m, way, direction, turn_rad)
             if place is not None and all(map(math.isfinite, place)):
-                yield part, place, stay.angle_rad
+                yield part, place, angle_rad(stay, turn_rad)
 
 
 def _stay(told: Document) -> Stay:

@@ -1,5 +1,7 @@
 """The thesis' figures of one run (11.1 to 11.8): TCP path, arm angles, speeds, accelerations, currents and errors.
 
+A run of a robot with a rotary axis has one more, of the turn of its tool.
+
 Every figure is a function from a trace to a ``matplotlib.figure.Figure``; pyplot and its global state stay out.
 Arm values are motor values over the gear ratio (4.17).
 """
@@ -46,6 +48,7 @@ TOLD: dict[str, Any] = {
     'zorder': 3.0,
 }
 HEIGHT_IN, PANEL_IN = 1.4, 1.0  # of a figure without its panels, and of a panel where there are not three
+TRUE: dict[str, Any] = {'linewidth': 1.0}
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': DASHED, 'color': '#111111'}
 
 
@@ -60,7 +63,7 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
     folder
         Where to write. Files of the same names are overwritten.
     signals
-        What is drawn, by name; None: the thesis' figures.
+        What is drawn, by name; None: the thesis' figures, and the turn of a rotary axis.
 
     Returns
     -------
@@ -79,7 +82,11 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
     drawings = {
         f'{make.__name__}.png': partial(make, trace)
         for make, subject in FIGURES.items()
-        if signals is None or subject in signals
+        if (
+            subject in signals
+            if signals is not None
+            else make is not turn or 'turn_position' in trace.signals
+        )
     }
     for signal in signals or ():
         if signal not in FIGURES.values():
@@ -226,6 +233,28 @@ def tcp_speed(trace: Trace) -> Figure:
     return figure
 
 
+def turn(trace: Trace) -> Figure:
+    """Turn of the tool: its angle commanded, by the encoder and in truth, its error, and the current of its motor."""
+    run = program_part(trace)
+    figure = figure_of_program('Turn of the tool', run.meta.get('program'), 6.0)
+    panels = figure.subplots(3, 1, sharex=True)
+    _dress(run, panels, ['angle (deg)', 'error (deg)', 'current (A)'])
+    curves = (
+        (0, 'turn_position', 'actual', ACTUAL | {'color': AXIS_COLOURS[0]}),
+        (0, 'turn_true', 'true', TRUE | {'color': AXIS_COLOURS[1]}),
+        (0, 'turn_command', 'command', COMMAND),
+        (1, 'turn_error', 'by the encoder, set-point delay removed', ACTUAL | {'color': NORM_COLOUR}),
+        (2, 'turn_current', 'sample of the AT', ACTUAL | {'color': NORM_COLOUR}),
+    )
+    for panel, signal, label, style in curves:
+        if signal in run.signals or signal == 'turn_position':  # without that there is nothing to show
+            values = run[signal][:, 0]
+            panels[panel].plot(run.time_s, values if panel == 2 else np.degrees(values), label=label, **style)
+    keep_span(panels, 1e-2)
+    legend_above(panels[0])
+    return figure
+
+
 def signal_panels(trace: Trace, signal: str) -> Figure:
     """One signal as it is, in SI units: a panel for each of its columns."""
     run, meaning = program_part(trace), quantities.meaning_of(signal)
@@ -241,7 +270,7 @@ def signal_panels(trace: Trace, signal: str) -> Figure:
     return figure
 
 
-# the thesis' figures, and the signal that asks for each
+# the thesis' figures and that of a rotary axis, and the signal that asks for each
 FIGURES: dict[Callable[[Trace], Figure], str] = {
     tcp_path_3d: 'tcp_actual',
     arm_angles: 'motor_position',
@@ -253,6 +282,7 @@ FIGURES: dict[Callable[[Trace], Figure], str] = {
     following_error: 'following_error',
     master: 'master',
     tcp_speed: 'tcp_velocity',
+    turn: 'turn_position',
 }
 
 

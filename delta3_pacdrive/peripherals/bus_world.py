@@ -72,8 +72,8 @@ class BusWorld:
         """Whether the outputs are known that are there in a bus cycle."""
         return self._known >= cycle - 1
 
-    def step(self, cycle: int, tcp_m: Sequence[float]) -> float | None:
-        """Go on to a bus cycle, with the true place of the TCP at its begin [m].
+    def step(self, cycle: int, tcp_m: Sequence[float], turn_rad: float = 0.0) -> float | None:
+        """Go on to a bus cycle, with the true place of the TCP [m] and angle of the tool [rad] at its begin.
 
         Returns
         -------
@@ -86,7 +86,7 @@ class BusWorld:
         world = self._world
         # bus time may have gone on while the plant was not in it: the robot stood
         for now in range(self.cycle + 1 if self.cycle >= 0 else cycle, cycle + 1):
-            world.step(now, tcp_m, self.outputs)
+            world.step(now, tcp_m, self.outputs, turn_rad)
             self.cycle = now
             self._tell(now)
         if world.inputs:

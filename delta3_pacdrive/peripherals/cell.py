@@ -16,6 +16,14 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 FALLEN_FAR_M = 0.005  # a part that is let go higher than that above its support falls, and is not placed
 
 
+def turned(place_m: Place, angle_rad: float) -> Place:
+    """Return a place that is turned about the vertical through the origin [m]; not a bit of it changes at 0 rad."""
+    if angle_rad == 0.0:
+        return place_m
+    (x, y, z), cos, sin = place_m, math.cos(angle_rad), math.sin(angle_rad)
+    return (cos * x - sin * y, sin * x + cos * y, z)
+
+
 @dataclass(frozen=True)
 class Delays:
     """How a binary signal follows what it tells.

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from delta3_pacdrive.peripherals.binary_signal import BinarySignal
-from delta3_pacdrive.peripherals.cell import Cup, Place
+from delta3_pacdrive.peripherals.cell import Cup, Place, turned
 from delta3_pacdrive.peripherals.parts import Miss, Outcome, Part
 from delta3_pacdrive.peripherals.vacuum import Vacuum, force_needed_n
 
@@ -48,7 +48,8 @@ class Gripper:
         self._opened = -1  # bus cycle in which the valve opened, -1 while it is closed
         self._taken = False  # since then
         self._nearest: tuple[float, str] = (math.inf, 'there is no part')
-        self._offset = self._taken_at = (0.0, 0.0, 0.0)
+        self._offset = self._taken_at = (0.0, 0.0, 0.0)  # of the part from the cup, as it hangs on the tool
+        self._angle = 0.0  # of the part from the tool [rad]
 
     @property
     def carried_kg(self) -> float:
@@ -63,6 +64,7 @@ class Gripper:
         output: bool,
         pump: bool,
         lying: Iterable[Part],
+        turn_rad: float = 0.0,
     ) -> Part | None:
         """Go on by one bus cycle; return the part that has left the cup in it, if one has.
 
@@ -78,11 +80,13 @@ class Gripper:
             Whether there is vacuum at the valve.
         lying
             Parts that may be taken.
+        turn_rad
+            Angle of the tool [rad]: cup and part turn with it.
 
         """
         opened = self._valve.step(output)
         self._note_valve(cycle, opened)
-        cup = self._at(tcp_m)
+        cup = _plus(tcp_m, turned(self._cup.offset_m, turn_rad))
         under = self.part
         if under is None and opened:
             under = self._under(cup, lying)
@@ -93,10 +97,11 @@ class Gripper:
         needed, normal = force_needed_n(under.type.mass_kg, under.type.friction, acceleration_m_s2)
         if self.part is None:
             if self.holding_force_n > 0.0 and self.holding_force_n >= needed:
-                self._take(cycle, cup, under)
+                self._take(cycle, cup, under, turn_rad)
             return None
         self.needed_force_n = needed
-        self.part.at_m = _plus(cup, self._offset)
+        self.part.at_m = _plus(cup, turned(self._offset, turn_rad))
+        self.part.angle_rad = self._angle + turn_rad
         if self.holding_force_n > 0.0 and needed <= self.holding_force_n:
             self._note_use(cycle, needed, opened)
             return None
@@ -120,9 +125,6 @@ class Gripper:
         if self._opened < 0 or self._taken:
             return []
         return [Miss(self._opened, cycle, self._nearest[1])]
-
-    def _at(self, tcp_m: Place) -> Place:
-        return _plus(tcp_m, self._cup.offset_m)
 
     def _note_valve(self, cycle: int, opened: bool) -> None:
         if opened and self._opened < 0:
@@ -154,9 +156,10 @@ class Gripper:
                 )
         return found
 
-    def _take(self, cycle: int, cup: Place, part: Part) -> None:
+    def _take(self, cycle: int, cup: Place, part: Part, turn_rad: float) -> None:
         self.part, self._taken = part, True
-        self._offset, self._taken_at = _minus(part.at_m, cup), part.at_m
+        self._offset, self._taken_at = turned(_minus(part.at_m, cup), -turn_rad), part.at_m
+        self._angle = part.angle_rad - turn_rad
         record = part.record
         record.outcome, record.picked_cycle = Outcome.IN_HAND, cycle
         record.pick_error_m = _minus(cup, part.top_m)

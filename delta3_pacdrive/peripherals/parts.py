@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from delta3_pacdrive.peripherals.cell import Box, PartType, Place
+from delta3_pacdrive.peripherals.cell import Box, PartType, Place, turned
 
 
 class Outcome(StrEnum):
@@ -47,7 +47,8 @@ class Stay:
     belt, count
         The belt that it rides on, and what its encoder reads then; else empty and 0.
     at_m, angle_rad
-        Middle of its underside then [m], and its angle about the vertical [rad]. In hand it is seen from the TCP.
+        Middle of its underside then [m], and its angle about the vertical [rad]. In hand it is seen from the TCP, and
+        from the tool of a rotary axis, with which it turns.
 
     """
 
@@ -148,12 +149,20 @@ class Part:
         return (x, y, z + self.type.size_m[2])
 
     def stay(
-        self, cycle: int, how: How, seen_from_m: Place = (0.0, 0.0, 0.0), belt: str = '', count: int = 0
+        self,
+        cycle: int,
+        how: How,
+        seen_from_m: Place = (0.0, 0.0, 0.0),
+        belt: str = '',
+        count: int = 0,
+        turn_rad: float = 0.0,
     ) -> None:
-        """Note how it stays where it is from a bus cycle on, its place seen from another one [m]."""
-        x, y, z = (round(own - other, DIGITS) for own, other in zip(self.at_m, seen_from_m, strict=True))
+        """Note how it stays where it is from a bus cycle on, seen from a place [m] that is turned by an angle [rad]."""
+        x, y, z = (own - other for own, other in zip(self.at_m, seen_from_m, strict=True))
+        x, y, z = (round(value, DIGITS) for value in turned((x, y, z), -turn_rad))
+        angle = round(self.angle_rad - turn_rad, DIGITS)
         stays = self.record.stays
-        stays.append(Stay(cycle, how, (x, y, z), round(self.angle_rad, DIGITS), belt, count))
+        stays.append(Stay(cycle, how, (x, y, z), angle, belt, count))
         del stays[:-STAYS_MAX]
 
     def is_above(self, other: 'Part') -> bool:

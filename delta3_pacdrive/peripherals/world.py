@@ -124,7 +124,9 @@ class World:
         """Mass that hangs at the robot [kg]; None: the cell has no gripper, so that the robot says it."""
         return None if self._gripper is None else self._gripper.carried_kg
 
-    def step(self, cycle: int, tcp_m: Sequence[float], outputs: int) -> Mapping[str, bool]:
+    def step(
+        self, cycle: int, tcp_m: Sequence[float], outputs: int, turn_rad: float = 0.0
+    ) -> Mapping[str, bool]:
         """Go on to a bus cycle; return what the inputs tell at its begin.
 
         Parameters
@@ -135,6 +137,8 @@ class World:
             True place of the TCP at its begin [m], shape (3,).
         outputs
             Of the robot then: bit n = output n. Those of an MDT are there one bus cycle later.
+        turn_rad
+            True angle of its tool then [rad].
 
         Returns
         -------
@@ -167,9 +171,11 @@ class World:
         if gripper is not None:
             pump = self._active('vacuum_failure', cycle) is None
             output = bool(outputs & self._output)
-            left = gripper.step(cycle, place, self._acceleration(), output, pump, self._lying.values())
+            left = gripper.step(
+                cycle, place, self._acceleration(), output, pump, self._lying.values(), turn_rad
+            )
             if gripper.part is not None:
-                self._pick_up(gripper.part, cycle, place)
+                self._pick_up(gripper.part, cycle, place, turn_rad)
             if left is not None:
                 self._land(left, cycle)
                 self.changed.append(left.record)
@@ -277,11 +283,11 @@ class World:
         self._lying[record.number] = part
         return part
 
-    def _pick_up(self, part: Part, cycle: int, tcp_m: Place) -> None:
+    def _pick_up(self, part: Part, cycle: int, tcp_m: Place, turn_rad: float) -> None:
         """Take a part away from where it has lain."""
         if self._lying.pop(part.record.number, None) is None:
             return
-        part.stay(cycle, How.IN_HAND, tcp_m)
+        part.stay(cycle, How.IN_HAND, tcp_m, turn_rad=turn_rad)
         self.changed.append(part.record)
         source = part.record.source
         if self._waiting.get(source) is part:

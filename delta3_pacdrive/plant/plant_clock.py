@@ -34,8 +34,11 @@ class Around(Protocol):
     def knows(self, cycle: int) -> bool:
         """Whether the outputs are known that are there in a bus cycle."""
 
-    def step(self, cycle: int, tcp_m: Sequence[float]) -> float | None:
-        """Go on to a bus cycle; return what hangs at the robot [kg], None: the robot says it."""
+    def step(self, cycle: int, tcp_m: Sequence[float], turn_rad: float) -> float | None:
+        """Go on to a bus cycle, with the true TCP [m] and angle of the tool [rad] at its begin.
+
+        Returns what hangs at the robot [kg]; None: the robot says it.
+        """
 
     def lose_part(self) -> None:
         """Let what hangs at the robot fall off."""
@@ -202,7 +205,8 @@ class PlantClock:
             if self._around is not None and any(fault.kind == 'payload_lost' for fault, _ in changes):
                 self._around.lose_part()
         if self._around is not None and not self.exchange % self._per_cycle:
-            self._carried = self._around.step(self.cycle, self._plant.tcp().tolist())
+            turn_rad = 0.0 if self._tool is None else self._tool.angle_rad
+            self._carried = self._around.step(self.cycle, self._plant.tcp().tolist(), turn_rad)
         brakes = []
         for index, (column, waiting) in enumerate(zip(self._columns, self._currents, strict=True)):
             released = False

@@ -63,9 +63,12 @@ class CellReader:
         """The inputs of the cell."""
         return tuple(InputFacts(name, on, name in self._forced) for name, on in self._inputs.items())
 
-    def at(self, time_s: float, tcp_m: Point) -> CellInstant | None:
-        """Return what moves in the cell at a bus time [s], with the TCP at a place [m]; None without a cell."""
-        return self.now.at(time_s, tcp_m) if self.now.things else None
+    def at(self, time_s: float, tcp_m: Point, turn_rad: float = 0.0) -> CellInstant | None:
+        """Return what moves in the cell at a bus time [s], with the TCP at a place [m]; None without a cell.
+
+        ``turn_rad`` is the angle of the tool [rad].
+        """
+        return self.now.at(time_s, tcp_m, turn_rad) if self.now.things else None
 
     def read(self) -> None:
         """Take in what has come since the last time."""

@@ -416,7 +416,7 @@ TCP_ERROR = _telegram(
 TURN = _telegram(
     telegrams.TURN,
     'angle of the tool [rad]: commanded, by the encoder of its motor, and its error, the set-point delay removed',
-    rate=ROTARY_RATE, recorded=True,
+    (VISUALIZATION,), rate=ROTARY_RATE, recorded=True,
 )
 MASTER = _telegram(
     telegrams.MASTER, 'virtual master: distance [m], speed [m/s], number of the move', recorded=True,
@@ -435,7 +435,8 @@ JACOBIAN = _telegram(
 JOINT_STATES = _telegram(
     telegrams.JOINT_STATES,
     'arm angles [rad], arm speeds [rad/s], arm torques (gear ratio times motor torque) [N m]; behind them, without '
-    'torques, the passive joints of the robot as the tree that `robot_description` says',
+    'torques, the passive joints of the robot as the tree that `robot_description` says, and last, with its own, the '
+    'tool of a rotary axis (`axis4`)',
     (PLANNER, VISUALIZATION), '100 Hz', recorded=True,
 )
 OUTPUTS = Topic(

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.ros import cdr, interfaces
+from delta3_pacdrive.ros import interfaces
+from delta3_pacdrive.ros.joint_states import JointStatesReader
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import NEWEST
-from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
@@ -28,7 +28,7 @@ class NewestCycle:
     def __init__(self, node: PollingNode, cycles: Clock, known: Callable[[], int]) -> None:
         self._cycles, self._known = cycles, known
         self._take = interfaces.JOINT_STATES.polled_subscription(node, profile=NEWEST)
-        self._codec = cdr.codec(telegrams.JOINT_STATES)
+        self._reader = JointStatesReader()
         self._newest = 0
 
     def __call__(self) -> int:
@@ -37,10 +37,10 @@ class NewestCycle:
         self._newest = max(self._newest, known) if self._newest < known + AHEAD_MAX else known
         while (taken := self._take()) is not None:
             try:
-                sec, nanosec, frame, _ = self._codec.decode(taken[0])
+                told = self._reader.read(taken[0])
             except TelegramError:
                 continue  # joints of somebody else: the topic belongs to everybody
-            cycle = self._cycles.count(sec, nanosec) if frame == BASE_FRAME else -1
+            cycle = self._cycles.count(told.sec, told.nanosec) if told.frame == BASE_FRAME else -1
             if cycle < known + AHEAD_MAX:
                 self._newest = max(self._newest, cycle)
         return self._newest

@@ -5,7 +5,7 @@ from rclpy.node import Node
 
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.interfaces import Topic
-from delta3_pacdrive.sercos.telegrams import BASE_FRAME
+from delta3_pacdrive.sercos.telegrams import BASE_FRAME, Telegram
 
 
 class Output:
@@ -33,9 +33,9 @@ class Output:
 class TelegramOutput(Output):
     """The output has a fixed layout and is packed only if somebody listens."""
 
-    def __init__(self, node: Node, topic: Topic) -> None:
+    def __init__(self, node: Node, topic: Topic, telegram: Telegram | None = None) -> None:
         super().__init__(node, topic)
-        self._encode = cdr.codec(topic.telegrams[0]).encode
+        self._encode = cdr.codec(telegram or topic.telegrams[0]).encode
         self._publish_raw = cdr.raw_publish(self.publisher)
 
     def send(self, stamp: tuple[int, int], values: list[float]) -> None:

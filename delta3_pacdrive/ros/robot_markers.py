@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.scene.parts import NAMES, Colour, Part, parts
+from delta3_pacdrive.scene.parts import TURNING_NAMES, Colour, Part, parts
 from delta3_pacdrive.scene.poses import poses
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
 from delta3_pacdrive.sercos.telegrams import BASE_FRAME
@@ -35,14 +35,14 @@ class _Group:
 
     def __init__(self, chosen: Iterable[Part]) -> None:
         rows = [(part, number, shape) for part in chosen for number, shape in enumerate(part.shapes)]
-        self._parts = [NAMES.index(part.name) for part, _, _ in rows]
+        self._parts = [TURNING_NAMES.index(part.name) for part, _, _ in rows]
         self._place = np.array([shape.position_m for _, _, shape in rows])
         self._turned = Rotation.from_quat([shape.quaternion for _, _, shape in rows])
         self.markers = [_solid(part, number, shape) for part, number, shape in rows]
 
-    def placed(self, theta: ArrayLike, parameters: Parameters) -> list[Marker]:
-        """Return the markers at arm angles [rad]; none at angles that close no chain."""
-        there = poses(theta, parameters, unreachable='nan')
+    def placed(self, theta: ArrayLike, turn_rad: float, parameters: Parameters) -> list[Marker]:
+        """Return the markers at arm angles and with the tool at an angle [rad]; none where no chain closes."""
+        there = poses(theta, parameters, turn_rad, unreachable='nan')
         turned, places = there.quaternion[self._parts], there.position[self._parts]
         if not np.isfinite(places).all():
             return []
@@ -107,12 +107,15 @@ class RobotMarkers:
         """Return what changes seldom: base, motors, workspace, and the path that is planned."""
         planned = _line('path_planned', [point_of(place) for place in self._planned], PLANNED, LINE_M)
         # what does not move is at the same place for all arm angles
-        return [*self._still.placed(np.zeros(3), self._parameters), planned]
+        return [*self._still.placed(np.zeros(3), 0.0, self._parameters), planned]
 
-    def robot(self, theta: Floats) -> list[Marker]:
-        """Return the parts that move, for arm angles [rad], shape (3,); none for angles that close no chain."""
+    def robot(self, theta: Floats, turn_rad: float = 0.0) -> list[Marker]:
+        """Return the parts that move, for arm angles [rad], shape (3,), and the angle of the tool of a rotary axis.
+
+        There are none for angles that close no chain.
+        """
         groups = [self._moving, self._payload] if self._payload else [self._moving]
-        return [marker for group in groups for marker in group.placed(theta, self._parameters)]
+        return [marker for group in groups for marker in group.placed(theta, turn_rad, self._parameters)]
 
     def travelled(self) -> list[Marker]:
         """Return the path that was travelled."""

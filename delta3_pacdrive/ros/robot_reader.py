@@ -1,8 +1,8 @@
 """What a robot tells of itself, as the page shows it.
 
 It is read from what the robot tells anyway: joint states (100 Hz), reports and states; and cyclic topics, following
-error and TCP error, of which only the newest message is looked at when a picture is due. Nothing of it wakes the
-process a thousand times a second.
+error, TCP error and the turn of the tool, of which only the newest message is looked at when a picture is due. Nothing
+of it wakes the process a thousand times a second.
 """
 
 import json
@@ -26,6 +26,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.peripherals.cell_scene import brings_parts
 from delta3_pacdrive.ros import cdr, interfaces
 from delta3_pacdrive.ros.cell_reader import CellReader
+from delta3_pacdrive.ros.joint_states import JointStatesReader
 from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.polling import Taken
 from delta3_pacdrive.ros.qos import NEWEST
@@ -35,7 +36,7 @@ from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
-from delta3_pacdrive.view.values import DriveFacts, Facts, Instant
+from delta3_pacdrive.view.values import DriveFacts, Facts, Instant, TurnInstant
 
 SILENT_S = 2.0  # without a report, after which no robot is there
 OVERLOAD = 'overload_s'
@@ -62,10 +63,12 @@ class RobotReader:
         self._joints = interfaces.JOINT_STATES.polled_subscription(operator, profile=NEWEST)
         self._lags = interfaces.FOLLOWING_ERROR.polled_subscription(operator, profile=NEWEST)
         self._errors = interfaces.TCP_ERROR.polled_subscription(operator, profile=NEWEST)
-        self._joint_codec = cdr.codec(telegrams.JOINT_STATES)
+        self._turns = interfaces.TURN.polled_subscription(operator, profile=NEWEST)
+        self._joint_reader = JointStatesReader()
         self._lag_codec = cdr.codec(telegrams.FOLLOWING_ERROR)
         self._error_codec = cdr.codec(telegrams.TCP_ERROR)
-        self._lag, self._error = np.zeros(3), np.zeros(3)
+        self._turn_codec = cdr.codec(telegrams.TURN)
+        self._lag, self._error, self._turn = np.zeros(3), np.zeros(3), np.zeros(3)
         self.cell = CellReader(operator)
         self._overload = np.zeros(3)
         self._drives = [DriveFacts()] * len(DRIVES)
@@ -88,24 +91,26 @@ class RobotReader:
         found = None
         self._lag = _newest(self._lags, self._lag_codec, self._lag)
         self._error = _newest(self._errors, self._error_codec, self._error)
+        self._turn = _newest(self._turns, self._turn_codec, self._turn)
         self.cell.read()
         while (taken := self._joints()) is not None:
             with suppress(TelegramError):  # joints of somebody else: the topic belongs to everybody
-                found = self._joint_codec.decode(taken[0])
+                found = self._joint_reader.read(taken[0])
         if found is None:
             return None
-        sec, nanosec, _, values = found
-        theta, speed, effort = np.array(values).reshape(3, -1)[:, :3]  # behind them come the passive joints
+        theta, speed, effort = map(np.array, (found.angles, found.speeds, found.torques))
         torque = effort / self.parameters.dynamics.gear_ratio
-        time_s = sec + nanosec / NANOSECONDS
+        time_s = found.sec + found.nanosec / NANOSECONDS
         tcp = kinematics.forward(theta, self.parameters, unreachable='nan')
         there = bool(np.isfinite(tcp).all())
         x, y, z = tcp.tolist()
+        turn = TurnInstant(self._turn[1], self._turn[2]) if self.parameters.rotary.present else None
+        turn_rad = 0.0 if turn is None else turn.angle_rad
         return Instant(
             time_s, theta, self._lag, torque,
             torque / self.parameters.motor.torque_constant_n_m_a, self._overload,
             float(np.linalg.norm(kinematics.jacobian(theta, tcp, self.parameters) @ speed)) if there else 0.0,
-            error_m=self._error, cell=self.cell.at(time_s, (x, y, z)) if there else None,
+            error_m=self._error, cell=self.cell.at(time_s, (x, y, z), turn_rad) if there else None, turn=turn,
         )  # fmt: skip
 
     def facts(self) -> Facts:

@@ -14,8 +14,8 @@ from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.publishers import TelegramOutput
 from delta3_pacdrive.scene.joints import tree_joints
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.telegrams import JOINTS
+from delta3_pacdrive.sercos.configuration_check import DRIVES, drives_of
+from delta3_pacdrive.sercos.telegrams import JOINTS, joint_states
 
 JOINT_STATES_S = 0.01  # of bus time
 ACYCLIC = (ACYCLIC_SEC, 0)
@@ -60,11 +60,12 @@ class TaskOutputs:
         self._answers: list[tuple[TelegramOutput, Floats]] = [
             (TelegramOutput(node, topic), answer[topic.answer]) for topic in interfaces.ANSWER_TOPICS
         ]
-        self._joint_states = TelegramOutput(node, interfaces.JOINT_STATES)
+        telegram = joint_states(drives_of(parameters))
+        self._joint_states = TelegramOutput(node, interfaces.JOINT_STATES, telegram)
         self.master = TelegramOutput(node, interfaces.MASTER)
         self._turning = controller.task.turning
         self._turn = None if self._turning is None else TelegramOutput(node, interfaces.TURN)
-        self._ratio = parameters.dynamics.gear_ratio
+        self._ratio, self._tool_ratio = parameters.dynamics.gear_ratio, parameters.rotary.gear_ratio
         self._geometry = geometry(parameters)
         self._rates, self._tree = np.zeros((1, 3)), np.zeros((1, 2, len(JOINTS)))
         self._joint_states_every = max(1, round(JOINT_STATES_S / parameters.bus.cycle_time_s))
@@ -87,15 +88,21 @@ class TaskOutputs:
         if self._through_jacobian is not None:
             self._through_jacobian.send(cycle, stamp, self._tcp_command)
         if self._joint_states.wanted and cycle % self._joint_states_every == 0:
-            # of the joints that are shown: the arms, behind the gears
-            torques = [torque * self._ratio for torque in self._axes.torques[:ARMS].tolist()]
-            self._joint_states.send(stamp, [*self._joint_motion(), *torques, *AT_EASE])
+            # of the joints that are shown: arms and tool, behind the gears
+            torques = self._axes.torques.tolist()
+            arms = [torque * self._ratio for torque in torques[:ARMS]]
+            angle = [] if self._turning is None else [self._turning.told[1]]
+            speed = [speed / self._tool_ratio for speed in self._axes.speeds[ARMS:]]
+            tool = [torque * self._tool_ratio for torque in torques[ARMS:]]
+            positions, rates = self._joint_motion()
+            self._joint_states.send(stamp, [*positions, *angle, *rates, *speed, *arms, *AT_EASE, *tool])
 
-    def _joint_motion(self) -> list[float]:
-        """Return positions and speeds of all joints of the robot as a tree."""
+    def _joint_motion(self) -> list[list[float]]:
+        """Return positions and speeds of all joints of the robot as a tree, but for the tool."""
         self._rates[0] = [speed / self._ratio for speed in self._axes.speeds[:ARMS]]
         tree_joints(self._theta.reshape(1, 3), self._rates, self._tree, self._geometry)
         if math.isnan(self._tree[0, 0, -1]):
             # the motors stand where the arms cannot be, which is a fault; readers of joint states take no nan
             self._tree[0, :, 3:] = 0.0
-        return self._tree.ravel().tolist()
+        motion: list[list[float]] = self._tree[0].tolist()
+        return motion

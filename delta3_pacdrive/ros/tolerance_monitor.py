@@ -8,7 +8,8 @@ from rclpy.qos import QoSProfile
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.ros import cdr, interfaces
+from delta3_pacdrive.ros import interfaces
+from delta3_pacdrive.ros.joint_states import JointStatesReader
 from delta3_pacdrive.ros.parameters import declare, descriptor
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import NEWEST
@@ -17,7 +18,6 @@ from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 ERROR_MAX_RAD, TIME_MAX_S, SPEED_MAX_RAD_S = 1.0, 3600.0, 10.0
-SPEEDS = slice(len(telegrams.JOINTS), len(telegrams.JOINTS) + 3)
 QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)  # between two looks
 
 
@@ -48,7 +48,7 @@ class ToleranceMonitor:
 
     def __init__(self, node: PollingNode, listens: bool, cycles: Clock, planner: Planner) -> None:
         self._node, self._cycles, self._planner = node, cycles, planner
-        self._codec = cdr.codec(telegrams.JOINT_STATES)
+        self._reader = JointStatesReader()
         self._take: Any = None
         if listens:
             self._listen()
@@ -62,9 +62,9 @@ class ToleranceMonitor:
             self._listen()
         while self._take is not None and (taken := self._take()) is not None:
             try:
-                sec, nanosec, frame, values = self._codec.decode(taken[0])
+                told = self._reader.read(taken[0])
             except TelegramError:
                 continue  # joints of somebody else: the topic belongs to everybody
-            if frame == telegrams.BASE_FRAME and sec >= 0:
-                cycle = self._cycles.count(sec, nanosec)
-                self._planner.trajectory.observe(cycle, np.array(values[:3]), np.array(values[SPEEDS]))
+            if told.frame == telegrams.BASE_FRAME and told.sec >= 0:
+                cycle = self._cycles.count(told.sec, told.nanosec)
+                self._planner.trajectory.observe(cycle, np.array(told.angles), np.array(told.speeds))

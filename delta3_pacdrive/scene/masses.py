@@ -5,13 +5,16 @@ has it (4.8.1), the share r of it is a point at the elbow and the rest one at th
 
     centre (1 - r) l_B from the elbow,   inertia m r (1 - r) l_B^2 about it.
 
-A built robot's forearms are uniform rods. Plate and payload are never turned, so that only their masses matter. Base
+A built robot's forearms are uniform rods. Plate and payload are never turned, so that only their masses matter; on a
+rotary axis they turn about z alone, where the tool has the inertia of bar and tool, and the payload that of its radius
+of gyration. What the tool weighs is in the mass of the plate. Base
 and motors do not move and have no masses; the rotors count as inertia of the motor axes (``dynamics.rotor_inertia``).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters.rotary import Rotary
 from delta3_pacdrive.scene.parts import ARMS, RODS, arm_of, payload_edge
 
 TINY_KG_M2 = 1e-14  # of slender rods about their length; the smallest that MuJoCo takes is 1e-15
@@ -40,7 +43,7 @@ def masses(parameters: Parameters, *, rods: bool | None = None) -> dict[str, Ine
     Returns
     -------
     dict[str, Inertia]
-        By name of the part: arms, forearms, plate, and payload if there is one.
+        By name of the part: arms, forearms, plate, payload if there is one, and the tool of a rotary axis.
 
     """
     k, d = parameters.kinematics, parameters.dynamics
@@ -69,6 +72,19 @@ def masses(parameters: Parameters, *, rods: bool | None = None) -> dict[str, Ine
         edge = payload_edge(d.payload_mass_kg)
         moment = d.payload_mass_kg * edge**2 / 6.0
         found['payload'] = Inertia(d.payload_mass_kg, (0.0, 0.0, -0.5 * edge), (moment, moment, moment))
+    if parameters.rotary.present:
+        found |= _turning(parameters.rotary, found.get('payload'))
+    return found
+
+
+def _turning(rotary: Rotary, payload: Inertia | None) -> dict[str, Inertia]:
+    """Return what turns about z with a rotary axis; across, it has at least what a body of this inertia has."""
+    tool = rotary.tool_inertia_kg_m2
+    found = {'tool': Inertia(TINY_KG, (0.0, 0.0, 0.0), (tool, tool, tool))}
+    if payload is not None:
+        about = max(payload.mass_kg * rotary.part_gyration_radius_m**2, TINY_KG_M2)
+        across = max(payload.moments_kg_m2[0], about)
+        found['payload'] = replace(payload, moments_kg_m2=(across, across, about))
     return found
 
 

@@ -2,7 +2,9 @@
 
 Arms hang on hinges with the rotors' inertia and friction, each of the six rods on two hinges at its elbow, and the
 plate is free. Six constraints hold the ends of the rods in their joints on the plate. The model begins at home, its
-loops closed; its joints have the angles of ``telegrams.JOINTS``. ``ctrl`` of an axis is a torque of the arm side [N m].
+loops closed; its joints have the angles of ``telegrams.joints_of``. ``ctrl`` of an axis is a torque of the arm side
+[N m]. The tool of a rotary axis hangs on the plate on a hinge with rotor, friction and limits of its own, stiff as that
+of the nominal robot; ``ctrl`` is a torque of the tool.
 """
 
 import math
@@ -14,12 +16,13 @@ from scipy.spatial.transform import Rotation
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.dynamics import rotor_inertia
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.masses import Inertia, masses
 from delta3_pacdrive.scene.parts import ARMS, RODS, Part, Sizes, arm_of, parts
 from delta3_pacdrive.scene.poses import frames
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 from delta3_pacdrive.sercos.telegrams import JOINTS
 
 
@@ -65,6 +68,7 @@ def mjcf(parameters: Parameters, *, rods: bool | None = None, step_s: float | No
         f'    <motor name="{axis}" joint="{axis}" ctrllimited="true" ctrlrange="{-torque!r} {torque!r}"/>'
         for axis in DRIVES
     )
+    motors += model.tool_motor()
     return f"""\
 <mujoco model="delta3_pacdrive">
   <compiler angle="radian" inertiafromgeom="false"/>
@@ -73,7 +77,7 @@ def mjcf(parameters: Parameters, *, rods: bool | None = None, step_s: float | No
   </option>
   <worldbody>
     <light pos="0 -1.5 1" dir="0 0.8 -1"/>
-{model.still('base', '    ')}
+{model.base()}
 {model.still('workspace', '    ')}
 {arms}
 {model.plate()}
@@ -105,6 +109,11 @@ class _Model:
     def still(self, name: str, indent: str) -> str:
         """Return what a part looks like that does not move."""
         return '\n'.join(_geom(self._parts[name], shape, indent) for shape in self._parts[name].shapes)
+
+    def base(self) -> str:
+        """Return the base, with the motor of a rotary axis."""
+        names = ('base', tool_bar.MOTOR) if self._parameters.rotary.present else ('base',)
+        return '\n'.join(self.still(name, '    ') for name in names)
 
     def arm(self, arm: int) -> str:
         """Return motor, upper arm and the two rods of a forearm."""
@@ -163,10 +172,38 @@ class _Model:
     <body name="plate" pos="{_text(self._home)}">
       <freejoint name="plate"/>
 {self._body('plate', '      ')}
-{self.still('tool', '      ')}
+{self._tool(payload)}
       <site name="tcp"/>
-{sites}{payload}
+{sites}{'' if self._parameters.rotary.present else payload}
     </body>"""
+
+    def _tool(self, payload: str) -> str:
+        """Return the tool: a body that turns with its payload, if there is a rotary axis."""
+        rotary = self._parameters.rotary
+        if not rotary.present:
+            return self.still('tool', '      ')
+        low, high = math.radians(rotary.angle_min_deg), math.radians(rotary.angle_max_deg)
+        joint = (
+            f'<joint name="{TOOL_DRIVE}" axis="0 0 1" ref="{rotary.home_rad!r}" limited="true"'
+            f' range="{low!r} {high!r}" armature="{rotary.gear_ratio**2 * rotary.rotor_inertia_kg_m2!r}"'
+            f' damping="{rotary.gear_ratio**2 * rotary.viscous_friction_n_m_s_rad!r}"'
+            f' frictionloss="{rotary.gear_ratio * rotary.static_friction_n_m!r}"/>'
+        )
+        return f"""\
+      <body name="tool" quat="{_quaternion(Rotation.from_euler('z', rotary.home_rad))}">
+        {joint}
+{self._body('tool', '        ')}
+{self.still('pointer', '        ')}{payload}
+      </body>"""
+
+    def tool_motor(self) -> str:
+        """Return the motor of a rotary axis, behind those of the arms; nothing without one."""
+        rotary = self._parameters.rotary
+        if not rotary.present:
+            return ''
+        torque = rotary.gear_ratio * rotary.torque_constant_n_m_a * rotary.peak_current_a
+        limits = f'ctrllimited="true" ctrlrange="{-torque!r} {torque!r}"'
+        return f'\n    <motor name="{TOOL_DRIVE}" joint="{TOOL_DRIVE}" {limits}/>'
 
     def _body(self, name: str, indent: str) -> str:
         return f'{indent}{_inertial(self._masses[name])}\n{self.still(name, indent)}'

@@ -7,8 +7,10 @@ for the eye, and grows with the robot: ``Sizes``. The frames of the parts, which
     motor1 ...              on the axis of the motor (radius R_A), x outward, y along the axis
     arm1 ...                on the axis of the motor, x along the upper arm to the elbow, y along the axis
     forearm1a, 1b, 2a ...   in the joint at the elbow, x along the rod to that at the plate; a towards +y of the arm
-    plate, tool, payload    in the TCP, which is the centre of the joints of the plate; never turned
+    plate, tool, payload    in the TCP, which is the centre of the joints of the plate; the plate is never turned
     workspace               in ``base``: the cylinder in which moves may go
+
+With a rotary axis tool and payload are turned by its angle, and there are the parts of ``tool_bar``.
 
 The plane of the plate's joints is that of the TCP (4.1: R = R_A - R_B shrinks the plate to a point). So the tool stands
 on the plate with its mouth in this plane, and what it has gripped hangs below.
@@ -19,6 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from delta3_pacdrive.parameters import Kinematics, Parameters
+from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.shapes import ALONG_X, ALONG_Y, Box, Cylinder, Shape, Sphere, about_z, product
 
 Colour = tuple[float, float, float, float]  # red, green, blue, opacity, 0 to 1
@@ -35,6 +38,7 @@ NAMES = (
     'payload',
     'workspace',
 )
+TURNING_NAMES = (*NAMES, *tool_bar.NAMES)  # of a robot with a rotary axis
 FIXED = ('base', *(f'motor{arm}' for arm in ARMS), 'workspace')  # they never move
 PAYLOAD_DENSITY_KG_M3 = 1000.0  # a cube of the mass of the payload, as heavy as water
 
@@ -44,6 +48,7 @@ _DARK: Colour = (0.20, 0.22, 0.25, 1.0)
 _ORANGE: Colour = (0.93, 0.45, 0.13, 1.0)
 _CARTON: Colour = (0.78, 0.60, 0.38, 1.0)
 _AIR: Colour = (0.25, 0.55, 0.90, 0.12)
+_TURNING = {'motor4': _DARK, 'bar_tube': _STEEL, 'bar_rod': _LIGHT, 'pointer': _ORANGE}
 
 
 @dataclass(frozen=True)
@@ -111,7 +116,7 @@ class Part:
     @property
     def moves(self) -> bool:
         """Whether it moves when the arms do."""
-        return self.name not in FIXED
+        return self.name not in FIXED and self.name != tool_bar.MOTOR
 
     def document(self) -> dict[str, Any]:
         """Return all of it, ready for JSON."""
@@ -124,7 +129,7 @@ class Part:
 
 
 def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part, ...]:
-    """Return the parts of a robot in the order of ``NAMES``.
+    """Return the parts of a robot in the order of ``names_of``.
 
     Parameters
     ----------
@@ -136,7 +141,7 @@ def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part
     Returns
     -------
     tuple[Part, ...]
-        One for each of ``NAMES``, or all of them but ``payload``.
+        One for each of these names, or all of them but ``payload``.
 
     """
     kinematics = parameters.kinematics
@@ -152,7 +157,16 @@ def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part
         edge = payload_edge(carried_kg)
         found.append(Part('payload', _CARTON, (Box((0.0, 0.0, -0.5 * edge), size_m=(edge, edge, edge)),)))
     found.append(Part('workspace', _AIR, (_workspace(kinematics),)))
+    if parameters.rotary.present:
+        base_top_m = sizes.base_height_m + 3.0 * sizes.sheet_m
+        shapes = tool_bar.shapes(kinematics, sizes.tool_height_m, base_top_m)
+        found += [Part(name, _TURNING[name], shapes[name]) for name in tool_bar.NAMES]
     return tuple(found)
+
+
+def names_of(parameters: Parameters) -> tuple[str, ...]:
+    """Return the names of all parts that a robot may have: ``NAMES``, or ``TURNING_NAMES``."""
+    return TURNING_NAMES if parameters.rotary.present else NAMES
 
 
 def arm_of(rod: str) -> int:

@@ -6,6 +6,7 @@ z, and the distance w between the rods of a forearm,
     arm       at R_A u_i,                          turned by R_z(alpha_i) R_y(theta_i)
     forearm   at the elbow, +-w/2 along its axis,  turned by R_z(alpha_i) R_y(theta_i + pitch_i) R_z(swing_i)
     plate     at the TCP,                          never turned
+    tool      at the TCP,                          turned by R_z(turn) of a rotary axis, with all that hangs on it
 
 with the angles pitch_i and swing_i of the universal joint at the elbow (``joints``).
 """
@@ -19,8 +20,9 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.kinematics import Unreachable
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.joints import PITCH, SWING, joints
-from delta3_pacdrive.scene.parts import ARMS, NAMES, RODS, Sizes
+from delta3_pacdrive.scene.parts import ARMS, NAMES, RODS, TURNING_NAMES, Sizes
 
 
 class Poses(NamedTuple):
@@ -29,7 +31,7 @@ class Poses(NamedTuple):
     Attributes
     ----------
     position
-        [m], shape (..., parts, 3), in the order of ``parts.NAMES``.
+        [m], shape (..., parts, 3), in the order of ``parts.names_of``.
     quaternion
         Unit quaternions x, y, z, w, shape (..., parts, 4); w is not negative.
 
@@ -40,7 +42,7 @@ class Poses(NamedTuple):
 
     def of(self, name: str) -> tuple[Floats, Floats]:
         """Return position [m] and quaternion of the part ``name``, shapes (..., 3) and (..., 4)."""
-        number = NAMES.index(name)
+        number = TURNING_NAMES.index(name)  # those of every robot come first
         return self.position[..., number, :], self.quaternion[..., number, :]
 
 
@@ -70,7 +72,13 @@ def frames(parameters: Parameters) -> tuple[Floats, Floats]:
     return np.array(k.base_radii_m)[:, None] * outward, joint
 
 
-def poses(theta: ArrayLike, parameters: Parameters, *, unreachable: Unreachable = 'raise') -> Poses:
+def poses(
+    theta: ArrayLike,
+    parameters: Parameters,
+    turn_rad: ArrayLike = 0.0,
+    *,
+    unreachable: Unreachable = 'raise',
+) -> Poses:
     """Poses of all parts for arm angles.
 
     Parameters
@@ -79,13 +87,15 @@ def poses(theta: ArrayLike, parameters: Parameters, *, unreachable: Unreachable 
         Arm angles [rad], shape (..., 3).
     parameters
         Of the robot.
+    turn_rad
+        Angle of the tool [rad], shape (...); it counts only for a robot with a rotary axis.
     unreachable
         ``raise`` an error for angles that close no chain, or fill the poses of what hangs on them with ``nan``.
 
     Returns
     -------
     Poses
-        Of the parts in the order of ``parts.NAMES``, in the frame ``base``.
+        Of the parts in the order of ``parts.names_of``, in the frame ``base``.
 
     Raises
     ------
@@ -116,7 +126,25 @@ def poses(theta: ArrayLike, parameters: Parameters, *, unreachable: Unreachable 
     quaternion[:, arms] = _turned(azimuth, angles)
     forearms = _turned(azimuth, angles + at[:, PITCH], at[:, SWING])
     quaternion[:, rods] = np.repeat(forearms, 2, axis=1)
-    return Poses(position.reshape(*shape, len(NAMES), 3), quaternion.reshape(*shape, len(NAMES), 4))
+    if parameters.rotary.present:
+        turn = np.broadcast_to(np.asarray(turn_rad, dtype=np.float64), shape).reshape(-1)
+        quaternion[:, [NAMES.index(name) for name in ('tool', 'payload')]] = tool_bar.about_z(turn)[:, None]
+        more = _with_bar(tcp, turn, parameters)
+        position, quaternion = (
+            np.concatenate([own, added], axis=1)
+            for own, added in zip((position, quaternion), more, strict=True)
+        )
+    count = position.shape[1]
+    return Poses(position.reshape(*shape, count, 3), quaternion.reshape(*shape, count, 4))
+
+
+def _with_bar(tcp: Floats, turn: Floats, parameters: Parameters) -> tuple[Floats, Floats]:
+    """Return positions and quaternions of the parts of ``tool_bar``, shapes (n, 4, 3) and (n, 4, 4)."""
+    top = np.array([0.0, 0.0, tool_bar.top_m(Sizes.of(parameters.kinematics).tool_height_m)])
+    still, bar = np.tile([0.0, 0.0, 0.0, 1.0], (len(tcp), 1)), tool_bar.directed(tcp + top, turn)
+    middle = np.zeros_like(tcp)
+    position = np.stack([middle, middle, tcp + top, tcp], axis=1)
+    return position, np.stack([still, bar, bar, tool_bar.about_z(turn)], axis=1)
 
 
 def _turned(azimuth: Floats, pitch: Floats, swing: Floats | float = 0.0) -> Floats:

@@ -3,7 +3,8 @@
 URDF knows trees only. The joints of the motors are called as in ``joint_states``; the passive ones are those of
 ``telegrams.JOINTS``, and with the angles that ``scene.joints`` has for them the tree closes: ``forearm1b_end`` meets
 ``plate_1b``, and so do the others. Each universal joint is a joint ``pitch``, a link without shape
-(``forearm1a_elbow``), and a joint ``swing``.
+(``forearm1a_elbow``), and a joint ``swing``. The tool of a rotary axis hangs on the plate on a joint of its own; the
+bar that turns it has no links, as it would close one loop more.
 """
 
 import math
@@ -15,11 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from delta3_pacdrive.dynamics import rotor_inertia
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.masses import TINY_KG, Inertia, masses
 from delta3_pacdrive.scene.parts import ARMS, Part, Sizes, parts
 from delta3_pacdrive.scene.poses import frames
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 
 Y, Z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _PASSIVE_SPEED_RAD_S, _PASSIVE_EFFORT_N_M = 100.0, 0.0  # URDF wants limits of them; nothing drives them
@@ -36,8 +38,8 @@ def urdf(parameters: Parameters) -> str:
     Returns
     -------
     str
-        The document: links are the parts of ``parts.NAMES`` but the workspace, and the frames in which rods and plate
-        meet; masses are those of the dynamics (``masses``), without the rotors.
+        The document: links are the parts of ``parts.names_of`` but workspace and bar, and the frames in which rods and
+        plate meet; masses are those of the dynamics (``masses``), without the rotors.
 
     """
     robot = ET.Element('robot', name='delta3_pacdrive')
@@ -66,7 +68,10 @@ def urdf(parameters: Parameters) -> str:
     for i, arm in enumerate(ARMS):
         for n, rod in enumerate('ab'):
             writer.fixed(f'plate_{arm}{rod}', 'plate', joint[i, n])
-    writer.fixed('tool', 'plate', (0.0, 0.0, 0.0))
+    if parameters.rotary.present:
+        _tool_axis(writer, parameters)
+    else:
+        writer.fixed('tool', 'plate', (0.0, 0.0, 0.0))
     if 'payload' in writer.parts:
         writer.fixed('payload', 'tool', (0.0, 0.0, 0.0))
     ET.indent(robot)
@@ -91,6 +96,29 @@ def _axis(writer: '_Writer', arm: int, parameters: Parameters) -> None:
         damping=repr(d.gear_ratio**2 * motor.viscous_friction_n_m_s_rad),
         friction=repr(d.gear_ratio * motor.static_friction_n_m),
     )
+
+
+def _tool_axis(writer: '_Writer', parameters: Parameters) -> None:
+    """Add the motor of a rotary axis, and the tool that it turns on the plate."""
+    rotary = parameters.rotary
+    writer.fixed(tool_bar.MOTOR, 'base', (0.0, 0.0, 0.0))
+    joint = writer.joint(TOOL_DRIVE, 'revolute', 'tool', 'plate', (0.0, 0.0, 0.0))
+    ET.SubElement(joint, 'axis', xyz=_text(Z))
+    ET.SubElement(
+        joint,
+        'limit',
+        lower=repr(math.radians(rotary.angle_min_deg)),
+        upper=repr(math.radians(rotary.angle_max_deg)),
+        effort=repr(rotary.gear_ratio * rotary.torque_constant_n_m_a * rotary.peak_current_a),
+        velocity=repr(rotary.max_speed_rad_s / rotary.gear_ratio),
+    )
+    ET.SubElement(
+        joint,
+        'dynamics',
+        damping=repr(rotary.gear_ratio**2 * rotary.viscous_friction_n_m_s_rad),
+        friction=repr(rotary.gear_ratio * rotary.static_friction_n_m),
+    )
+    writer.fixed('pointer', 'tool', (0.0, 0.0, 0.0))
 
 
 class _Writer:

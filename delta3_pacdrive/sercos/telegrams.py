@@ -95,7 +95,20 @@ JOINTS = (
     'plate_swing',
     'plate_pitch',
 )
-JOINT_STATES = Telegram('joint_states', JOINT_STATE, JOINTS, (len(JOINTS),) * 3, len(BASE_FRAME))
+
+
+def joints_of(drives: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints of a robot with these drives: behind ``JOINTS`` the tool on the plate, if it has a drive."""
+    return (*JOINTS, *drives[len(DRIVES) :])
+
+
+def joint_states(drives: Sequence[str] = DRIVES) -> Telegram:
+    """Return that of positions [rad], speeds [rad/s] and torques [N m] of the joints of a robot with these drives."""
+    names = joints_of(drives)
+    return Telegram('joint_states', JOINT_STATE, names, (len(names),) * 3, len(BASE_FRAME))
+
+
+JOINT_STATES = joint_states()
 TCP_COMMAND = Telegram.triple('tcp/command', POINT)
 TCP_ACTUAL = Telegram.triple('tcp/actual', POINT)
 TCP_ERROR = Telegram.triple('tcp/error', VECTOR)

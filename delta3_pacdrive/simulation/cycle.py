@@ -334,7 +334,8 @@ class SimulatedOperation:
             self._change_faults(cycle)
         if self._world is not None:
             # the outputs of the MDT before: they are there now
-            self._world.step(cycle, robot.plant.tcp().tolist(), self._task.outputs)
+            turn_rad = 0.0 if robot.tool is None else robot.tool.axis.angle_rad
+            self._world.step(cycle, robot.plant.tcp().tolist(), self._task.outputs, turn_rad)
         motors, torques, control, payload, *_ = self._controller.command(cycle)
         carried = None if self._world is None else self._world.carried_kg
         if carried is not None:

@@ -10,7 +10,7 @@ from typing import Any
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.peripherals import cell_scene
 from delta3_pacdrive.peripherals.cell_scene import REACH_MAX_M, Kind, Thing
-from delta3_pacdrive.peripherals.part_places import place_m
+from delta3_pacdrive.peripherals.part_places import angle_rad, place_m
 from delta3_pacdrive.peripherals.parts import How, Stay
 from delta3_pacdrive.peripherals.parts_report import read_message
 from delta3_pacdrive.view.values import PARTS_MAX, CellInstant, PartPlace, Point
@@ -78,15 +78,16 @@ class CellNow:
         if time_s != self._newest[0]:
             self._before, self._newest = self._newest, (time_s, dict(counts))
 
-    def at(self, time_s: float, tcp_m: Point) -> CellInstant:
-        """Return what there is to be drawn at a bus time [s] with the TCP at a place [m]."""
+    def at(self, time_s: float, tcp_m: Point, turn_rad: float = 0.0) -> CellInstant:
+        """Return what there is to be drawn at a bus time [s], with the TCP at a place [m] and the tool at an angle."""
         counts = {name: self._count(name, time_s) for name in self._belts if name in self._newest[1]}
         ways = {
             name: count / self._belts[name].increments_per_m
             for name, count in counts.items()
             if self._moves(name)
         }
-        return CellInstant(tuple(self._now(one, counts, tcp_m) for one in self._parts.values()), ways)
+        parts = tuple(self._now(one, counts, tcp_m, turn_rad) for one in self._parts.values())
+        return CellInstant(parts, ways)
 
     def _moves(self, name: str) -> bool:
         return name in self._belts and self._belts[name].increments_per_m > 0.0
@@ -99,14 +100,15 @@ class CellNow:
         share = min(max((time_s - before_s) / (newest_s - before_s), 0.0), 1.0)
         return before[name] + share * (newest[name] - before[name])
 
-    def _now(self, one: _Present, counts: Mapping[str, float], tcp_m: Point) -> PartPlace:
+    def _now(self, one: _Present, counts: Mapping[str, float], tcp_m: Point, turn_rad: float) -> PartPlace:
         stay, way, direction = one.stay, 0.0, 0.0
         if stay.how is How.LYING:
             return one.place
         if stay.how is How.RIDING and stay.belt in counts and self._moves(stay.belt):
             belt = self._belts[stay.belt]
             way, direction = (counts[stay.belt] - stay.count) / belt.increments_per_m, belt.angle_rad
-        return replace(one.place, at_m=place_m(stay, tcp_m, way, direction) or stay.at_m)
+        place = place_m(stay, tcp_m, way, direction, turn_rad) or stay.at_m
+        return replace(one.place, at_m=place, angle_rad=angle_rad(stay, turn_rad))
 
 
 def _present(told: dict[str, Any], told_ns: int) -> _Present | None:

@@ -9,6 +9,7 @@ import numpy as np
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.parts import ARMS, Part, Sizes, parts
 from delta3_pacdrive.scene.poses import frames, poses
@@ -91,8 +92,18 @@ class _Body:
         half = 0.5 * Sizes.of(parameters.kinematics).rod_distance_m
         elbows = parameters.kinematics.upper_arm_lengths_m
         self._plate = scene.add_frame(f'/{name}/plate', show_axes=False)
-        for part in ('plate', 'tool'):
-            self.carry(part, named[part])
+        self._mesh(f'/{name}/plate/plate', named['plate'], np.zeros(3))
+        self._hand, self._turned, self._bar = f'/{name}/plate', None, []
+        if parameters.rotary.present:
+            self._hand += '/turned'
+            self._turned = scene.add_frame(self._hand, show_axes=False)
+            self.carry('pointer', named['pointer'])
+            self._bar = [
+                self._mesh(f'/{name}/{part}', named[part], np.zeros(3)) for part in ('bar_tube', 'bar_rod')
+            ]
+            height = Sizes.of(parameters.kinematics).tool_height_m
+            self._top = np.array([0.0, 0.0, tool_bar.top_m(height)])
+        self.carry('tool', named['tool'])
         self._arms, self._rods = [], []
         for arm in ARMS:
             path = f'/{name}/arm{arm}'
@@ -109,13 +120,23 @@ class _Body:
         )
 
     def carry(self, name: str, part: Part) -> Any:
-        """Hang a part on the plate."""
-        return self._mesh(f'/{self._name}/plate/{name}', part, np.zeros(3))
+        """Hang a part on the plate, or on the tool that turns below it."""
+        return self._mesh(f'{self._hand}/{name}', part, np.zeros(3))
 
-    def place(self, joints_rad: Floats, tcp_m: Floats) -> None:
-        """Turn all joints (order of ``scene.joints``), move the plate; arms that reach nowhere are not seen."""
+    def place(self, joints_rad: Floats, tcp_m: Floats, turn_rad: float) -> None:
+        """Turn all joints (order of ``scene.joints``), move the plate, and turn the tool if a rotary axis does.
+
+        Arms that reach nowhere are not seen.
+        """
         self._plate.visible = True
         self._plate.position = tcp_m
+        if self._turned is not None:
+            self._turned.wxyz = about_zy(turn_rad, 0.0)
+            tube, rod = self._bar
+            top = tcp_m + self._top
+            tube.visible = rod.visible = True
+            tube.wxyz = rod.wxyz = tool_bar.directed(top[None], np.array([turn_rad]))[0, _WXYZ]
+            rod.position = top
         reached = bool(np.isfinite(joints_rad).all())
         angles = joints_rad.tolist()
         for arm, azimuth, angle in zip(self._arms, self._azimuth, angles, strict=False):
@@ -128,7 +149,7 @@ class _Body:
 
     def hide(self) -> None:
         """Let nothing of it be seen."""
-        for handle in (self._plate, *self._arms):
+        for handle in (self._plate, *self._arms, *self._bar):
             handle.visible = False
 
 
@@ -167,7 +188,7 @@ class Figure:
         """Put what never moves where it stands."""
         scene, k = self._scene, self._parameters.kinematics
         where = poses(np.zeros(3), self._parameters, unreachable='nan')
-        for name in ('base', 'motor1', 'motor2', 'motor3'):
+        for name in ('base', *(name for name in named if name.startswith('motor'))):
             position, quaternion = where.of(name)
             vertices, faces = mesh_of(named[name].shapes)
             scene.add_mesh_simple(
@@ -248,8 +269,14 @@ class Figure:
         )
         self._alarm_places = where
 
-    def place(self, theta_rad: Floats, tcp_m: Floats, ghost_m: Floats | None) -> None:
-        """Put the robot and its ghost where they are, for arm angles and the TCPs of both."""
+    def place(
+        self,
+        theta_rad: Floats,
+        tcp_m: Floats,
+        ghost_m: Floats | None,
+        turns_rad: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Put the robot and its ghost where they are, for arm angles, and the TCPs and the tools' angles of both."""
         angles = np.asarray(theta_rad, dtype=np.float64)[None]
         if ghost_m is not None:
             beside = kinematics.inverse(ghost_m, self._parameters, unreachable='nan')
@@ -258,12 +285,12 @@ class Figure:
         known = np.isfinite(angles).all(axis=1, keepdims=True)
         turned = joints(np.where(known, angles, 0.0), self._parameters, unreachable='nan')
         turned = np.where(known, turned, np.nan)
-        self.body.place(turned[0], tcp_m)
+        self.body.place(turned[0], tcp_m, turns_rad[0])
         if ghost_m is None:
             self.ghost.hide()
             self.error.visible = False
             return
-        self.ghost.place(turned[1], ghost_m)
+        self.ghost.place(turned[1], ghost_m, turns_rad[1])
         self.error.visible = True
         self.error.points = np.stack([tcp_m, ghost_m])[None].astype(np.float32)
 

@@ -20,6 +20,7 @@ from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.cell_figure import CellFigure
 from delta3_pacdrive.view.controls import Controls
 from delta3_pacdrive.view.figure import BLUE, Figure, segments
+from delta3_pacdrive.view.ghost import KINDS, ghost_of
 from delta3_pacdrive.view.history import History
 from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, Plots, rows_of
 from delta3_pacdrive.view.scope_panel import ScopePanel
@@ -30,9 +31,6 @@ PICTURES_HZ = 30.2
 READ_S, PLOT_S = 0.2, 0.4  # between two updates of what is read, and of plots and the path travelled
 FLASH_S = 0.5
 HISTORY_S = 30.0  # of the path travelled; plots show as much at most
-GHOST_FAR_M = 0.4  # a ghost goes no further away, however much its error is magnified
-GHOST_NEAR_M = 5e-4  # nearer it would only tint the robot
-GHOSTS = ('command', 'true', 'none')
 MAGNIFIED = ('1', '2', '5', '10', '20', '50', '100', '200', '500', '1000')
 WINDOWS_S = ('2', '5', '10', '30')  # that plots show
 
@@ -143,7 +141,7 @@ class Page:
     def _add_looks(self, gui: Any) -> None:
         """Add what everybody may choose, however the robot moves."""
         with gui.add_folder('Look', expand_by_default=False):
-            self._ghost = gui.add_dropdown('ghost', GHOSTS, hint='what stands beside the actual pose')
+            self._ghost = gui.add_dropdown('ghost', KINDS, hint='what stands beside the actual pose')
             self._magnified = gui.add_dropdown('error x', MAGNIFIED, initial_value='100')
             self._window = gui.add_dropdown('plots, s', WINDOWS_S, initial_value='10')
             self._boxes = {
@@ -240,7 +238,10 @@ class Page:
             return
         now = time.monotonic()
         with self.server.atomic():
-            self._figure.place(instant.theta_rad, tcp, self._ghost_of(instant, tcp, error))
+            angle = 0.0 if instant.turn is None else instant.turn.angle_rad
+            ghost = ghost_of(instant, tcp, error, self._ghost.value, self._magnification)
+            there, beside = (None, angle) if ghost is None else ghost
+            self._figure.place(instant.theta_rad, tcp, there, (angle, beside))
             if self._cell is not None and instant.cell is not None:
                 self._cell.place(instant.cell)
             if now - self._read_s >= READ_S:
@@ -255,20 +256,6 @@ class Page:
                     self._plots.draw(rows[np.searchsorted(rows[:, 0], rows[-1, 0] - self._seconds) :])
         self.server.flush()  # else a picture waits for viser's window, twice 1/60 s: 28 of 30 would be sent
 
-    def _ghost_of(self, instant: Instant, tcp: Floats, error: Floats) -> Floats | None:
-        """Return where the ghost is: as far away as its error, magnified."""
-        kind = self._ghost.value
-        away = error if kind == 'command' else None
-        if kind == 'true' and instant.true_m is not None:
-            away = instant.true_m - tcp
-        if away is None or not np.isfinite(away).all():
-            return None
-        away = self._magnification * away
-        length = float(np.linalg.norm(away))
-        if length < GHOST_NEAR_M:
-            return None
-        return np.asarray(tcp + away * min(1.0, GHOST_FAR_M / length))
-
     def read(self, facts: Facts) -> None:
         """Show what there is to read, and flash where a fault is."""
         self._facts = facts
@@ -282,7 +269,8 @@ class Page:
             self.controls.show(facts)
 
     def _write(self) -> None:
-        self._status.content = readout.status(self._facts, self._tcp_m)
+        turn = None if self._instant is None else self._instant.turn
+        self._status.content = readout.status(self._facts, self._tcp_m, turn)
         if self._instant is not None:
             self._bars.content = readout.bars(self._instant, self._facts.drives, self._scales)
 

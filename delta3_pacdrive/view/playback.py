@@ -20,7 +20,15 @@ from delta3_pacdrive.peripherals.cell_scene import Thing, brings_parts
 from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
 from delta3_pacdrive.view.plots import rows_of
-from delta3_pacdrive.view.values import CellInstant, DriveFacts, Facts, InputFacts, Instant, PartPlace
+from delta3_pacdrive.view.values import (
+    CellInstant,
+    DriveFacts,
+    Facts,
+    InputFacts,
+    Instant,
+    PartPlace,
+    TurnInstant,
+)
 
 PICTURE_S = 1.0 / PICTURES_HZ
 UNDER_WAY_S = 3.0  # to a page that draws slowly, at most
@@ -131,7 +139,16 @@ class Film:
             None if self._true is None else self._true[row],
             self._error[row],
             self._cell_at(row),
+            self._turn_at(row),
         )
+
+    def _turn_at(self, row: int) -> TurnInstant | None:
+        """Return the tool in a cycle, of a recording that tells of its rotary axis."""
+        angle, error, true = (
+            float(self._signals[name][row, 0]) if name in self._signals else None
+            for name in ('turn_position', 'turn_error', 'turn_true')
+        )
+        return None if angle is None else TurnInstant(angle, error or 0.0, true)
 
     @property
     def things(self) -> tuple[Thing, ...]:
@@ -147,7 +164,8 @@ class Film:
         cycle = round(float(self.time_s[row]) / self.run.period_s) + start
         x, y, z = self._tcp[row].tolist()
         parts = []
-        for part, place, angle in story.at(cycle, (x, y, z)):
+        turn = self._turn_at(row)
+        for part, place, angle in story.at(cycle, (x, y, z), turn.angle_rad if turn else 0.0):
             length, width, height = part['size_m']
             parts.append(PartPlace(part['number'], part['type'], (length, width, height), place, angle))
         return CellInstant(tuple(parts), {name: story.way_m(name, cycle) for name in story.belts})

@@ -1,13 +1,14 @@
 """What there is to read beside the picture, as HTML: state of robot and bus, bars of each axis, the fault."""
 
 import html
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from delta3_pacdrive.controller.motion_state import UNDER_WAY
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant
+from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant, TurnInstant
 
 GREEN, AMBER, RED, GREY, BLUE = '#2f9e5b', '#e08a00', '#d92d3a', '#868e96', '#3a86ff'
 STATE_COLOURS = {
@@ -56,7 +57,7 @@ def _boxed(content: str) -> str:
     return f'<div style="{style}">{content}</div>'
 
 
-def status(facts: Facts, tcp_m: Floats | None) -> str:
+def status(facts: Facts, tcp_m: Floats | None, turn: TurnInstant | None = None) -> str:
     """Return state of robot and bus."""
     if not facts.state:
         waiting = html.escape(facts.waiting or 'waiting for a robot')
@@ -65,6 +66,9 @@ def status(facts: Facts, tcp_m: Floats | None) -> str:
     if tcp_m is not None:
         x, y, z = (1e3 * tcp_m).tolist()
         rows.append(_pairs(('TCP', f'{x:.2f}, {y:.2f}, {z:.2f} mm')))
+    if turn is not None:
+        angle, error = math.degrees(turn.angle_rad), math.degrees(turn.error_rad)
+        rows.append(_pairs(('tool', f'{angle:.2f} deg'), ('error', f'{error:.3f} deg')))
     if facts.moves and facts.state in SHOWS_MOVE:
         rows.append(
             _pairs(('move', f'{facts.move + 1} of {facts.moves}'), ('left', f'{facts.remaining_s:.1f} s'))

@@ -47,6 +47,26 @@ class CellInstant:
 
 
 @dataclass(frozen=True)
+class TurnInstant:
+    """The tool of a rotary axis at one moment.
+
+    Attributes
+    ----------
+    angle_rad
+        By the encoder of its motor [rad].
+    error_rad
+        Command minus actual, the set-point delay removed [rad].
+    true_rad
+        Where it really is [rad]; None where nobody knows.
+
+    """
+
+    angle_rad: float
+    error_rad: float = 0.0
+    true_rad: float | None = None
+
+
+@dataclass(frozen=True)
 class Instant:
     """What is known of the robot at one moment.
 
@@ -70,6 +90,8 @@ class Instant:
         TCP error as the robot tells it: command minus actual, the set-point delay removed [m], shape (3,).
     cell
         What moves around the robot; None: there is no cell.
+    turn
+        Of the tool; None: there is no rotary axis, or it is not known.
 
     """
 
@@ -83,6 +105,7 @@ class Instant:
     true_m: Floats | None = None
     error_m: Floats = field(default_factory=_zeros)
     cell: CellInstant | None = None
+    turn: TurnInstant | None = None
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,47 @@ def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_pat
         assert height >= 400
 
 
+@pytest.fixture(scope='module')
+def turning(tmp_path_factory: pytest.TempPathFactory) -> Trace:
+    path = tmp_path_factory.mktemp('programs') / 'turning.yaml'
+    path.write_text('name: turning\nmoves: [{move_l: {to_m: [0.2, 0.1, -0.8], turn_deg: 90}}]\n')
+    robot = parameters.load().replace(rotary__present=True)
+    return simulation.run(programs.load(path, robot.motion), robot)
+
+
+def test_a_run_of_a_rotary_axis_has_a_figure_of_the_turn_with_what_it_holds(
+    turning: Trace, tmp_path: Path
+) -> None:
+    paths = run_figures.draw(turning, ReportFolder(tmp_path / 'all', Provenance.of('test')))
+    assert {path.name for path in paths} == {*PROMISED, 'turn.png'}
+    asked = run_figures.draw(
+        turning, ReportFolder(tmp_path / 'one', Provenance.of('test')), ['turn_position']
+    )
+    assert [path.name for path in asked] == ['turn.png']
+    run = run_signals.program_part(turning)
+    angle, error, current = run_figures.turn(turning).axes
+    curves = {line.get_label(): line.get_ydata() for line in angle.lines}
+    assert list(curves) == ['actual', 'true', 'command']
+    for label, signal in (('actual', 'position'), ('true', 'true'), ('command', 'command')):
+        np.testing.assert_array_equal(curves[label], np.degrees(run[f'turn_{signal}'][:, 0]))
+    np.testing.assert_array_equal(error.lines[0].get_ydata(), np.degrees(run['turn_error'][:, 0]))
+    np.testing.assert_array_equal(current.lines[0].get_ydata(), run['turn_current'][:, 0])
+    assert (angle.get_ylabel(), error.get_ylabel(), current.get_ylabel()) == (
+        'angle (deg)', 'error (deg)', 'current (A)',
+    )  # fmt: skip
+
+
+def test_of_a_bag_the_turn_is_drawn_without_the_truth(turning: Trace) -> None:
+    signals = {name: values for name, values in turning.signals.items() if name != 'turn_true'}
+    angle = run_figures.turn(Trace(turning.time_s, signals, turning.meta)).axes[0]
+    assert [line.get_label() for line in angle.lines] == ['actual', 'command']
+
+
+def test_a_run_without_a_rotary_axis_has_no_turn_to_draw(trace: Trace, tmp_path: Path) -> None:
+    with pytest.raises(TraceError, match='turn_position'):
+        run_figures.draw(trace, ReportFolder(tmp_path, Provenance.of('test')), ['turn_position'])
+
+
 def test_saved_trace_comes_back_to_the_bit(trace: Trace, tmp_path: Path) -> None:
     trace.save(tmp_path / 'run.npz')
     loaded = trace_file.load(tmp_path / 'run.npz')
@@ -245,8 +286,8 @@ def test_the_command_draws_and_writes_the_window_and_the_signals_that_are_asked_
 
 
 @pytest.mark.parametrize('signal', sorted(set(run_figures.FIGURES.values())))
-def test_a_signal_asks_for_its_figures(signal: str, trace: Trace, tmp_path: Path) -> None:
-    chosen = run_figures.draw(trace, ReportFolder(tmp_path, Provenance.of('test')), [signal])
+def test_a_signal_asks_for_its_figures(signal: str, turning: Trace, tmp_path: Path) -> None:
+    chosen = run_figures.draw(turning, ReportFolder(tmp_path, Provenance.of('test')), [signal])
     expected = {f'{make.__name__}.png' for make, subject in run_figures.FIGURES.items() if subject == signal}
     assert {path.name for path in chosen} == expected != set()
 

@@ -32,6 +32,14 @@ def test_the_model_goes_into_a_file(name, tmp_path, capsys, robot):
     assert ET.parse(tmp_path / 'model.xml')
 
 
+@pytest.mark.parametrize('name', MODELS)
+def test_the_model_of_a_robot_with_a_rotary_axis_has_its_joint(name, capsys):
+    assert export.main([name, '--parameters', 'rotary']) == 0
+    assert [joint.get('name') for joint in ET.fromstring(capsys.readouterr().out).iter('joint')].count(
+        'axis4'
+    ) == 1
+
+
 def test_the_model_is_of_the_parameters_that_are_named(tmp_path, capsys, robot):
     other = robot.replace(kinematics__forearm_length_m=1.1)
     file = parameters.write(other, tmp_path / 'other.yaml')

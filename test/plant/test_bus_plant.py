@@ -90,7 +90,7 @@ class Deaf:
     def knows(self, cycle: int) -> bool:
         return cycle <= self.first
 
-    def step(self, cycle: int, tcp_m: Sequence[float]) -> float | None:
+    def step(self, cycle: int, tcp_m: Sequence[float], turn_rad: float) -> float | None:
         return None
 
     def lose_part(self) -> None:

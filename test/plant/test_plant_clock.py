@@ -14,6 +14,7 @@ from delta3_pacdrive.plant.plant_clock import REST_S, Around, PlantClock
 
 ROBOT = parameters.load()
 PER_CYCLE = round(ROBOT.bus.cycle_time_s / ROBOT.bus.exchange_period_s)
+RELEASED_CYCLES = 2 * round(ROBOT.motor.brake_release_s / ROBOT.bus.cycle_time_s)
 REST_EXCHANGES = round(REST_S / ROBOT.bus.exchange_period_s)
 
 
@@ -44,6 +45,7 @@ class Surroundings:
     def __init__(self) -> None:
         self.known = -1
         self.steps: list[int] = []
+        self.turns_rad: list[float] = []
         self.lost = 0
 
     def begin(self, cycle: int) -> None:
@@ -55,8 +57,9 @@ class Surroundings:
     def knows(self, cycle: int) -> bool:
         return self.known >= cycle - 1
 
-    def step(self, cycle: int, tcp_m: Sequence[float]) -> float:
+    def step(self, cycle: int, tcp_m: Sequence[float], turn_rad: float) -> float:
         self.steps.append(cycle)
+        self.turns_rad.append(turn_rad)
         return 0.0
 
     def lose_part(self) -> None:
@@ -180,6 +183,27 @@ def cell(around: Surroundings) -> Rig:
     made = Rig(around)
     made.clock.begin(0)
     return made
+
+
+def test_the_cell_is_told_the_true_angle_of_a_tool_that_turns(around: Surroundings) -> None:
+    turning = ROBOT.replace(rotary__present=True, rotary__home_deg=25.0)
+    clock = PlantClock(turning, Schedule(), lambda exchange, shafts: None, around)
+    clock.begin(0)
+    for cycle in range(RELEASED_CYCLES + 20):
+        for exchange in range(PER_CYCLE):
+            for index in range(4):
+                clock.take(index, PER_CYCLE * cycle + exchange, True, 0.0, (2.0,) * clock.samples)
+        clock.take_outputs(cycle, 0)
+    turns = np.array(around.turns_rad)
+    assert turns[0] == turning.rotary.home_rad
+    assert turns[-1] - turns[0] > 0.01
+    shaft = clock.shafts()[3] / turning.rotary.gear_ratio
+    assert turns[-1] < shaft < 2.0 * turns[-1]
+
+
+def test_without_a_rotary_axis_the_cell_is_told_no_turn(cell: Rig, around: Surroundings) -> None:
+    cell.run(PER_CYCLE)
+    assert set(around.turns_rad) == {0.0}
 
 
 def test_a_bus_cycle_waits_for_the_outputs_of_the_mdt_before(cell: Rig, around: Surroundings) -> None:

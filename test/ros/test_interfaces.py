@@ -53,7 +53,7 @@ def robot(shared_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     shared_graph.add(OperatorNode, shared_graph.spin_for)
     shared_graph.add(ScriptNode)
     # it reads what it needs only as long as somebody looks
-    shared_graph.add(RobotVisualizationNode)
+    shared_graph.add(RobotVisualizationNode, rotary__present=True)
     for topic in (MARKERS, CLOCK):
         shared_graph.listen(topic.type, topic.name)
     shared_graph.spin_until(lambda: shared_graph.listener.count_publishers(CLOCK.name), 'bus time')

@@ -1,5 +1,7 @@
 """Facts about the markers themselves: what a line of the error says, what is shown of long paths and of no place."""
 
+import math
+
 import numpy as np
 import pytest
 from visualization_msgs.msg import Marker
@@ -33,6 +35,23 @@ def test_the_line_of_the_error_leads_from_the_tcp_to_where_it_should_be_magnifie
 def test_a_place_where_the_arms_cannot_be_is_not_shown(markers: RobotMarkers) -> None:
     assert markers.robot(np.full(3, np.nan)) == []
     assert markers.robot(kinematics.inverse(HOME, ROBOT))
+
+
+def test_the_tool_of_a_rotary_axis_is_turned_and_nothing_else(markers: RobotMarkers) -> None:
+    theta, turn = kinematics.inverse(HOME, ROBOT), math.radians(70.0)
+    turning = RobotMarkers(ROBOT.replace(rotary__present=True), MAGNIFICATION)
+    before = {(marker.ns, marker.id): marker for marker in markers.robot(theta, turn)}
+    after = {(marker.ns, marker.id): marker for marker in turning.robot(theta, turn)}
+    added = after.keys() - before.keys()
+    assert {name for name, _ in added} == {'bar_tube', 'bar_rod', 'pointer'}
+    assert {name for name, _ in before if before[name, 0].pose != after[name, 0].pose} == {'tool', 'payload'}
+    pointer = after['pointer', 0].pose
+    assert (pointer.orientation.z, pointer.orientation.w) == pytest.approx(
+        (math.sin(turn / 2), math.cos(turn / 2))
+    )
+    head = after['pointer', 1].pose.position
+    assert math.atan2(head.y - HOME[1], head.x - HOME[0]) == pytest.approx(turn)
+    assert {marker.ns for marker in turning.still()} - {marker.ns for marker in markers.still()} == {'motor4'}
 
 
 def test_every_marker_has_a_name_and_a_number_of_its_own(markers: RobotMarkers) -> None:

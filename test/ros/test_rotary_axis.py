@@ -9,16 +9,19 @@ import pytest
 from diagnostic_msgs.srv import AddDiagnostics
 from geometry_msgs.msg import PointStamped, Vector3Stamped
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
+from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.progress_report import read_progress
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
 from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.robot_reader import RobotReader
 from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
-from delta3_pacdrive.sercos.telegrams import mdt_form
+from delta3_pacdrive.sercos.telegrams import JOINTS, mdt_form
 
 ROBOT = parameters.load().replace(rotary__present=True)
 RATIO = ROBOT.rotary.gear_ratio
@@ -37,6 +40,7 @@ class Cell:
         self.shafts = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
         self.commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
         self.turns = graph.listen(Vector3Stamped, 'tool/turn', CYCLIC_PUBLISHER)
+        self.joints = graph.listen(JointState, 'joint_states', CYCLIC_PUBLISHER)
         self.axes = ALL_DRIVES if rotary else DRIVES
         numbers = [str(n + 1) for n in range(len(self.axes))]
         self.task = graph.robot(('plant', *numbers, 'task'), **own)
@@ -84,10 +88,43 @@ def test_bus_and_machine_have_four_axes_and_the_tool_turns_with_the_robot(graph:
     told = cyclic(cell.turns)[-1].vector
     assert told.x == math.pi / 2
     assert told.y == pytest.approx(told.x, abs=1e-3)
+    told_joints = cyclic(cell.joints)[-1]
+    assert {tuple(message.name) for message in cell.joints} == {(*JOINTS, 'axis4')}
+    assert told_joints.position[-1] == pytest.approx(math.pi / 2, abs=1e-3)
+    fastest = max(message.velocity[-1] for message in cyclic(cell.joints))
+    assert 0.5 < fastest < 5.0
+    assert (
+        len(told_joints.position) == len(told_joints.velocity) == len(told_joints.effort) == len(JOINTS) + 1
+    )
+    assert np.abs([message.effort[-1] for message in cyclic(cell.joints)]).max() > 0.01
     progress = cell.task.progress()
     assert read_progress(json.dumps(progress)) == progress
     assert progress['turn_rad'] == pytest.approx(told.x, abs=1e-3)
     assert max(abs(message.vector.z) for message in cyclic(cell.turns)) < math.radians(0.2)
+
+
+def test_the_tool_is_seen_to_turn_by_markers_and_page(graph: Any) -> None:
+    graph.add(RobotVisualizationNode, rotary__present=True)
+    arrays = graph.listen(MarkerArray, 'markers')
+    cell = Cell(graph)
+    reader = RobotReader(graph.add(OperatorNode, graph.spin_for), ROBOT)
+
+    def pointer() -> float:
+        found = [marker for array in arrays for marker in array.markers if marker.ns == 'pointer']
+        q = found[-1].pose.orientation if found else None
+        return 2.0 * math.atan2(q.z, q.w) if q else math.nan
+
+    graph.spin_until(lambda: pointer() == pytest.approx(0.0, abs=1e-3), 'markers')
+    cell.move()
+    assert 0.1 < cell.turns[-1].vector.y < 1.4
+    graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
+    graph.spin_until(lambda: pointer() == pytest.approx(math.pi / 2, abs=1e-3), 'a pointer that is turned')
+    instants = []
+    graph.spin_until(lambda: (found := reader.instant()) and not instants.append(found), 'a picture')
+    turn = instants[-1].turn
+    assert turn.angle_rad == pytest.approx(math.pi / 2, abs=1e-3)
+    assert turn.error_rad == pytest.approx(math.pi / 2 - turn.angle_rad, abs=1e-6)
+    assert turn.true_rad is None
 
 
 def test_without_a_rotary_axis_nothing_is_told_of_a_fourth_drive_and_turns_are_refused(graph: Any) -> None:
@@ -95,6 +132,7 @@ def test_without_a_rotary_axis_nothing_is_told_of_a_fourth_drive_and_turns_are_r
     for messages in (cell.mdt, cell.shafts):
         assert {tuple(message.name) for message in messages} == {DRIVES}
     assert {len(message.header.frame_id) for message in cell.mdt} == {len(mdt_form(3))}
+    assert {tuple(message.name) for message in cell.joints} <= {JOINTS}
     names = {name for name, _ in graph.listener.get_topic_names_and_types() if 'axis4' in name}
     assert not names
     assert graph.listener.count_publishers('tool/turn') == 0

@@ -6,6 +6,7 @@ import pytest
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.plant.tool_axis import ToolAxis
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.mjcf import mjcf
 from delta3_pacdrive.scene.parts import FIXED, NAMES, RODS
@@ -160,3 +161,50 @@ def test_at_rest_under_its_weight_and_the_torques_that_hold_it_the_model_stays(r
 def test_a_home_out_of_reach_is_refused(robot):
     with pytest.raises(UnreachableError, match='out of reach of arm 1'):
         mjcf(robot.replace(motion__home_m=(0.0, 0.0, -2.0)))
+
+
+def turned_by_plant(robot, torque, steps):
+    """Angle and speed of the tool of the plant after as many current samples under a torque, from home and at rest."""
+    current = torque / (robot.rotary.gear_ratio * robot.rotary.torque_constant_n_m_a)
+    axis = ToolAxis(robot)
+    axis.state['brake_locked'], axis.state['brake_share'] = 0, 0.0
+    axis.state['current'] = current
+    axis.advance(np.full((steps, 1), current), True, robot.dynamics.payload_mass_kg)
+    return axis.angle_rad, axis.shaft()[1] / robot.rotary.gear_ratio
+
+
+@pytest.mark.parametrize('payload_kg', [0.0, 1.5])
+@pytest.mark.parametrize('torque', [3.0, -2.0])
+def test_the_tool_of_a_rotary_axis_turns_like_that_of_the_plant_and_the_arms_do_not_feel_it(
+    torque, payload_kg, robot
+):
+    turning = robot.replace(rotary__present=True, rotary__home_deg=30.0, dynamics__payload_mass_kg=payload_kg)
+    steps, push = 1600, (4.0, -2.0, 1.0)
+    angle, speed = turned_by_plant(turning, torque, steps)
+    assert abs(angle - turning.rotary.home_rad) > 0.5
+    model, data = loaded(mjcf(turning, step_s=STEP_S))
+    assert data.joint('axis4').qpos[0] == turning.rotary.home_rad
+    data.ctrl[:] = [*push, torque]
+    mujoco.mj_step(model, data, nstep=steps)
+    way = angle - turning.rotary.home_rad
+    assert data.joint('axis4').qpos[0] - turning.rotary.home_rad == pytest.approx(way, rel=MOTION)
+    assert data.joint('axis4').qvel[0] == pytest.approx(speed, rel=MOTION)
+    mujoco.mj_kinematics(model, data)
+    assert max(openings(data)) < OPEN_M
+    still, _ = moved_by_mujoco(turning.replace(rotary__present=False), np.array(push), steps)
+    moved = np.linalg.norm(still - robot.motion.home_m)
+    assert np.linalg.norm(data.site('tcp').xpos - still) < MOTION * moved
+    x, y = np.cos(data.joint('axis4').qpos[0]), np.sin(data.joint('axis4').qpos[0])
+    assert data.body('tool').xmat.reshape(3, 3)[:, 0] == pytest.approx([x, y, 0.0], abs=1e-3)
+
+
+def test_the_motor_of_the_tool_has_the_torque_and_the_limits_of_the_rotary_axis(robot):
+    turning = robot.replace(rotary__present=True)
+    model, rotary = loaded(mjcf(turning))[0], turning.rotary
+    assert model.actuator('axis4').ctrlrange[1] == pytest.approx(
+        rotary.gear_ratio * rotary.torque_constant_n_m_a * rotary.peak_current_a
+    )
+    assert model.joint('axis4').range == pytest.approx(
+        np.radians([rotary.angle_min_deg, rotary.angle_max_deg])
+    )
+    assert loaded(mjcf(robot))[0].nu == 3

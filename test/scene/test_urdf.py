@@ -13,8 +13,8 @@ from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.parts import FIXED, NAMES, RODS
 from delta3_pacdrive.scene.poses import poses
 from delta3_pacdrive.scene.urdf import urdf
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.telegrams import JOINTS
+from delta3_pacdrive.sercos.configuration_check import DRIVES, drives_of
+from delta3_pacdrive.sercos.telegrams import JOINTS, joints_of
 
 yourdfpy = pytest.importorskip('yourdfpy', reason='the reader of URDF, yourdfpy, is not installed')
 
@@ -125,6 +125,45 @@ def test_without_a_payload_there_is_no_link_of_one(robot):
     empty = ET.fromstring(urdf(robot.replace(dynamics__payload_mass_kg=0.0)))
     assert 'payload' not in [link.get('name') for link in empty.iter('link')]
     assert 'payload' in [link.get('name') for link in ET.fromstring(urdf(robot)).iter('link')]
+
+
+def test_the_tool_of_a_rotary_axis_turns_on_one_joint_more_and_all_loops_close(robot):
+    turning = robot.replace(rotary__present=True)
+    model, rotary = read(turning), turning.rotary
+    names = joints_of(drives_of(turning))
+    assert names == (*JOINTS, 'axis4')
+    assert sorted(model.actuated_joint_names) == sorted(names)
+    assert model.validate()
+    theta = places(turning, 10)
+    for turn, angles, positions in zip(
+        np.linspace(-6.0, 6.0, len(theta)), theta, joints(theta, turning), strict=True
+    ):
+        model.update_cfg(dict(zip(names, [*positions, turn], strict=True)))
+        for rod in RODS:
+            end, joint = frame(model, f'forearm{rod}_end'), frame(model, f'plate_{rod}')
+            assert np.abs(end[:3, 3] - joint[:3, 3]).max() < CLOSED
+        there = poses(angles, turning, turn)
+        for name in ('plate', 'tool', 'pointer', 'payload', 'motor4'):
+            position, (x, y, z, w) = there.of(name)
+            assert (x, y) == (0.0, 0.0)
+            turned = [[1 - 2 * z * z, -2 * z * w, 0.0], [2 * z * w, 1 - 2 * z * z, 0.0], [0.0, 0.0, 1.0]]
+            assert np.abs(frame(model, name)[:3, 3] - position).max() < CLOSED
+            assert np.abs(frame(model, name)[:3, :3] - turned).max() < LEVEL
+    limit = model.joint_map['axis4'].limit
+    assert (limit.lower, limit.upper) == pytest.approx(
+        np.radians([rotary.angle_min_deg, rotary.angle_max_deg])
+    )
+    assert limit.velocity == pytest.approx(rotary.max_speed_rad_s / rotary.gear_ratio)
+    assert limit.effort == pytest.approx(
+        rotary.gear_ratio * rotary.torque_constant_n_m_a * rotary.peak_current_a
+    )
+    inertia = {name: model.link_map[name].inertial.inertia[2, 2] for name in ('tool', 'payload')}
+    assert sum(inertia.values()) == pytest.approx(rotary.inertia_kg_m2(robot.dynamics.payload_mass_kg))
+
+
+def test_without_a_rotary_axis_the_tool_is_fixed(model):
+    assert model.joint_map['tool_fixed'].type == 'fixed'
+    assert 'motor4' not in model.link_map
 
 
 def test_mujoco_reads_it_as_well(robot):

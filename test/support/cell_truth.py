@@ -61,8 +61,8 @@ def witnessed():
             super().__init__(*given, **named)
             truth.made.append(self)
 
-    def noted(around, cycle, tcp_m, outputs):
-        inputs = step(around, cycle, tcp_m, outputs)
+    def noted(around, cycle, tcp_m, outputs, turn_rad):
+        inputs = step(around, cycle, tcp_m, outputs, turn_rad)
         truth.note(around, cycle, tcp_m)
         return inputs
 

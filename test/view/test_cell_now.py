@@ -64,6 +64,15 @@ def test_parts_lie_ride_hang_at_the_tcp_and_go():
     assert found[1] == (0.2, 0.2, -0.9)
 
 
+def test_a_part_in_hand_turns_with_the_tool_and_others_stay_as_they_are():
+    now = one_belt()
+    now.take_parts(parts(stay('lying'), stay('in hand', (0.01, 0.0, -0.02))))
+    lying, in_hand = now.at(1.0, TCP, np.pi / 2).parts
+    assert (lying.at_m, lying.angle_rad) == ((0.0, -0.3, -0.9), 0.1)
+    assert in_hand.at_m == pytest.approx((0.1, 0.21, -0.82), abs=1e-12)
+    assert in_hand.angle_rad == pytest.approx(0.1 + np.pi / 2)
+
+
 def test_belts_and_what_rides_on_them_are_where_they_were_at_the_time_that_is_shown():
     now = one_belt()
     now.take_parts(parts(stay('riding')))

@@ -57,6 +57,30 @@ def test_arms_rods_and_plate_are_where_the_scene_has_them(place, robot):
         assert (turn * Rotation.from_quat(quaternion).inv()).magnitude() < 1e-7, name
 
 
+@pytest.mark.parametrize('place', PLACES)
+def test_tool_and_bar_of_a_rotary_axis_are_where_the_scene_has_them(place, robot):
+    turning, scene, turns = robot.replace(rotary__present=True), Scene(), (2.1, -0.4)
+    figure = Figure(scene, turning)
+    figure.carry(0.5)
+    theta, tcp = kinematics.inverse(np.array(place), turning), np.array(place)
+    figure.place(theta, tcp, tcp, turns)
+    paths = {'bar_tube': 'bar_tube', 'bar_rod': 'bar_rod', 'plate': 'plate/plate'}
+    paths |= {part: f'plate/turned/{part}' for part in ('tool', 'pointer', 'payload')}
+    for body, turn in zip(('robot', 'ghost'), turns, strict=True):
+        expected = poses(theta, turning, turn)
+        for name, path in paths.items():
+            if (body, name) == ('ghost', 'payload'):
+                continue
+            position, quaternion = scene.pose(f'/{body}/{path}')
+            there, turned = expected.of(name)
+            assert position == pytest.approx(there, abs=1e-9), name
+            assert (quaternion * Rotation.from_quat(turned).inv()).magnitude() < 1e-7, name
+    assert '/robot/motor4' in scene.nodes
+    figure.place(theta, tcp, None, turns)
+    assert not scene.nodes['/ghost/bar_rod'].visible
+    assert scene.nodes['/robot/bar_rod'].visible
+
+
 def test_a_ghost_that_no_arms_reach_is_only_a_plate(robot):
     scene = Scene()
     figure = Figure(scene, robot)

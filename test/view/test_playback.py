@@ -15,6 +15,7 @@ from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.view.playback import SPEEDS, Clock, Film, Player, overload_of
+from delta3_pacdrive.view.values import TurnInstant
 
 
 @pytest.fixture(scope='module')
@@ -98,6 +99,42 @@ def test_what_there_is_to_read_is_that_of_its_time(run):
     last = film.facts(len(film.time_s) - 1, 'paused', 1.0)
     assert 'axis2' in last.fault
     assert last.sources == ('axis2',)
+
+
+def test_the_tool_of_a_rotary_axis_is_shown_as_it_was_recorded(run, tmp_path, robot):
+    text = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.8], turn_deg: 60}}]'
+    (tmp_path / 'p.yaml').write_text(text)
+    turning = robot.replace(rotary__present=True)
+    simulation.run(program_file.load(tmp_path / 'p.yaml', turning.motion), turning).save(tmp_path / 'p.npz')
+    turned = runs.load(str(tmp_path / 'p.npz'))
+    row = len(turned.part.time_s) // 2
+    angle, error, true = (
+        float(turned.part[f'turn_{name}'][row, 0]) for name in ('position', 'error', 'true')
+    )
+    assert 0.1 < angle < 1.0
+    assert Film(turned).at(row).turn == TurnInstant(angle, error, true)
+    assert Film(run).at(row).turn is None
+
+
+def test_a_part_on_a_rotary_axis_is_shown_turned_as_it_was(tmp_path, robot):
+    (tmp_path / 'p.yaml').write_text("""
+        start_m: [-0.1525, 0.0, -0.85]
+        payload_kg: 0.0
+        moves:
+        - output: {name: gripper, value: true, payload_kg: 0.5}
+        - dwell: {time_s: 0.05}
+        - move_l: {to_m: {by_m: [0, 0, 0.05]}}
+        - move_l: {to_m: {by_m: [0.2, 0, 0]}, turn_deg: 120}
+    """)
+    turning = robot.replace(rotary__present=True)
+    program = program_file.load(tmp_path / 'p.yaml', turning.motion)
+    d3.simulate(program, turning, cell='cell').save(tmp_path / 'p.npz')
+    film = Film(runs.load(str(tmp_path / 'p.npz')))
+    for row in (0, len(film.time_s) // 2, len(film.time_s) - 1):
+        now = film.at(row)
+        (part,) = (one for one in now.cell.parts if one.number == 0)
+        assert part.angle_rad == pytest.approx(now.turn.angle_rad, abs=np.radians(0.2))
+    assert part.angle_rad == pytest.approx(np.radians(120.0), abs=np.radians(0.2))
 
 
 def test_a_recording_without_positions_is_refused(run):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from delta3_pacdrive.view import readout
-from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant
+from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant, TurnInstant
 
 HOSTILE = '<script>alert(1)</script> & "more"'
 SAFE = '&lt;script&gt;alert(1)&lt;/script&gt; &amp; &quot;more&quot;'
@@ -27,6 +27,14 @@ def test_texts_of_others_are_shown_and_not_carried_out():
     assert '<script' not in readout.answers([(HOSTILE, True)])
     assert '<script' not in readout.copied(HOSTILE, HOSTILE)
     assert '<script' not in readout.status(Facts(waiting=HOSTILE), None)
+
+
+def test_the_angle_of_the_tool_is_told_beside_the_tcp_where_there_is_one():
+    tcp, turn = np.array([0.1, 0.0, -0.8]), TurnInstant(np.radians(123.4), np.radians(-0.05))
+    shown = readout.status(Facts(state='moving'), tcp, turn)
+    assert '123.40 deg' in shown
+    assert '-0.050 deg' in shown
+    assert 'deg' not in readout.status(Facts(state='moving'), tcp)
 
 
 def test_the_bars_tell_the_numbers_of_each_axis(robot):

@@ -19,8 +19,9 @@ from delta3_pacdrive.analysis.report_page.plots import APART, PLOTS, is_shown, o
 from delta3_pacdrive.analysis.run_comparison import Comparison, subtracted
 from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.record_file import SavedRecord
-from delta3_pacdrive.scene import parts
+from delta3_pacdrive.scene import parts, tool_bar
 from delta3_pacdrive.scene.poses import frames
 
 VERSION = 1
@@ -125,12 +126,21 @@ def _robot(run: Run) -> dict[str, Any]:
     carried = [row['payload_kg'] for row in run.outputs if row.get('payload_kg') is not None]
     payload = max([robot.dynamics.payload_mass_kg, *carried])
     hips, joints = frames(robot)
-    return parts.document(robot, payload) | {
-        'azimuths': list(robot.kinematics.arm_azimuth_rad),
-        'hips': hips.tolist(),
-        'joints': joints.tolist(),
-        'arms': list(robot.kinematics.upper_arm_lengths_m),
-    }
+    return (
+        parts.document(robot, payload)
+        | {
+            'azimuths': list(robot.kinematics.arm_azimuth_rad),
+            'hips': hips.tolist(),
+            'joints': joints.tolist(),
+            'arms': list(robot.kinematics.upper_arm_lengths_m),
+        }
+        | ({'bar_top': _bar_top_m(robot)} if robot.rotary.present else {})
+    )
+
+
+def _bar_top_m(robot: Parameters) -> float:
+    """Return how far above the TCP the bar of the rotary axis ends [m]."""
+    return tool_bar.top_m(parts.Sizes.of(robot.kinematics).tool_height_m)
 
 
 def _differences(

@@ -138,6 +138,16 @@ PLOTS = (
     Plot(
         'TCP position', 'mm', 1e3, (('tcp_actual', ACTUAL), ('tcp_command', COMMAND), ('tcp_true', TRUE)), XYZ
     ),
+    Plot(
+        'Angle of the tool',
+        'deg',
+        DEG,
+        (('turn_position', ACTUAL), ('turn_command', COMMAND), ('turn_true', TRUE)),
+        ('turn',),
+    ),
+    Plot('Error of the angle of the tool', 'deg', DEG, (('turn_error', ACTUAL),), ('error',)),
+    Plot('Speed of the tool', 'deg/s', DEG, (('turn_speed', ACTUAL),), ('speed',), shown=False),
+    Plot('Current of the rotary axis', 'A', 1.0, (('turn_current', ACTUAL),), ('axis 4',)),
     Plot('Coupling torque d', 'N m', 1.0, (('coupling_torque', ACTUAL),), AXES, shown=False),
     Plot('True motor shaft', 'deg', DEG, (('shaft_position', ACTUAL),), AXES, shown=False),
     Plot('True motor speed', 'rpm', 60.0 / math.tau, (('shaft_speed', ACTUAL),), AXES, shown=False),

@@ -1,8 +1,8 @@
 """Node for the eye: markers of the robot, and bus time as ``/clock``; it does nothing while nobody listens.
 
-In, while somebody listens to what comes of it: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``, and of a
-cell ``cell/scene``, ``cell/parts``, ``sercos/at/belts``; always ``motion/plan`` and ``motion/status``. Out:
-``markers`` (20 Hz), ``/clock`` (100 Hz).
+In, while somebody listens to what comes of it: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``, of a
+rotary axis ``tool/turn``, and of a cell ``cell/scene``, ``cell/parts``, ``sercos/at/belts``; always ``motion/plan`` and
+``motion/status``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
 
 It is longer than other nodes because its subscriptions come and go with who listens.
 """
@@ -34,6 +34,7 @@ from delta3_pacdrive.ros.interfaces import (
     STATUS,
     TCP_COMMAND,
     TCP_ERROR,
+    TURN,
     Topic,
 )
 from delta3_pacdrive.ros.numbers import row_of
@@ -44,7 +45,9 @@ from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_markers import RobotMarkers
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
+from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.sercos.telegram_codec import Decoded
+from delta3_pacdrive.sercos.telegrams import Telegram, joint_states
 
 LOOK_S = 0.25  # between two looks at who listens
 TICK_S = 0.01  # while somebody does
@@ -56,9 +59,15 @@ JOINT_STATES_QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)
 class _Heard:
     """A cyclic topic is heard only as long as it is wanted."""
 
-    def __init__(self, node: PollingNode, topic: Topic, profile: QoSProfile = NEWEST) -> None:
+    def __init__(
+        self,
+        node: PollingNode,
+        topic: Topic,
+        profile: QoSProfile = NEWEST,
+        telegram: Telegram | None = None,
+    ) -> None:
         self._node, self._topic, self._profile = node, topic, profile
-        self._codec = cdr.codec(topic.telegrams[0])
+        self._codec = cdr.codec(telegram or topic.telegrams[0])
         self._take: Callable[[], Any] | None = None
 
     def listen(self, wanted: bool) -> None:
@@ -97,10 +106,13 @@ class RobotVisualizationNode(PollingNode):
         self._markers = RobotMarkers(self._robot, magnification)
         self._planned = PlannedPath(self._robot.kinematics)
         self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
-        self._joints = _Heard(self, JOINT_STATES, JOINT_STATES_QUEUE)
+        drives = drives_of(self._robot)
+        self._joints = _Heard(self, JOINT_STATES, JOINT_STATES_QUEUE, joint_states(drives))
         self._command, self._error = _Heard(self, TCP_COMMAND), _Heard(self, TCP_ERROR)
+        self._turns = _Heard(self, TURN)
         self._theta = self._tcp = np.full(3, np.nan)
         self._places = {'command': np.full(3, np.nan), 'error': np.zeros(3)}
+        self._turn_rad = self._robot.rotary.home_rad  # until the robot tells it
         self._ticks = 0
         self._time_s = 0.0  # of the bus
         self._cell: CellReader | None = None
@@ -120,6 +132,7 @@ class RobotVisualizationNode(PollingNode):
         self._joints.listen(shown or self._bus_clock.wanted)
         self._command.listen(shown)
         self._error.listen(shown)
+        self._turns.listen(shown and self._robot.rotary.present)
         if shown and self._cell is None and self.count_publishers(SCENE.name):
             self._cell = CellReader(self)
         if not (shown or self._bus_clock.wanted):
@@ -143,6 +156,8 @@ class RobotVisualizationNode(PollingNode):
         for name, heard in (('command', self._command), ('error', self._error)):
             for *_, values in heard.all():
                 self._places[name] = np.array(values)
+        for *_, (_, actual, _) in self._turns.all():
+            self._turn_rad = actual
         markers = []
         if self._ticks % STILL_EVERY == 0:
             markers += self._markers.still()
@@ -151,7 +166,7 @@ class RobotVisualizationNode(PollingNode):
         if self._ticks % TRAVELLED_EVERY == 0:
             markers += self._markers.travelled()
         if self._ticks % ROBOT_EVERY == 0 and np.isfinite(self._tcp).all():
-            markers += self._markers.robot(self._theta)
+            markers += self._markers.robot(self._theta, self._turn_rad)
             if np.isfinite(self._places['command']).all():
                 markers += self._markers.error(self._tcp, self._places['command'], self._places['error'])
         if markers:
@@ -167,7 +182,7 @@ class RobotVisualizationNode(PollingNode):
             found += self._cell_markers.still(cell.now.things)
         if self._ticks % ROBOT_EVERY == 0 and np.isfinite(self._tcp).all():
             x, y, z = self._tcp.tolist()
-            found += self._cell_markers.parts(cell.at(self._time_s, (x, y, z)))
+            found += self._cell_markers.parts(cell.at(self._time_s, (x, y, z), self._turn_rad))
         return found
 
     def _on_plan(self, message: Float64MultiArray) -> None:

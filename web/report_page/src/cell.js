@@ -94,8 +94,9 @@ export class Cell {
     return cycle + 1 < run.cycles && share > 0 ? ways[cycle] + share * (ways[cycle + 1] - ways[cycle]) : ways[cycle];
   }
 
-  // Where the parts are at a time, those in hand with a TCP [m]: number, middle of the underside [m], angle [rad], row.
-  places(time, tcp) {
+  // Where the parts are at a time, those in hand with a TCP [m] and the angle of the tool [rad]: number, middle of the
+  // underside [m], angle [rad], row.
+  places(time, tcp, turned = 0) {
     const cycle = this.run.cycleAt(time);
     const ways = this.belts.map((_, belt) => this.way(belt, time));
     const found = [];
@@ -103,23 +104,29 @@ export class Cell {
       const stay = stays.findLast((one) => one.cycle <= cycle);
       if (!stay || stay.how === 'gone') return;
       const at = [...stay.at];
-      if (stay.how === 'in hand') at.forEach((_, i) => { at[i] += tcp ? tcp[i] : NaN; });
+      const turn = stay.how === 'in hand' ? turned : 0;
+      if (stay.how === 'in hand') {
+        const [x, y] = at;
+        at[0] = Math.cos(turn) * x - Math.sin(turn) * y;
+        at[1] = Math.sin(turn) * x + Math.cos(turn) * y;
+        at.forEach((_, i) => { at[i] += tcp ? tcp[i] : NaN; });
+      }
       if (stay.how === 'riding') {
         const gone = stay.belt < 0 ? NaN : ways[stay.belt] - stay.begin;
         const direction = stay.belt < 0 ? 0 : this.things[this.belts[stay.belt]][4];
         at[0] += gone * Math.cos(direction);
         at[1] += gone * Math.sin(direction);
       }
-      if (at.every(Number.isFinite)) found.push({ row, number: this.parts[row][0], at, angle: stay.angle });
+      if (at.every(Number.isFinite)) found.push({ row, number: this.parts[row][0], at, angle: stay.angle + turn });
     });
     return found;
   }
 
-  // Put everything where a time says, parts in hand to a TCP [m].
-  place(time, tcp) {
+  // Put everything where a time says, parts in hand to a TCP [m], turned as the tool is [rad].
+  place(time, tcp, turned) {
     const matrix = new Matrix4();
     const turn = new Quaternion();
-    const found = this.places(time, tcp);
+    const found = this.places(time, tcp, turned);
     found.forEach(({ row, at, angle }, n) => {
       const [, type] = this.parts[row];
       const size = this.sizes[type];

@@ -1,7 +1,8 @@
 // A robot made of the parts that the report holds, put where arm angles and a TCP say.
 //
 // Sizes and joints come from delta3_pacdrive/scene. An arm turns about its motor, a rod stands between the joint at the
-// elbow and that at the plate, the plate is at the TCP and never turned: nothing here knows kinematics.
+// elbow and that at the plate, the plate is at the TCP and never turned: nothing here knows kinematics. The tool of a
+// rotary axis turns with what hangs on it, and its bar leads from the middle of the motor axes to the top of the tool.
 
 import {
   BoxGeometry, Color, CylinderGeometry, DoubleSide, Group, Mesh, MeshLambertMaterial, Quaternion, SphereGeometry,
@@ -13,7 +14,8 @@ const Y = new Vector3(0, 1, 0);
 const Z = new Vector3(0, 0, 1);
 const PALE = new Color(0xc8d4e0);
 const DIM = 0.1; // lightness of a part that is lost before a dark background
-const AT_TCP = ['plate', 'tool', 'payload'];
+const TURNED = ['tool', 'payload', 'pointer'];
+const AT_TCP = ['plate', ...TURNED];
 
 function geometryOf(shape) {
   if (shape.kind === 'box') return new BoxGeometry(...shape.size_m);
@@ -74,9 +76,9 @@ export class Robot {
     });
   }
 
-  // Put all parts where arm angles [rad] and a TCP [m] say.
-  place(angles, tcp) {
-    if (![...angles, ...tcp].every(Number.isFinite)) return;
+  // Put all parts where arm angles [rad], a TCP [m] and the angle of the tool [rad] say.
+  place(angles, tcp, turned = 0) {
+    if (![...angles, ...tcp, turned].every(Number.isFinite)) return;
     const { hips, joints, azimuths, arms } = this.document;
     const turn = new Quaternion();
     const [start, end, along] = [new Vector3(), new Vector3(), new Vector3()];
@@ -96,7 +98,20 @@ export class Robot {
       });
     });
     for (const name of AT_TCP) this.part(name).position.set(...tcp);
+    for (const name of TURNED) this.part(name).quaternion.setFromAxisAngle(Z, turned);
+    if (this.document.bar_top !== undefined) this.placeBar(tcp, turned);
     this.tcp = tcp;
+    this.turned = turned;
+  }
+
+  placeBar(tcp, turned) {
+    const top = new Vector3(tcp[0], tcp[1], tcp[2] + this.document.bar_top);
+    this.part('bar_rod').position.copy(top);
+    const along = top.clone().negate().normalize();
+    for (const name of ['bar_tube', 'bar_rod']) {
+      const { quaternion } = this.part(name);
+      quaternion.setFromUnitVectors(Z, along).multiply(new Quaternion().setFromAxisAngle(Z, turned));
+    }
   }
 
   // Give a robot without a look its own colours; before a dark background dark ones are paler.

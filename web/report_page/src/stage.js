@@ -183,15 +183,15 @@ export class Stage {
     const { time } = this.clock;
     const [run] = this.report.runs;
     const actual = actualPose(run, time);
-    this.robot.place(actual.angles, actual.tcp);
+    this.robot.place(actual.angles, actual.tcp, actual.turn);
     // where parts are known they are seen themselves
     this.robot.showPart('payload', !this.cell?.parts.length && carries(run, time));
-    this.cell?.place(time, this.robot.tcp);
+    this.cell?.place(time, this.robot.tcp, this.robot.turned);
     this.showDot(0, actual.tcp, true);
     this.ghosts.forEach((ghost, n) => {
       const pose = ghost.pose(time, actual, this.magnified);
       ghost.robot.group.visible = ghost.shown;
-      ghost.robot.place(pose.angles, pose.tcp);
+      ghost.robot.place(pose.angles, pose.tcp, pose.turn);
       this.showDot(n + 1, pose.tcp, ghost.shown);
     });
     for (const path of this.paths) {
@@ -221,6 +221,9 @@ export class Stage {
       const [x, y, z] = run.at('tcp_actual', time).map((value) => (1e3 * value).toFixed(1));
       lines.push(`TCP ${x}, ${y}, ${z} mm`);
     }
+    if (run.has('turn_position')) {
+      lines.push(`tool ${((180 / Math.PI) * run.at('turn_position', time)[0]).toFixed(2)} deg`);
+    }
     if (run.has('tcp_error_norm')) lines.push(`error ${(1e3 * run.at('tcp_error_norm', time)[0]).toFixed(3)} mm`);
     const move = run.moves.find(([, , from, to]) => from <= time && time < to);
     if (move) lines.push(`move ${move[0]}, ${move[1]}`);
@@ -246,14 +249,20 @@ function magnification(place) {
 function actualPose(run, time) {
   const tcp = run.has('tcp_actual') ? run.at('tcp_actual', time, true) : run.at('tcp_command', time, true);
   const angles = run.at(run.has('motor_position') ? 'motor_position' : 'motor_command', time, true);
-  return { tcp, angles: angles.map((angle) => angle / run.gear_ratio) };
+  return { tcp, angles: angles.map((angle) => angle / run.gear_ratio), turn: turnOf(run, 'turn_position', time) };
+}
+
+// Angle of the tool, or a difference of it [rad]; 0 of a run that tells of no rotary axis.
+function turnOf(run, name, time) {
+  return run.has(name) ? run.at(name, time, true)[0] : 0;
 }
 
 // A pose that stands off another one by a difference, magnified.
-function off(pose, angles, tcp, magnified) {
+function off(pose, angles, tcp, turn, magnified) {
   return {
     angles: pose.angles.map((angle, i) => angle + magnified * angles[i]),
     tcp: pose.tcp.map((value, i) => value + magnified * tcp[i]),
+    turn: pose.turn + magnified * turn,
   };
 }
 
@@ -264,7 +273,10 @@ function ghostsOf(report) {
     ghosts.push({
       run, text: 'command', colour: 'command', initially: others.length === 0,
       pose: (time, actual, magnified) =>
-        off(actual, run.at('following_error', time, true), run.at('tcp_error', time, true), magnified),
+        off(
+          actual, run.at('following_error', time, true), run.at('tcp_error', time, true),
+          turnOf(run, 'turn_error', time), magnified,
+        ),
     });
   }
   if (run.has('tcp_true') && run.has('arm_angle')) {
@@ -273,7 +285,8 @@ function ghostsOf(report) {
       pose: (time, actual, magnified) => {
         const tcp = run.at('tcp_true', time, true).map((value, i) => value - actual.tcp[i]);
         const angles = run.at('arm_angle', time, true).map((value, i) => value - actual.angles[i]);
-        return off(actual, angles, tcp, magnified);
+        const turn = run.has('turn_true') ? turnOf(run, 'turn_true', time) - actual.turn : 0;
+        return off(actual, angles, tcp, turn, magnified);
       },
     });
   }
@@ -284,7 +297,7 @@ function ghostsOf(report) {
         const pose = actualPose(other, time);
         const tcp = pose.tcp.map((value, i) => value - actual.tcp[i]);
         const angles = pose.angles.map((value, i) => value - actual.angles[i]);
-        return off(actual, angles, tcp, magnified);
+        return off(actual, angles, tcp, pose.turn - actual.turn, magnified);
       },
     });
   }
