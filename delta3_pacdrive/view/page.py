@@ -16,6 +16,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.peripherals.cell_scene import Thing
+from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.cell_figure import CellFigure
 from delta3_pacdrive.view.controls import Controls
@@ -110,6 +111,8 @@ class Page:
     def use(self, parameters: Parameters) -> None:
         """Show a robot with these parameters."""
         self._parameters = parameters
+        if self.scope is not None:
+            self.scope.use(drives_of(parameters))
         self._scales = readout.Scales.of(parameters)
         k = parameters.kinematics
         scene = self.server.scene
@@ -183,7 +186,7 @@ class Page:
     def add_scope(self) -> None:
         """Let people look into the drives: ``wishes`` fills."""
         with self.middle:
-            self.scope = ScopePanel(self.server.gui, self.wishes.append)
+            self.scope = ScopePanel(self.server.gui, self.wishes.append, drives_of(self._parameters))
 
     def stand_still(self) -> None:
         """Show nothing that only a robot that moves has: no plots, no bars, no ghost, no paths."""

@@ -24,7 +24,6 @@ from delta3_pacdrive.recording.acquisition import (
     setting,
 )
 from delta3_pacdrive.recording.column_table import ONE
-from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.plots import HEIGHT, chart
 from delta3_pacdrive.view.values import Wish
@@ -118,10 +117,12 @@ class ScopePanel:
         Of the viser server.
     wish
         Takes what is asked for.
+    drives
+        Of the robot.
 
     """
 
-    def __init__(self, gui: Any, wish: Callable[[Wish], None]) -> None:
+    def __init__(self, gui: Any, wish: Callable[[Wish], None], drives: Sequence[str]) -> None:
         self._gui, self._take = gui, wish
         self._shown: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())  # names and units of the charts
         self._charts: list[tuple[list[int], Any]] = []  # columns of each
@@ -134,7 +135,7 @@ class ScopePanel:
                 USUAL,
                 hint='up to eight, as delta3 scope list names them; an IDN such as axis1.S-0-0189',
             )
-            self._drive = gui.add_dropdown('drive', DRIVES)
+            self._drive = gui.add_dropdown('drive', tuple(drives))
             self._name = gui.add_dropdown('channel', tuple(CHANNELS))
             self._what = gui.add_html('')
             gui.add_button('Add this channel', icon='plus').on_click(lambda _: self._add())
@@ -155,6 +156,11 @@ class ScopePanel:
         for handle in (self._trigger, self._mode):
             handle.on_update(lambda _: self._show_fields())
         self._explain()
+
+    def use(self, drives: Sequence[str]) -> None:
+        """Offer the drives of a robot."""
+        if tuple(drives) != tuple(self._drive.options):
+            self._drive.options = tuple(drives)
 
     def _explain(self) -> None:
         if (channel := CHANNELS.get(self._name.value)) is not None:  # a page may say anything

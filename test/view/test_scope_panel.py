@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from browser import Visit
+from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.recording.acquisition import Mode, Record, setting
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
 from delta3_pacdrive.view.scope_panel import ScopePanel, setting_of
 from delta3_pacdrive.view.serving import HOST, held
 
@@ -89,7 +91,7 @@ def drawn(record):
         return handle
 
     gui.add_uplot.side_effect = add
-    panel = ScopePanel(gui, MagicMock())
+    panel = ScopePanel(gui, MagicMock(), DRIVES)
     panel.show(record)
     return charts, panel
 
@@ -114,6 +116,20 @@ def test_every_sample_is_drawn_in_a_chart_for_each_unit_over_time_from_the_trigg
 def test_without_a_trigger_time_begins_with_the_record(robot):
     charts, _ = drawn(record_of(robot, None))
     assert charts[0][2].data[0][0] == 0.0
+
+
+def test_the_drives_that_can_be_chosen_are_those_of_the_robot():
+    gui, offered = MagicMock(), {}
+
+    def add(label, options, **_):
+        offered[label] = MagicMock(options=options)
+        return offered[label]
+
+    gui.add_dropdown.side_effect = add
+    panel = ScopePanel(gui, MagicMock(), DRIVES)
+    assert offered['drive'].options == DRIVES
+    panel.use(ALL_DRIVES)
+    assert offered['drive'].options == ALL_DRIVES
 
 
 @pytest.fixture(scope='module')
@@ -156,3 +172,11 @@ def test_people_fill_in_and_see_what_was_recorded_or_why_not(page, browser, robo
         web.get_by_text('1600 samples of 4 channels at 16000 Hz; 0 is bus time 2.010000 s').wait_for()
         for name in record.names:
             web.get_by_text(name, exact=False).first.wait_for()
+
+
+def test_a_robot_that_turns_out_to_have_a_rotary_axis_offers_its_drive(page, robot, monkeypatch):
+    told = []
+    monkeypatch.setattr(page.scope, 'use', told.append)
+    page.use(parameters.load('rotary'))
+    page.use(robot)
+    assert told == [ALL_DRIVES, DRIVES]
