@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 
 ROBOT = 'robot'  # instead of a file: the one that is up
+TOOL_AXIS = 4
+OF_ARMS = '--pose', '--auto', '--apply', '--excite', '--recording'
 
 
 @dataclass
@@ -27,7 +29,12 @@ class Options(RobotOptions):
         'TCP whose load is moved [m]; home, if not given', ('X', 'Y', 'Z'), nargs=3, type=finite_number
     )
     payload: float | None = option('carried instead of what the parameters say', 'KG', type=finite_number)
-    axis: int = option('whose load, and whose recording', default=1, type=int, choices=(1, 2, 3))
+    axis: int = option(
+        'whose load, and whose recording; 4: the drive of the rotary axis, its gains and its load',
+        default=1,
+        type=int,
+        choices=(1, 2, 3, TOOL_AXIS),
+    )
     speed: float = option(
         'at which the bench turns, motor side; 0 shows the friction of standstill',
         'RAD_S',
@@ -49,7 +56,10 @@ class Options(RobotOptions):
     phase_margin: float = option('that --auto keeps', 'DEG', default=45.0, type=finite_number)
     gain_margin: float = option('that --auto keeps, up and down', 'DB', default=6.0, type=finite_number)
     sweep: str | None = option('draw margins and errors over N values of a gain', 'NAME=LOW:HIGH:N')
-    program: str = option('whose following error is compared', 'PROGRAM', default='experiment1')
+    program: str | None = option(
+        'whose following error is compared; experiment1, or with --axis 4 half a turn and back, if not given',
+        'PROGRAM',
+    )
     apply: str | None = option(
         'write the gains of --auto, or those that it has left in the folder, into this parameter file, or without one '
         'into the drives of the robot that is up; what was before is kept',
@@ -94,6 +104,8 @@ class Options(RobotOptions):
         for name in ('--phase-margin', '--gain-margin'):
             if not self.auto and name in self.given():
                 return f'{name} is for --auto'
+        if self.axis == TOOL_AXIS and (found := [name for name in OF_ARMS if name in self.given()]):
+            return f'{found[0]} is for the drives of the arms: --axis {TOOL_AXIS} takes none'
         if self.excite and self.exchange_period is not None:
             return '--excite exchanges as often as the drives compute: it takes no --exchange-period'
         if not self.excite and (self.place != 'current' or self.noise or self.seed):

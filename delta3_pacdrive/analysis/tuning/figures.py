@@ -28,6 +28,7 @@ from delta3_pacdrive.analysis.tuning.identification import Measured
 from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
 from delta3_pacdrive.analysis.tuning.response import Complex, decibels, degrees
 from delta3_pacdrive.analysis.tuning.study import Results, SweepPoint, Variant
+from delta3_pacdrive.analysis.tuning.tuned_drive import TOOL_AXIS
 from delta3_pacdrive.numerics.types import Floats
 
 if TYPE_CHECKING:
@@ -174,19 +175,21 @@ def measured_response(one: MeasuredResponse, loop: LoopResult | None) -> Figure:
 
 
 def effects(variants: dict[str, Variant]) -> Figure:
-    """Following error of the arms and TCP error over a program."""
+    """Following error of the drives and TCP error over a program."""
     figure = titled_figure('Following error of the program', 6.6)
-    panels = figure.subplots(4, 1, sharex=True)
+    axes = next((v.effect.axes for v in variants.values() if len(v.effect.time_s)), (1, 2, 3))
+    panels = figure.subplots(len(axes) + 1, 1, sharex=True)
     shown = merged({name: variant.effect for name, variant in variants.items()}, _same_effect)
     for (name, effect), colour in zip(shown.items(), WAYS, strict=False):
         if not len(effect.time_s):
             panel_title(panels[0], f'{name}: {effect.fault}', color=colour)
             continue
-        for i in range(3):
+        for i in range(len(axes)):
             panels[i].plot(effect.time_s, 1e3 * np.degrees(effect.following_error_rad[:, i]), color=colour,
                            linewidth=1.0, label=name if i == 0 else None)  # fmt: skip
-        panels[3].plot(effect.time_s, 1e6 * effect.tcp_error_m, color=colour, linewidth=1.0)
-    labels = [*(f'arm {i}\n(0.001 deg)' for i in (1, 2, 3)), 'TCP error\n(um)']
+        panels[-1].plot(effect.time_s, 1e6 * effect.tcp_error_m, color=colour, linewidth=1.0)
+    drives = [f'arm {axis}' if axis != TOOL_AXIS else 'motor of the tool' for axis in axes]
+    labels = [*(f'{drive}\n(0.001 deg)' for drive in drives), 'TCP error\n(um)']
     finish_over_time(panels, labels, 'time from the start of the program (s)')
     if panels[0].get_legend_handles_labels()[0]:
         figure.legend(loc='outside upper right', ncols=2, **LEGEND)
@@ -195,7 +198,7 @@ def effects(variants: dict[str, Variant]) -> Figure:
 
 def load_step(variants: dict[str, Variant]) -> Figure:
     """Deviation of the motor shaft after a step of its load."""
-    figure = titled_figure(f'Step of the load by {LOAD_N_M:g} N m at the arm, motor side', 4.2)
+    figure = titled_figure(f'Step of the load by {LOAD_N_M:g} N m, motor side', 4.2)
     axes = figure.subplots()
     borne = {name: variant.rejection for name, variant in variants.items() if variant.rejection}
     drawn = merged(borne, lambda one, other: np.array_equal(one.deviation_rad, other.deviation_rad))

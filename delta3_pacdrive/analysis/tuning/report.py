@@ -162,7 +162,7 @@ def text(document: dict[str, Any]) -> list[str]:
         lines.append(f'{change["parameter"]}: {change["before"]:g} before, {change["after"]:g} after')
     lines += [*_loop_lines(variants), *_workspace_lines(variants), '', f'  {document["program"]}']
     lines += [_effect_line(name, variant['effect']) for name, variant in variants.items()]
-    lines += ['', f'  {LOAD_N_M:g} N m more at the arm, motor side, and noise of the encoder']
+    lines += ['', f'  {LOAD_N_M:g} N m more of load, motor side, and noise of the encoder']
     lines += [rejection_line(name, variant['rejection']) for name, variant in variants.items()]
     if document['changed']:
         lines += ['', '  what has changed', *(f'  - {sentence}' for sentence in document['changed'])]
@@ -364,7 +364,8 @@ def _effects(variants: dict[str, Variant]) -> list[Table]:
     if ran:
         columns = {'time [s]': next(iter(ran.values())).time_s}
         for which, effect in ran.items():
-            columns |= columns_of(f'{which}: following error {{}} [rad]', effect.following_error_rad)
+            labels = map(str, effect.axes)
+            columns |= columns_of(f'{which}: following error {{}} [rad]', effect.following_error_rad, labels)
             columns[f'{which}: TCP error [m]'] = effect.tcp_error_m
         made.append(Table.of_columns('following_error.csv', columns))
     return made

@@ -22,14 +22,13 @@ from delta3_pacdrive.analysis.tuning.analysis import (
     step_on_bench,
 )
 from delta3_pacdrive.analysis.tuning.disturbance import rejection
-from delta3_pacdrive.analysis.tuning.load import extremes, load_at
 from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
 from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
 from delta3_pacdrive.analysis.tuning.proposal import Targets, propose
 from delta3_pacdrive.analysis.tuning.settings import Setting
 from delta3_pacdrive.analysis.tuning.study import Results, Settings, SweepPoint, Variant
+from delta3_pacdrive.analysis.tuning.tuned_drive import TOOL_AXIS, tuned_drive
 from delta3_pacdrive.errors import RunError, TuningError
-from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace_file import load as load_trace
@@ -58,24 +57,26 @@ class Study(studies.Study):
         """Read the parameters and check everything that needs no computing."""
         chosen = self.settings
         self.robot = robot_of(chosen)
+        self._drive = tuned_drive(chosen.axis, self.robot)
         self.operation = OperatingPoint(
-            load_at(chosen.pose_m or self.robot.motion.home_m, chosen.axis - 1, self.robot),
-            chosen.speed_rad_s,
-            chosen.amplitude,
+            self._drive.load(chosen.pose_m, self.robot), chosen.speed_rad_s, chosen.amplitude
         )
         self._targets = Targets(chosen.phase_margin_deg, chosen.gain_margin_db) if chosen.auto else None
-        self._changes = [settings.parse(text) for text in chosen.changes]
+        of_tool = chosen.axis == TOOL_AXIS
+        self._changes = [settings.parse(text, of_tool) for text in chosen.changes]
         self._changed = settings.apply(self._changes, self.robot)
-        self._sweep = settings.parse_sweep(chosen.sweep) if chosen.sweep else ()
+        self._sweep = settings.parse_sweep(chosen.sweep, of_tool) if chosen.sweep else ()
         for setting in self._sweep:
             setting.apply(self._changed)
-        self._loads = (self.operation.load, *extremes(self.robot))
-        self.program = programs.load(chosen.program, self.robot.motion)
+        self._loads = (self.operation.load, *self._drive.extremes(self.robot))
+        self.program = self._drive.program(chosen.program, self.robot)
 
     def run(self) -> dict[str, Any]:
         """Compute everything, write it into the folder and return the report; raises Delta3Error."""
         chosen = self.settings
-        inputs = noted([chosen.program, *([chosen.recording] if chosen.recording else [])])
+        inputs = noted(
+            name for name in (chosen.program or self._drive.usual_program, chosen.recording) if name
+        )
         folder = ReportFolder(self.folder, Provenance.of(self.command, self.robot, chosen.parameters, inputs))
         folder.make()
         measured = self.measured()
@@ -107,38 +108,41 @@ class Study(studies.Study):
     def variant(self, robot: Parameters, which: str) -> Variant:
         """Return loops, margins over the workspace and the program with one set of gains."""
         label = f'{which}: ' if which else ''
+        own = self._drive.in_loops(robot)
         loops = analyse(
-            robot, self.operation, lambda stage, done, total: self.on_progress(label + stage, done, total)
+            own, self.operation, lambda stage, done, total: self.on_progress(label + stage, done, total)
         )
         self.on_progress(f'{label}workspace', 0, 0)
         speed = self.operation.speed_rad_s
         workspace = []
         for load in self._loads:
-            exact, exchanged = exact_shaft(robot, load, speed), exchanged_shaft(robot, load, speed)
+            exact, exchanged = exact_shaft(own, load, speed), exchanged_shaft(own, load, speed)
             loops_there = [
-                *(linear_loop(loop, robot, OperatingPoint(load, speed), TABLE_POINTS) for loop in LOOPS[1:]),
-                linear_cascade_loop(robot, exact, TABLE_POINTS),
-                linear_cascade_loop(robot, exchanged, TABLE_POINTS, EXCHANGED),
+                *(linear_loop(loop, own, OperatingPoint(load, speed), TABLE_POINTS) for loop in LOOPS[1:]),
+                linear_cascade_loop(own, exact, TABLE_POINTS),
+                linear_cascade_loop(own, exchanged, TABLE_POINTS, EXCHANGED),
             ]
             workspace.append((load, loops_there))
         self.on_progress(f'{label}program {self.program.name}', 0, 0)
-        borne = rejection(robot, exchanged_shaft(robot, self.operation.load, speed))
-        return Variant(robot, loops, workspace, effect.run(self.program, robot), borne)
+        borne = rejection(own, exchanged_shaft(own, self.operation.load, speed))
+        return Variant(robot, loops, workspace, effect.run(self.program, robot, self._drive), borne)
 
     def sweep_point(self, setting: Setting, number: int) -> SweepPoint:
         """Return one value of the sweep."""
         self.on_progress(f'sweep: {setting.text}', number, len(self._sweep))
         robot = setting.apply(self._changed)
+        own = self._drive.in_loops(robot)
         overshoot: dict[str, float | None] = {}
         for loop in LOOPS:
             try:
-                overshoot[loop.name] = step_on_bench(loop, robot, self.operation).figures.overshoot
+                overshoot[loop.name] = step_on_bench(loop, own, self.operation).figures.overshoot
             except RunError:
                 overshoot[loop.name] = None
-        loops = [linear_loop(loop, robot, self.operation, TABLE_POINTS) for loop in LOOPS]
-        shafts = [exchanged_shaft(robot, load, self.operation.speed_rad_s) for load in self._loads]
-        exchanged = all(linear_cascade(robot, shaft, Entry.CURRENT).is_stable() for shaft in shafts)
-        return SweepPoint(setting.value, loops, overshoot, exchanged, effect.run(self.program, robot))
+        loops = [linear_loop(loop, own, self.operation, TABLE_POINTS) for loop in LOOPS]
+        shafts = [exchanged_shaft(own, load, self.operation.speed_rad_s) for load in self._loads]
+        exchanged = all(linear_cascade(own, shaft, Entry.CURRENT).is_stable() for shaft in shafts)
+        shown = effect.run(self.program, robot, self._drive)
+        return SweepPoint(setting.value, loops, overshoot, exchanged, shown)
 
     def measured(self) -> list[MeasuredResponse]:
         """Return the responses of the recording, if there is one; raises TraceError, TuningError, EstimationError."""

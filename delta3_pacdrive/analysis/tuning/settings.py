@@ -15,7 +15,7 @@ import numpy as np
 from delta3_pacdrive.drive.operation_data import TABLE
 from delta3_pacdrive.errors import ParameterError, TuningError, shown
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Drive, Parameters, flatten
+from delta3_pacdrive.parameters import Drive, Parameters, Rotary, flatten
 from delta3_pacdrive.sercos.service_channel import format_idn
 
 POINTS = (2, 200)  # of a sweep
@@ -43,14 +43,27 @@ def _names() -> dict[str, str]:
 
 
 NAMES = _names()
+OF_TOOL = {field.name for field in dataclasses.fields(Rotary)}
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting is one value; its name is a field of the group drive, or an IDN of ``ACTION_TIMES``."""
+    """A setting is one value.
+
+    Attributes
+    ----------
+    name
+        A field of the group drive, or an IDN of ``ACTION_TIMES``.
+    value
+        In the unit of the field [SI].
+    of_tool
+        Whether it is that of the drive of the tool, if that has one of its own.
+
+    """
 
     name: str
     value: float
+    of_tool: bool = False
 
     @property
     def text(self) -> str:
@@ -64,20 +77,24 @@ class Setting:
             gain, name = ACTION_TIMES[name]
             if not value > 0.0:
                 raise ParameterError(f'{self.name} is {shown(value)} s, but an action time must be positive')
-            value = getattr(parameters.drive, gain) / value
-        return parameters.replace(**{f'drive__{name}': value})
+            value = getattr(getattr(parameters, self._group_of(gain)), gain) / value
+        return parameters.replace(**{f'{self._group_of(name)}__{name}': value})
+
+    def _group_of(self, name: str) -> str:
+        """Return the group that a parameter of the drive is in; what the tool's has no own of is that of all drives."""
+        return 'rotary' if self.of_tool and name in OF_TOOL else 'drive'
 
 
-def parse(text: str) -> Setting:
-    """Read ``NAME=VALUE``; raises TuningError."""
+def parse(text: str, of_tool: bool = False) -> Setting:
+    """Read ``NAME=VALUE`` for a drive of an arm, or that of the tool; raises TuningError."""
     name, equals, value = text.partition('=')
     if not equals:
         raise TuningError(f'{shown(text)} is no setting: expected NAME=VALUE, such as K_Ppos=80')
-    return Setting(_resolve(name.strip()), _number(value, text))
+    return Setting(_resolve(name.strip()), _number(value, text), of_tool)
 
 
-def parse_sweep(text: str) -> tuple[Setting, ...]:
-    """Read ``NAME=LOW:HIGH:N``, N settings at equal distances; raises TuningError."""
+def parse_sweep(text: str, of_tool: bool = False) -> tuple[Setting, ...]:
+    """Read ``NAME=LOW:HIGH:N``, N settings at equal distances, likewise; raises TuningError."""
     name, equals, rest = text.partition('=')
     parts = rest.split(':')
     if not equals or len(parts) != 3:
@@ -91,7 +108,7 @@ def parse_sweep(text: str) -> tuple[Setting, ...]:
         raise TuningError(f'the sweep {shown(text)} must go from a smaller value to a larger one')
     resolved = _resolve(name.strip())
     values: Floats = np.linspace(low, high, int(count))
-    return tuple(Setting(resolved, float(value)) for value in values)
+    return tuple(Setting(resolved, float(value), of_tool) for value in values)
 
 
 def apply(settings: Sequence[Setting], parameters: Parameters) -> Parameters:

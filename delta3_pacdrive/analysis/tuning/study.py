@@ -24,7 +24,7 @@ class Settings:
     payload_kg
         Carried everywhere; None: as the parameters say.
     axis
-        1 to 3.
+        1 to 3, or 4: the drive of the rotary axis.
     speed_rad_s
         At which the bench turns, motor side.
     amplitude
@@ -34,7 +34,7 @@ class Settings:
     sweep
         Text ``NAME=LOW:HIGH:N``, or None.
     program
-        That shows the effect.
+        That shows the effect; None: the usual one.
     recording
         Trace or bag; None without.
     exchange_period_s
@@ -54,7 +54,7 @@ class Settings:
     amplitude: float = 1.0
     changes: tuple[str, ...] = ()
     sweep: str | None = None
-    program: str = 'experiment1'
+    program: str | None = None
     recording: str | None = None
     exchange_period_s: float | None = None
     auto: bool = False

@@ -1,0 +1,147 @@
+"""Which drive is tuned: one of an arm, or that of the rotary axis; the loops and the bench are the same for both."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from delta3_pacdrive.analysis.tuning.load import Load, extremes, load_at
+from delta3_pacdrive.errors import TuningError
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion.program import Program, Turn
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import RATED_PAYLOAD_KG, Parameters, of_tool_axis
+from delta3_pacdrive.recording.trace import Trace
+
+TOOL_AXIS = 4
+HALF_TURN = {
+    'name': 'half a turn and back',
+    'moves': [
+        {'turn': {'to_deg': 180}},
+        {'dwell': {'time_s': 0.2}},
+        {'turn': {'to_deg': 0}},
+        {'dwell': {'time_s': 0.2}},
+    ],
+}
+
+
+@dataclass(frozen=True)
+class ArmDrive:
+    """The drive of an arm.
+
+    Attributes
+    ----------
+    axis
+        1 to 3.
+
+    """
+
+    axis: int
+    usual_program = 'experiment1'  # packaged; '' for one that is not
+
+    def in_loops(self, robot: Parameters) -> Parameters:
+        """Return the parameters of its loops."""
+        return robot
+
+    def load(self, pose_m: Sequence[float] | None, robot: Parameters) -> Load:
+        """Return what it moves in a pose, or at home; raises UnreachableError."""
+        return load_at(pose_m or robot.motion.home_m, self.axis - 1, robot)
+
+    def extremes(self, robot: Parameters) -> tuple[Load, Load]:
+        """Return the lightest and the heaviest load over the workspace; raises TuningError."""
+        return extremes(robot)
+
+    def program(self, name: str | None, robot: Parameters) -> Program:
+        """Return the program that shows what gains do; raises ProgramError."""
+        return programs.load(name or self.usual_program, robot.motion)
+
+    def following_error(self, trace: Trace, robot: Parameters) -> Floats:
+        """Return the following error of a run [rad, motor side], shape (cycles, drives)."""
+        return trace['following_error']
+
+    def currents(self, trace: Trace) -> tuple[float, float]:
+        """Return peak and rms current [A] of the axis with the largest."""
+        figures = trace.meta['figures']
+        return float(max(figures['current_peak_a'])), float(max(figures['current_rms_a']))
+
+
+class ToolDrive(ArmDrive):
+    """The drive of the rotary axis; what turns is bar, tool and part, wherever the arms stand.
+
+    Raises
+    ------
+    TuningError
+        The robot has none.
+
+    """
+
+    usual_program = ''
+
+    def __init__(self, robot: Parameters) -> None:
+        if not robot.rotary.present:
+            raise TuningError(
+                f'--axis is {TOOL_AXIS}, but the robot has no rotary axis (rotary.present is false)'
+            )
+        super().__init__(TOOL_AXIS)
+
+    def in_loops(self, robot: Parameters) -> Parameters:
+        """Return the parameters of its loops: the bar is its gear, which gives in a built robot."""
+        own, rotary = of_tool_axis(robot), robot.rotary
+        gear = replace(
+            own.rich,
+            gear_stiffness_n_m_rad=rotary.bar_stiffness_n_m_rad,
+            gear_damping_n_m_s_rad=rotary.bar_damping_n_m_s_rad,
+        )
+        return replace(own, rich=gear)
+
+    def load(self, pose_m: Sequence[float] | None, robot: Parameters) -> Load:
+        """Return what it turns: bar, tool, and a part of the payload's mass."""
+        if pose_m is not None:
+            raise TuningError('--pose is for the arms: the load of the tool is the same everywhere')
+        return self._load(robot.dynamics.payload_mass_kg, robot)
+
+    def extremes(self, robot: Parameters) -> tuple[Load, Load]:
+        """Return the load without a part, and with one of the rated payload or more."""
+        heaviest = max(RATED_PAYLOAD_KG, robot.dynamics.payload_mass_kg)
+        return self._load(0.0, robot), self._load(heaviest, robot)
+
+    def _load(self, payload_kg: float, robot: Parameters) -> Load:
+        part = f'a part of {payload_kg:g} kg' if payload_kg else 'no part'
+        return Load(f'tool with {part}', robot.rotary.shaft_inertia_kg_m2(payload_kg))
+
+    def program(self, name: str | None, robot: Parameters) -> Program:
+        """Return the program, of which something must turn; without a name half a turn and back.
+
+        Raises
+        ------
+        ProgramError
+            It is refused.
+        TuningError
+            Nothing turns in it.
+
+        """
+        if name is None:
+            return programs.parse(HALF_TURN, robot.motion)
+        program = programs.load(name, robot.motion)
+        if not any(turns(statement) for statement in program.statements):
+            raise TuningError(f'nothing turns in {name}, so that it shows nothing of the drive of the tool')
+        return program
+
+    def following_error(self, trace: Trace, robot: Parameters) -> Floats:
+        """Return the error of the turn [rad, motor side], shape (cycles, 1)."""
+        return np.asarray(trace['turn_error'] * robot.rotary.gear_ratio)
+
+    def currents(self, trace: Trace) -> tuple[float, float]:
+        """Return peak and rms current [A] of its motor."""
+        figures = trace.meta['figures']
+        return float(figures['turn_current_peak_a']), float(figures['turn_current_rms_a'])
+
+
+def turns(statement: object) -> bool:
+    """Whether a statement of a program turns the tool."""
+    return isinstance(statement, Turn) or getattr(statement, 'turn', None) is not None
+
+
+def tuned_drive(axis: int, robot: Parameters) -> ArmDrive:
+    """Return the drive of an axis, 1 to 4; raises TuningError."""
+    return ToolDrive(robot) if axis == TOOL_AXIS else ArmDrive(axis)
