@@ -122,6 +122,13 @@ def test_belt_to_belt(run):
     assert all(0.998 < pitch < 2.0 for pitch in pitches)
 
 
+def test_straighten_parts(run):
+    _, (before, after) = run('straighten_parts')
+    assert len(before) == len(after) == 6
+    assert max(map(abs, before)) > 20.0
+    assert max(map(abs, after)) < 0.5  # the camera is off by a tenth of a degree, rms
+
+
 def test_two_types(run):
     text, numbers = run('two_types')
     assert sum(numbers[-1]) + text.count('left: ') == 10
