@@ -50,7 +50,7 @@ def load_kernels(parameters: Parameters) -> None:
 
 
 # that a robot without the effects of ``rich`` needs; the others are compiled when they are called
-KERNELS = 167
+KERNELS = 169
 Show = Callable[[int, int], None]
 
 
