@@ -151,9 +151,11 @@ class Runner:
 
 
 def figure_names() -> list[str]:
-    """Return the names of the figures of a run."""
+    """Return the names of the figures of a run; a robot with a rotary axis has more."""
     found = []
     for one in fields(Figures):
+        if one.name == 'turn':
+            continue
         several = str(one.type).startswith('list')
         found += [f'{one.name}_{n}' for n in (1, 2, 3)] if several else [one.name]
     return [*found, PROGRAM_S]

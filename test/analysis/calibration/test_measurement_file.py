@@ -59,7 +59,7 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
 @pytest.mark.parametrize(
     ('lines', 'sentence'),
     [
-        ([], 'has no column axis1'),
+        ([], 'is empty: it has no headings and no numbers'),
         ([HEADER], 'has no measurement'),
         (['time [s],current_1 [A]', '0,1'], 'is no file of measurements: it has the column .time'),
         ([HEADER.replace('axis2', 'axes2'), ROW], 'did you mean axis2'),
