@@ -24,9 +24,12 @@ def is_table(text: str) -> bool:
 def bags_in(text: str) -> list[str]:
     """Return the bags in a folder of several robots, in the order of their names; of any other input itself."""
     path = Path(text)
-    if not path.is_dir() or _is_bag(path):
+    try:
+        if not path.is_dir() or _is_bag(path):
+            return [text]
+        return [str(bag) for bag in sorted(path.iterdir()) if bag.is_dir() and _is_bag(bag)] or [text]
+    except OSError:  # who reads it says why it cannot be read
         return [text]
-    return [str(bag) for bag in sorted(path.iterdir()) if bag.is_dir() and _is_bag(bag)] or [text]
 
 
 def _is_bag(folder: Path) -> bool:
