@@ -42,7 +42,7 @@ def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
             with os.fdopen(write_end, 'w') as pipe:
                 pipe.write(json.dumps(_outcome(action)))
             status = 0
-        except KeyboardInterrupt:  # the parent has it as well, and says so
+        except (KeyboardInterrupt, BrokenPipeError):  # the parent has it as well, and says so, or is gone
             pass
         except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
             traceback.print_exc()

@@ -2,6 +2,9 @@
 
 import json
 import os
+import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -161,3 +164,23 @@ def test_what_the_machine_refuses_to_a_case_is_a_sentence(capfd):
     with pytest.raises(RunError, match='No space left on device'):
         in_child(refused)
     assert 'Traceback' not in capfd.readouterr().err
+
+
+def test_a_case_whose_benchmark_was_killed_ends_without_a_word():
+    code = (
+        'import os, signal\n'
+        'from delta3_pacdrive.benchmarks.case import in_child\n'
+        'def orphan():\n'
+        '    parent = os.getppid()\n'
+        '    os.kill(parent, signal.SIGKILL)\n'
+        '    while os.getppid() == parent:\n'
+        '        pass\n'
+        '    return {}\n'
+        'in_child(orphan)\n'
+    )
+    # it waits until nobody, the case neither, has its standard error
+    ended = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, timeout=300.0, check=False
+    )
+    assert ended.returncode == -signal.SIGKILL
+    assert ended.stderr == ''

@@ -14,7 +14,7 @@ HERE = [page for page in pages.PAGES if not pages.needs_robot(page) and page not
 NAMES = [str(page.relative_to(pages.SOURCE)) for page in pages.PAGES]
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize('page', HERE, ids=lambda page: str(page.relative_to(pages.SOURCE)))
 def test_every_block_of_the_page_runs_as_it_stands(page, tmp_path):
     pages.run_page(page, tmp_path)

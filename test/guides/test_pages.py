@@ -7,7 +7,7 @@ import pages
 WITH_ROBOT = [page for page in pages.PAGES if pages.needs_robot(page)]
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize('page', WITH_ROBOT, ids=lambda page: str(page.relative_to(pages.SOURCE)))
 def test_every_block_of_the_page_runs_as_it_stands(page, tmp_path, nothing_left_behind):
     pages.run_page(page, tmp_path)

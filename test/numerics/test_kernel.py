@@ -18,6 +18,7 @@ from delta3_pacdrive.numerics import kernel
 
 LIMIT_S = 400.0  # for a compilation on a busy machine
 LOOK_S = 1e-3  # between two looks
+MOMENTS = int(os.environ.get('DELTA3_MOMENTS', '8'))  # at which a node that starts is interrupted
 PACKAGE = Path(delta3_pacdrive.__file__).parent
 # a program that only needs a few kernels, and tells whether it had to compile
 FORWARD = """
@@ -235,14 +236,14 @@ def test_one_signal_at_any_moment_ends_a_node_that_starts(tmp_path):
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
     alone = os.environ | {'ROS_DOMAIN_ID': str(110 + os.getpid() % 100)}
     statuses = []
-    for moment in range(20):
+    for moment in range(MOMENTS):
         with started(NODE, env=alone, stdout=subprocess.PIPE) as process:
             while not catches_sigterm(process) and not over_within(process, LOOK_S):
                 pass  # until then it is Python that starts, not the node
-            if not over_within(process, (moment / 20) ** 2):
+            if not over_within(process, (moment / MOMENTS) ** 2):
                 process.send_signal(signal.SIGINT)
             _, errors = process.communicate(timeout=120.0)
         assert 'Traceback' not in errors
         assert process.returncode in (0, 130), errors  # 0: the node was up, and ended as a node ends
         statuses.append(process.returncode)
-    assert statuses.count(130) >= 5
+    assert statuses.count(130) >= MOMENTS // 4

@@ -39,9 +39,9 @@ BLOCK = re.compile(
 FIRST = SOURCE / 'docs/get_started.md'  # its commands are new interpreters, those of all others forks of one
 UP_PACE = '0.25'  # bus time over wall time of a robot that pages keep up and say no pace of
 DRIVEN_ALL_THE_TIME = ('cell.md', 'belts.md')  # by scripts, which would take four times as long
-END_S = 60.0
+END_S = 120.0
 ENDED_BY_CTRL_C = 130
-WAIT_S = 240.0
+WAIT_S = 600.0
 NETWORK = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
 
 

@@ -83,17 +83,17 @@ class Group(list):
     """What a launch file describes: actions, and groups of them."""
 
 
-def processes_of(actions, namespace=''):
-    """Return the command lines that launch_ros makes of actions."""
+def processes_of(actions, folder, namespace=''):
+    """Return the command lines that launch_ros makes of actions, whose files of parameters lie in the folder."""
     lines = []
     for action in actions:
         match action:
             case Namespace(name):
                 namespace = f'{namespace}/{name}'
             case Group():
-                lines += processes_of(action, namespace)
+                lines += processes_of(action, folder, namespace)
             case LaunchNode(package, executable, name, [values]):
-                with tempfile.NamedTemporaryFile('w', suffix='.yaml', delete=False) as file:
+                with tempfile.NamedTemporaryFile('w', suffix='.yaml', dir=folder, delete=False) as file:
                     yaml.safe_dump({f'{namespace}/{name}': {'ros__parameters': values}}, file)
                 remapped = ['-r', f'__node:={name}', '-r', f'__ns:={namespace}']
                 given = ['--params-file', file.name] if values else []
@@ -113,17 +113,20 @@ def launch(path):
         sys.modules[name] = ModuleType(name)
         vars(sys.modules[name]).update(contents)
     description = runpy.run_path(path)['generate_launch_description']()
-    started = [subprocess.Popen(line) for line in processes_of(description)]
-    for process in started:
-        print(f'[INFO] [{Path(process.args[0]).name}]: process started with pid [{process.pid}]', flush=True)
-    try:
-        signal.pause()
-    except KeyboardInterrupt:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with tempfile.TemporaryDirectory() as folder:
+        started = [subprocess.Popen(line) for line in processes_of(description, folder)]
         for process in started:
-            process.send_signal(signal.SIGINT)
-        for process in started:
-            process.wait()
+            print(
+                f'[INFO] [{Path(process.args[0]).name}]: process started with pid [{process.pid}]', flush=True
+            )
+        try:
+            signal.pause()
+        except KeyboardInterrupt:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            for process in started:
+                process.send_signal(signal.SIGINT)
+            for process in started:
+                process.wait()
 
 
 def wait(node, condition, what):

@@ -26,7 +26,7 @@ def up(fork_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: N
             yield
         finally:
             process.send_signal(signal.SIGINT)
-            process.communicate(timeout=20.0)
+            process.communicate(timeout=60.0)
 
     with ExitStack() as robots:
         yield lambda *options: robots.enter_context(running(*options))

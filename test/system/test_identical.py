@@ -398,7 +398,7 @@ def test_a_robot_that_is_up_gets_the_set_points_of_the_simulation(
     moved = delta3('move', 'program', 'packaging_fast')
     assert moved.returncode == 0, moved.stderr
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20.0)
+    _, errors = process.communicate(timeout=60.0)
     assert process.returncode == 0, errors
     start, end = (simulated.meta[name] for name in ('start_cycle', 'end_cycle'))
     expected = simulated['motor_command'][start : end + 1]

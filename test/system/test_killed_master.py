@@ -1,6 +1,7 @@
 """What becomes of a cell, of the script that works in it, and of the robot when the master of its bus is killed."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -43,7 +44,9 @@ def test_a_cell_whose_master_is_killed_ends_its_script_and_works_again_once_it_i
     assert delta3('faults', 'inject', KILLED).returncode == 0
     _, errors = script.communicate(timeout=60.0)
     assert script.returncode != 0
-    assert 'the script does not have control of the robot any more' in errors
+    # where the new master takes longer to load than a script waits for an answer, that is what it says
+    told = 'the script does not have control of the robot any more|no verdict of the transformation task'
+    assert re.search(told, errors)
     delta3('move', 'wait')  # phased up again, with the fault of the drives
     for action in ('reset', 'enable'):
         assert delta3('move', action).returncode == 0
@@ -51,5 +54,5 @@ def test_a_cell_whose_master_is_killed_ends_its_script_and_works_again_once_it_i
     told = json.loads(delta3('io', '--json').stdout)
     assert told['inputs']['start'] == {'value': False, 'forced': False}
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=20.0)
+    process.communicate(timeout=60.0)
     assert process.returncode == 0

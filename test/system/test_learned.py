@@ -51,7 +51,7 @@ def up(program: Path, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iter
         assert line.startswith('ready after'), line + process.stderr.read()
         yield
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=20.0)
+        _, errors = process.communicate(timeout=60.0)
         assert process.returncode == 0, errors
 
 
@@ -79,7 +79,7 @@ def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
     assert client.stdout is not None
     assert [client.stdout.readline().split(' ')[0] for _ in range(2)] == ['planned', 'started']
     client.send_signal(signal.SIGINT)
-    assert 'stops from bus cycle' in client.communicate(timeout=20.0)[0]
+    assert 'stops from bus cycle' in client.communicate(timeout=60.0)[0]
     assert said('resume').endswith('not followed: the program is driven otherwise than planned')
     assert 'the program is driven otherwise than planned' in delta3('move', 'state').stdout
     assert delta3('move', 'override', '50').returncode == 0

@@ -31,7 +31,7 @@ def robot(
     assert any(line.startswith('controller: ') for line in lines)  # behind that it is ready
     yield process
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20.0)
+    _, errors = process.communicate(timeout=60.0)
     assert process.returncode == 0, errors
 
 

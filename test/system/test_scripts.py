@@ -237,7 +237,7 @@ class Up:
         """End it with Ctrl-C."""
         self._graph.remove(self.operator)
         self._process.send_signal(signal.SIGINT)
-        _, errors = self._process.communicate(timeout=20.0)
+        _, errors = self._process.communicate(timeout=60.0)
         assert self._process.returncode == 0, errors
 
 
@@ -256,7 +256,7 @@ def test_a_script_has_control_while_it_runs_and_gives_it_back(up: Up, tmp_path: 
     refused = delta3('move', 'l', '0', '0', '-0.8', '--json')
     assert refused.returncode == 1
     assert 'script slow' in json.loads(refused.stdout)['error']
-    output, errors = process.communicate(timeout=30.0)
+    output, errors = process.communicate(timeout=60.0)
     assert process.returncode == 0, errors
     assert output.startswith('over ')
     up.await_state('idle')
@@ -289,7 +289,7 @@ def test_a_script_that_is_killed_leaves_the_robot_in_a_stop_that_an_abort_leads_
 def test_ctrl_c_holds_the_robot_and_says_how_to_go_on(up: Up, tmp_path: Path, delta3: Runner) -> None:
     process = up.start(200, tmp_path)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20.0)
+    _, errors = process.communicate(timeout=60.0)
     assert process.returncode != 0
     assert 'The robot is held on its path' in errors
     assert 'delta3 move abort' in errors

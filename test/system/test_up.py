@@ -68,7 +68,7 @@ class Up:
         """End it with Ctrl-C."""
         self._graph.remove(self._operator)
         self.process.send_signal(signal.SIGINT)
-        output, errors = self.process.communicate(timeout=20.0)
+        output, errors = self.process.communicate(timeout=60.0)
         assert self.process.returncode == 0, errors
         assert 'overruns' in output
 
@@ -98,7 +98,7 @@ def test_a_robot_that_is_up_has_the_controller_that_knows_the_model_and_says_so(
     said = iter(recorder.stderr.readline, '')
     assert any('controller of the robot: torque of the whole model' in line for line in said)
     recorder.send_signal(signal.SIGINT)
-    _, errors = recorder.communicate(timeout=20.0)
+    _, errors = recorder.communicate(timeout=60.0)
     assert recorder.returncode == 0, errors
     assert open_bag(tmp_path / 'bag').meta['controller'] == parameters.load('model').controller
 
@@ -206,7 +206,7 @@ def test_a_second_client_is_refused_by_the_name_of_the_first_until_it_takes_over
     assert refused.returncode == 1
     assert refused.stderr.startswith(f'error: delta3 move l, process {first.pid} on ')
     assert delta3('move', 'override', '50', '--take-over').returncode == 0
-    _, errors = first.communicate(timeout=20.0)
+    _, errors = first.communicate(timeout=60.0)
     assert first.returncode == 1
     assert 'this command does not watch the motion any more' in errors
     assert json.loads(delta3('move', 'state', '--json').stdout)['state'] == 'moving'
