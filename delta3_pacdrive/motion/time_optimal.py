@@ -122,8 +122,7 @@ def _at_point(n, y, d, e, time, heat, demand):
     value = time / root
     slant = (-0.5 * time / (root * y), 0.0, 0.0)
     bend = (0.75 * time / (root * y * y), 0.0, 0.0, 0.0, 0.0, 0.0)
-    room = 1.0 - y / square_max[n]
-    product = room
+    product = 1.0 - y / square_max[n]  # of all rooms: a logarithm takes as long as all else of a limit
     inverse = 1.0 / (square_max[n] - y)
     slant = _with_slope(slant, inverse, 1.0, 0.0)
     bend = _with_square(bend, inverse * inverse, 1.0, 0.0)
@@ -151,13 +150,11 @@ def _at_point(n, y, d, e, time, heat, demand):
     up, down = 1.0 / (even * y - d), 1.0 / (even * y + d)
     if not (up > 0.0 and down > 0.0):
         return BROKEN
-    product *= (even - d / y) * (even + d / y) / (even * even)
-    value -= 2.0 * np.log(y)
+    product *= (even * y - d) * (even * y + d) / (even * even)
     slant = _with_slope(slant, -up, even, -1.0)
     slant = _with_slope(slant, -down, even, 1.0)
     bend = _with_square(bend, up * up, even, -1.0)
     bend = _with_square(bend, down * down, even, 1.0)
-    value -= np.log(product)
     for _ in range(accelerated.shape[1] // 2):
         p, q = accelerated[n, 0, 0], accelerated[n, 0, 1]
         r = accelerated[n, 1, 0]
@@ -165,7 +162,7 @@ def _at_point(n, y, d, e, time, heat, demand):
         left = 1.0 - along * along - across * across
         if not left > 0.0:
             return BROKEN
-        value -= np.log(left)
+        product *= left
         a, b = 2.0 * (along * p + across * r) / left, 2.0 * along * q / left
         slant = _with_slope(slant, 1.0, a, b)
         bend = _with_square(bend, 1.0, a, b)
@@ -181,7 +178,7 @@ def _at_point(n, y, d, e, time, heat, demand):
             a, b, c = a - f * p, b - f * q, c - f * r
         if not left > 0.0:
             return BROKEN
-        value -= np.log(left)
+        product *= left
         slant = _with_whole_slope(slant, -2.0 / left, a, b, c)
         bend = _with_whole_square(bend, 4.0 / (left * left), a, b, c)
         bend = _with_square(bend, -2.0 * slope * slope / left, 1.0, 0.0)
@@ -194,12 +191,12 @@ def _at_point(n, y, d, e, time, heat, demand):
         if not -bound < f < bound:
             return BROKEN
         up, down = 1.0 / (bound - f), 1.0 / (bound + f)
-        value -= np.log((bound - f) * (bound + f))
+        product *= (bound - f) * (bound + f)
         slant = _with_whole_slope(slant, up, p - slope, q, r)
         slant = _with_whole_slope(slant, down, -p - slope, -q, -r)
         bend = _with_whole_square(bend, up * up, p - slope, q, r)
         bend = _with_whole_square(bend, down * down, p + slope, q, r)
-    return value, slant, bend
+    return value - np.log(product), slant, bend
 
 
 @kernel
