@@ -31,6 +31,23 @@ class Interrupted(KeyboardInterrupt):
         self.number = number
 
 
+class Flag:
+    """Says whether a signal asks for the end, to whoever looks; true once it does.
+
+    A handler may set it. It must not set a ``threading.Event``: that takes a lock, and who is interrupted may hold it.
+    """
+
+    def __init__(self) -> None:
+        self._is_set = False
+
+    def __bool__(self) -> bool:
+        return self._is_set
+
+    def set(self) -> None:
+        """Ask for the end."""
+        self._is_set = True
+
+
 class _State:
     number = 0  # of the signal that asked for the end
     since_s = 0.0
@@ -99,7 +116,10 @@ def raising(yes: bool = True) -> Iterator[None]:
 
 @contextmanager
 def answered_by(end: Callable[[], None]) -> Iterator[None]:
-    """Let signals only be noted, and call ``end``, inside: for work that looks by itself whether it is to end."""
+    """Let signals only be noted, and call ``end``, inside: for work that looks by itself whether it is to end.
+
+    ``end`` takes no lock: it interrupts whoever may hold it.
+    """
 
     def answer(number: int, _: FrameType | None) -> None:
         note(number)

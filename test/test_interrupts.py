@@ -1,5 +1,6 @@
 """Facts about how commands end: by signals at any moment, without space, memory or a home; one sentence each."""
 
+import ast
 import json
 import os
 import resource
@@ -396,3 +397,49 @@ def test_no_home_is_no_obstacle(tmp_path):
         )
         assert done.returncode == 0, done.stderr
     assert not list(tmp_path.iterdir())  # no folder that is called ~
+
+
+EVENT = """
+over = threading.Event()
+with interrupts.answered_by(over.set):
+    pass
+"""
+
+
+def events_set_by_signals(source):
+    """Return the names of the events that a handler sets: it waits for ever if it interrupts who holds their lock."""
+    calls = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
+    names = {ast.unparse(call.args[0]) for call in calls if ast.unparse(call.func).endswith('answered_by')}
+    assigned = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Assign)]
+    events = {ast.unparse(one.targets[0]) for one in assigned if ast.unparse(one.value).endswith('Event()')}
+    return {f'{event}.set' for event in events} & names
+
+
+def test_no_handler_of_signals_takes_the_lock_of_an_event():
+    assert events_set_by_signals(EVENT) == {'over.set'}
+    package = Path(interrupts.__file__).parent
+    sources = {path: path.read_text(encoding='utf-8') for path in package.rglob('*.py')}
+    users = {path: source for path, source in sources.items() if 'answered_by(' in source}
+    assert len(users) > 5
+    assert {
+        path.name: found for path, source in users.items() if (found := events_set_by_signals(source))
+    } == {}
+
+
+FLAG = """
+import os, signal
+from delta3_pacdrive import interrupts
+flag, looks = interrupts.Flag(), []
+with interrupts.answered_by(flag.set):
+    for look in range(10):
+        looks.append(bool(flag))
+        if look == 4:
+            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), signal.SIGINT)
+print(looks == [False] * 5 + [True] * 5, interrupts.sentence(interrupts.asked()))
+"""
+
+
+def test_a_flag_says_that_the_end_was_asked_for_and_work_goes_on_until_it_looks():
+    done = ended([sys.executable, '-P', '-c', FLAG])
+    assert (done.returncode, done.stdout) == (0, 'True ended by SIGTERM\n')

@@ -35,12 +35,14 @@ class Process:
 
     def __init__(self, context: rclpy.Context | None = None) -> None:
         self._stop = Future()
+        self._is_stopping = False
         self._executor = EventsExecutor(context=context)
         self._nodes: list[Node] = []
 
     def stop(self, *_: Any) -> None:
         """End ``spin``; also the signal handler."""
-        if not self._stop.done():
+        if not self._is_stopping:  # a future takes a lock, which the signal before this one may hold
+            self._is_stopping = True
             self._stop.set_result(None)
 
     def add(self, node: Node) -> None:

@@ -49,8 +49,8 @@ def ask_all(act: Callable[[OperatorNode], Answered], prefix: str = '/') -> list[
 
     """
     below = '/' + prefix.strip('/')
-    with _finder() as (process, finder, interrupted):
-        outcomes = _ask_found(process, finder, act, below, interrupted)
+    with _finder() as (process, finder, asked):
+        outcomes = _ask_found(process, finder, act, below, asked)
     _require_some(outcomes, below)
     return sorted(outcomes, key=lambda outcome: outcome.namespace)
 
@@ -68,11 +68,11 @@ def find_all(prefix: str = '/') -> list[str]:
     """
     below = '/' + prefix.strip('/')
     found: set[str] = set()
-    with _finder() as (process, finder, interrupted):
+    with _finder() as (process, finder, asked):
         patient_until = time.monotonic() + FIRST_S
         while time.monotonic() < patient_until:
             process.spin_for(LOOK_S)
-            if interrupted.is_set():
+            if asked:
                 raise RunInterruptedError(interrupts.sentence(interrupts.asked()))
             if new := _robots(finder, below) - found:
                 found |= new
@@ -82,18 +82,18 @@ def find_all(prefix: str = '/') -> list[str]:
 
 
 @contextmanager
-def _finder() -> Iterator[tuple[node_process.Process, Node, threading.Event]]:
+def _finder() -> Iterator[tuple[node_process.Process, Node, interrupts.Flag]]:
     """Hold a node that looks for robots, who spins it, and whether a signal has asked for the end."""
     discovery.keep_to_this_machine()
-    interrupted = threading.Event()
-    with interrupts.answered_by(interrupted.set):
+    asked = interrupts.Flag()
+    with interrupts.answered_by(asked.set):
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         process = node_process.Process()
         try:
             finder = Node('find_robots')
             finder.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
             process.add(finder)
-            yield process, finder, interrupted
+            yield process, finder, asked
         finally:
             node_process.leave(process)
 
@@ -109,14 +109,16 @@ def _ask_found(
     finder: Node,
     act: Callable[[OperatorNode], Answered],
     below: str,
-    interrupted: threading.Event,
+    asked: interrupts.Flag,
 ) -> list[Outcome[Answered]]:
     outcomes: dict[str, Outcome[Answered]] = {}
     threads: list[threading.Thread] = []
+    interrupted = threading.Event()
     patient_until = time.monotonic() + FIRST_S
     while time.monotonic() < patient_until or any(thread.is_alive() for thread in threads):
         process.spin_for(LOOK_S)
-        if interrupted.is_set():
+        if asked:
+            interrupted.set()
             for thread in threads:  # each takes back what it has asked for
                 thread.join(LEAVE_S)
             raise RunInterruptedError(interrupts.sentence(interrupts.asked()))

@@ -2,7 +2,7 @@
 
 import html
 import json
-import threading
+import time
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,7 @@ WIDE = 20.0  # largest over least value, from which colours follow the logarithm
 GREY = (170, 176, 186)  # where the arms can be, but not the robot
 OVERLAP = 0.75  # size of a point over half the distance of neighbours
 LEGEND_COLOURS = 9
+LOOK_S = 0.2  # between two looks whether a signal asks for the end
 
 
 @dataclass(frozen=True)
@@ -193,13 +194,14 @@ class Slices:
 
 def run(page: Page, parameters: Any, volume: Volume, title: str) -> None:
     """Show a volume around a robot at its home until a signal asks for the end."""
-    over = threading.Event()
+    over = interrupts.Flag()
     page.stand_still()
     Slices(page, volume)
     page.open()
     instant = Instant(0.0, kinematics.inverse(np.array(parameters.motion.home_m), parameters))
     facts = Facts(state='paused', recording=title)
     with interrupts.answered_by(over.set):
-        while not over.wait(0.2):
+        while not over:
             page.show(instant)
             page.read(facts)
+            time.sleep(LOOK_S)

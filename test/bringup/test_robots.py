@@ -2,7 +2,6 @@
 
 import os
 import signal
-import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,16 +33,14 @@ class Rehearsed:
         self.options, self.ready_s, self.notes = options, 1.5, [f'I am {options.namespace}']
 
     def run(self, show: Callable[[Any], None], rising: Callable[[Any], None]) -> dict[str, Any]:
-        asked = threading.Event()
-        signal.signal(signal.SIGINT, lambda *_: asked.set())
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         rising({})
         show(REPORT)
         if self.options.namespace.endswith('2'):
             raise RunError('robot was killed by SIGKILL\nin bus cycle 17')
         if self.options.namespace.endswith('3'):
             os.kill(os.getpid(), signal.SIGKILL)
-        while not asked.wait(0.01):
-            pass
+        signal.sigwait({signal.SIGINT})
         return {'ok': True, 'cycles': 2000}
 
 
