@@ -4,6 +4,7 @@ import faulthandler
 import gc
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -30,18 +31,26 @@ SPIN_S = 0.1  # how long a signal may wait for the main thread
 LEAVE_S = 20.0  # for the nodes of a client to leave the graph
 
 
+class _Stop(Future):
+    """The future that ends a spin; a signal may complete it while the thread that it interrupts holds its lock."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lock = threading.RLock()  # type: ignore[assignment] # what is inherited is one that its holder waits for
+
+
 class Process:
     """Spins nodes on one executor until SIGINT, SIGTERM or ``stop``."""
 
     def __init__(self, context: rclpy.Context | None = None) -> None:
-        self._stop = Future()
+        self._stop = _Stop()
         self._is_stopping = False
         self._executor = EventsExecutor(context=context)
         self._nodes: list[Node] = []
 
     def stop(self, *_: Any) -> None:
         """End ``spin``; also the signal handler."""
-        if not self._is_stopping:  # a future takes a lock, which the signal before this one may hold
+        if not self._is_stopping:  # not done yet where another signal interrupts this one
             self._is_stopping = True
             self._stop.set_result(None)
 

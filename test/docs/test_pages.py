@@ -49,6 +49,23 @@ def test_what_is_tested_elsewhere_names_its_test(page):
     assert [name for name in elsewhere if not (pages.SOURCE / name).is_file()] == []
 
 
+def commands(text):
+    return {line.partition(' #')[0].rstrip() for line in text.splitlines()}
+
+
+def test_a_block_that_another_page_runs_stands_there_and_runs_there():
+    others = [
+        (block, pages.SOURCE / block.words)
+        for page in pages.PAGES
+        for block in pages.blocks(page)
+        if block.mark == 'elsewhere' and block.words.endswith('.md')
+    ]
+    assert others
+    for block, other in others:
+        there = (one for one in pages.blocks(other) if one.mark != 'elsewhere')
+        assert any(commands(block.text) <= commands(one.text) for one in there), block.text
+
+
 def test_the_readme_is_short():
     assert len((pages.SOURCE / 'README.md').read_text(encoding='utf-8').splitlines()) <= README_LINES_MAX
 

@@ -23,3 +23,30 @@ def test_cyclic_operation_begins_with_short_looks_for_garbage() -> None:
     before, then, frozen = json.loads(done.stdout)
     assert then[0] < 1000 < before[0]
     assert frozen > 10_000
+
+
+# a signal at each line of what takes the lock of the future that ends a spin
+INTERRUPTED = """
+import sys
+import rclpy
+from delta3_pacdrive.ros import node_process
+rclpy.init()
+for line in range(1, 8):
+    process, seen = node_process.Process(), []
+
+    def interrupt(frame, event, _):
+        if frame.f_code.co_name == 'add_done_callback' and event == 'line':
+            seen.append(frame.f_lineno)
+            if len(seen) == line:
+                process.stop()
+        return interrupt
+
+    sys.settrace(interrupt)
+    process.spin()
+    sys.settrace(None)
+    assert len(seen) >= line
+"""
+
+
+def test_a_signal_at_any_line_of_the_begin_of_a_spin_ends_it(graph: object) -> None:
+    subprocess.run([sys.executable, '-P', '-c', INTERRUPTED], timeout=120.0, check=True)
