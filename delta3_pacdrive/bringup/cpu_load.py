@@ -1,15 +1,18 @@
 """Whether real-time work is too much for the machine that it runs on: robots, and whatever else is scheduled so.
 
-Before a robot comes up: whether there is room for it (``lack_of_room``). While it is up: whether there was
-(``CpuLoadMonitor``).
+Before a robot comes up: whether there is room for it (``lack_of_room``), which is asked ``in_turn``. While it is up:
+whether there was (``CpuLoadMonitor``).
 """
 
+import fcntl
 import os
 import time
 from collections import defaultdict
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 
 LOOK_S = 2.0
 SHARE = 0.85  # of the cores, above which nothing else could run beside real-time work
@@ -17,9 +20,10 @@ ROOM = (
     0.7  # of the cores, up to which there is room for one more robot: what robots need is only estimated then
 )
 WINDOW_S = 0.25  # in which is measured what real-time work takes
+TURN_S, POLL_S = 10.0, 0.01  # how long one waits for those who came before, and between two looks at them
 # cores that the processes of a robot take, with a margin (delta3 bench graph: 0.24 in one process, 0.52 in five)
 SINGLE_CORES, NODE_CORES = 0.3, 0.13
-NODES = ('plant', 'transformation_task', 'mc4_drive_1', 'mc4_drive_2', 'mc4_drive_3')
+NODES = ('plant', 'transformation_task', *(f'mc4_drive_{index + 1}' for index in range(len(ALL_DRIVES))))
 NEEDS = {'robot': SINGLE_CORES} | dict.fromkeys(NODES, NODE_CORES)  # by name of the process, as top shows it
 REAL_TIME = ('1', '2')  # SCHED_FIFO, SCHED_RR
 KERNEL_THREAD = 0x00200000  # flag of threads of the kernel, which look after themselves
@@ -27,9 +31,30 @@ KERNEL_THREAD = 0x00200000  # flag of threads of the kernel, which look after th
 FLAGS, USER, SYSTEM, POLICY = 6, 11, 12, 38
 
 
-def cores_of_robot(single_process: bool) -> float:
+def cores_of_robot(single_process: bool, drives: int) -> float:
     """Return how many cores a robot takes in real time."""
-    return SINGLE_CORES if single_process else len(NODES) * NODE_CORES
+    return SINGLE_CORES if single_process else (drives + 2) * NODE_CORES  # and plant and transformation task
+
+
+@contextmanager
+def in_turn(processes: Path = Path('/proc')) -> Iterator[None]:
+    """Let one at a time ask whether there is room, and take it: two that ask at once would both find the same.
+
+    Whoever asks holds the lock of the folder that he looks at, whatever user he is. It is let go here, not when it is
+    closed: children that are forked meanwhile have it open, too. One who holds it for ``TURN_S`` is not waited for.
+    """
+    folder = os.open(processes, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        deadline = time.monotonic() + TURN_S
+        while time.monotonic() < deadline:
+            with suppress(BlockingIOError):
+                fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            time.sleep(POLL_S)
+        yield
+    finally:
+        fcntl.flock(folder, fcntl.LOCK_UN)
+        os.close(folder)
 
 
 def lack_of_room(robots: int, needed: float, processes: Path = Path('/proc')) -> str:

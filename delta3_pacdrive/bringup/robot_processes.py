@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from rclpy.node import Node
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup import scheduling
-from delta3_pacdrive.bringup.cpu_load import CpuLoadMonitor, cores_of_robot, lack_of_room
+from delta3_pacdrive.bringup.cpu_load import CpuLoadMonitor, cores_of_robot, in_turn, lack_of_room
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
@@ -60,26 +61,36 @@ class RobotProcesses:
         # how one is started again, by name
         self._restarts: dict[str, Callable[[Schedule], ManagedProcess]] = {}
         self._restarted: list[float] = []  # when [s]
+        self._cyclic: list[int] = []  # process numbers of those that work in each cycle
         # Without a clock the robot takes all the processor time there is; that must not be in real time.
         paced = options.real_time_priority and options.real_time_factor > 0.0
         # A planner whose heartbeat does not come through is taken for dead.
         self._planner_schedule = Schedule.PREFERRED if options.real_time_priority else Schedule.ORDINARY
-        permitted = paced and scheduling.real_time_is_permitted()
-        crowded = options.crowded
-        if permitted and crowded is None:
-            crowded = lack_of_room(1, cores_of_robot(options.single_process))
-            self.notes += [crowded] if crowded else []
-        if paced and not permitted:
+        self._permitted = paced and scheduling.real_time_is_permitted()
+        if paced and not self._permitted:
             self.notes.append(NOT_PERMITTED)
-        self._in_real_time = permitted and not crowded
-        beside = Schedule.SHORT if crowded else Schedule.REAL_TIME
-        self._schedule = beside if paced else Schedule.ORDINARY
+        self._crowded = options.crowded if self._permitted else ''
+        self._in_real_time = False
+        self._schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
         self._load = CpuLoadMonitor()
         # The planner waits for a word on its pipe: nothing may move before the recorder listens.
         self._read_end, self._go = os.pipe()
 
     def start(self) -> None:
-        """Start all of them; the planner waits."""
+        """Start all of them, in real time if there is room; the planner waits."""
+        with in_turn() if self._crowded is None else nullcontext():
+            if self._crowded is None:
+                needed = cores_of_robot(self._options.single_process, len(drives_of(self._robot)))
+                self._crowded = lack_of_room(1, needed)
+                self.notes += [self._crowded] if self._crowded else []
+            if self._crowded:
+                self._schedule = Schedule.SHORT
+            self._in_real_time = self._permitted and not self._crowded
+            self._start()
+            if self._in_real_time:
+                scheduling.await_real_time(self._cyclic)
+
+    def _start(self) -> None:
         options, program = self._options, self._options.program
         task: dict[str, Any] = {
             'real_time_factor': float(options.real_time_factor),
@@ -112,13 +123,16 @@ class RobotProcesses:
             bag = {'bag': str(options.bag), 'program': self._program}
             self._spawn(RECORDER, {RECORDER: (RecorderNode, bag)}, Schedule.PREFERRED)
             self.running[-1].patience_s = CLOSE_BAG_S
-        if options.single_process:
-            self._spawn('robot', nodes, self._schedule)
-        else:
-            for name, node in nodes.items():
-                self._spawn(name, {name: node}, self._schedule)
-            if program is None and not options.script:
-                self._prepare_restarts(nodes | {'unit_robot': planner, **shown})
+        cyclic = (
+            {'robot': nodes}
+            if options.single_process
+            else {name: {name: node} for name, node in nodes.items()}
+        )
+        for name, own in cyclic.items():
+            self._spawn(name, own, self._schedule)
+            self._cyclic.append(self.running[-1].pid)
+        if not options.single_process and program is None and not options.script:
+            self._prepare_restarts(nodes | {'unit_robot': planner, **shown})
         if options.markers:
             self._spawn(VISUALIZATION, shown)
         self._spawn('unit_robot', {'unit_robot': planner}, self._planner_schedule, waits=True)

@@ -76,9 +76,14 @@ class RobotNow:
     ended: bool = False
 
 
+def drives_per_robot(options: Options) -> int:
+    """Return how many drives a robot has."""
+    return len(drives_of(core.load(options.parameters)))
+
+
 def participants(robots: int, options: Options, page: bool) -> int:
     """Return how many processes of the graph some robots are."""
-    nodes = 1 if options.single_process else len(drives_of(core.load(options.parameters))) + 2
+    nodes = 1 if options.single_process else drives_per_robot(options) + 2
     bringup_and_planner = 2
     return robots * (nodes + bringup_and_planner + page + (options.bag is not None) + options.markers)
 

@@ -5,6 +5,8 @@ import os
 import platform
 import resource
 import struct
+import time
+from collections.abc import Sequence
 from contextlib import suppress
 from enum import Enum
 from pathlib import Path
@@ -79,6 +81,15 @@ def prefer(schedule: Schedule) -> None:
     elif schedule is Schedule.PREFERRED:
         with suppress(PermissionError):
             os.setpriority(os.PRIO_PROCESS, 0, PREFERRED_NICENESS)
+
+
+def await_real_time(pids: Sequence[int], patience_s: float = 1.0) -> None:
+    """Wait until processes that were told to are scheduled in real time, or have ended; not longer than that."""
+    deadline = time.monotonic() + patience_s
+    with suppress(ProcessLookupError):
+        for pid in pids:
+            while os.sched_getscheduler(pid) != os.SCHED_FIFO and time.monotonic() < deadline:
+                time.sleep(1e-3)
 
 
 def drop_real_time(pid: int) -> None:

@@ -134,20 +134,30 @@ def run(options: GraphOptions, count: int) -> int:
     page = bool(options.view or options.view_port)
     robots.require_room(count, asked, page)
     announce_compilation(options.parameters)
-    crowded = None
-    if asked.real_time_priority and asked.real_time_factor > 0.0 and scheduling.real_time_is_permitted():
-        crowded = cpu_load.lack_of_room(count, count * cpu_load.cores_of_robot(asked.single_process))
     logs = Path(options.logs).absolute() if options.logs else None
     bags = _folder_of_bags(asked.bag)
-    each = [
-        replace(asked, namespace=name, logs=logs, crowded=crowded, bag=bags and robots.bag_of(bags, name))
-        for name in names
-    ]
-    supervisor = robots.Robots(each, page, options.view_port, started_s)
-    with _Display(options.json) as display:
+    crowded = None
+    with ExitStack() as turn, _Display(options.json) as display:
+        if asked.real_time_priority and asked.real_time_factor > 0.0 and scheduling.real_time_is_permitted():
+            turn.enter_context(cpu_load.in_turn())
+            drives = robots.drives_per_robot(asked)
+            crowded = cpu_load.lack_of_room(
+                count, count * cpu_load.cores_of_robot(asked.single_process, drives)
+            )
+        each = [
+            replace(asked, namespace=name, logs=logs, crowded=crowded, bag=bags and robots.bag_of(bags, name))
+            for name in names
+        ]
+        supervisor = robots.Robots(each, page, options.view_port, started_s)
         if crowded:
             display.say(crowded)
-        supervisor.run(display.show)
+
+        def show(now: Sequence[Any]) -> None:
+            if all(robot.progress or robot.ended for robot in now):
+                turn.close()  # their processes are scheduled as they are to be: the next one sees them
+            display.show(now)
+
+        supervisor.run(show)
     return _print_result(options, supervisor.now, crowded or '')
 
 

@@ -1,8 +1,11 @@
 """Facts about the look at real-time work: whoever it belongs to, too much of it is told, and nothing else is."""
 
 import os
+import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -12,13 +15,17 @@ from delta3_pacdrive.bringup.cpu_load import (
     LOOK_S,
     NODE_CORES,
     NODES,
+    POLL_S,
     ROOM,
     SHARE,
     SINGLE_CORES,
+    TURN_S,
     CpuLoadMonitor,
     cores_of_robot,
+    in_turn,
     lack_of_room,
 )
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
 
 TICKS = os.sysconf('SC_CLK_TCK')
 CORES = len(os.sched_getaffinity(0))
@@ -165,9 +172,11 @@ def test_a_robot_that_is_coming_up_counts_with_what_it_will_take(
 
 
 def test_the_processes_of_a_robot_count_one_by_one(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
-    spent = dict.fromkeys(NODES, 0.0)
+    spent = dict.fromkeys(NODES, 0.0)  # of one with a rotary axis
     just = FREE - len(NODES) * NODE_CORES
-    assert cores_of_robot(single_process=False) == pytest.approx(len(NODES) * NODE_CORES)
+    assert cores_of_robot(False, len(ALL_DRIVES)) == pytest.approx(len(NODES) * NODE_CORES)
+    assert cores_of_robot(False, len(DRIVES)) == pytest.approx((len(NODES) - 1) * NODE_CORES)
+    assert cores_of_robot(True, len(DRIVES)) == SINGLE_CORES
     assert room_beside(machine, monkeypatch, just - 0.01, **spent) == ''
     assert room_beside(machine, monkeypatch, just + 0.01, **spent) != ''
 
@@ -176,6 +185,49 @@ def test_several_robots_are_spoken_of_as_such(machine: Machine) -> None:
     told = lack_of_room(9, 9 * FREE, machine.folder)
     assert f'9 robots need {9 * FREE:.2f} more' in told
     assert told.endswith('they go without it')
+
+
+# who asks first
+
+
+def test_the_second_of_two_asks_when_the_first_has_what_it_needs(tmp_path: Path) -> None:
+    order: list[str] = []
+    waiting = threading.Event()
+
+    def second() -> None:
+        waiting.set()
+        with in_turn(tmp_path):
+            order.append('second asks')
+
+    thread = threading.Thread(target=second)
+    with in_turn(tmp_path):
+        thread.start()
+        assert waiting.wait(60.0)
+        thread.join(5 * POLL_S)
+        order.append('first is up')
+    thread.join(60.0)
+    assert order == ['first is up', 'second asks']
+
+
+def test_children_that_are_started_meanwhile_keep_nobody_waiting(tmp_path: Path) -> None:
+    with in_turn(tmp_path):
+        child = os.fork()
+        if not child:
+            signal.pause()
+    try:
+        before = time.monotonic()
+        with in_turn(tmp_path):
+            assert time.monotonic() - before < 0.5 * TURN_S
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+
+
+def test_one_who_never_lets_go_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cpu_load, 'TURN_S', 3 * POLL_S)
+    with in_turn(tmp_path), in_turn(tmp_path):
+        done = True
+    assert done
 
 
 REAL = """

@@ -1,5 +1,6 @@
 """Facts about the processes of a robot: who may be one, how they are scheduled, and how they end."""
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -13,7 +14,9 @@ pytest.importorskip(
 )
 
 from delta3_pacdrive import parameters
+from delta3_pacdrive.bringup import robot_processes, scheduling
 from delta3_pacdrive.bringup.bringup import Bringup
+from delta3_pacdrive.bringup.cpu_load import in_turn
 from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all
@@ -50,6 +53,7 @@ def test_the_lock_of_a_robot_is_that_of_its_namespace_and_domain(monkeypatch):
 
 LOGGING = """
 import signal
+from delta3_pacdrive.bringup.cpu_load import in_turn
 from delta3_pacdrive.bringup.environment import log_folder
 with log_folder(None) as folder:
     print(folder, flush=True)
@@ -178,6 +182,43 @@ def may_schedule_in_real_time():
 def test_real_time_is_permitted_where_it_works_and_not_where_it_was_given_up():
     done = run_python(PERMITTED)
     assert done.stdout.split() == [str(may_schedule_in_real_time()), 'False'], done.stderr
+
+
+def test_a_robot_asks_for_room_and_takes_it_in_one_turn(monkeypatch, tmp_path):
+    order = []
+
+    def note(what, answer):
+        def noted(*_):
+            order.append((what, is_free(Path('/proc'))))
+            return answer
+
+        return noted
+
+    child = ManagedProcess('child', os.getpid(), tmp_path / 'log')
+    monkeypatch.setattr(scheduling, 'real_time_is_permitted', lambda: True)
+    monkeypatch.setattr(scheduling, 'await_real_time', note('waited', None))
+    monkeypatch.setattr(robot_processes, 'lack_of_room', note('asked', ''))
+    monkeypatch.setattr(robot_processes, 'spawn', note('started', child))
+    with in_turn():  # nobody else has his turn now; who comes behind waits for that
+        pass
+    RobotProcesses(Options(program=None), parameters.load(), '', tmp_path).start()
+    assert list(dict.fromkeys(order)) == [('asked', False), ('started', False), ('waited', False)]
+    assert order.count(('started', False)) == 6
+    order.clear()
+    RobotProcesses(Options(program=None, crowded='no room'), parameters.load(), '', tmp_path).start()
+    assert {what for what, _ in order} == {'started'}
+
+
+def is_free(folder):
+    """Whether nobody has his turn at the folder."""
+    opened = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    finally:
+        os.close(opened)
+    return True
 
 
 # being one process or several
