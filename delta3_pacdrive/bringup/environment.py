@@ -25,6 +25,16 @@ def namespaces(robots: int, prefix: str) -> list[str]:
     return [f'/{below}/{NAME}{n + 1}'.replace('//', '/') for n in range(robots)]
 
 
+def name_of(namespace: str) -> str:
+    """Return the name of a robot, that of its folders, from its namespace."""
+    return namespace.rpartition('/')[2]
+
+
+def bag_of(folder: Path, namespace: str) -> Path:
+    """Return where the recording of one of several robots is."""
+    return folder / name_of(namespace)
+
+
 @contextmanager
 def only_one(namespace: str) -> Iterator[None]:
     """Hold the lock; raises RunError if another process of this user does, or if there can be none of that name."""

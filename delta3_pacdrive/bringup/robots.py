@@ -17,7 +17,7 @@ from typing import Any
 from delta3_pacdrive import interrupts
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
-from delta3_pacdrive.bringup.environment import log_folder
+from delta3_pacdrive.bringup.environment import log_folder, name_of
 from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.page import started
 from delta3_pacdrive.bringup.processes import ManagedProcess, spawn
@@ -145,7 +145,7 @@ class Robots:
             try:
                 with interrupts.answered_by(self.end):
                     for number, options in enumerate(self._options):
-                        self._start(number, options, logs / _name(options.namespace))
+                        self._start(number, options, logs / name_of(options.namespace))
                     while not all(robot.ended for robot in self.now) and not self._is_ending:
                         self._look()
                         show(self.now)
@@ -165,7 +165,7 @@ class Robots:
                 os.close(pipe)
             return _be(options, logs, bool(self._ports), port, write_end, self._started_s)
 
-        name = f'up {_name(options.namespace)}'
+        name = f'up {name_of(options.namespace)}'
         self._children.append(spawn(name, main, logs / 'bringup.log'))
         os.close(write_end)
         os.set_blocking(read_end, False)
@@ -274,12 +274,3 @@ def _be(options: Options, logs: Path, page: bool, port: int | None, pipe: int, s
         teller.tell(error=' '.join(str(error).split()))
         return 1
     return 0
-
-
-def bag_of(folder: Path, namespace: str) -> Path:
-    """Return where the recording of one of several robots is."""
-    return folder / _name(namespace)
-
-
-def _name(namespace: str) -> str:
-    return namespace.rpartition('/')[2]

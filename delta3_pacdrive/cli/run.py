@@ -147,19 +147,23 @@ def asked_for(options: GraphOptions, program: str | None = None, script: bool = 
     )
 
 
+def lacking(result: dict[str, Any], bag: object) -> list[str]:
+    """Return what the recording of a bring-up lacks, in sentences; ``bag`` is its folder."""
+    notes = []
+    if missing := result.get('bag_missing'):
+        notes.append(f'{bag} lacks {missing} messages: the machine was too busy to record all of them')
+    if cut := result.get('bag_cut'):
+        notes.append(f'{bag}: {cut}')
+    return notes
+
+
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     with program_of(options) as chosen:
         if Path(chosen.program).suffix == SCRIPT_SUFFIX:
             return _run_script(options, chosen)
         bringup, result = bring_up(options, chosen.program, lambda display, _: partial(show_run, display))
-    notes, inputs = list(chosen.notes), _inputs(options, chosen)
-    if missing := result.get('bag_missing'):
-        notes.append(
-            f'{options.bag} lacks {missing} messages: the machine was too busy to record all of them'
-        )
-    if cut := result.get('bag_cut'):
-        notes.append(f'{options.bag}: {cut}')
+    notes, inputs = [*chosen.notes, *lacking(result, options.bag)], _inputs(options, chosen)
     ready = f', ready after {result["ready_s"]:.2f} s'
     return print_run(result, options, bringup.robot, inputs, ready, notes)
 
@@ -202,7 +206,8 @@ def _run_script(options: Options, chosen: Chosen) -> int:
     if options.json:
         print_json(result, options, bringup.robot, _inputs(options, chosen))
     else:
-        print('\n'.join([f'{read.name}: done, ready after {result["ready_s"]:.2f} s', *text(result)]))
+        done = f'{read.name}: done, ready after {result["ready_s"]:.2f} s'
+        print('\n'.join([done, *text(result), *lacking(result, options.bag)]))
     return 0
 
 

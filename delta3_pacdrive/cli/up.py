@@ -8,7 +8,7 @@ from delta3_pacdrive.cli.command import Command, flag, option
 from delta3_pacdrive.cli.option_types import integer_within
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.cli.progress import Progress
-from delta3_pacdrive.cli.run import GraphOptions, bring_up, show_run
+from delta3_pacdrive.cli.run import GraphOptions, bring_up, lacking, show_run
 from delta3_pacdrive.view import serving
 
 ROBOTS_MAX = 10  # that find each other on one machine, see ``bringup.robots``
@@ -81,10 +81,11 @@ def run(options: Options) -> int:
     if options.json:
         print_json(result | {'controller': bringup.robot.controller}, options, bringup.robot)
     else:
-        print(
+        done = (
             f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '
             f'{result["lost_telegrams"]} lost AT'
         )
+        print('\n'.join([done, *lacking(result, options.bag)]))
     return 0
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.cli.progress import announce_compilation
-from delta3_pacdrive.cli.run import GraphOptions, asked_for
+from delta3_pacdrive.cli.run import GraphOptions, asked_for, lacking
 from delta3_pacdrive.errors import RunError
 
 HEADINGS = ('robot', 'phase', 'state', 'bus time', 'overruns', 'lost AT')
@@ -120,7 +120,7 @@ def _rich_table(robots: Sequence[Any]) -> Any:
 def run(options: GraphOptions, count: int) -> int:
     """Bring robots up and keep them up, until Ctrl-C or until none is left; return the exit status."""
     started_s = time.monotonic()
-    from delta3_pacdrive.bringup.environment import namespaces, only_one
+    from delta3_pacdrive.bringup.environment import bag_of, namespaces, only_one
 
     names = namespaces(count, options.namespace)
     with (
@@ -145,7 +145,7 @@ def run(options: GraphOptions, count: int) -> int:
                 count, count * cpu_load.cores_of_robot(asked.single_process, drives)
             )
         each = [
-            replace(asked, namespace=name, logs=logs, crowded=crowded, bag=bags and robots.bag_of(bags, name))
+            replace(asked, namespace=name, logs=logs, crowded=crowded, bag=bags and bag_of(bags, name))
             for name in names
         ]
         supervisor = robots.Robots(each, page, options.view_port, started_s)
@@ -158,7 +158,7 @@ def run(options: GraphOptions, count: int) -> int:
             display.show(now)
 
         supervisor.run(show)
-    return _print_result(options, supervisor.now, crowded or '')
+    return _print_result(options, supervisor.now, bags, crowded or '')
 
 
 def _folder_of_bags(folder: Path | None) -> Path | None:
@@ -172,7 +172,7 @@ def _folder_of_bags(folder: Path | None) -> Path | None:
     return folder
 
 
-def _print_result(options: GraphOptions, robots: Sequence[Any], crowded: str) -> int:
+def _print_result(options: GraphOptions, robots: Sequence[Any], bags: Path | None, crowded: str) -> int:
     dead = [robot for robot in robots if robot.error]
     if options.json:
         told = {
@@ -183,12 +183,23 @@ def _print_result(options: GraphOptions, robots: Sequence[Any], crowded: str) ->
         }
         print_json({'ok': not dead, 'real_time': not crowded, 'robots': told}, options)
     else:
-        for robot in robots:
-            print(f'{robot.namespace}: {_text(robot)}')
+        for line in result_lines(robots, bags):
+            print(line)
     if dead:
         names = ', '.join(robot.namespace for robot in dead)
         print(f'error: {len(dead)} of {len(robots)} robots had gone before the end: {names}', file=sys.stderr)
     return int(bool(dead))
+
+
+def result_lines(robots: Sequence[Any], bags: Path | None) -> list[str]:
+    """Return what has become of each robot, and what its recording below a folder lacks."""
+    from delta3_pacdrive.bringup.environment import bag_of
+
+    lines = []
+    for robot in robots:
+        bag = bags and bag_of(bags, robot.namespace)
+        lines += [f'{robot.namespace}: {_text(robot)}', *lacking(robot.result or {}, bag)]
+    return lines
 
 
 def _text(robot: Any) -> str:

@@ -14,9 +14,9 @@ pytest.importorskip(
 )
 
 from delta3_pacdrive.bringup import robots
-from delta3_pacdrive.bringup.environment import namespaces
+from delta3_pacdrive.bringup.environment import bag_of, namespaces
 from delta3_pacdrive.bringup.options import Options
-from delta3_pacdrive.bringup.robots import RobotNow, Robots, bag_of, require_room
+from delta3_pacdrive.bringup.robots import RobotNow, Robots, require_room
 from delta3_pacdrive.errors import RunError
 
 LOOKS = 4  # at two robots that live on, before they are asked to end

@@ -1,10 +1,12 @@
 """Facts about what ``delta3 up --robots`` shows and refuses."""
 
+from pathlib import Path
+
 import pytest
 
 from delta3_pacdrive.cli import up
 from delta3_pacdrive.cli.main import main
-from delta3_pacdrive.cli.up_robots import text_table
+from delta3_pacdrive.cli.up_robots import result_lines, text_table
 
 
 class Robot:
@@ -60,6 +62,21 @@ def test_what_does_not_fit_several_robots_is_refused(arguments, sentence, capsys
         up.main(arguments)
     assert end.value.code == 2
     assert sentence in capsys.readouterr().err
+
+
+def test_what_a_recording_lacks_is_told_with_the_robot():
+    result = {'bus_time_s': 2.0, 'cycles': 2000, 'overruns': 3, 'lost_telegrams': 0}
+    whole, poor, dead = Robot('/a/robot1'), Robot('/a/robot2'), Robot('/a/robot3', error='robot was killed')
+    whole.result = result | {'bag_missing': 0, 'bag_cut': ''}
+    poor.result = result | {'bag_missing': 7, 'bag_cut': 'it was cut off'}
+    dead.result = None
+    assert result_lines([whole, poor, dead], Path('bags')) == [
+        '/a/robot1: bus time 2.000 s in 2000 cycles, 3 overruns, 0 lost AT',
+        '/a/robot2: bus time 2.000 s in 2000 cycles, 3 overruns, 0 lost AT',
+        'bags/robot2 lacks 7 messages: the machine was too busy to record all of them',
+        'bags/robot2: it was cut off',
+        '/a/robot3: robot was killed',
+    ]
 
 
 def test_only_questions_and_stops_are_for_all_robots(capsys):
