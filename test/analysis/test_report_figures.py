@@ -11,7 +11,8 @@ from delta3_pacdrive.analysis.estimation.problem import Block, Problem
 from delta3_pacdrive.analysis.estimation.quantities import TABLE
 from delta3_pacdrive.analysis.estimation.solver import fit
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution, outcome_of
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run
+from delta3_pacdrive.analysis.experiments.compared_signals import QUANTITIES, Run
+from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.experiments.conclusions import Conclusion, conclusions, verdict
 from delta3_pacdrive.analysis.jacobian import report as jacobian_report
 from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation, figures, peaks

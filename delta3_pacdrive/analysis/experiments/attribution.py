@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from delta3_pacdrive import simulation
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run
+from delta3_pacdrive.analysis.experiments.compared_signals import QUANTITIES, Run
+from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motion import program_planner

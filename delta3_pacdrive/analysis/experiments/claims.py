@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from delta3_pacdrive.analysis.experiments.attribution import Attribution
-from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run, Statistics
+from delta3_pacdrive.analysis.experiments.compared_signals import Run
+from delta3_pacdrive.analysis.experiments.comparison import Comparison, Statistics
 
 HOLDS, FAILS, UNKNOWN = 'holds', 'does not hold', 'cannot be known'
 ALIKE_PERCENT = 1.0  # rms of the deviation, of the peak: nobody sees it in a figure of a page

@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass
 
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution, Outcome
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Statistics
+from delta3_pacdrive.analysis.experiments.compared_signals import QUANTITIES
+from delta3_pacdrive.analysis.experiments.comparison import Statistics
 
 SMALL_PERCENT = 1.0  # of the peak: two curves that nobody tells apart in a figure of a page
 CLEAR_PERCENT = 10.0  # rms of the deviation, of the model's rms: nobody overlooks it

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison
+from delta3_pacdrive.analysis.experiments.compared_signals import QUANTITIES
+from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.experiments.conclusions import OTHER
 from delta3_pacdrive.analysis.experiments.study import Results
 from delta3_pacdrive.analysis.figure_style import (

@@ -6,7 +6,8 @@ from typing import Any
 
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution
 from delta3_pacdrive.analysis.experiments.claims import Claim, claims
-from delta3_pacdrive.analysis.experiments.comparison import OF_SAMPLES, QUANTITIES, Comparison, Statistics
+from delta3_pacdrive.analysis.experiments.compared_signals import OF_SAMPLES, QUANTITIES
+from delta3_pacdrive.analysis.experiments.comparison import Comparison, Statistics
 from delta3_pacdrive.analysis.experiments.conclusions import OTHER, conclusions, explanations, truth, verdict
 from delta3_pacdrive.analysis.experiments.study import Results
 from delta3_pacdrive.analysis.report_folder import Table, columns_of

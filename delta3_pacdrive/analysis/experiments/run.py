@@ -16,7 +16,8 @@ from delta3_pacdrive.analysis import study as studies
 from delta3_pacdrive.analysis.alignment import BY_START, align
 from delta3_pacdrive.analysis.experiments import attribution, figures, report
 from delta3_pacdrive.analysis.experiments.claims import ArmSpeeds
-from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
+from delta3_pacdrive.analysis.experiments.compared_signals import Run
+from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.experiments.study import Pair, Results, Settings
 from delta3_pacdrive.analysis.provenance import Provenance, digest, excused
 from delta3_pacdrive.analysis.report_folder import ReportFolder

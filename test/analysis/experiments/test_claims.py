@@ -9,7 +9,8 @@ from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis.experiments import run
 from delta3_pacdrive.analysis.experiments.attribution import Attribution, outcome_of
 from delta3_pacdrive.analysis.experiments.claims import FAILS, HOLDS, UNKNOWN, ArmSpeeds, claims, ripple_deg_s
-from delta3_pacdrive.analysis.experiments.comparison import Comparison, Run
+from delta3_pacdrive.analysis.experiments.compared_signals import Run
+from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.experiments.study import Settings
 from delta3_pacdrive.analysis.study import silent
 from delta3_pacdrive.motion import program_file as programs

@@ -18,9 +18,10 @@ from delta3_pacdrive.analysis.experiments.attribution import (
     shapley,
     with_effects,
 )
-from delta3_pacdrive.analysis.experiments.comparison import OF_SAMPLES, QUANTITIES, Comparison, Run, delayed
+from delta3_pacdrive.analysis.experiments.compared_signals import OF_SAMPLES, QUANTITIES, Run
+from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.experiments.conclusions import conclusions, truth, verdict
-from delta3_pacdrive.analysis.run_signals import slope
+from delta3_pacdrive.analysis.run_signals import delayed, slope
 from delta3_pacdrive.cli import experiment, experiment_graph
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.parameters import flatten

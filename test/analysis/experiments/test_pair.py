@@ -8,7 +8,8 @@ import pytest
 from delta3_pacdrive import parameters
 from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.analysis.experiments import figures, report
-from delta3_pacdrive.analysis.experiments.comparison import QUANTITIES, Comparison, Run
+from delta3_pacdrive.analysis.experiments.compared_signals import QUANTITIES, Run
+from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.experiments.run import PairStudy, Study, compared
 from delta3_pacdrive.analysis.experiments.study import Pair, Settings
 from delta3_pacdrive.analysis.study import silent
