@@ -12,13 +12,14 @@ from planned import dwell, only, plan, to
 casadi = pytest.importorskip('casadi', reason='CasADi is not installed: there is no optimum to compare with')
 
 ABOVE = 1.03  # of the optimum
-# of time: the optimum breaks limits between two of them, and so is some 0.5 % too short with the first number
-STEPS = (500, 1000)
-PICKS = int(os.environ.get('DELTA3_ORACLE_PICKS', '2'))  # 200 take half an hour
+# of time: the optimum breaks limits between two of them, and so is some 0.5 % too short with the first number; where
+# IPOPT finds none with one number, it may with the next
+STEPS = (500, 700, 1000)
+PICKS = int(os.environ.get('DELTA3_ORACLE_PICKS', '2'))  # 200 take two hours
 LIMITS = ({'jerk_m_s3': 20000.0}, {'torque_rate_n_m_s': 1000.0})
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize('number', range(PICKS))
 def test_random_picks_are_at_most_3_percent_slower_than_the_optimum(number, robot):
     random = np.random.default_rng(number)
@@ -27,30 +28,28 @@ def test_random_picks_are_at_most_3_percent_slower_than_the_optimum(number, robo
     while np.linalg.norm((place - pick)[:2]) < 0.1:
         place = random.uniform(low, high)
     height, payload = random.uniform(0.05, 0.08), random.uniform(0.0, 2.0)
-    above = np.array([0.0, 0.0, height])
-    moves = [to(*(pick + above), blend_m=0.02), to(*(place + above), blend_m=0.02), to(*place), dwell(60.0)]
+    up = np.array([0.0, 0.0, height])
+    moves = [to(*(pick + up), blend_m=0.02), to(*(place + up), blend_m=0.02), to(*place), dwell(60.0)]
     limits = LIMITS[number % len(LIMITS)]
     planned = plan(robot, moves, pick, payload_kg=payload, time_optimal=True, limits=limits)
     move = only(planned).move(0)
+    above = np.inf
     for steps in STEPS:
-        try:
-            best = shortest_time(
-                casadi,
-                Curve(move.segments, move.length_m),
-                move.master,
-                robot,
-                move.payload_kg,
-                limits.get('jerk_m_s3', np.inf),
-                limits.get('torque_rate_n_m_s', np.inf),
-                steps,
-            )
-        except RuntimeError as error:
-            if steps == STEPS[0]:
-                pytest.skip(f'IPOPT finds no optimum: {error}')
-            break
-        print(
-            f'pick {number}: {move.duration_s:.5f} s, {move.duration_s / best:.4f} of the optimum in {steps} steps'
+        best = shortest_time(
+            casadi,
+            Curve(move.segments, move.length_m),
+            move.master,
+            robot,
+            move.payload_kg,
+            limits.get('jerk_m_s3', np.inf),
+            limits.get('torque_rate_n_m_s', np.inf),
+            steps,
         )
-        if move.duration_s < ABOVE * best:
-            break
-    assert best < move.duration_s < ABOVE * best
+        if best < np.inf:
+            above = move.duration_s / best
+            print(f'pick {number}: {move.duration_s:.5f} s, {above:.4f} of the optimum in {steps} steps')
+            if above < ABOVE:
+                break
+    if above == np.inf:
+        pytest.skip('IPOPT finds no faster motion than the planner')
+    assert above < ABOVE
