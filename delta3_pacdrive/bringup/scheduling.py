@@ -86,8 +86,8 @@ def prefer(schedule: Schedule) -> None:
 def await_real_time(pids: Sequence[int], patience_s: float = 1.0) -> None:
     """Wait until processes that were told to are scheduled in real time, or have ended; not longer than that."""
     deadline = time.monotonic() + patience_s
-    with suppress(ProcessLookupError):
-        for pid in pids:
+    for pid in pids:
+        with suppress(ProcessLookupError):
             while os.sched_getscheduler(pid) != os.SCHED_FIFO and time.monotonic() < deadline:
                 time.sleep(1e-3)
 

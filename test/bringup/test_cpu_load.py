@@ -213,6 +213,8 @@ def test_children_that_are_started_meanwhile_keep_nobody_waiting(tmp_path: Path)
     with in_turn(tmp_path):
         child = os.fork()
         if not child:
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(60)  # also if nobody ends it
             signal.pause()
     try:
         before = time.monotonic()
@@ -225,9 +227,10 @@ def test_children_that_are_started_meanwhile_keep_nobody_waiting(tmp_path: Path)
 
 def test_one_who_never_lets_go_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cpu_load, 'TURN_S', 3 * POLL_S)
-    with in_turn(tmp_path), in_turn(tmp_path):
-        done = True
-    assert done
+    with in_turn(tmp_path):
+        begin = time.monotonic()
+        with in_turn(tmp_path):
+            assert 3 * POLL_S <= time.monotonic() - begin < TURN_S  # the one of a user
 
 
 REAL = """

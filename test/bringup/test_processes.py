@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -53,7 +54,6 @@ def test_the_lock_of_a_robot_is_that_of_its_namespace_and_domain(monkeypatch):
 
 LOGGING = """
 import signal
-from delta3_pacdrive.bringup.cpu_load import in_turn
 from delta3_pacdrive.bringup.environment import log_folder
 with log_folder(None) as folder:
     print(folder, flush=True)
@@ -207,6 +207,33 @@ def test_a_robot_asks_for_room_and_takes_it_in_one_turn(monkeypatch, tmp_path):
     order.clear()
     RobotProcesses(Options(program=None, crowded='no room'), parameters.load(), '', tmp_path).start()
     assert {what for what, _ in order} == {'started'}
+
+
+LATE = """
+import os, sys, time
+sys.stdin.readline()
+time.sleep(0.2)
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+sys.stdin.readline()
+"""
+
+
+@pytest.mark.skipif(not may_schedule_in_real_time(), reason='nobody here may schedule in real time')
+def test_processes_are_awaited_until_they_are_in_real_time_and_those_that_have_ended_are_not():
+    gone, late = (subprocess.Popen([sys.executable, '-c', LATE], stdin=subprocess.PIPE) for _ in range(2))
+    try:
+        gone.kill()
+        gone.communicate()
+        late.stdin.write(b'go\n')
+        late.stdin.flush()
+        scheduling.await_real_time([gone.pid, late.pid], 60.0)
+        assert os.sched_getscheduler(late.pid) == os.SCHED_FIFO
+        begin = time.monotonic()
+        scheduling.await_real_time([os.getpid()], 0.05)  # one who never is
+        assert 0.05 <= time.monotonic() - begin < 30.0
+    finally:
+        late.kill()
+        late.communicate()
 
 
 def is_free(folder):

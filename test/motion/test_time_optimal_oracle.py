@@ -15,7 +15,7 @@ ABOVE = 1.03  # of the optimum
 # of time: the optimum breaks limits between two of them, and so is some 0.5 % too short with the first number; where
 # IPOPT finds none with one number, it may with the next
 STEPS = (500, 700, 1000)
-PICKS = int(os.environ.get('DELTA3_ORACLE_PICKS', '2'))  # 200 take two hours
+PICKS = int(os.environ.get('DELTA3_ORACLE_PICKS', '2'))  # about a minute each
 LIMITS = ({'jerk_m_s3': 20000.0}, {'torque_rate_n_m_s': 1000.0})
 
 
