@@ -47,15 +47,11 @@ def measure(seconds: float, robots: int | None, quiet: bool) -> dict[str, Any]:
 
 def _measure(count: int, seconds: float, real_time_factor: float) -> dict[str, Any]:
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.bringup import cpu_load, scheduling
     from delta3_pacdrive.bringup.environment import namespaces
     from delta3_pacdrive.bringup.options import Options
     from delta3_pacdrive.bringup.robots import Robots
 
     simulation.compile_kernels()
-    crowded = None
-    if real_time_factor and scheduling.real_time_is_permitted():
-        crowded = cpu_load.lack_of_room(count, count * cpu_load.SINGLE_CORES)
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
         program = program_file(seconds, folder)
         options = [
@@ -64,7 +60,6 @@ def _measure(count: int, seconds: float, real_time_factor: float) -> dict[str, A
                 namespace=namespace,
                 real_time_factor=real_time_factor,
                 single_process=True,
-                crowded=crowded,
             )
             for namespace in namespaces(count, '/')
         ]
@@ -76,7 +71,7 @@ def _measure(count: int, seconds: float, real_time_factor: float) -> dict[str, A
     if dead is not None:
         raise RunError(f'{dead.namespace}: {dead.error}')
     return {
-        'crowded': crowded or '',
+        'crowded': robots.crowded,
         'robots': {robot.namespace: _figures(robot.result or {}, robot.notes) for robot in robots.now},
     }
 

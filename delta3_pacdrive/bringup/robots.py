@@ -16,7 +16,9 @@ from typing import Any
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive import parameters as core
+from delta3_pacdrive.bringup import scheduling
 from delta3_pacdrive.bringup.bringup import Bringup
+from delta3_pacdrive.bringup.cpu_load import cores_of_robot, in_turn, lack_of_room
 from delta3_pacdrive.bringup.environment import log_folder, name_of
 from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.page import started
@@ -76,14 +78,13 @@ class RobotNow:
     ended: bool = False
 
 
-def drives_per_robot(options: Options) -> int:
-    """Return how many drives a robot has."""
+def _drives(options: Options) -> int:
     return len(drives_of(core.load(options.parameters)))
 
 
 def participants(robots: int, options: Options, page: bool) -> int:
     """Return how many processes of the graph some robots are."""
-    nodes = 1 if options.single_process else drives_per_robot(options) + 2
+    nodes = 1 if options.single_process else _drives(options) + 2
     bringup_and_planner = 2
     return robots * (nodes + bringup_and_planner + page + (options.bag is not None) + options.markers)
 
@@ -115,6 +116,8 @@ class Robots:
     ----------
     now
         What is known of each.
+    crowded
+        Why there is no room to schedule them in real time; empty if there is, or if nobody looked.
 
     """
 
@@ -130,6 +133,7 @@ class Robots:
         self._started_s = started_s
         self._ports = [port + n if port else None for n in range(len(options))] if page else []
         self.now = [RobotNow(one.namespace) for one in options]
+        self.crowded = ''
         self._children: list[ManagedProcess] = []
         self._pipes: list[int] = []
         self._rests: list[bytes] = []
@@ -139,20 +143,41 @@ class Robots:
         """Ask for the end of all."""
         self._is_ending = True
 
-    def run(self, show: Callable[[Sequence[RobotNow]], None]) -> None:
-        """Bring them up, keep them up until ``end`` or until none is left; ``show`` is called with what is known."""
-        with log_folder(self._options[0].logs) as logs:
+    def run(
+        self, show: Callable[[Sequence[RobotNow]], None], say: Callable[[str], None] = lambda _: None
+    ) -> None:
+        """Bring them up, keep them up until ``end`` or until none is left.
+
+        ``show`` is called with what is known, ``say`` with ``crowded`` before the first robot starts.
+        """
+        with log_folder(self._options[0].logs) as logs, ExitStack() as turn:
+            self._ask_for_room(turn)
+            if self.crowded:
+                say(self.crowded)
             try:
                 with interrupts.answered_by(self.end):
                     for number, options in enumerate(self._options):
                         self._start(number, options, logs / name_of(options.namespace))
                     while not all(robot.ended for robot in self.now) and not self._is_ending:
                         self._look()
+                        if all(robot.progress or robot.ended for robot in self.now):
+                            turn.close()  # they are scheduled as they are to be: the next one sees them
                         show(self.now)
                     self._ask_all(signal.SIGINT)
                     self._await_all(show)
             finally:
                 self._kill_all()
+
+    def _ask_for_room(self, turn: ExitStack) -> None:
+        """Find out whether there is room for all in real time, and let nobody else ask until the turn is over."""
+        options = self._options[0]
+        paced = options.real_time_priority and options.real_time_factor > 0.0
+        if paced and scheduling.real_time_is_permitted():
+            count = len(self._options)
+            turn.enter_context(in_turn())
+            needed = count * cores_of_robot(options.single_process, _drives(options))
+            self.crowded = lack_of_room(count, needed)
+            self._options = [replace(one, crowded=self.crowded) for one in self._options]
 
     def _start(self, number: int, options: Options, logs: Path) -> None:
         logs.mkdir(exist_ok=True)

@@ -128,7 +128,7 @@ def run(options: GraphOptions, count: int) -> int:
     ):  # a robot that is there already is told before anything that takes long is loaded
         for name in names:
             held.enter_context(only_one(name))
-    from delta3_pacdrive.bringup import cpu_load, robots, scheduling
+    from delta3_pacdrive.bringup import robots
 
     asked = asked_for(options)
     page = bool(options.view or options.view_port)
@@ -136,29 +136,11 @@ def run(options: GraphOptions, count: int) -> int:
     announce_compilation(options.parameters)
     logs = Path(options.logs).absolute() if options.logs else None
     bags = _folder_of_bags(asked.bag)
-    crowded = None
-    with ExitStack() as turn, _Display(options.json) as display:
-        if asked.real_time_priority and asked.real_time_factor > 0.0 and scheduling.real_time_is_permitted():
-            turn.enter_context(cpu_load.in_turn())
-            drives = robots.drives_per_robot(asked)
-            crowded = cpu_load.lack_of_room(
-                count, count * cpu_load.cores_of_robot(asked.single_process, drives)
-            )
-        each = [
-            replace(asked, namespace=name, logs=logs, crowded=crowded, bag=bags and bag_of(bags, name))
-            for name in names
-        ]
-        supervisor = robots.Robots(each, page, options.view_port, started_s)
-        if crowded:
-            display.say(crowded)
-
-        def show(now: Sequence[Any]) -> None:
-            if all(robot.progress or robot.ended for robot in now):
-                turn.close()  # their processes are scheduled as they are to be: the next one sees them
-            display.show(now)
-
-        supervisor.run(show)
-    return _print_result(options, supervisor.now, bags, crowded or '')
+    each = [replace(asked, namespace=name, logs=logs, bag=bags and bag_of(bags, name)) for name in names]
+    supervisor = robots.Robots(each, page, options.view_port, started_s)
+    with _Display(options.json) as display:
+        supervisor.run(display.show, display.say)
+    return _print_result(options, supervisor.now, bags, supervisor.crowded)
 
 
 def _folder_of_bags(folder: Path | None) -> Path | None:

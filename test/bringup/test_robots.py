@@ -14,6 +14,7 @@ pytest.importorskip(
 )
 
 from delta3_pacdrive.bringup import robots
+from delta3_pacdrive.bringup.cpu_load import SINGLE_CORES
 from delta3_pacdrive.bringup.environment import bag_of, namespaces
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.robots import RobotNow, Robots, require_room
@@ -118,3 +119,30 @@ def test_what_is_wrong_for_all_is_told_before_anything_starts(tmp_path: Path) ->
     bags = [Options(program=None, namespace=name, bag=bag_of(tmp_path, name)) for name in namespaces(2, '/')]
     with pytest.raises(RunError, match='robot2: it exists already'):
         Robots(bags, False, None, 0.0)
+
+
+@pytest.mark.parametrize(('permitted', 'asks'), [(True, 1), (False, 0)])
+def test_room_is_asked_for_once_and_all_robots_get_the_answer(permitted, asks, monkeypatch, tmp_path):
+    asked, given, said = [], [], []
+
+    class Ready:
+        def __init__(self, options, started_s):
+            self.ready_s, self.notes = 1.0, [options.crowded]
+
+        def run(self, show, rising):
+            show(REPORT)
+            return {}
+
+    def answer(count, needed):
+        asked.append((count, needed))
+        return 'no room'
+
+    monkeypatch.setattr(robots, 'Bringup', Ready)
+    monkeypatch.setattr(robots, 'lack_of_room', answer)
+    monkeypatch.setattr(robots.scheduling, 'real_time_is_permitted', lambda: permitted)
+    supervisor = Robots(options_of(3, single_process=True, logs=tmp_path / 'logs'), False, None, 0.0)
+    supervisor.run(lambda now: given.append([robot.notes for robot in now]), said.append)
+    assert asked == [(3, pytest.approx(3 * SINGLE_CORES))] * asks
+    assert said == ['no room'] * asks
+    assert supervisor.crowded == ('no room' if permitted else '')
+    assert given[-1] == [['no room' if permitted else None]] * 3
