@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Callable, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -123,7 +124,7 @@ def test_what_is_wrong_for_all_is_told_before_anything_starts(tmp_path: Path) ->
 
 @pytest.mark.parametrize(('permitted', 'asks'), [(True, 1), (False, 0)])
 def test_room_is_asked_for_once_and_all_robots_get_the_answer(permitted, asks, monkeypatch, tmp_path):
-    asked, given, said = [], [], []
+    asked, given, said, turn = [], [], [], []
 
     class Ready:
         def __init__(self, options, started_s):
@@ -131,17 +132,32 @@ def test_room_is_asked_for_once_and_all_robots_get_the_answer(permitted, asks, m
 
         def run(self, show, rising):
             show(REPORT)
-            return {}
+            signal.pause()
+
+    @contextmanager
+    def in_turn():
+        turn.append('begins')
+        yield
+        turn.append('ends')
+
+    def show(now):
+        given.append([robot.notes for robot in now])
+        if all(robot.progress for robot in now):
+            turn.append('all are up')
+            supervisor.end()
 
     def answer(count, needed):
         asked.append((count, needed))
+        turn.append('asked')
         return 'no room'
 
     monkeypatch.setattr(robots, 'Bringup', Ready)
+    monkeypatch.setattr(robots, 'in_turn', in_turn)
     monkeypatch.setattr(robots, 'lack_of_room', answer)
     monkeypatch.setattr(robots.scheduling, 'real_time_is_permitted', lambda: permitted)
     supervisor = Robots(options_of(3, single_process=True, logs=tmp_path / 'logs'), False, None, 0.0)
-    supervisor.run(lambda now: given.append([robot.notes for robot in now]), said.append)
+    supervisor.run(show, said.append)
+    assert turn[: turn.index('all are up')] == ['begins', 'asked', 'ends'] * asks
     assert asked == [(3, pytest.approx(3 * SINGLE_CORES))] * asks
     assert said == ['no room'] * asks
     assert supervisor.crowded == ('no room' if permitted else '')
