@@ -30,7 +30,9 @@ from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.qos import LATCHED
 
-DEADLINE_S = 8.0
+DEADLINE_S = (
+    30.0  # longest motion that is waited for: 2,000 bus cycles, at 110 a second on a busy slow machine
+)
 
 STRETCH_MAX = 6.0  # by which a deadline may be stretched on a machine that has other things to do
 END_S = 30.0  # for processes to be gone, where others keep all cores busy
