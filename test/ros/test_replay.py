@@ -224,7 +224,8 @@ class Cell:
 def thinned(messages: list[tuple[str, bytes]]) -> list[tuple[str, bytes]]:
     """Of every topic the newest messages: what a topic of every bus cycle told before is over for longer.
 
-    Of the status also some over the whole time: a bag tells it from its begin on.
+    Of the status also some over the whole time, and the last one before whatever clients publish: a bag tells it from
+    its begin on, five times a second.
     """
     kept = set()
     for topic in TOPICS:
@@ -232,6 +233,12 @@ def thinned(messages: list[tuple[str, bytes]]) -> list[tuple[str, bytes]]:
         kept |= {id(m) for m in own[-NEWEST:]}
         if topic == 'motion/status':
             kept |= {id(m) for m in own[:: 1 + len(own) // NEWEST]}
+    newest = None
+    for message in messages:
+        if message[0] == 'motion/status':
+            newest = message
+        elif message[0] in OPEN and newest is not None:
+            kept.add(id(newest))
     return [m for m in messages if id(m) in kept]
 
 
