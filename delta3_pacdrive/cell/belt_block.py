@@ -7,8 +7,7 @@ from typing import Any
 
 from delta3_pacdrive.cell.moves import Written
 from delta3_pacdrive.cell.place import ScriptPlace
-from delta3_pacdrive.cell.robot import TIME_MAX_S, TIMEOUT_S
-from delta3_pacdrive.cell.values import number
+from delta3_pacdrive.cell.values import TIME_MAX_S, TIMEOUT_S, number
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
 from delta3_pacdrive.motion.belt_meeting import BeltAxes, first_moved_s
@@ -84,12 +83,9 @@ def require_fine(belt: BeltAxes) -> None:
     """Refuse work on a belt whose encoder is so coarse that its increments shake the robot."""
     increment_m = 1.0 / belt.increments_per_m
     if increment_m > INCREMENT_MAX_M:
-        raise RefusedError(
-            Reason(
-                Code.BELT,
-                f'track: an increment of the encoder of belt {belt.name} is {1e6 * increment_m:.0f} um, but must be '
-                f'at most {1e6 * INCREMENT_MAX_M:.0f} um, as its rounding goes into the set points',
-            )
+        raise refused(
+            f'track: an increment of the encoder of belt {belt.name} is {1e6 * increment_m:.0f} um, but must be '
+            f'at most {1e6 * INCREMENT_MAX_M:.0f} um, as its rounding goes into the set points'
         )
 
 
@@ -110,3 +106,8 @@ def limits_of(keys: Mapping[str, Any], motion: MotionLimits) -> tuple[TrackLimit
     jerk = number('jerk_m_s3', given['jerk_m_s3'], 1.0, LIMIT_MAX, ' m/s3')
     speed = number('speed_m_s', given['speed_m_s'], 1e-3, SPEED_MAX_M_S, ' m/s')
     return TrackLimits(speed, acceleration, jerk), number('timeout_s', given['timeout_s'], 0.0, TIME_MAX_S)
+
+
+def refused(sentence: str) -> RefusedError:
+    """Return the refusal of what cannot be done on a belt."""
+    return RefusedError(Reason(Code.BELT, sentence))

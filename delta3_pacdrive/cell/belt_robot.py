@@ -1,58 +1,18 @@
 """The robot of a script that works on belts: parts that come, getting on, working there, leaving."""
 
-import math
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
-from delta3_pacdrive.cell.belt_block import STAND_S, Block, Leaving, check_block, limits_of, require_fine
+from delta3_pacdrive.cell.belt_block import Block, limits_of, refused, require_fine
+from delta3_pacdrive.cell.belt_orders import BeltOrders
 from delta3_pacdrive.cell.link import Link, StoppedError
-from delta3_pacdrive.cell.moves import Written
-from delta3_pacdrive.cell.parts_robot import PartsRobot, refused
+from delta3_pacdrive.cell.parts_robot import PartsRobot
 from delta3_pacdrive.cell.place import ScriptPlace, of_caller
-from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge, TrackOrder
-from delta3_pacdrive.controller.wait_condition import WaitCondition
-from delta3_pacdrive.errors import (
-    Code,
-    Delta3Error,
-    ProgramError,
-    Reason,
-    RefusedError,
-    RunError,
-    ScriptError,
-    WaitTimeoutError,
-    shown,
-)
-from delta3_pacdrive.motion.belt_meeting import (
-    AHEAD_S,
-    Meeting,
-    Work,
-    first_moved_s,
-    leaving,
-    meet,
-    offset_on,
-    require_bearable,
-)
-from delta3_pacdrive.motion.belt_prediction import SETTLED_CYCLES
-from delta3_pacdrive.motion.belt_synchronization import (
-    ZERO,
-    CannotCatch,
-    Motion,
-    Uncaught,
-    way_to_stand,
-)
+from delta3_pacdrive.errors import Code, ProgramError, ScriptError, shown
 from delta3_pacdrive.motion.frames import Frame
 from delta3_pacdrive.motion.part_queue import QueuedPart
-from delta3_pacdrive.motion.plan import TRACK
-from delta3_pacdrive.motion.program import Dwell, Output, Statement
-from delta3_pacdrive.motion.program_planner import Planned
-from delta3_pacdrive.sercos.bus_time import NEVER
-
-LATE_CYCLES = 2  # before the last moment at which work on a belt can follow the moves before it
-APART_CYCLES = 2
-ABANDON_TRIES = 2
-SURE_S = 0.01  # of a wait that is not decided anew
-CLOCK_CYCLES = 30  # from a decision about a belt to its order, beside the time that orders take: with a clock
+from delta3_pacdrive.motion.program import Statement
 
 
 class BeltRobot(PartsRobot):
@@ -68,11 +28,8 @@ class BeltRobot(PartsRobot):
     """
 
     def __init__(self, link: Link, name: str) -> None:
-        super().__init__(link, name)
-        self._block: Block | None = None
-        self._working: Block | None = None  # the last one
-        self._leaving: Leaving | None = None
-        self._on_belt_cycle: float | None = None  # in which it is to get on, on a bus with a clock
+        self._work = BeltOrders(link, name)
+        super().__init__(link, name, self._work)
 
     # calls of scripts -------------------------------------------------------------------------------------------------
 
@@ -97,18 +54,16 @@ class BeltRobot(PartsRobot):
             Its block is the work; it gives the part.
 
         """
-        return self._work(of_caller(), belt, part, keys)
+        return self._tracked(of_caller(), belt, part, keys)
 
     @contextmanager
-    def _work(
+    def _tracked(
         self, place: ScriptPlace, belt: str, part: QueuedPart | None, keys: dict[str, Any]
     ) -> Iterator[QueuedPart]:
         with self._told(place):
             tracking, n = self._belt(belt)
-            if self._block is not None:
-                raise refused(
-                    f'track: the robot works on belt {tracking.belts[self._block.belt].name} already'
-                )
+            if (present := self._work.block) is not None:
+                raise refused(f'track: the robot works on belt {tracking.belts[present.belt].name} already')
             require_fine(tracking.belts[n])
             window, (limits, timeout_s) = self._window(tracking, n), limits_of(keys, self.parameters.motion)
         if part is None:
@@ -121,26 +76,23 @@ class BeltRobot(PartsRobot):
             if part.belt not in ('', belt):
                 raise ProgramError(f'track: the part is on belt {part.belt}, not on belt {belt}')
             self._order()
-            block = self._block = self._working = Block(n, part, window, limits, timeout_s, place)
+            block = Block(n, part, window, limits, timeout_s, place)
+            self._work.begin(block)
         try:
             yield part
             with self._told(place):
-                block.closed = True
-                if block.begun:
-                    self._batch.append((Output(TRACK, 0.0), place))
-                elif not self._batch:
-                    raise refused('track: there is nothing to do on the belt')
-                self._order()
+                self._count()
+                self._work.close(block)
         except Exception as error:
-            self._drop_block(error)
+            self._work.drop(error)
             raise
         finally:
-            self._block = None
+            self._work.block = None
 
     # statements on a belt ---------------------------------------------------------------------------------------------
 
     def _read(self, kind: str, keys: dict[str, Any]) -> Statement:
-        block, tracking = self._block, self._link.tracking
+        block, tracking = self._work.block, self._link.tracking
         if block is None or tracking is None:
             return super()._read(kind, keys)
         belt = tracking.belts[block.belt]
@@ -150,275 +102,6 @@ class BeltRobot(PartsRobot):
         part = Frame.turned(origin, yaw_rad=belt.direction_rad, name='belt').in_base
         return self._maker.make(kind, keys, part)
 
-    # orders -----------------------------------------------------------------------------------------------------------
-
-    def _order_batch(self) -> None:
-        block, tracking = self._block, self._link.tracking
-        if tracking is None:
-            return super()._order_batch()
-        self._on_belt_cycle = None
-        try:
-            if block is None:
-                self._leave_time(tracking)
-            elif block.stopped:
-                raise refused(
-                    'the robot was stopped, and goes with its belt no longer: there is nothing to do there'
-                )
-            elif not block.begun:
-                self._get_on(block, tracking)
-            else:
-                self._require_later(block, tracking)
-        except Delta3Error:
-            self._batch.clear()  # what is refused is not ordered later
-            raise
-        super()._order_batch()
-        if block is not None:
-            block.begun = True
-            if block.closed:
-                self._note_leaving(block, tracking, None)
-        return None
-
-    def _get_on(self, block: Block, tracking: BeltKnowledge) -> None:
-        """Put getting on before what is noted, as soon as the part is near enough."""
-        check_block(self._batch, block.closed)
-        self._ready()
-        if self._held:
-            raise refused('track: the robot is held: resume it first')
-        nearly = self.parameters.decision_cycles + LATE_CYCLES
-        self._wait_for(WaitCondition(self._effect, *self._to_the_end(), left_cycles=nearly))
-        latest = self._link.look().cycle + self._cycles('timeout_s', block.timeout_s)
-        backwards = (
-            NEVER  # since then; one that has just come to rest is expected for a while to go on braking
-        )
-        planned: Planned | None = None
-        cycle_s = self.parameters.bus.cycle_time_s
-        while True:
-            seen = self._seen()
-            if planned is None:
-                batch = block.begun_at(self._moves.plan_end_m or seen.planned_m, self._batch)
-                planned = self._moves.preview(batch, seen.planned_m, seen.turn_rad)
-                seen = self._seen()  # a clock has gone on
-            timeline = self._moves.timeline
-            begin = seen.cycle + self.parameters.decision_cycles + self._clock_cycles
-            begin = begin if timeline is None else max(begin, timeline.end_cycle)
-            found = self._meeting(block, tracking, planned, begin)
-            if isinstance(found, Meeting) and found.wait_s <= SURE_S:
-                break
-            reason = found.reason if isinstance(found, CannotCatch) else None
-            backwards = min(backwards, seen.cycle) if reason is Uncaught.BACKWARDS else NEVER
-            settles = backwards <= seen.cycle < backwards + SETTLED_CYCLES
-            if isinstance(found, CannotCatch) and reason is not Uncaught.NOT_COMING and not settles:
-                raise refused(f'belt {tracking.belts[block.belt].name}: {found.sentence}')
-            if seen.cycle >= latest:
-                why = (
-                    found.sentence
-                    if isinstance(found, CannotCatch)
-                    else 'the part has not come to the window'
-                )
-                raise WaitTimeoutError(
-                    Reason(Code.TIMEOUT, f'track: {why}: not within {block.timeout_s:g} s')
-                )
-            wait_s = found.wait_s if isinstance(found, Meeting) else SURE_S
-            self._go_to(seen.cycle + max(1, int(0.5 * wait_s / cycle_s)))
-        self._require_bearable(planned, found, block, tracking)
-        # on a clock nobody knows yet when the order will count: as much of the wait is left then as there is
-        self._on_belt_cycle = begin + found.wait_s / cycle_s if self._clock_cycles else None
-        rate = self._moves.override
-        ahead: list[Written] = []
-        # between leaving one belt and getting on the next the controller has to see that the robot leaves
-        wait_s = max(found.wait_s, 0.0 if self._leaving is None else APART_CYCLES * cycle_s)
-        if wait_s > 0.5 * cycle_s:
-            ahead.append((Dwell(wait_s * rate), block.place))
-        ahead.append((Output(TRACK, 1.0), block.place))
-        if found.pad_s > 0.5 * cycle_s:
-            ahead.append((Dwell(found.pad_s * rate), block.place))
-        behind = [(Output(TRACK, 0.0), block.place)] if block.closed else []
-        self._batch = [*ahead, *batch, *behind]
-        met_s = found.pad_s + block.first_s(planned.plan) / rate
-        part_m, reference_m = block.part.along_m, block.reference_m
-        self._link.get_on(TrackOrder(block.belt, part_m, reference_m, block.window, block.limits, met_s))
-
-    @property
-    def _clock_cycles(self) -> int:
-        """How much later an order will count on a bus with a clock, as far as is known; 0 without one."""
-        extra = self._link.extra_cycles
-        return extra + CLOCK_CYCLES if extra else 0
-
-    def _on_time(self, batch: list[Written], cycle: int) -> list[Written]:
-        """Let the robot wait only as long as is left until it is to get on its belt."""
-        due, timeline, block = self._on_belt_cycle, self._moves.timeline, self._block
-        if due is None or block is None:
-            return batch
-        begin = cycle if timeline is None else max(cycle, timeline.end_cycle)
-        wait_s = (due - begin) * self.parameters.bus.cycle_time_s
-        on = next(n for n, (one, _) in enumerate(batch) if isinstance(one, Output) and one.name == TRACK)
-        waits = [(Dwell(wait_s * self._moves.override), block.place)] if wait_s > 0.0 else []
-        return [*waits, *batch[on:]]
-
-    def _meeting(
-        self, block: Block, tracking: BeltKnowledge, planned: Planned, begin: int
-    ) -> Meeting | CannotCatch:
-        rate, there = self._moves.override, tracking.expected(block.belt, begin)
-        work = Work(block.first_s(planned.plan) / rate, planned.plan.duration_s / rate)
-        offset = tracking.belts[block.belt].of_base(self._offset_at(tracking, begin))
-        return meet(
-            block.part.along_m + there.way_m,
-            there.speed_m_s,
-            offset,
-            work,
-            block.reference_m,
-            block.window,
-            block.limits,
-        )
-
-    def _offset_at(self, tracking: BeltKnowledge, cycle: float) -> Motion:
-        """Return what is added to the plan in a bus cycle, once the robot leaves, or has left, its last belt."""
-        last = self._leaving
-        if last is None:
-            return Motion(ZERO)
-        time_s = (cycle - last.cycle) * self.parameters.bus.cycle_time_s
-        return tracking.belts[last.belt].to_base(last.way.at(time_s))
-
-    def _require_bearable(
-        self, planned: Planned, found: Meeting, block: Block, tracking: BeltKnowledge
-    ) -> None:
-        belt, rate = tracking.belts[block.belt], self._moves.override
-        whole_s = planned.plan.duration_s / rate
-
-        def offset(time_s: float) -> Motion:
-            return belt.to_base(offset_on(found, time_s + found.pad_s, block.reference_m))
-
-        require_bearable(planned.plan, -found.pad_s, whole_s, offset, self.parameters, rate)
-        on_it = offset_on(found, whole_s + found.pad_s, block.reference_m)
-        self._require_way_out(planned, block, tracking, on_it.place[0], found.speed_m_s)
-
-    def _require_way_out(
-        self, planned: Planned, block: Block, tracking: BeltKnowledge, along_m: float, speed_m_s: float
-    ) -> None:
-        """Refuse work on a belt that nobody could end: no move may follow, or the script may be too late with it.
-
-        Behind a whole block the robot leaves from where its plan ends; an open one may last until the window ends.
-        ``along_m`` is what is added there in the direction of the belt [m].
-        """
-        limits, belt, rate = block.limits, tracking.belts[block.belt], self._moves.override
-        if block.closed:
-            way = leaving(Motion((along_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits)
-        else:
-            at_end = Motion((block.window.end_m - block.reference_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0))
-            way = way_to_stand(at_end, limits.acceleration_m_s2, limits.jerk_m_s3)
-        end_s = planned.plan.duration_s / rate
-        try:
-            require_bearable(
-                planned.plan,
-                end_s,
-                end_s + way.duration_s,
-                lambda time_s: belt.to_base(way.at(time_s - end_s)),
-                self.parameters,
-                rate,
-            )
-        except ProgramError as error:
-            how = 'leaves the belt behind the work' if block.closed else 'stops where the window ends'
-            raise ProgramError(f'track: no move follows, so that the robot {how}: {error}') from None
-
-    def _require_later(self, block: Block, tracking: BeltKnowledge) -> None:
-        """Refuse what the robot does not bear on the belt that it is on, at the speed that this has."""
-        batch, timeline = self._batch, self._moves.timeline
-        stands = all(isinstance(one, Output) for one, _ in batch)
-        if timeline is None or self._held or (stands and not block.closed):
-            return
-        seen = self._ready()
-        checked = [(Dwell(STAND_S), block.place)] if stands else batch
-        planned, rate = self._moves.preview(checked, seen.planned_m, seen.turn_rad), self._moves.override
-        begin = max(seen.cycle + self.parameters.decision_cycles, timeline.end_cycle)
-        belt, there = tracking.belts[block.belt], tracking.expected(block.belt, begin)
-        begun_m = block.part.along_m + there.way_m - block.reference_m
-
-        def offset(time_s: float) -> Motion:
-            along = begun_m + there.speed_m_s * time_s
-            return belt.to_base(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)))
-
-        whole_s = planned.plan.duration_s / rate
-        require_bearable(planned.plan, 0.0, whole_s, offset, self.parameters, rate)
-        self._require_way_out(planned, block, tracking, begun_m + there.speed_m_s * whole_s, there.speed_m_s)
-
-    def _note_leaving(self, block: Block, tracking: BeltKnowledge, cycle: int | None) -> None:
-        """Note when and how the robot will leave the belt, as far as is known."""
-        timeline = self._moves.timeline
-        if timeline is None:
-            return
-        end = timeline.end_cycle if cycle is None else cycle
-        there = tracking.expected(block.belt, end)
-        along = block.part.along_m + there.way_m - block.reference_m
-        way = leaving(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)), block.limits)
-        self._leaving = Leaving(end, block.belt, way)
-
-    def _change(self, override: float) -> None:
-        super()._change(override)
-        block, tracking = self._working, self._link.tracking
-        if block is None or tracking is None or not block.closed or self._held:
-            return
-        # with another speed the plan leaves its belt in another cycle
-        leaves = self._moves.leaves_belt_in(self._link.look().cycle)
-        if leaves is not None:
-            self._note_leaving(block, tracking, leaves)
-
-    def _leave_time(self, tracking: BeltKnowledge) -> None:
-        """Let moves behind a belt begin so late that the robot has left it before the first of them ends."""
-        last, batch = self._leaving, self._batch
-        if last is None or all(isinstance(one, Output) for one, _ in batch):
-            return
-        seen = self._ready()
-        timeline, cycle_s = self._moves.timeline, self.parameters.bus.cycle_time_s
-        begin = seen.cycle + self.parameters.decision_cycles
-        begin = begin if timeline is None else max(begin, timeline.end_cycle)
-        left_s = (last.cycle - begin) * cycle_s + last.way.duration_s + AHEAD_S
-        if left_s <= 0.0 or self._held:
-            self._leaving = None
-            return
-        planned, rate = self._moves.preview(batch, seen.planned_m, seen.turn_rad), self._moves.override
-        first_s = first_moved_s(planned.plan) / rate
-        pad_s = max(left_s - first_s, 0.0)
-        if pad_s > 0.5 * cycle_s:
-            self._batch = [(Dwell(pad_s * rate), batch[0][1]), *batch]
-
-        def offset(time_s: float) -> Motion:
-            return self._offset_at(tracking, begin + (time_s + pad_s) / cycle_s)
-
-        require_bearable(planned.plan, -pad_s, first_s, offset, self.parameters, rate)
-
-    def _come_to_rest(self) -> None:
-        tracking = self._link.tracking
-        if tracking is not None:
-            self._go_to(tracking.rest_cycle)  # from where it gets on again is known once it stands
-
-    def _way_back(self, cycle: int) -> int:
-        tracking, block = self._link.tracking, self._working
-        if tracking is None or tracking.free:
-            return cycle
-        goes_on = cycle + math.ceil(tracking.back_s(cycle) / self.parameters.bus.cycle_time_s)
-        if block is not None and tracking.works:
-            there = tracking.expected(block.belt, goes_on)
-            done = block.part.along_m + there.way_m + there.speed_m_s * self._left_on_belt_s(cycle)
-            if done > block.window.end_m:
-                raise refused(
-                    f'resume: the part would be done with at {1e3 * done:.1f} mm of belt '
-                    f'{tracking.belts[block.belt].name}, but the window ends at {1e3 * block.window.end_m:.1f} mm'
-                )
-        return goes_on
-
-    def _left_on_belt_s(self, cycle: int) -> float:
-        return self._moves.left_on_belt_s(cycle) / self._moves.override
-
-    def _go_back(self, cycle: int) -> int:
-        goes_on, tracking, block = self._way_back(cycle), self._link.tracking, self._working
-        if tracking is None or tracking.free:
-            return goes_on
-        left_s = self._left_on_belt_s(cycle)
-        if block is not None and tracking.works and left_s > 0.0:
-            self._note_leaving(block, tracking, goes_on + int(left_s / self.parameters.bus.cycle_time_s))
-        self._link.get_on_again(cycle)
-        return goes_on
-
     @contextmanager
     def _told(self, place: ScriptPlace) -> Iterator[None]:
         """Say where a call stands that is refused; a robot that could not stay on its belt gives up what is ordered."""
@@ -427,71 +110,16 @@ class BeltRobot(PartsRobot):
                 try:
                     yield
                 except StoppedError:
-                    if self._block is not None:
-                        self._block.stopped = True
+                    if self._work.block is not None:
+                        self._work.block.stopped = True
                     raise
         except ScriptError as error:
             tracking = self._link.tracking
             lost = tracking is not None and tracking.lost is not None
-            if lost and self._block is None and error.code is not Code.FAULT:
-                self._batch.clear()
-                self._abandon()
+            if lost and self._work.block is None and error.code is not Code.FAULT:
+                self._work.abandon()
             raise
-
-    # giving up --------------------------------------------------------------------------------------------------------
-
-    def _drop_block(self, error: Exception) -> None:
-        """Give up work on a belt: nothing of it is ordered any more, and the robot stands beside the belt."""
-        block = self._block
-        self._batch.clear()
-        if (
-            block is not None
-            and block.begun
-            and not (isinstance(error, ScriptError) and error.code is Code.FAULT)
-        ):
-            self._abandon()
-
-    def _abandon(self) -> None:
-        self._block = self._leaving = None
-        for _ in range(ABANDON_TRIES):
-            with suppress(RefusedError):  # somebody has stopped the robot meanwhile, or taken control of it
-                try:
-                    seen = self._link.look()
-                    self._link.abandon(max(self._effect, seen.cycle + self.parameters.decision_cycles))
-                    seen = self._link.look()
-                except RunError:
-                    return  # a fault has stopped the robot meanwhile
-                self._moves.drop(seen.payload_kg)
-                self._effect = seen.cycle
-                return
-
-    def finish(self) -> None:
-        """Order what is noted, and let the bus go on until nothing is under way and the robot has left its belt."""
-        super().finish()
-        tracking, last = self._link.tracking, self._leaving
-        if tracking is None or last is None:
-            return
-        now = self._link.look().cycle
-        latest = (
-            now
-            + int(last.way.duration_s / self.parameters.bus.cycle_time_s)
-            + self.parameters.decision_cycles
-        )
-        while not tracking.free and now < latest:
-            self._go_to(now + 1)
-            now = self._link.look().cycle
-        self._go_to(now + self.parameters.in_position_cycles)
 
     @property
     def _together(self) -> bool:
-        return self._block is not None
-
-    def give_up(self) -> int:
-        """Drop what is noted, stop on the path or on the belt, and let the bus go on until the robot stands."""
-        tracking = self._link.tracking
-        if tracking is None or tracking.free:
-            return super().give_up()
-        self._batch.clear()
-        self._over = True
-        self._abandon()
-        return self._link.look().cycle
+        return self._work.block is not None

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.cell.robot import AHEAD_S, BATCH_MAX
+from delta3_pacdrive.cell.script_orders import AHEAD_S, BATCH_MAX
 from delta3_pacdrive.cell.simulation import Simulation
 from delta3_pacdrive.errors import Code, ScriptError
 

@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 
+from delta3_pacdrive.cell.belt_block import refused
 from delta3_pacdrive.cell.belt_parts import BeltNow, BeltParts
 from delta3_pacdrive.cell.link import Link
 from delta3_pacdrive.cell.place import of_caller
-from delta3_pacdrive.cell.robot import TIMEOUT_S, Robot
+from delta3_pacdrive.cell.robot import Robot
+from delta3_pacdrive.cell.script_orders import ScriptOrders
+from delta3_pacdrive.cell.values import TIMEOUT_S
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge
-from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, WaitTimeoutError, shown
+from delta3_pacdrive.errors import Code, ProgramError, Reason, WaitTimeoutError, shown
 from delta3_pacdrive.motion.belt_meeting import BeltAxes
 from delta3_pacdrive.motion.belt_synchronization import TrackWindow
 from delta3_pacdrive.motion.part_queue import QueuedPart, Rule
@@ -23,11 +26,13 @@ class PartsRobot(Robot):
         To the robot.
     name
         Of the script.
+    orders
+        Of the script, if they are of another kind than ``ScriptOrders``.
 
     """
 
-    def __init__(self, link: Link, name: str) -> None:
-        super().__init__(link, name)
+    def __init__(self, link: Link, name: str, orders: ScriptOrders | None = None) -> None:
+        super().__init__(link, name, orders)
         tracking = link.tracking
         self._parts = [BeltParts(tracking, n) for n in range(len(tracking.belts))] if tracking else []
 
@@ -91,7 +96,7 @@ class PartsRobot(Robot):
                     raise WaitTimeoutError(
                         Reason(Code.TIMEOUT, f'part: none has come on belt {where} within {timeout_s:g} s')
                     )
-                self._go_to(seen.cycle + 1)
+                self._orders.go_to(seen.cycle + 1)
 
     @staticmethod
     def _names_of(belt: str | Sequence[str]) -> tuple[str, ...]:
@@ -164,8 +169,3 @@ def _require_known(kind: str, belt: BeltAxes) -> None:
         raise ProgramError(
             f'part: unknown kind {shown(kind)}, the parts of the cell are: {known}{nearest_of(kind, belt.types)}'
         )
-
-
-def refused(sentence: str) -> RefusedError:
-    """Return the refusal of what cannot be done on a belt."""
-    return RefusedError(Reason(Code.BELT, sentence))

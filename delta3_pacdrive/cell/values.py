@@ -7,6 +7,9 @@ import numpy as np
 
 from delta3_pacdrive.errors import ProgramError, shown
 
+TIMEOUT_S = 10.0  # of a wait for an input, or for a part
+TIME_MAX_S = 3600.0  # of a wait
+
 
 def plain(value: Any) -> Any:
     """Return what a program file would hold: lists instead of tuples and arrays, numbers instead of those of numpy."""

@@ -5,7 +5,7 @@ import pytest
 
 import delta3_pacdrive as d3
 from delta3_pacdrive import cell
-from delta3_pacdrive.cell.robot import AHEAD_S
+from delta3_pacdrive.cell.script_orders import AHEAD_S
 from delta3_pacdrive.errors import Code
 
 FIXED = [
