@@ -40,6 +40,8 @@ class Options:
     first: int = 0  # statement with which the program begins
     script: bool = False  # whether a script moves the robot, from a bus cycle on that is known
     cell: Path | None = None  # file of what stands around the robot
+    shared_clock: str = ''  # bus clock by which other robots go as well; empty: an own one
+    clock_member: int = 0  # number of the robot on that clock
     patience_s: float = 30.0  # until there is cyclic operation
     view: ManagedProcess | None = None  # the page that shows the robot, as ``page.started`` has begun it
 

@@ -101,6 +101,8 @@ class RobotProcesses:
             begins = first_decision(self._robot)
             task |= {'script_cycle': begins}
             plant |= {'cell_start_cycle': begins}
+        if options.shared_clock:
+            task |= {'shared_clock': options.shared_clock, 'clock_member': options.clock_member}
         axes = range(1, len(drives_of(self._robot)) + 1)
         nodes: Nodes = {
             'plant': (PlantNode, plant),

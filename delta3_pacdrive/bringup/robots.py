@@ -25,6 +25,7 @@ from delta3_pacdrive.bringup.page import started
 from delta3_pacdrive.bringup.processes import ManagedProcess, spawn
 from delta3_pacdrive.errors import Delta3Error, RunError, RunInterruptedError
 from delta3_pacdrive.sercos.configuration_check import drives_of
+from delta3_pacdrive.sercos.shared_clock import SharedClock, create
 from delta3_pacdrive.view import serving
 
 LOOK_S = 0.1
@@ -111,6 +112,8 @@ class Robots:
         Whether each has a page in the browser; and its ports, of the first robot on. Without a port it is a free one.
     started_s
         When the work on it began, on the clock that never jumps [s].
+    shared_clock
+        Whether they go by one bus clock.
 
     Attributes
     ----------
@@ -121,7 +124,14 @@ class Robots:
 
     """
 
-    def __init__(self, options: Sequence[Options], page: bool, port: int | None, started_s: float) -> None:
+    def __init__(
+        self,
+        options: Sequence[Options],
+        page: bool,
+        port: int | None,
+        started_s: float,
+        shared_clock: bool = False,
+    ) -> None:
         for one in options[:1]:  # the others are as this one is, but for names
             check_options(one)
         for one in options:
@@ -130,6 +140,14 @@ class Robots:
         # all come up at the same time, on the cores that there are
         share = max(1.0, len(options) / len(os.sched_getaffinity(0)))
         self._options = [replace(one, patience_s=share * one.patience_s) for one in options]
+        self._places: list[SharedClock] = []
+        if shared_clock:
+            path = create(len(options))
+            self._places = [SharedClock(path, member) for member in range(len(options))]
+            self._options = [
+                replace(one, shared_clock=path, clock_member=member)
+                for member, one in enumerate(self._options)
+            ]
         self._started_s = started_s
         self._ports = [port + n if port else None for n in range(len(options))] if page else []
         self.now = [RobotNow(one.namespace) for one in options]
@@ -206,6 +224,8 @@ class Robots:
                 _take(robot, facts)
             if ended and not robot.ended:
                 robot.ended = True
+                if self._places:
+                    self._places[number].leave()  # who has never come would be waited for
                 if robot.result is None and not robot.error and not self._is_ending:
                     robot.error = child.ending()
 

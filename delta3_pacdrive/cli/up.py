@@ -24,12 +24,18 @@ class Options(GraphOptions):
         'N',
         type=integer_within(1, ROBOTS_MAX),
     )
+    shared_clock: bool = flag(
+        'with --robots: all go by one bus clock, so that bus cycles of one number begin at one instant; who falls '
+        'behind makes all late'
+    )
     separate_processes: bool = flag('with --robots: each node in a process of its own, as one robot has it')
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
         if self.separate_processes and self.robots is None:
             return '--separate-processes is for --robots: one robot has separate processes anyway'
+        if self.shared_clock and (self.robots or 1) < 2:
+            return '--shared-clock is for --robots, two or more: one robot has a bus clock of its own'
         if self.separate_processes and self.single_process:
             return '--separate-processes and --single-process exclude each other'
         last = (self.view_port or 0) + (self.robots or 1) - 1
@@ -74,7 +80,7 @@ def run(options: Options) -> int:
         from delta3_pacdrive.cli import up_robots
 
         options.single_process = not options.separate_processes
-        return up_robots.run(options, options.robots)
+        return up_robots.run(options, options.robots, options.shared_clock)
     bringup, result = bring_up(
         options, None, lambda display, bringup: _Announcement(display, bringup, options.json).show
     )

@@ -117,7 +117,7 @@ def _rich_table(robots: Sequence[Any]) -> Any:
     return table
 
 
-def run(options: GraphOptions, count: int) -> int:
+def run(options: GraphOptions, count: int, shared_clock: bool) -> int:
     """Bring robots up and keep them up, until Ctrl-C or until none is left; return the exit status."""
     started_s = time.monotonic()
     from delta3_pacdrive.bringup.environment import bag_of, namespaces, only_one
@@ -137,7 +137,7 @@ def run(options: GraphOptions, count: int) -> int:
     logs = Path(options.logs).absolute() if options.logs else None
     bags = _folder_of_bags(asked.bag)
     each = [replace(asked, namespace=name, logs=logs, bag=bags and bag_of(bags, name)) for name in names]
-    supervisor = robots.Robots(each, page, options.view_port, started_s)
+    supervisor = robots.Robots(each, page, options.view_port, started_s, shared_clock)
     with _Display(options.json) as display:
         supervisor.run(display.show, display.say)
     return _print_result(options, supervisor.now, bags, supervisor.crowded)

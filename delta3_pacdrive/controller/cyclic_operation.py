@@ -23,6 +23,7 @@ from delta3_pacdrive.sercos.input_image import InputImage
 from delta3_pacdrive.sercos.losses import NO_ANSWER
 from delta3_pacdrive.sercos.scheduler import CycleScheduler
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
+from delta3_pacdrive.sercos.shared_clock import SharedClock
 from delta3_pacdrive.sercos.statistics import BusStatistics
 from delta3_pacdrive.sercos.watchdog import Watchdog
 
@@ -32,8 +33,8 @@ Content = tuple[Any, int, int]  # position, speed, torque; status word; word of 
 class CyclePort(Protocol):
     """What bus cycles do outside of the controller."""
 
-    def start_ticks(self) -> None:
-        """Start the timer whose ticks look for due cycles; the first one is due at the first tick."""
+    def start_ticks(self, delay_s: float) -> None:
+        """Start the timer whose ticks look for due cycles, after a while [s]; the first is due at the first tick."""
 
     def send(self, cycle: int, command: Command) -> None:
         """Send the MDT of a bus cycle."""
@@ -70,6 +71,8 @@ class CyclicOperation:
         Called with a fault for which the phase has to fall.
     now_s, now_ns
         Return the time: of a clock that never jumps [s], of day [ns].
+    shared
+        Clock by which other robots go as well.
 
     Attributes
     ----------
@@ -101,6 +104,7 @@ class CyclicOperation:
         fall: Callable[[RobotFault], None],
         now_s: Callable[[], float],
         now_ns: Callable[[], int],
+        shared: SharedClock | None = None,
     ) -> None:
         self._state, self._axes, self._services, self._faults = state, axes, services, faults
         self._port, self._gate, self._fall = port, gate, fall
@@ -109,7 +113,7 @@ class CyclicOperation:
         self.statistics = BusStatistics(parameters.bus.outstanding_cycles_max)
         self._now_s, self._now_ns = now_s, now_ns
         self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, port.refuse)
-        self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max)
+        self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max, shared)
         self.answers: AnswerBuffer[Content] = AnswerBuffer(len(services.drives))
         self.inputs, self.belts = InputImage(), BeltImage()
         self._observed = -1  # bus cycle up to which the task knows its belts
@@ -130,9 +134,14 @@ class CyclicOperation:
         self._link.clear()
         self.last_answer_s = self._now_s()
         self.watchdog.received(self.last_answer_s)
-        self.scheduler.begin(cycle, self.last_answer_s + self.scheduler.period_s)
-        self._port.start_ticks()  # at once: what comes between makes every cycle late
+        delay_s = self.scheduler.begin(cycle, self.last_answer_s + self.scheduler.period_s)
+        self._port.start_ticks(delay_s)  # at once: what comes between makes every cycle late
         self.running = True
+
+    def end(self) -> None:
+        """End cyclic operation."""
+        self.running = False
+        self.scheduler.end()
 
     def due(self, index: int) -> bool:
         """Whether an axis may have more to say; before cyclic operation nobody knows how often it answers."""

@@ -31,6 +31,10 @@ from delta3_pacdrive.sercos.configuration_check import Identity, drives_of
 from delta3_pacdrive.sercos.master import BusMaster
 from delta3_pacdrive.sercos.participants import Announcement
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
+from delta3_pacdrive.sercos.shared_clock import SharedClock
+from delta3_pacdrive.sercos.words import Phase
+
+ALL_READY = Reason(Code.BUS, 'waiting for the robots that share its bus clock')
 
 
 class Port(CyclePort, Protocol):
@@ -65,6 +69,8 @@ class RobotController:
         Return the time: of a clock that never jumps [s], of day [ns].
     learned
         Torques that were learned for a program.
+    shared_clock
+        Clock of the bus by which other robots go as well.
 
     Attributes
     ----------
@@ -90,6 +96,7 @@ class RobotController:
         now_s: Callable[[], float],
         now_ns: Callable[[], int],
         learned: Learned | None = None,
+        shared_clock: SharedClock | None = None,
     ) -> None:
         bus, identity, drives = parameters.bus, Identity.of(parameters), drives_of(parameters)
         self._parameters, self._port, self.wait_for_program = parameters, port, wait_for_program
@@ -116,7 +123,10 @@ class RobotController:
             self._fall,
             now_s,
             now_ns,
+            shared_clock,
         )
+        self._now_s = now_s
+        self._alone = True  # nobody is waited for who shares the clock of the bus
         self.control = Control(report_s)
         self.planners = PlannerWatch(report_s, identity)
         self.orders = Orders(parameters, self.state, self.control, self.planners, port.check_faults)
@@ -152,7 +162,7 @@ class RobotController:
 
     def waiting(self) -> Reason | None:
         """Say what the present phase waits for, None if it waits for nothing."""
-        return self.bus.waiting
+        return self.bus.waiting or (None if self._alone else ALL_READY)
 
     def earliest(self) -> int:
         """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
@@ -167,7 +177,11 @@ class RobotController:
     def look_at_start_up(self, doubled: Reason | None) -> None:
         """Advance the phases of the bus, knowing who writes what only one may write."""
         ready = not self.wait_for_program or self.state.starts != NEVER
-        self._do(self.bus.look(self.next_cycle, doubled, ready))
+        first: int | None = self.next_cycle
+        if ready and self.bus.phase is Phase.CP3:
+            first = self.cycles.scheduler.first_cycle(self.next_cycle, self._now_s())
+        self._alone = first is not None
+        self._do(self.bus.look(self.next_cycle if first is None else first, doubled, ready and self._alone))
 
     def announced(self, announcement: Announcement) -> None:
         """Take the announcement of a participant of the bus, or of a planner."""
@@ -228,7 +242,7 @@ class RobotController:
             self._start_s = self.cycles.last_answer_s
 
     def _give_up(self, fault: RobotFault, session: bytes) -> None:
-        self.cycles.running = False
+        self.cycles.end()
         self.axes.begin()
         self.services.close()
         self.state.lose_bus(fault)
@@ -287,7 +301,7 @@ class RobotController:
         return {
             'session': self.bus.session.decode(),
             'phase': self.bus.phase.name,
-            'waiting': str(self.bus.waiting or ''),
+            'waiting': str(self.waiting() or ''),
             'fault': str(state.fault or ''),
             **RobotFault.facts(state.fault),
             'state': str(state.motion),

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from delta3_pacdrive.sercos.shared_clock import SharedClock
+
 ROUNDING = 1e-6  # of a period
 SHARES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
@@ -56,6 +58,8 @@ class CycleScheduler:
         Wall-clock time per cycle [s]; 0 = as fast as possible.
     outstanding_max
         Most cycles that may wait for answers.
+    shared
+        The clock that other robots go by as well, if they do.
     catches_up
         Whether cycles that are late are caught up; else the schedule slips as soon as it lags by more than one.
     late_s
@@ -65,6 +69,7 @@ class CycleScheduler:
 
     period_s: float
     outstanding_max: int
+    shared: SharedClock | None = None
     overruns: int = 0
     slip_s: float = 0.0
     late_s: float = 0.0
@@ -72,18 +77,40 @@ class CycleScheduler:
     _origin_s: float | None = None
     _held: bool = False
 
-    def begin(self, cycle: int, due_s: float) -> None:
+    def first_cycle(self, own_next: int, now_s: float) -> int | None:
+        """Return the cycle with which a schedule may begin, None as long as others of its clock are not ready."""
+        if self.shared is None:
+            return own_next
+        if not self.shared.ready(now_s):
+            return None
+        return self.shared.first_cycle(own_next, now_s, self.period_s)
+
+    def begin(self, cycle: int, due_s: float) -> float:
         """Begin a new schedule, in which ``cycle`` is due at ``due_s``; without it the first call decides.
 
         Whoever looks at a timer's ticks begins with the first one: a tick is never early, so that each finds its
-        cycle due and none has to wait for the next tick.
+        cycle due and none has to wait for the next tick. Returned is how much later it is due by a shared clock [s].
         """
         self._origin_s = due_s - cycle * self.period_s
         self._held = False
+        if self.shared is None:
+            return 0.0
+        self.shared.begin(cycle)
+        self._origin_s = self.shared.origin_s()
+        return max(self._origin_s + cycle * self.period_s - due_s, 0.0) if self.period_s else 0.0
+
+    def end(self) -> None:
+        """End the schedule."""
+        if self.shared is not None:
+            self.shared.leave()
 
     def may_start(self, cycle: int, outstanding: int, now_s: float) -> bool:
         """Whether ``cycle`` starts now."""
-        if self._origin_s is None:
+        if self.shared is not None:
+            if self.shared.holds(cycle):
+                return False
+            self._origin_s, self.slip_s = self.shared.origin_s(), self.shared.slip_s()
+        elif self._origin_s is None:
             self._origin_s = now_s - cycle * self.period_s
         due = self._origin_s + cycle * self.period_s
         if self.period_s and now_s < due:
@@ -101,4 +128,8 @@ class CycleScheduler:
             slip = math.ceil(lag / self.period_s - ROUNDING) * self.period_s
             self._origin_s += slip
             self.slip_s += slip
+            if self.shared is not None:
+                self.shared.slip(slip)
+        if self.shared is not None:
+            self.shared.started(cycle)
         return True

@@ -55,7 +55,7 @@ class Cell:
         if announcement.entered:
             self.phases.append(announcement.phase)
 
-    def start_ticks(self) -> None:
+    def start_ticks(self, delay_s: float) -> None:
         self.ticks_from.append(self.phases[-1])
 
     def greet(self, _: Any) -> None:

@@ -57,7 +57,7 @@ class BusPort:
     def announce(self, _: Any) -> None:
         """Announce nothing."""
 
-    def start_ticks(self) -> None:
+    def start_ticks(self, delay_s: float) -> None:
         """Start no timer."""
 
     def greet(self, _: Any) -> None:

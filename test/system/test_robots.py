@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.recording import trace_file
+from robots import Deadline
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 pytestmark = pytest.mark.timeout(600)
 SLOW = ('--ordinary-priority', '--real-time-factor', '0.2')
+AHEAD_S = 0.3  # of bus time: cycles by which one may be ahead, and between two reports
 
 
 def read_until(stream: Any, words: str) -> str:
@@ -89,3 +91,40 @@ def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
     first, second = output.splitlines()
     assert first.startswith('/robot1: robot was killed by SIGKILL')
     assert second.startswith('/robot2: bus time ')
+
+
+def test_a_robot_that_stands_still_makes_one_of_the_same_clock_wait(
+    fork_delta3: Callable[..., subprocess.Popen[str]],
+    delta3: Runner,
+    processes: Callable[[], list[str]],
+    nothing_left_behind: None,
+) -> None:
+    def bus_times() -> dict[str, float]:
+        told = json.loads(delta3('move', 'state', '--all', '--json').stdout)
+        return {name: robot['bus_time_s'] for name, robot in told['robots'].items()}
+
+    up = fork_delta3('up', '--robots', '2', '--shared-clock', *SLOW)
+    read_until(up.stderr, 'ready after')
+    numbers = [int(entry.split(':')[0]) for entry in processes()]
+    frozen = process_of('/robot1', 'robot', numbers)
+    os.kill(frozen, signal.SIGSTOP)
+    try:
+        before, now = 0.0, bus_times()['/robot2']
+        deadline = Deadline(60.0)
+        while now != before and not deadline.over():  # a robot with a clock of its own goes on
+            before, now = now, bus_times()['/robot2']
+        assert now == before
+    finally:
+        os.kill(frozen, signal.SIGCONT)
+
+    def together() -> bool:
+        times = bus_times()
+        return min(times.values()) > now and abs(times['/robot1'] - times['/robot2']) < AHEAD_S
+
+    deadline = Deadline(60.0)
+    while not (met := together()) and not deadline.over():
+        pass
+    assert met
+    up.send_signal(signal.SIGINT)
+    up.communicate(timeout=60.0)
+    assert up.returncode == 0

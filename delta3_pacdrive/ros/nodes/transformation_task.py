@@ -36,6 +36,7 @@ from delta3_pacdrive.ros.service_requests import offer_service_requests
 from delta3_pacdrive.ros.task_outputs import TaskOutputs
 from delta3_pacdrive.sercos import master
 from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.sercos.shared_clock import SharedClock
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.sercos.words import Phase
 
@@ -50,6 +51,13 @@ JOINT_MOTION = descriptor('also publish joint_motion and jacobian in every cycle
 SCRIPT = descriptor(
     'bus cycle on whose answers a script begins; without a clock the bus waits for it', -1, 2**53, int
 )
+SHARED_CLOCK = descriptor(
+    'bus clock by which other robots go as well, as "delta3 up --shared-clock" makes it; empty: an own one',
+    0,
+    0,
+    str,
+)
+CLOCK_MEMBER = descriptor('number of this robot on that clock', 0, 9, int)
 LEARNED = descriptor('file of learned torques, for the program that they belong to; empty: none', 0, 0, str)
 
 
@@ -74,6 +82,8 @@ class TransformationTaskNode(PollingNode):
         joint_motion = declare(self, 'joint_motion', False, JOINT_MOTION)
         path = declare(self, 'learned', '', LEARNED)
         script_cycle = declare(self, 'script_cycle', -1, SCRIPT)
+        clock_path = declare(self, 'shared_clock', '', SHARED_CLOCK)
+        member = declare(self, 'clock_member', 0, CLOCK_MEMBER)
         parameters = declare_robot(self, 'transformation_task')
         cycle_time_s = parameters.bus.cycle_time_s
         period_s = cycle_time_s / factor if factor else 0.0
@@ -90,6 +100,7 @@ class TransformationTaskNode(PollingNode):
             time.monotonic,
             time.time_ns,
             learned.load(path) if path else None,
+            SharedClock(clock_path, member) if clock_path else None,
         )
         if script_cycle >= 0:
             controller.gate.begins = script_cycle
@@ -142,8 +153,9 @@ class TransformationTaskNode(PollingNode):
         self.commands.greet(greeting)
         self._outputs.greet()
 
-    def start_ticks(self) -> None:
-        """Start the timer of bus cycles in place of that of the start-up."""
+    def start_ticks(self, delay_s: float) -> None:
+        """Start the timer of bus cycles in place of that of the start-up, after a while [s]."""
+        time.sleep(delay_s)
         self._ticker.reset()
         self._startup.cancel()
 
