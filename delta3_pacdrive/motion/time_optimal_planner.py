@@ -25,6 +25,8 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 USED = 0.999  # of what the motors can do: the rest is for what lies between two grid points
+# the heavier the payload, the more the current goes beyond that of the plan where the torque bends: it is as much less
+LIGHT_KG, LESS_PER_KG = 4.0, 0.0035
 ROUNDS_MAX = (
     4  # of planning with limits of jerk that are lower where they were broken between two grid points
 )
@@ -57,6 +59,8 @@ class TimeOptimalPlanner(MovePlanner):
     ) -> None:
         super().__init__(curve, stretches, payloads, parameters, returning)
         self._torque_rate = torque_rate_n_m_s
+        heaviest_kg = max(payload_kg for _, payload_kg in payloads)
+        self._used = USED - LESS_PER_KG * max(heaviest_kg - LIGHT_KG, 0.0)
         self._parameter = path_parameter(curve)
         self._samples = sample_path(self._parameter.distance_m, curve.segments)
         self._piece = np.searchsorted(curve.segments[:, 0], self._parameter.distance_m, side='right') - 1
@@ -143,7 +147,8 @@ class TimeOptimalPlanner(MovePlanner):
         voltage[:, :, 3] += motor.torque_constant_n_m_a / 3.0 * shaft
         peak = motor.torque_constant_n_m_a * motor.peak_current_a
         bounded = (
-            np.concatenate([torque / peak, voltage / phase_voltage_max(self._parameters)], axis=1) / USED
+            np.concatenate([torque / peak, voltage / phase_voltage_max(self._parameters)], axis=1)
+            / self._used
         )
         with np.errstate(divide='ignore'):
             turns = (USED * motor.max_speed_rad_s / np.abs(shaft)).min(axis=1)
