@@ -104,6 +104,8 @@ def test_a_trajectory_is_held_resumed_and_stopped_by_an_empty_one(cell: Cell) ->
     cell.operator.call('hold')
     cell.wait_for('stopped')
     cell.operator.call('resume')
+    # everybody hears what he is answered: it is not the answer to what is sent next
+    cell.graph.spin_until(lambda: cell.answers[-1].data == 'accepted: resumed', 'the answer')
     cell.wait_for('moving')
     assert 'the robot is moving' in cell.send(message((1.0, still(0.1))))
     # it has hardly begun to move again: the stop may be over before it is answered

@@ -143,7 +143,9 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     file = bag / 'bag.mcap'
     # several times as much as is looked for: topic after topic is written, and a busy recorder takes big bites
     _wait_for(
-        lambda: process.poll() is not None or (file.exists() and file.stat().st_size > 2_000_000), 'a run'
+        lambda: process.poll() is not None or (file.exists() and file.stat().st_size > 2_000_000),
+        'a run',
+        3.0 * START_DEADLINE_S,
     )
     os.kill(_pid_of('recorder', processes), signal.SIGKILL)
     output, errors = process.communicate(timeout=60.0)
