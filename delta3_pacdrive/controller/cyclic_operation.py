@@ -121,6 +121,10 @@ class CyclicOperation:
         self.next_cycle = self.answered = 0
         self.last_answer_s = 0.0
 
+    def first_cycle(self) -> int | None:
+        """Return the cycle with which cyclic operation may begin, None as long as others of its clock are not ready."""
+        return self.scheduler.first_cycle(self.next_cycle, self._now_s())
+
     def begin(self, cycle: int, inputs: Sequence[str] = ()) -> None:
         """Begin cyclic operation with a cycle; ``inputs`` are the names of those that the plant has."""
         self.next_cycle = self.answered = cycle

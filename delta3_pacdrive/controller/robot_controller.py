@@ -125,8 +125,9 @@ class RobotController:
             now_ns,
             shared_clock,
         )
-        self._now_s = now_s
-        self._alone = True  # nobody is waited for who shares the clock of the bus
+        self._awaited: Reason | None = (
+            None  # why cyclic operation does not begin, beside what the bus waits for
+        )
         self.control = Control(report_s)
         self.planners = PlannerWatch(report_s, identity)
         self.orders = Orders(parameters, self.state, self.control, self.planners, port.check_faults)
@@ -162,7 +163,7 @@ class RobotController:
 
     def waiting(self) -> Reason | None:
         """Say what the present phase waits for, None if it waits for nothing."""
-        return self.bus.waiting or (None if self._alone else ALL_READY)
+        return self.bus.waiting or self._awaited
 
     def earliest(self) -> int:
         """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
@@ -177,11 +178,13 @@ class RobotController:
     def look_at_start_up(self, doubled: Reason | None) -> None:
         """Advance the phases of the bus, knowing who writes what only one may write."""
         ready = not self.wait_for_program or self.state.starts != NEVER
-        first: int | None = self.next_cycle
+        first = self.next_cycle
+        self._awaited = None
         if ready and self.bus.phase is Phase.CP3:
-            first = self.cycles.scheduler.first_cycle(self.next_cycle, self._now_s())
-        self._alone = first is not None
-        self._do(self.bus.look(self.next_cycle if first is None else first, doubled, ready and self._alone))
+            begins = self.cycles.first_cycle()
+            self._awaited = ALL_READY if begins is None else None
+            first = first if begins is None else begins
+        self._do(self.bus.look(first, doubled, ready and self._awaited is None))
 
     def announced(self, announcement: Announcement) -> None:
         """Take the announcement of a participant of the bus, or of a planner."""

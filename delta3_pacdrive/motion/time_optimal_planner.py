@@ -60,7 +60,7 @@ class TimeOptimalPlanner(MovePlanner):
         super().__init__(curve, stretches, payloads, parameters, returning)
         self._torque_rate = torque_rate_n_m_s
         heaviest_kg = max(payload_kg for _, payload_kg in payloads)
-        self._used = USED - LESS_PER_KG * max(heaviest_kg - LIGHT_KG, 0.0)
+        self._torque_used = USED - LESS_PER_KG * max(heaviest_kg - LIGHT_KG, 0.0)
         self._parameter = path_parameter(curve)
         self._samples = sample_path(self._parameter.distance_m, curve.segments)
         self._piece = np.searchsorted(curve.segments[:, 0], self._parameter.distance_m, side='right') - 1
@@ -146,10 +146,8 @@ class TimeOptimalPlanner(MovePlanner):
         voltage = ohms * torque
         voltage[:, :, 3] += motor.torque_constant_n_m_a / 3.0 * shaft
         peak = motor.torque_constant_n_m_a * motor.peak_current_a
-        bounded = (
-            np.concatenate([torque / peak, voltage / phase_voltage_max(self._parameters)], axis=1)
-            / self._used
-        )
+        volts = phase_voltage_max(self._parameters)
+        bounded = np.concatenate([torque / peak / self._torque_used, voltage / volts / USED], axis=1)
         with np.errstate(divide='ignore'):
             turns = (USED * motor.max_speed_rad_s / np.abs(shaft)).min(axis=1)
             square_max = np.minimum(np.minimum(turns, speed / p.first), math.sqrt(SPEED_MAX)) ** 2

@@ -96,7 +96,7 @@ class CycleScheduler:
         if self.shared is None:
             return 0.0
         self.shared.begin(cycle)
-        self._origin_s = self.shared.origin_s()
+        self._origin_s = self.shared.begin_s + self.shared.slip_s()
         return max(self._origin_s + cycle * self.period_s - due_s, 0.0) if self.period_s else 0.0
 
     def end(self) -> None:
@@ -109,7 +109,8 @@ class CycleScheduler:
         if self.shared is not None:
             if self.shared.holds(cycle):
                 return False
-            self._origin_s, self.slip_s = self.shared.origin_s(), self.shared.slip_s()
+            self.slip_s = self.shared.slip_s()
+            self._origin_s = self.shared.begin_s + self.slip_s
         elif self._origin_s is None:
             self._origin_s = now_s - cycle * self.period_s
         due = self._origin_s + cycle * self.period_s

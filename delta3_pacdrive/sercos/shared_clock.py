@@ -114,7 +114,7 @@ class SharedClock:
             return own_next
         cycle = max(own_next, *(items[place + NEXT] for place in self._places))
         if period_s:
-            cycle = max(cycle, math.ceil((now_s - self.origin_s()) / period_s) + 1)
+            cycle = max(cycle, math.ceil((now_s - self.begin_s - self.slip_s()) / period_s) + 1)
         return cycle
 
     def begin(self, cycle: int) -> None:
@@ -142,9 +142,10 @@ class SharedClock:
         """Note that a cycle starts now."""
         self._items[self._own + NEXT] = cycle + 1
 
-    def origin_s(self) -> float:
-        """Return when cycle 0 was due, later by all that the clock has slipped since [s]."""
-        return self._items[0] * 1e-9 + self.slip_s()
+    @property
+    def begin_s(self) -> float:
+        """When cycle 0 was due, on the clock that never jumps [s]."""
+        return self._items[0] * 1e-9
 
     def slip_s(self) -> float:
         """Return by how much the clock has slipped [s]: whoever falls behind makes all late."""
