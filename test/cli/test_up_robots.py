@@ -53,6 +53,8 @@ def test_the_table_has_a_row_of_each_robot_and_says_what_it_does_or_waits_for():
         (['--robots', '0'], "'0' must be a whole number between 1 and 10"),
         (['--robots', '11'], "'11' must be a whole number between 1 and 10"),
         (['--separate-processes'], '--separate-processes is for --robots'),
+        (['--shared-clock'], '--shared-clock is for --robots, two or more'),
+        (['--robots', '1', '--shared-clock'], '--shared-clock is for --robots, two or more'),
         (['--robots', '2', '--separate-processes', '--single-process'], 'exclude each other'),
         (['--robots', '3', '--view-port', '65534'], 'the page of the last robot would need port 65536'),
     ],

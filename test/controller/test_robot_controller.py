@@ -15,6 +15,7 @@ from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PARTICIPANTS, PLANT, Identity
 from delta3_pacdrive.sercos.participants import Announcement, Occasion
+from delta3_pacdrive.sercos.shared_clock import SharedClock, create
 from delta3_pacdrive.sercos.watchdog import ANSWER_SILENT_S, BUS_SILENT_S
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, Phase, Status
 
@@ -32,7 +33,9 @@ OUTSTANDING = ROBOT.bus.outstanding_cycles_max
 class Cell:
     """A controller without a clock, and drives that do as they are told as soon as a test lets them."""
 
-    def __init__(self, *faults: dict[str, Any], inputs: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, *faults: dict[str, Any], inputs: tuple[str, ...] = (), clock: SharedClock | None = None
+    ) -> None:
         self.inputs = inputs
         self.now_s = 0.0
         self.sent: dict[int, Command] = {}
@@ -46,7 +49,15 @@ class Cell:
         for fault in faults:
             schedule.add(Scheduled.of(parse(fault, 'fault'), 0, ROBOT.bus.cycle_time_s))
         self.robot = RobotController(
-            ROBOT, 0.0, REPORT_S, False, schedule, self, lambda: self.now_s, lambda: round(self.now_s * 1e9)
+            ROBOT,
+            0.0,
+            REPORT_S,
+            False,
+            schedule,
+            self,
+            lambda: self.now_s,
+            lambda: round(self.now_s * 1e9),
+            shared_clock=clock,
         )
 
     # what the controller does on the bus ------------------------------------------------------------------------------
@@ -137,6 +148,19 @@ class Cell:
 @pytest.fixture
 def cell() -> Cell:
     return Cell().come_up()
+
+
+def test_a_robot_waits_in_cp3_until_all_of_its_bus_clock_are_ready_and_says_so() -> None:
+    path = create(2)
+    cell, other = Cell(clock=SharedClock(path, 0)), SharedClock(path, 1)
+    with pytest.raises(AssertionError):
+        cell.come_up()
+    assert cell.phases[-1] == Phase.CP3
+    assert cell.robot.progress()['waiting'] == 'waiting for the robots that share its bus clock'
+    assert other.ready(0.0)
+    cell.come_up()
+    assert cell.phases[-1] == Phase.CP4
+    assert cell.robot.progress()['waiting'] == ''
 
 
 def test_the_bus_comes_up_phase_by_phase_and_the_robot_stands_where_the_drives_say() -> None:
