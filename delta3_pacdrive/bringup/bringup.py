@@ -80,6 +80,11 @@ class _Monitor(Node):
             self.parts.add(message.data)
 
 
+def waits_for_others(options: Options, progress: dict[str, Any]) -> bool:
+    """Whether a robot only waits for those of its bus clock: who does not come up gives up, and nobody else."""
+    return bool(options.shared_clock) and progress.get('phase') == 'CP3'
+
+
 class Bringup:
     """One run of one robot; ``run`` does it all.
 
@@ -205,7 +210,7 @@ class Bringup:
                 show(progress)
                 if self._program is None and self.interrupted:
                     return
-            elif time.monotonic() > deadline:
+            elif time.monotonic() > deadline and not waits_for_others(self.options, progress):
                 waiting = progress.get('waiting') or monitor.refusal or 'the transformation task to appear'
                 raise RunError(
                     f'the bus is not in cyclic operation after {self.options.patience_s:g} s: {waiting}'

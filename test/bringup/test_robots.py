@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,11 +16,13 @@ pytest.importorskip(
 )
 
 from delta3_pacdrive.bringup import robots
+from delta3_pacdrive.bringup.bringup import waits_for_others
 from delta3_pacdrive.bringup.cpu_load import SINGLE_CORES
 from delta3_pacdrive.bringup.environment import bag_of, namespaces
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.robots import RobotNow, Robots, require_room
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.sercos.shared_clock import SharedClock
 
 LOOKS = 4  # at two robots that live on, before they are asked to end
 REPORT = {
@@ -44,6 +47,27 @@ class Rehearsed:
             os.kill(os.getpid(), signal.SIGKILL)
         signal.sigwait({signal.SIGINT})
         return {'ok': True, 'cycles': 2000}
+
+
+class Clocked:
+    """A bring-up that begins as soon as all of its bus clock are ready; the second robot never is, the third dies."""
+
+    def __init__(self, options: Options, started_s: float) -> None:
+        self.options, self.ready_s, self.notes = options, 0.0, ['']
+
+    def run(self, show: Callable[[Any], None], rising: Callable[[Any], None]) -> dict[str, Any]:
+        member = self.options.clock_member
+        clock = SharedClock(self.options.shared_clock, member)
+        if member == 1:
+            raise RunError('it does not come up')
+        if member == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        end = time.monotonic() + 20.0
+        while not clock.ready(1000.0):
+            if time.monotonic() > end:
+                raise RunError('it waits for one that does not come up')
+            rising(REPORT | {'phase': 'CP3', 'in_torque': False})
+        return {'ok': True, 'first_cycle': clock.first_cycle(0, 1000.0, 1e-3)}
 
 
 def options_of(count: int, **more: Any) -> list[Options]:
@@ -162,3 +186,25 @@ def test_room_is_asked_for_once_and_all_robots_get_the_answer(permitted, asks, m
     assert said == ['no room'] * asks
     assert supervisor.crowded == ('no room' if permitted else '')
     assert given[-1] == [['no room' if permitted else None]] * 3
+
+
+def test_robots_of_one_bus_clock_begin_without_those_that_do_not_come_up(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(robots, 'Bringup', Clocked)
+    supervisor = Robots(options_of(4, logs=tmp_path / 'logs'), False, None, 0.0, shared_clock=True)
+    supervisor.run(lambda _: None)
+    assert [robot.error for robot in supervisor.now] == [
+        '', 'it does not come up', 'up robot3 was killed by SIGKILL', '',
+    ]  # fmt: skip
+    assert [(robot.result or {}).get('first_cycle') for robot in supervisor.now] == [0, None, None, 0]
+
+
+@pytest.mark.parametrize(
+    ('clock', 'phase', 'waits'), [('/clock', 'CP3', True), ('/clock', 'CP2', False), ('', 'CP3', False)]
+)
+def test_who_only_waits_for_others_of_its_bus_clock_does_not_give_up(
+    clock: str, phase: str, waits: bool
+) -> None:
+    assert waits_for_others(Options(program=None, shared_clock=clock), {'phase': phase}) is waits
+    assert not waits_for_others(Options(program=None, shared_clock=clock), {})
