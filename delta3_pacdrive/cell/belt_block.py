@@ -10,12 +10,13 @@ from delta3_pacdrive.cell.place import ScriptPlace
 from delta3_pacdrive.cell.values import TIME_MAX_S, TIMEOUT_S, number
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
-from delta3_pacdrive.motion.belt_meeting import BeltAxes, first_moved_s
-from delta3_pacdrive.motion.belt_synchronization import TrackLimits, TrackWindow, Way
+from delta3_pacdrive.motion.belt_meeting import BeltAxes, first_moved_s, leaving, require_bearable
+from delta3_pacdrive.motion.belt_synchronization import Motion, TrackLimits, TrackWindow, Way, way_to_stand
 from delta3_pacdrive.motion.curves import COINCIDENT_M
 from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Dwell, MoveL, Output, PathMove, Point
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.parameters.records import Motion as MotionLimits
 
 SPEED_MAX_M_S = 20.0
@@ -77,6 +78,41 @@ def check_block(batch: Sequence[Written], closed: bool) -> None:
     last = moving[-1]
     if closed and isinstance(last, PathMove) and last.blend_m > 0.0:
         raise ProgramError('track: the last move on a belt cannot have a blend')
+
+
+def require_way_out(
+    plan: Plan,
+    block: Block,
+    belt: BeltAxes,
+    along_m: float,
+    speed_m_s: float,
+    parameters: Parameters,
+    rate: float,
+) -> None:
+    """Refuse work on a belt that nobody could end: no move may follow, or the script may be too late with it.
+
+    Behind a whole block the robot leaves from where its plan ends, driven at a rate; an open one may last until the
+    window ends. ``along_m`` is what is added there in the direction of the belt [m], ``speed_m_s`` that of the belt.
+    """
+    limits = block.limits
+    if block.closed:
+        way = leaving(Motion((along_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits)
+    else:
+        at_end = Motion((block.window.end_m - block.reference_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0))
+        way = way_to_stand(at_end, limits.acceleration_m_s2, limits.jerk_m_s3)
+    end_s = plan.duration_s / rate
+    try:
+        require_bearable(
+            plan,
+            end_s,
+            end_s + way.duration_s,
+            lambda time_s: belt.to_base(way.at(time_s - end_s)),
+            parameters,
+            rate,
+        )
+    except ProgramError as error:
+        how = 'leaves the belt behind the work' if block.closed else 'stops where the window ends'
+        raise ProgramError(f'track: no move follows, so that the robot {how}: {error}') from None
 
 
 def require_fine(belt: BeltAxes) -> None:

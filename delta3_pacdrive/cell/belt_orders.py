@@ -3,7 +3,7 @@
 import math
 from contextlib import suppress
 
-from delta3_pacdrive.cell.belt_block import STAND_S, Block, Leaving, check_block, refused
+from delta3_pacdrive.cell.belt_block import STAND_S, Block, Leaving, check_block, refused, require_way_out
 from delta3_pacdrive.cell.link import Link
 from delta3_pacdrive.cell.moves import Written
 from delta3_pacdrive.cell.script_orders import ScriptOrders
@@ -11,7 +11,6 @@ from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge, TrackOrder
 from delta3_pacdrive.errors import (
     Code,
     Delta3Error,
-    ProgramError,
     Reason,
     RefusedError,
     RunError,
@@ -34,7 +33,6 @@ from delta3_pacdrive.motion.belt_synchronization import (
     CannotCatch,
     Motion,
     Uncaught,
-    way_to_stand,
 )
 from delta3_pacdrive.motion.plan import TRACK
 from delta3_pacdrive.motion.program import Dwell, Output
@@ -232,35 +230,7 @@ class BeltOrders(ScriptOrders):
 
         require_bearable(planned.plan, -found.pad_s, whole_s, offset, self.parameters, rate)
         on_it = offset_on(found, whole_s + found.pad_s, block.reference_m)
-        self._require_way_out(planned, block, tracking, on_it.place[0], found.speed_m_s)
-
-    def _require_way_out(
-        self, planned: Planned, block: Block, tracking: BeltKnowledge, along_m: float, speed_m_s: float
-    ) -> None:
-        """Refuse work on a belt that nobody could end: no move may follow, or the script may be too late with it.
-
-        Behind a whole block the robot leaves from where its plan ends; an open one may last until the window ends.
-        ``along_m`` is what is added there in the direction of the belt [m].
-        """
-        limits, belt, rate = block.limits, tracking.belts[block.belt], self.moves.override
-        if block.closed:
-            way = leaving(Motion((along_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits)
-        else:
-            at_end = Motion((block.window.end_m - block.reference_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0))
-            way = way_to_stand(at_end, limits.acceleration_m_s2, limits.jerk_m_s3)
-        end_s = planned.plan.duration_s / rate
-        try:
-            require_bearable(
-                planned.plan,
-                end_s,
-                end_s + way.duration_s,
-                lambda time_s: belt.to_base(way.at(time_s - end_s)),
-                self.parameters,
-                rate,
-            )
-        except ProgramError as error:
-            how = 'leaves the belt behind the work' if block.closed else 'stops where the window ends'
-            raise ProgramError(f'track: no move follows, so that the robot {how}: {error}') from None
+        require_way_out(planned.plan, block, belt, on_it.place[0], found.speed_m_s, self.parameters, rate)
 
     def _require_later(self, block: Block, tracking: BeltKnowledge) -> None:
         """Refuse what the robot does not bear on the belt that it is on, at the speed that this has."""
@@ -281,7 +251,8 @@ class BeltOrders(ScriptOrders):
 
         whole_s = planned.plan.duration_s / rate
         require_bearable(planned.plan, 0.0, whole_s, offset, self.parameters, rate)
-        self._require_way_out(planned, block, tracking, begun_m + there.speed_m_s * whole_s, there.speed_m_s)
+        along_m = begun_m + there.speed_m_s * whole_s
+        require_way_out(planned.plan, block, belt, along_m, there.speed_m_s, self.parameters, rate)
 
     def _note_leaving(self, block: Block, tracking: BeltKnowledge, cycle: int | None) -> None:
         """Note when and how the robot will leave the belt, as far as is known."""
