@@ -23,7 +23,7 @@ def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
     diagnostics: list[Any] = []
     publishers: list[Any] = []
     statuses: list[Status] = []
-    begun = 0.0
+    begun: float | None = None
     sent = 0
 
     def read(message: String) -> Status:
@@ -31,14 +31,16 @@ def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
 
     def show(_: dict[str, Any]) -> None:
         nonlocal begun, sent
-        now = time.monotonic()
         if not publishers:
             node = bringup.node
             publishers.append(MOTION_PLAN.publisher(node))
             DIAGNOSTICS.subscription(node, diagnostics.append)
             STATUS.subscription(node, lambda m: statuses.append(read(m)))
-            begun = now
-        while plans_per_s and statuses and sent < (now - begun) * plans_per_s:
+        if not statuses:
+            return  # no order before it is known whose it is: the seconds begin then
+        now = time.monotonic()
+        begun = now if begun is None else begun
+        while sent < (now - begun) * plans_per_s:
             # as the robot's own planner would, far above the numbers that it counts
             origin = Origin('SPLINE', statuses[-1].planner, statuses[-1].session, FIRST + sent)
             publishers[0].publish(numbers(row, origin.label()))

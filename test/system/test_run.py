@@ -118,7 +118,14 @@ def test_interrupt_stops_every_process_and_leaves_a_readable_bag(
     assert len(trace_file.load(bag).time_s) > 100
 
 
-@pytest.mark.parametrize('victim', ['plant', 'mc4_drive_2', 'transformation_task'])
+@pytest.mark.parametrize(
+    'victim',
+    [
+        pytest.param('plant', marks=pytest.mark.long),
+        'mc4_drive_2',
+        pytest.param('transformation_task', marks=pytest.mark.long),
+    ],
+)
 def test_a_process_that_dies_ends_the_run_with_its_name(
     victim: str, long_run: tuple, processes: Callable[[], list[str]]
 ) -> None:
@@ -137,7 +144,7 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     nothing_left_behind: None,
 ) -> None:
     program = tmp_path / 'slow.yaml'
-    program.write_text('moves: [{move_l: {to_m: [0.2, 0, -0.75], speed_m_s: 0.03}}]')
+    program.write_text('moves: [{move_l: {to_m: [0.2, 0, -0.75], speed_m_s: 0.015}}]')
     bag = tmp_path / 'bag'
     process = start_delta3('run', program, '--bag', bag, '--json')
     file = bag / 'bag.mcap'
@@ -161,7 +168,7 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
 @pytest.mark.parametrize(
     # at the begin of a bag there are topics, or there are none yet, but no bus cycles
     ('left', 'told'),
-    [(60, 'it was cut off or is damaged'), (60_000, 'it holds no ')],
+    [pytest.param(60, 'it was cut off or is damaged', marks=pytest.mark.long), (60_000, 'it holds no ')],
 )
 def test_a_recording_that_cannot_be_read_takes_no_result_with_it(
     left: int,
@@ -188,7 +195,7 @@ def test_a_recording_that_cannot_be_read_takes_no_result_with_it(
     assert told in result['bag_cut']
 
 
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize('number', [pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGHUP])
 def test_a_robot_that_is_ended_brakes_first(
     number: signal.Signals, start_delta3: Callable, delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -220,6 +227,7 @@ def test_a_second_robot_in_the_same_namespace_is_refused_and_the_first_runs_on(
     _end(process)
 
 
+@pytest.mark.long
 def test_a_second_robot_in_another_namespace_runs_beside_the_first(light_run: tuple, delta3: Runner) -> None:
     process, _ = light_run
     done = delta3('run', '--namespace', 'cell2', '--single-process', '--json')
@@ -278,7 +286,7 @@ def test_a_robot_that_the_machine_cannot_keep_up_with_gives_way(
 ) -> None:
     program = tmp_path / 'rounds.yaml'
     program.write_text(
-        'repeat: 100\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {move_l: {to_m: [0, 0, -0.75]}}]'
+        'repeat: 40\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {move_l: {to_m: [0, 0, -0.75]}}]'
     )
     done = delta3('run', program, '--real-time-factor', '100', '--json')
     result = json.loads(done.stdout)
@@ -341,6 +349,22 @@ def test_a_child_that_gives_way_has_no_thread_in_real_time_left(tmp_path: Path) 
     finally:
         process.kill()
         process.communicate()
+
+
+def test_a_robot_that_is_not_in_position_fails_a_run(
+    delta3: Runner, tmp_path: Path, nothing_left_behind: None
+) -> None:
+    program, impatient = tmp_path / 'waits.yaml', tmp_path / 'impatient.yaml'
+    program.write_text(
+        'start_m: [0.0, 0.0, -0.75]\npayload_kg: 10\nin_position: true\n'
+        'limits: {speed_m_s: 1.0, acceleration_m_s2: 15.0}\nmoves: [{move_l: {to_m: [0.0, 0.5, -0.9]}}]'
+    )
+    impatient.write_text('/**:\n  ros__parameters:\n    motion: {in_position_timeout_s: 0.05}\n')
+    options = ['--real-time-factor', '0', '--parameters', f'delta3+{impatient}']
+    done = delta3('run', program, '--json', *options)
+    assert done.returncode == 1
+    result = json.loads(done.stdout)
+    assert 'not in position 0.05 s after the set points stand at the end of move 1' in result['error']
 
 
 def test_a_fourth_drive_that_is_killed_ends_the_run_with_its_name(
