@@ -23,6 +23,9 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 # As the commands do: to look for garbage more often takes up to a tenth of the time of a test.
 gc.set_threshold(50_000, 10, 10)
 
+# Facts that others tell in less time, for one robot or program less: looked at before a release (CONTRIBUTING.md).
+EVERYTHING = bool(os.environ.get('DELTA3_LONG'))
+
 # Files whose tests take longest. They begin first, so that several workers come to their end together.
 LONG = (
     'guides/test_pages.py',
@@ -38,8 +41,17 @@ LONG = (
 )
 
 
-def pytest_collection_modifyitems(items):
-    """Begin with the files that take long; all others keep their order."""
+def pytest_report_header():
+    """Say whether this is everything."""
+    return None if EVERYTHING else 'facts that take long are left out: DELTA3_LONG=1 looks at them, too'
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out what is marked ``long``, unless it is asked for, and begin with the files that take long."""
+    if not EVERYTHING:
+        left_out = [item for item in items if item.get_closest_marker('long')]
+        items[:] = [item for item in items if not item.get_closest_marker('long')]
+        config.hook.pytest_deselected(items=left_out)
     here = Path(__file__).parent
     order = {here / name: number for number, name in enumerate(LONG)}
     items.sort(key=lambda item: order.get(item.path, len(order)))

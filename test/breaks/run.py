@@ -160,6 +160,7 @@ class Workshop:
             shutil.copytree(ROOT / 'config', target / 'config', ignore=ignore)
         kernels = folder / 'kernels'
         users = os.environ | {'PYTHONPATH': str(folder / 'copy'), 'PYTHONSAFEPATH': '1', 'MPLBACKEND': 'Agg'}
+        users |= {'DELTA3_LONG': '1'}  # a break may be seen by a fact that takes long
         self.environment = users | {'NUMBA_CACHE_DIR': str(kernels)}
         self._controls: dict[str, str] = {}
         subprocess.run([sys.executable, '-c', COPY_KERNELS, str(kernels)], env=users, check=True, cwd=folder)

@@ -33,6 +33,7 @@ def size_of(path):
     return struct.unpack('>II', head[16:])
 
 
+@pytest.mark.long
 def test_every_picture_that_is_kept_is_drawn_anew_in_its_size(drawn):
     names = {path.name for path in drawn.iterdir()}
     assert names == {path.name for path in FIGURES.glob('*.png')}

@@ -407,6 +407,7 @@ def test_a_program_that_is_held_before_it_begins_can_be_resumed(graph: Any, tmp_
     assert [point.x, point.y, point.z] == pytest.approx([0.1, 0.0, -0.75], abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_program_of_thousands_of_different_moves_costs_no_bus_cycle_and_can_be_given_up(cell: Cell) -> None:
     angles = np.radians(37.0 * np.arange(2000))
     radii = 0.02 + 1e-5 * np.arange(2000)

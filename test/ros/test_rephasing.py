@@ -313,7 +313,14 @@ def named(progress: dict[str, Any], partner: str) -> bool:
 
 
 @pytest.mark.parametrize('partner', ['axis2', 'plant'])
-@pytest.mark.parametrize('phase', [Phase.CP1, Phase.CP2, Phase.CP3])
+@pytest.mark.parametrize(
+    'phase',
+    [
+        pytest.param(Phase.CP1, marks=pytest.mark.long),
+        Phase.CP2,
+        pytest.param(Phase.CP3, marks=pytest.mark.long),
+    ],
+)
 def test_a_partner_that_dies_in_any_phase_of_the_start_up_is_named_and_may_come_back(
     phase: Phase, partner: str, graph: Any
 ) -> None:

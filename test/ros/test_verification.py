@@ -39,6 +39,9 @@ class Standing:
         return []
 
 
+LONG = pytest.mark.long
+
+
 @pytest.fixture(scope='module')
 def standing(shared_graph: Any) -> Standing:
     return Standing(shared_graph)
@@ -57,12 +60,17 @@ def outcome_of(catalogue: Catalogue, state: State, expected: str = '', **fault: 
     ('fault', 'state', 'evidence'),
     [
         ({'fault': 'drop_mdt', 'axis': 'axis2'}, State.STANDING, '1 lost'),
-        ({'fault': 'drop_at', 'axis': 'axis3'}, State.STANDING, '1 lost'),
+        pytest.param({'fault': 'drop_at', 'axis': 'axis3'}, State.STANDING, '1 lost', marks=LONG),
         ({'fault': 'duplicate_at', 'axis': 'axis1', 'cycles': 20}, State.DISABLED, '20 repeated'),
-        ({'fault': 'duplicate_mdt', 'axis': 'axis1', 'cycles': 20}, State.STANDING, '20 repeated'),
-        ({'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': 0.1}, State.STANDING, 'up to 0.1000 rad wrong'),
+        pytest.param(
+            {'fault': 'duplicate_mdt', 'axis': 'axis1', 'cycles': 20}, State.STANDING, '20 repeated', marks=LONG
+        ),
+        pytest.param(
+            {'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': 0.1}, State.STANDING, 'up to 0.1000 rad wrong',
+            marks=LONG,
+        ),
         ({'fault': 'dc_link', 'axis': 'axis1', 'voltage_v': 560.0}, State.STANDING, 'dc_link axis1 voltage_v 560 b'),
-        ({'fault': 'payload_lost'}, State.STANDING, ' kg lost'),
+        pytest.param({'fault': 'payload_lost'}, State.STANDING, ' kg lost', marks=LONG),
         # over before anybody looks
         ({'fault': 'encoder_jump', 'axis': 'axis2', 'jump_rad': 0.1, 'for_s': 0.05}, State.STANDING, '0.1000 rad'),
     ],
@@ -75,7 +83,7 @@ def test_what_a_fault_leaves_behind_is_found(
     assert found.as_expected, found
 
 
-@pytest.mark.parametrize('state', [State.ENABLING, State.STOPPING])
+@pytest.mark.parametrize('state', [State.ENABLING, pytest.param(State.STOPPING, marks=LONG)])
 def test_a_fault_hits_the_short_state_that_it_is_meant_for(state: State, catalogue: Catalogue) -> None:
     found = outcome_of(catalogue, state, fault='drop_at', axis='axis2')
     assert found.evidence == '1 lost', found
@@ -238,7 +246,11 @@ def test_a_program_that_is_refused_is_none_that_ran(replay: Replay) -> None:
     ('beside', 'sentence'),
     [
         ({'fault': 'drop_at', 'axis': 'axis1'}, 'AT: 1 lost, 0 were injected'),
-        ({'fault': 'drop_mdt', 'axis': 'axis2'}, 'MDT of axis2: 1 lost, 0 were injected'),
+        pytest.param(
+            {'fault': 'drop_mdt', 'axis': 'axis2'},
+            'MDT of axis2: 1 lost, 0 were injected',
+            marks=LONG,
+        ),
         ({'fault': 'encoder_failure', 'axis': 'axis2'}, 'stopped without an injected fault: axis2'),
     ],
 )

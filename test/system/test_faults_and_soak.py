@@ -67,6 +67,7 @@ def test_faults_lead_to_what_they_have_to_lead_to(
     assert [f'{row["case"]} {row["state"]}' for row in table] == list(rows)
 
 
+@pytest.mark.long
 def test_faults_of_a_rotary_axis_lead_to_what_they_have_to_lead_to(
     delta3: Runner, nothing_left_behind: None
 ) -> None:
@@ -145,6 +146,7 @@ def test_a_soak_too_short_for_a_program_is_no_success(delta3: Runner, nothing_le
     assert done.stderr.splitlines()[-1] == 'error: fast: no program came to its end within 0.001 minutes'
 
 
+@pytest.mark.long
 def test_an_interrupted_catalogue_shows_what_it_has(
     start_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path, nothing_left_behind: None
 ) -> None:

@@ -1,11 +1,10 @@
 """The golden runs (``test/golden``) on the node graph: the bits of every signal are those of the simulation.
 
-Some of them run always, all of them with ``DELTA3_GOLDEN_GRAPH=1``, which takes two minutes.
+Two of them run always; all others, which take two minutes, are ``long``.
 """
 
 import importlib.util
 import json
-import os
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -25,15 +24,9 @@ assert SPEC.loader is not None
 make = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(make)
 
-ALWAYS = (
-    'experiment 1, cycle of 2 ms',
-    'experiment 2, cycle of 4 ms, exact exchange',
-    'experiment 1, filters and friction',
-    'emergency stop',
-    'winding shorted',
-)
+ALWAYS = ('experiment 2, cycle of 4 ms, exact exchange', 'winding shorted')
 NOT_ON_THE_BUS = {'arm_angle', 'tcp_true', 'torque_command'}
-CASES = make.CASES if os.environ.get('DELTA3_GOLDEN_GRAPH') else ALWAYS
+CASES = [name if name in ALWAYS else pytest.param(name, marks=pytest.mark.long) for name in make.CASES]
 
 
 def file_of(changes: dict[str, Any]) -> str:

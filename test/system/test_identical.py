@@ -32,6 +32,7 @@ from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
 from delta3_pacdrive.sercos.bus_time import Clock
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
+LONG = pytest.mark.long
 
 COMPARED = (
     'motor_command',
@@ -123,7 +124,11 @@ def _run(delta3: Runner, bag: Path, *options: str, program: str = 'experiment1')
     'options',
     [
         pytest.param(['--real-time-factor', '0'], id='separate processes as fast as possible'),
-        pytest.param(['--single-process', '--real-time-factor', '0'], id='one process as fast as possible'),
+        pytest.param(
+            ['--single-process', '--real-time-factor', '0'],
+            id='one process as fast as possible',
+            marks=LONG,
+        ),
         pytest.param(
             ['--single-process', '--namespace', 'cell2'], id='one process in real time in a namespace'
         ),
@@ -223,19 +228,7 @@ def test_waits_for_the_robot_take_as_long_in_the_graph_as_in_the_simulation(
     assert simulated.meta['end_cycle'] > simulated.meta['start_cycle'] + planned / 1e-3 + 50
 
 
-def test_a_robot_that_is_not_in_position_fails_a_run(
-    delta3: Runner, tmp_path: Path, nothing_left_behind: None
-) -> None:
-    program, impatient = tmp_path / 'waits.yaml', tmp_path / 'impatient.yaml'
-    program.write_text(WAITS)
-    impatient.write_text('/**:\n  ros__parameters:\n    motion: {in_position_timeout_s: 0.05}\n')
-    options = ['--real-time-factor', '0', '--parameters', f'delta3+{impatient}']
-    done = delta3('run', program, '--json', *options)
-    assert done.returncode == 1
-    result = json.loads(done.stdout)
-    assert 'not in position 0.05 s after the set points stand at the end of move 1' in result['error']
-
-
+@pytest.mark.long
 def test_a_busy_processor_changes_no_bit_in_real_time(
     simulated: Trace, delta3: Runner, tmp_path: Path, nothing_left_behind: None, busy_processor: None
 ) -> None:
@@ -245,6 +238,7 @@ def test_a_busy_processor_changes_no_bit_in_real_time(
         assert result[name] == simulated.meta['figures'][name], name
 
 
+@pytest.mark.long
 def test_exact_reference_runs_in_the_graph_too(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -254,7 +248,7 @@ def test_exact_reference_runs_in_the_graph_too(
     _assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))
 
 
-@pytest.mark.parametrize('source', ['rich', 'rich+model+gears'])
+@pytest.mark.parametrize('source', [pytest.param('rich', marks=LONG), 'rich+model+gears'])
 def test_the_rich_robot_gives_the_bits_of_its_simulation(
     source: str, delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -265,7 +259,9 @@ def test_the_rich_robot_gives_the_bits_of_its_simulation(
     _assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))
 
 
-@pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
+@pytest.mark.parametrize(
+    'options', [pytest.param([], marks=LONG), ['--single-process']], ids=['separate processes', 'one process']
+)
 def test_feed_forward_of_the_model_gives_the_bits_of_its_simulation(
     options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -319,10 +315,10 @@ def _run_turning(
 @pytest.mark.parametrize(
     ('source', 'options'),
     [
-        ('delta3+rotary', ['--single-process']),
-        ('model+rotary', ['--single-process']),
+        pytest.param('delta3+rotary', ['--single-process'], marks=LONG),
+        pytest.param('model+rotary', ['--single-process'], marks=LONG),
         ('rich+rotary+model', ['--single-process']),
-        ('model+rotary', []),
+        pytest.param('model+rotary', [], marks=LONG),
     ],
 )
 def test_a_tool_that_turns_gives_the_bits_of_its_simulation(
@@ -368,6 +364,7 @@ faults:
         np.testing.assert_array_equal(recorded[name][: len(common)], simulated[name][common], err_msg=name)
 
 
+@pytest.mark.long
 def test_time_optimal_arches_give_the_bits_of_their_simulation(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -433,7 +430,9 @@ def test_learned_torques_give_the_bits_of_their_simulation(
     )
 
 
-@pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
+@pytest.mark.parametrize(
+    'options', [[], pytest.param(['--single-process'], marks=LONG)], ids=['separate processes', 'one process']
+)
 def test_every_kind_of_move_gives_the_bits_of_the_simulation(
     options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -508,6 +507,7 @@ faults:
         pytest.param(
             ['--single-process', '--real-time-factor', '0.25'],
             id='one process with time to spare, hardly any',
+            marks=LONG,
         ),
     ],
 )
@@ -539,15 +539,15 @@ LINE = {
     ('kind', 'cycles', 'more'),
     [
         ('drop_mdt', 2, {}),
-        ('delay_at', 2, {'by_cycles': 1}),
+        pytest.param('delay_at', 2, {'by_cycles': 1}, marks=LONG),
         ('delay_mdt', 8, {'by_cycles': 16}),
-        ('drop_at', 8, {}),
-        ('drop_mdt', 20, {}),
-        ('delay_mdt', 20, {'by_cycles': 3}),
-        ('drop_at', 20, {}),
-        ('delay_at', 20, {'by_cycles': 3}),
+        pytest.param('drop_at', 8, {}, marks=LONG),
+        pytest.param('drop_mdt', 20, {}, marks=LONG),
+        pytest.param('delay_mdt', 20, {'by_cycles': 3}, marks=LONG),
+        pytest.param('drop_at', 20, {}, marks=LONG),
+        pytest.param('delay_at', 20, {'by_cycles': 3}, marks=LONG),
         ('corrupt_at', 20, {}),
-        ('duplicate_at', 20, {}),
+        pytest.param('duplicate_at', 20, {}, marks=LONG),
     ],
 )
 def test_however_many_telegrams_are_lost_the_graph_gives_the_bits_of_the_simulation(

@@ -128,7 +128,13 @@ def belt(tmp_path: Path) -> tuple[Path, Path]:
     return script, around
 
 
-@pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
+@pytest.mark.parametrize(
+    'options',
+    [
+        pytest.param([], id='separate processes', marks=pytest.mark.long),
+        pytest.param(['--single-process'], id='one process'),
+    ],
+)
 def test_a_script_on_a_belt_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     delta3: Runner, tmp_path: Path, belt: tuple[Path, Path], options: list[str], nothing_left_behind: None
 ) -> None:
@@ -152,6 +158,7 @@ def test_a_script_on_a_belt_has_the_bits_of_the_simulation_on_a_graph_without_a_
     assert told != []
 
 
+@pytest.mark.long
 def test_a_script_picks_from_a_belt_on_a_bus_with_a_clock(
     delta3: Runner, belt: tuple[Path, Path], nothing_left_behind: None
 ) -> None:

@@ -147,6 +147,7 @@ def test_a_jog_stops_softly_when_the_button_is_let_go_and_when_the_page_is_gone(
     assert 1.0 < jerks.max() < 1.01 * JOG_JERK_M_S3
 
 
+@pytest.mark.long
 def test_the_page_goes_on_with_a_robot_that_was_started_again(
     fork_delta3: Any, nothing_left_behind: None, browser: Any
 ) -> None:
@@ -195,6 +196,7 @@ def test_a_page_without_a_robot_ends_with_one_sentence(delta3: Runner, nothing_l
     assert 'Traceback' not in done.stderr
 
 
+@pytest.mark.long
 def test_the_oscilloscope_of_the_page_shows_samples_and_says_who_else_has_a_drive(
     url: str, browser: Any, fork_delta3: Any
 ) -> None:
@@ -215,6 +217,7 @@ def test_the_oscilloscope_of_the_page_shows_samples_and_says_who_else_has_a_driv
         visit.page.get_by_text('8000 samples of 2 channels at 16000 Hz').nth(1).wait_for()
 
 
+@pytest.mark.long
 def test_an_input_that_is_set_on_the_page_is_set_without_control_of_the_robot(
     fork_delta3: Any, nothing_left_behind: None, browser: Any, delta3: Runner, tmp_path: Path
 ) -> None:

@@ -97,6 +97,7 @@ def test_from_30_percent_off_every_identifiable_quantity_of_a_built_robot_is_fou
     assert sum(inside) >= len(inside) - 1
 
 
+@pytest.mark.long
 def test_95_percent_intervals_hold_the_truth_on_built_robots():
     found = benchmark.built(40)
     assert 0.92 <= found['pooled'] <= 0.98
@@ -132,6 +133,7 @@ def applied(excited, tmp_path_factory):
     return out, json.loads((out / 'report.json').read_text()), statuses
 
 
+@pytest.mark.long
 def test_the_story_of_a_log_ends_with_a_model_that_is_nearer(applied, undrawn):
     folder, *_ = applied
     excitation, estimation, comparison = lines_of('control_engineer.md')

@@ -68,7 +68,9 @@ def errors_in_half_widths(found, robot):
     return {symbol: (e.value - truth[symbol]) / e.half_width for symbol, e in shown(found).items()}
 
 
-@pytest.mark.parametrize('group', MODELS)
+@pytest.mark.parametrize(
+    'group', [group if group == 'masses' else pytest.param(group, marks=pytest.mark.long) for group in MODELS]
+)
 def test_the_truth_lies_in_the_intervals_at_their_rate(group, scope, bus, robot):
     exact = bus if group == 'geometry' else scope
     off = {symbol: [] for symbol in IDENTIFIABLE[group]}

@@ -265,8 +265,15 @@ def test_a_page_of_two_runs_shows_their_difference(browser, written, one):
         assert (visit.requests, visit.complaints) == ([written[1]], [])
 
 
-@pytest.mark.parametrize('scheme', ['light', 'dark'])
-@pytest.mark.parametrize(('width', 'height'), [(1280, 800), (390, 844)])
+@pytest.mark.parametrize(
+    ('width', 'height', 'scheme'),
+    [
+        (1280, 800, 'dark'),
+        (390, 844, 'light'),
+        pytest.param(1280, 800, 'light', marks=pytest.mark.long),
+        pytest.param(390, 844, 'dark', marks=pytest.mark.long),
+    ],
+)
 def test_the_page_fits_the_screen_and_is_drawn_in_both_schemes(browser, written, width, height, scheme):
     with Visit(browser, written[1], width, height, scheme) as visit:
         visit.page.wait_for_selector(READY, state='attached')
