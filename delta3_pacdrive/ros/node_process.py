@@ -29,6 +29,7 @@ def is_separate() -> bool:
 
 SPIN_S = 0.1  # how long a signal may wait for the main thread
 LEAVE_S = 20.0  # for the nodes of a client to leave the graph
+NODES_LEAVE_S = 60.0  # for those of a robot, of which one may have a bag to complete
 
 
 class _Stop(Future):
@@ -77,13 +78,15 @@ class Process:
         self._executor.shutdown()
 
 
-def leave(process: Process | None, context: rclpy.Context | None = None) -> None:
-    """Leave the graph for good, with a client that holds nothing that could be lost, in a bounded time.
+def leave(
+    process: Process | None, context: rclpy.Context | None = None, patience_s: float | None = None
+) -> None:
+    """Leave the graph for good in a bounded time, ``LEAVE_S`` unless told.
 
-    rclpy was seen to spin in there for ever, where neither signals nor threads of Python come to their turn: then the
+    Fast DDS was seen to spin in there for ever, where neither signals nor threads of Python come to their turn: then the
     process tells where it stands and ends with status 1. ``context`` is that of its nodes, if they have an own one.
     """
-    faulthandler.dump_traceback_later(LEAVE_S, exit=True)
+    faulthandler.dump_traceback_later(LEAVE_S if patience_s is None else patience_s, exit=True)
     if process is not None:
         process.close()
     rclpy.try_shutdown(context=context)
@@ -121,9 +124,7 @@ def run(
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        if process is not None:
-            process.close()
-        rclpy.try_shutdown()
+        leave(process, patience_s=NODES_LEAVE_S)
     return 0
 
 

@@ -50,3 +50,28 @@ for line in range(1, 8):
 
 def test_a_signal_at_any_line_of_the_begin_of_a_spin_ends_it(graph: object) -> None:
     subprocess.run([sys.executable, '-P', '-c', INTERRUPTED], timeout=120.0, check=True)
+
+
+# in real time it would take a core for ever, once whoever started it is gone
+STUCK = """
+import sys
+import rclpy
+from delta3_pacdrive.ros import node_process
+node_process.NODES_LEAVE_S = 0.5
+node_process.Process.spin = lambda process: print('spins')
+def close(process):
+    while True:
+        pass
+node_process.Process.close = close
+node_process.run([], [])
+"""
+
+
+def test_a_node_that_cannot_leave_the_graph_tells_where_it_stands_and_ends() -> None:
+    done = subprocess.run(
+        [sys.executable, '-P', '-c', STUCK], capture_output=True, text=True, timeout=120.0, check=False
+    )
+    assert done.returncode == 1
+    assert done.stdout == 'spins\n'
+    assert done.stderr.startswith('Timeout (0:00:00.5')
+    assert ' in close\n' in done.stderr
