@@ -83,8 +83,8 @@ def leave(
 ) -> None:
     """Leave the graph for good in a bounded time, ``LEAVE_S`` unless told.
 
-    Fast DDS was seen to spin in there for ever, where neither signals nor threads of Python come to their turn: then the
-    process tells where it stands and ends with status 1. ``context`` is that of its nodes, if they have an own one.
+    Fast DDS was seen to spin in there for ever, where neither signals nor threads of Python come to their turn: then
+    the process tells where it stands and ends with status 1. ``context`` is that of its nodes, if they have an own one.
     """
     faulthandler.dump_traceback_later(LEAVE_S if patience_s is None else patience_s, exit=True)
     if process is not None:
