@@ -1,12 +1,13 @@
 """Lines for tests: short ones, and a bound of what any allocation could pick."""
 
+import math
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import coo_array
+from numba import njit
+from numpy.typing import NDArray
 
 from delta3_pacdrive.analysis.line import parts, shift, specification
 from delta3_pacdrive.analysis.line.cycle_times import CycleTable, Station
@@ -14,7 +15,12 @@ from delta3_pacdrive.analysis.line.design import Line
 
 ROBOT = {'belt': 'infeed', 'middle_mm': [0, 100, -870], 'window_mm': [-250, 300], 'place_mm': [0, -200, -830]}
 STEP_M = 1.2
-SPANS = (2, 4, 8, 16, 32, 64, 128, 256, 512, 1024)  # parts over which intervals of the bound go
+SLOT_S = 0.0005  # of the bound
+ROUNDS, STEP, SLOWER = (
+    300,
+    0.05,
+    20.0,
+)  # in which prices are found, how much they change at first, and how soon less
 
 
 def document(robots: int = 2, **belt: Any) -> dict[str, Any]:
@@ -47,38 +53,86 @@ def shift_of(line: Line, tables: list[list[CycleTable]]) -> shift.BeltShift:
     return shift.simulate(line, belt, parts.of_belt(line, belt), tables)
 
 
-def most_that_can_be_picked(line: Line, tables: list[list[CycleTable]], until_s: float) -> float:
+def most_that_can_be_picked(
+    line: Line, tables: list[list[CycleTable]], until_s: float, rounds: int = ROUNDS
+) -> float:
     """Return a bound: no allocation whatever picks more of the parts that come until some time.
 
-    It is a linear programme. A part goes to robots by shares. The picks of a robot that must all begin between two
-    instants take no longer than from the one to the other, and the last of them; each takes as long as it would at its
-    best start.
+    Whoever knows all parts before picks at most this many. A price for each part lets robots choose for themselves,
+    each the dearest sequence of picks that it has time for, found by going back in time slot by slot. Prices and what
+    the robots earn beyond them are together a bound, whatever the prices are: parts that two robots want become dearer
+    until nothing is gained any more (Lagrange, subgradients). Starts and cycles are rounded down to slots.
     """
     belt = line.belts[0]
     coming = parts.of_belt(line, belt)
     reach = shift.reach_of(belt, coming, tables)
     count = int(np.searchsorted(coming.enters_s, until_s))
-    robots = len(tables)
-    shortest = reach.cycle_s[:, :count].min(axis=2)
-    rows, columns, values, bounds = [], [], [], []
-    number = 0
-    for part in range(count):
-        rows += [number] * robots
-        columns += [robot * count + part for robot in range(robots)]
-        values += [1.0] * robots
-        bounds.append(1.0)
-        number += 1
-    for robot in range(robots):
-        for first in range(count):
-            for last in sorted({min(first + span, count) - 1 for span in SPANS} - {first}):
-                inside = np.arange(first, last + 1)
-                begin = reach.earliest_s[robot, inside].min()
-                end = reach.latest_s[robot, inside].max()
-                rows += [number] * len(inside)
-                columns += (robot * count + inside).tolist()
-                values += shortest[robot, inside].tolist()
-                bounds.append(float(end - begin + shortest[robot, inside].max()))
-                number += 1
-    matrix = coo_array((values, (rows, columns)), shape=(number, robots * count)).tocsr()
-    found = linprog(-np.ones(robots * count), A_ub=matrix, b_ub=bounds, bounds=(0.0, 1.0), method='highs')
-    return float(-found.fun)
+    chances = [_chances(line, tables, reach, coming, robot, count) for robot in range(len(tables))]
+    prices, bound = np.zeros(count), float(count)
+    step = STEP
+    for number in range(rounds):
+        wanted = np.zeros(count)
+        value = prices.sum()
+        for slots, begin, part, length in chances:
+            value += _dearest(slots, begin, part, length, prices, wanted)
+        bound = min(bound, value)
+        surplus = wanted - 1.0
+        surplus[(prices == 0.0) & (surplus < 0.0)] = 0.0
+        if not surplus.any():
+            break
+        step = STEP / (1.0 + number / SLOWER)
+        prices = np.maximum(prices + step * surplus, 0.0)
+    return bound
+
+
+def _chances(
+    line: Line,
+    tables: list[list[CycleTable]],
+    reach: shift.Reach,
+    coming: parts.Parts,
+    robot: int,
+    count: int,
+) -> tuple[int, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return by slot of time which parts a robot can begin to pick then, and for how many slots it is away."""
+    belt = line.belts[0]
+    at_m = line.robots_of(belt.name)[robot].at_m
+    begins, which, lengths = [], [], []
+    for one in range(count):
+        first, last = reach.earliest_s[robot, one], reach.latest_s[robot, one]
+        if last < first:
+            continue
+        slots = np.arange(math.floor(first / SLOT_S), math.floor(last / SLOT_S) + 1)
+        edges = np.clip(SLOT_S * np.append(slots, slots[-1] + 1), first, last)
+        table = tables[robot][coming.kind[one]]
+        cycles = table.cycles_s(
+            np.full(len(edges), coming.across_m[one]), belt.speed_m_s * (edges - coming.enters_s[one]) - at_m
+        )
+        begins.append(slots)
+        which.append(np.full(len(slots), one))
+        lengths.append(np.floor(np.minimum(cycles[1:], cycles[:-1]) / SLOT_S).astype(np.int64))
+    slots, part, length = np.concatenate(begins), np.concatenate(which), np.concatenate(lengths)
+    order = np.argsort(slots, kind='stable')
+    number = int(slots.max()) + 1
+    return number, np.searchsorted(slots[order], np.arange(number + 1)), part[order], length[order]
+
+
+@njit
+def _dearest(slots, begin, part, length, prices, wanted):  # type: ignore[no-untyped-def]
+    """Return the value of the best sequence of picks of a robot, and count who is in it."""
+    values = np.zeros(slots + 1)
+    choice = np.full(slots, -1)
+    for slot in range(slots - 1, -1, -1):
+        values[slot] = values[slot + 1]
+        for k in range(begin[slot], begin[slot + 1]):
+            value = 1.0 - prices[part[k]] + values[min(slot + length[k], slots)]
+            if value > values[slot]:
+                values[slot], choice[slot] = value, k
+    slot = 0
+    while slot < slots:
+        k = choice[slot]
+        if k < 0:
+            slot += 1
+        else:
+            wanted[part[k]] += 1.0
+            slot += length[k]
+    return values[0]

@@ -17,13 +17,9 @@ from delta3_pacdrive.numerics.types import Floats
 
 SLOTS_MAX = 40  # next picks of a robot that are looked at
 CYCLES = 9  # starts between the earliest and the latest one at which cycles are known
-PRICE = 0.7  # of a part, for the time of a mean cycle that a robot waits, or is away for longer than that
-LATER = 0.01  # how much less a part is worth that is picked a cycle later
-EVEN, PICKS = (
-    0.1,
-    10.0,
-)  # how much more a part is worth for a robot that has so many picks fewer than the mean one
-AGAIN_S = 0.75  # after which parts are assigned anew
+PRICE = 0.5  # of a part, for the time of a mean cycle that a robot waits, or is away for longer than that
+LATER = 0.06  # how much less a part is worth that is picked a cycle later
+AGAIN_S = 0.5  # after which parts are assigned anew
 
 
 class Reach(NamedTuple):
@@ -73,8 +69,8 @@ class Allocation:
         How far ahead the optimal rule looks.
     taken
         Which parts are taken.
-    free_s, picks
-        When each robot is free, and how many parts it has taken.
+    free_s
+        When each robot is free.
 
     """
 
@@ -84,12 +80,11 @@ class Allocation:
     horizon_s: float
     taken: NDArray[np.bool_] = field(init=False)
     free_s: Floats = field(init=False)
-    picks: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         robots, parts = self.reach.earliest_s.shape
         self.taken = np.zeros(parts, np.bool_)
-        self.free_s, self.picks = np.zeros(robots), np.zeros(robots)
+        self.free_s = np.zeros(robots)
         possible = self.reach.latest_s >= self.reach.earliest_s
         self._latest = np.where(possible, self.reach.latest_s, -math.inf)
         # parts beyond every robot, by the last one and the greatest time that any part needs
@@ -107,7 +102,6 @@ class Allocation:
         """Let a robot take a part; it is away until some time [s]."""
         self.taken[part] = True
         self.free_s[robot] = until_s
-        self.picks[robot] += 1.0
 
     def next_for(self, robot: int, now_s: float) -> Choice:
         """Return which part a robot that is free takes next, and when."""
@@ -183,7 +177,6 @@ class Allocation:
         possible = (start <= self._latest[robots, parts]) & (start < end_s)
         longer = self.reach.cycle_at(robots, parts, start) - mean
         worth = 1.0 - PRICE * (start - slot + longer) / mean - LATER * number
-        worth += EVEN * np.clip((self.picks.mean() - self.picks[robots]) / PICKS, -1.0, 1.0)
         worth = np.where(possible, np.maximum(worth, 1e-6), 0.0)
         self._plans = [[] for _ in free]
         for row, column in zip(*linear_sum_assignment(worth, maximize=True), strict=True):
