@@ -14,18 +14,21 @@ SHARES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 
 class Histogram:
-    """Counts of durations in bins of 10 us up to 100 ms; constant memory however long it runs."""
+    """Counts of durations in bins of 10 us up to 100 ms, of 10 ms up to 100 s; constant memory however long it runs."""
 
-    BIN_S = 10e-6
-    BINS = 10_000
+    BIN_S, WIDE_S = 10e-6, 10e-3
+    BINS = 10_000  # of either width
 
     def __init__(self) -> None:
-        self._counts = array('q', bytes(8 * self.BINS))
+        self._counts = array('q', bytes(2 * 8 * self.BINS))
         self.max_s = 0.0
 
     def add(self, seconds: float) -> None:
         """Count one duration; negative ones count as zero."""
-        self._counts[max(0, min(int(seconds / self.BIN_S), self.BINS - 1))] += 1
+        number = int(seconds / self.BIN_S)
+        if number >= self.BINS:
+            number = min(self.BINS + int(seconds / self.WIDE_S), 2 * self.BINS - 1)
+        self._counts[max(0, number)] += 1
         if seconds > self.max_s:
             self.max_s = seconds
 
@@ -35,9 +38,13 @@ class Histogram:
         if counts[-1] == 0:
             return [0.0] * len(shares)
         bins = np.searchsorted(counts, np.asarray(shares) * counts[-1])
+        return [min(self._upper_edge(int(n)), self.max_s) for n in bins]
+
+    def _upper_edge(self, number: int) -> float:
+        if number < self.BINS:
+            return (number + 1) * self.BIN_S
         # whatever lies beyond the last bin is only known to be below the maximum
-        edges = [self.max_s if n >= self.BINS - 1 else (int(n) + 1) * self.BIN_S for n in bins]
-        return [min(edge, self.max_s) for edge in edges]
+        return (number - self.BINS + 1) * self.WIDE_S if number < 2 * self.BINS - 1 else math.inf
 
     def summary_ms(self) -> dict[str, float]:
         """p50, p99, p99.9 and max in milliseconds."""

@@ -58,7 +58,7 @@ import sys
 import rclpy
 from delta3_pacdrive.ros import node_process
 node_process.NODES_LEAVE_S = 0.5
-node_process.Process.spin = lambda process: print('spins')
+node_process.Process.spin = lambda process: print('spins', flush=True)
 def close(process):
     while True:
         pass

@@ -135,7 +135,8 @@ def test_a_short_soak_violates_nothing(delta3: Runner, nothing_left_behind: None
 def test_a_program_of_a_soak_is_replayed_in_real_time(delta3: Runner, nothing_left_behind: None) -> None:
     done = delta3('soak', '--pace', 'real-time', '--seed', '3', '--replay', '1', '--json', timeout=100.0)
     row = json.loads(done.stdout)['real-time']
-    assert done.returncode == 0, done.stdout
+    # what a busy machine was too slow to look at proves nothing, and is no violation
+    assert done.returncode == (0 if row['watched'] else 1), done.stdout
     assert (row['programs'], row['violations']) == (1, [])
     assert row['survived'] == row['injected']
 
