@@ -143,7 +143,7 @@ class RobotState:
     def refusal(self) -> Reason | None:
         """Say why no program can be started now, None if one can."""
         if self.fault:
-            return Reason(Code.FAULT, f'there is a fault: {self.fault}', self.fault)
+            return self._faulty(self.fault)
         if not self.located:
             waiting = f', {self._bus.waiting()}' if self._bus.waiting() else ''
             return Reason(
@@ -159,7 +159,10 @@ class RobotState:
         """Say why an event cannot happen now, None if it can."""
         if (self.motion, event) in TRANSITIONS:
             return None
-        return Reason(Code.STATE, f'the robot is {self.motion}')
+        return self._faulty(self.fault) if self.fault else Reason(Code.STATE, f'the robot is {self.motion}')
+
+    def _faulty(self, fault: RobotFault) -> Reason:
+        return Reason(Code.FAULT, f'there is a fault: {fault}', fault)
 
     def _enter(self, event: Event) -> None:
         """Let an event that can happen happen."""

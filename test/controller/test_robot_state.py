@@ -78,7 +78,10 @@ def test_what_is_not_in_the_table_is_refused_and_changes_nothing(
         assert rig.do('reset') == (False, 'there is no fault')
     else:
         outcome = {Event.HOLD: rig.state.hold, Event.ABORT: rig.state.abort}[event]()
-        assert outcome == Reason(Code.STATE, f'the robot is {state}')
+        faulty = Reason(Code.FAULT, f'there is a fault: {FAULT}', FAULT)
+        assert outcome == (
+            faulty if state is MotionState.ERROR else Reason(Code.STATE, f'the robot is {state}')
+        )
     if state not in (MotionState.MOVING, MotionState.STOPPING):
         assert rig.state.motion == state
         assert rig.task.profile is profile
