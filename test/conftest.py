@@ -24,10 +24,10 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 gc.set_threshold(50_000, 10, 10)
 
 # Facts that others tell in less time, for one robot or program less: looked at before a release (CONTRIBUTING.md).
-EVERYTHING = bool(os.environ.get('DELTA3_LONG'))
+EVERYTHING = os.environ.get('DELTA3_LONG', '0') != '0'
 
 # Files whose tests take longest. They begin first, so that several workers come to their end together.
-LONG = (
+FIRST = (
     'guides/test_pages.py',
     'docs/test_pages.py',
     'docs/test_long_pages.py',
@@ -53,7 +53,7 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if not item.get_closest_marker('long')]
         config.hook.pytest_deselected(items=left_out)
     here = Path(__file__).parent
-    order = {here / name: number for number, name in enumerate(LONG)}
+    order = {here / name: number for number, name in enumerate(FIRST)}
     items.sort(key=lambda item: order.get(item.path, len(order)))
 
 

@@ -20,21 +20,25 @@ def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
     """Bring a robot up, send it the first move of a plan over and over, and return the statistics of its task."""
     row = plan.moves[0].to_array(0, 2)
     bringup = Bringup(Options(program=None))
-    diagnostics: list[Any] = []
+    statistics: list[Any] = []
     publishers: list[Any] = []
     statuses: list[Status] = []
     begun: float | None = None
-    sent = 0
+    sent = counted = 0
 
     def read(message: String) -> Status:
         return Status.from_json(message.data)
 
+    def note(array: Any) -> None:
+        if array.status[0].name.endswith('transformation_task'):
+            statistics.append(array.status[0])
+
     def show(_: dict[str, Any]) -> None:
-        nonlocal begun, sent
+        nonlocal begun, sent, counted
         if not publishers:
             node = bringup.node
             publishers.append(MOTION_PLAN.publisher(node))
-            DIAGNOSTICS.subscription(node, diagnostics.append)
+            DIAGNOSTICS.subscription(node, note)
             STATUS.subscription(node, lambda m: statuses.append(read(m)))
         if not statuses:
             return  # no order before it is known whose it is: the seconds begin then
@@ -45,12 +49,13 @@ def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
             origin = Origin('SPLINE', statuses[-1].planner, statuses[-1].session, FIRST + sent)
             publishers[0].publish(numbers(row, origin.label()))
             sent += 1
-        if now - begun > seconds:
+        if now - begun <= seconds:
+            counted = len(statistics)
+        elif len(statistics) > counted:  # statistics of all these seconds
             bringup.stop()
 
     result = bringup.run(show)
-    own = [array.status[0] for array in diagnostics if array.status[0].name.endswith('transformation_task')]
-    facts = {item.key: item.value for item in own[-1].values}
+    facts = {item.key: item.value for item in statistics[-1].values}
     return {
         'plans': sent,
         'plan_bytes': 8 * len(row),

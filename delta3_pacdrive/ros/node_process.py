@@ -78,15 +78,13 @@ class Process:
         self._executor.shutdown()
 
 
-def leave(
-    process: Process | None, context: rclpy.Context | None = None, patience_s: float | None = None
-) -> None:
-    """Leave the graph for good in a bounded time, ``LEAVE_S`` unless told.
+def leave(process: Process | None, context: rclpy.Context | None = None, patience_s: float = LEAVE_S) -> None:
+    """Leave the graph for good in a bounded time.
 
     Fast DDS was seen to spin in there for ever, where neither signals nor threads of Python come to their turn: then
     the process tells where it stands and ends with status 1. ``context`` is that of its nodes, if they have an own one.
     """
-    faulthandler.dump_traceback_later(LEAVE_S if patience_s is None else patience_s, exit=True)
+    faulthandler.dump_traceback_later(patience_s, exit=True)
     if process is not None:
         process.close()
     rclpy.try_shutdown(context=context)

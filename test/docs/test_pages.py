@@ -11,16 +11,11 @@ import pages
 
 README_LINES_MAX = 150
 HERE = [page for page in pages.PAGES if not pages.needs_robot(page) and page not in pages.LONG]
-BENCHMARKS = pages.SOURCE / 'docs/measured.md'  # each of them has its own test
 NAMES = [str(page.relative_to(pages.SOURCE)) for page in pages.PAGES]
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize(
-    'page',
-    [pytest.param(page, marks=pytest.mark.long) if page == BENCHMARKS else page for page in HERE],
-    ids=lambda page: str(page.relative_to(pages.SOURCE)),
-)
+@pytest.mark.parametrize('page', HERE, ids=lambda page: str(page.relative_to(pages.SOURCE)))
 def test_every_block_of_the_page_runs_as_it_stands(page, tmp_path):
     pages.run_page(page, tmp_path)
 

@@ -285,7 +285,6 @@ def assert_nothing_asked(cell: Cell, state: str, messages: list[tuple[str, bytes
     assert (now.moves, now.override) == (queue.moves, queue.override), state
 
 
-@pytest.mark.long
 def test_a_bag_of_this_very_session_changes_nothing_topic_by_topic_nor_as_a_whole(
     recorded: tuple[Cell, list[tuple[str, bytes]]],
 ) -> None:

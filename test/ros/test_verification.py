@@ -60,17 +60,12 @@ def outcome_of(catalogue: Catalogue, state: State, expected: str = '', **fault: 
     ('fault', 'state', 'evidence'),
     [
         ({'fault': 'drop_mdt', 'axis': 'axis2'}, State.STANDING, '1 lost'),
-        pytest.param({'fault': 'drop_at', 'axis': 'axis3'}, State.STANDING, '1 lost', marks=LONG),
+        ({'fault': 'drop_at', 'axis': 'axis3'}, State.STANDING, '1 lost'),
         ({'fault': 'duplicate_at', 'axis': 'axis1', 'cycles': 20}, State.DISABLED, '20 repeated'),
-        pytest.param(
-            {'fault': 'duplicate_mdt', 'axis': 'axis1', 'cycles': 20}, State.STANDING, '20 repeated', marks=LONG
-        ),
-        pytest.param(
-            {'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': 0.1}, State.STANDING, 'up to 0.1000 rad wrong',
-            marks=LONG,
-        ),
+        ({'fault': 'duplicate_mdt', 'axis': 'axis1', 'cycles': 20}, State.STANDING, '20 repeated'),
+        ({'fault': 'encoder_jump', 'axis': 'axis1', 'jump_rad': 0.1}, State.STANDING, 'up to 0.1000 rad wrong'),
         ({'fault': 'dc_link', 'axis': 'axis1', 'voltage_v': 560.0}, State.STANDING, 'dc_link axis1 voltage_v 560 b'),
-        pytest.param({'fault': 'payload_lost'}, State.STANDING, ' kg lost', marks=LONG),
+        ({'fault': 'payload_lost'}, State.STANDING, ' kg lost'),
         # over before anybody looks
         ({'fault': 'encoder_jump', 'axis': 'axis2', 'jump_rad': 0.1, 'for_s': 0.05}, State.STANDING, '0.1000 rad'),
     ],

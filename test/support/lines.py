@@ -16,11 +16,8 @@ from delta3_pacdrive.analysis.line.design import Line
 ROBOT = {'belt': 'infeed', 'middle_mm': [0, 100, -870], 'window_mm': [-250, 300], 'place_mm': [0, -200, -830]}
 STEP_M = 1.2
 SLOT_S = 0.0005  # of the bound
-ROUNDS, STEP, SLOWER = (
-    300,
-    0.05,
-    20.0,
-)  # in which prices are found, how much they change at first, and how soon less
+ROUNDS = 300  # in which its prices are found
+STEP, SLOWER = 0.05, 20.0  # by which they change at first, and rounds after which it is half of that
 
 
 def document(robots: int = 2, **belt: Any) -> dict[str, Any]:
@@ -53,9 +50,7 @@ def shift_of(line: Line, tables: list[list[CycleTable]]) -> shift.BeltShift:
     return shift.simulate(line, belt, parts.of_belt(line, belt), tables)
 
 
-def most_that_can_be_picked(
-    line: Line, tables: list[list[CycleTable]], until_s: float, rounds: int = ROUNDS
-) -> float:
+def most_that_can_be_picked(line: Line, tables: list[list[CycleTable]], until_s: float) -> float:
     """Return a bound: no allocation whatever picks more of the parts that come until some time.
 
     Whoever knows all parts before picks at most this many. A price for each part lets robots choose for themselves,
@@ -69,8 +64,7 @@ def most_that_can_be_picked(
     count = int(np.searchsorted(coming.enters_s, until_s))
     chances = [_chances(line, tables, reach, coming, robot, count) for robot in range(len(tables))]
     prices, bound = np.zeros(count), float(count)
-    step = STEP
-    for number in range(rounds):
+    for number in range(ROUNDS):
         wanted = np.zeros(count)
         value = prices.sum()
         for slots, begin, part, length in chances:
@@ -80,8 +74,7 @@ def most_that_can_be_picked(
         surplus[(prices == 0.0) & (surplus < 0.0)] = 0.0
         if not surplus.any():
             break
-        step = STEP / (1.0 + number / SLOWER)
-        prices = np.maximum(prices + step * surplus, 0.0)
+        prices = np.maximum(prices + STEP / (1.0 + number / SLOWER) * surplus, 0.0)
     return bound
 
 

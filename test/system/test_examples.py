@@ -75,7 +75,6 @@ def test_a_robot_that_a_fault_has_stopped_is_brought_back_and_drives_to_its_end(
     assert end in ('idle at x = 0.000 m', 'idle at x = -0.000 m')
 
 
-@pytest.mark.long
 def test_two_robots_are_driven_at_the_same_time_each_to_its_own_place(up: Callable) -> None:
     up()
     up('--namespace', 'cell2')

@@ -315,7 +315,7 @@ def _run_turning(
 @pytest.mark.parametrize(
     ('source', 'options'),
     [
-        pytest.param('delta3+rotary', ['--single-process'], marks=LONG),
+        ('delta3+rotary', ['--single-process']),
         pytest.param('model+rotary', ['--single-process'], marks=LONG),
         ('rich+rotary+model', ['--single-process']),
         pytest.param('model+rotary', [], marks=LONG),

@@ -55,7 +55,6 @@ def up(program: Path, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iter
         assert process.returncode == 0, errors
 
 
-@pytest.mark.long
 def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
     up: None, program: Path, delta3: Runner, start_delta3: Callable[..., subprocess.Popen[str]]
 ) -> None:

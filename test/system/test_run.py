@@ -286,7 +286,7 @@ def test_a_robot_that_the_machine_cannot_keep_up_with_gives_way(
 ) -> None:
     program = tmp_path / 'rounds.yaml'
     program.write_text(
-        'repeat: 20\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {move_l: {to_m: [0, 0, -0.75]}}]'
+        'repeat: 50\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {move_l: {to_m: [0, 0, -0.75]}}]'
     )
     done = delta3('run', program, '--real-time-factor', '100', '--json')
     result = json.loads(done.stdout)

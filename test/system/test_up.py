@@ -141,15 +141,7 @@ def test_a_program_is_held_resumed_and_aborted_from_the_command_line(
     )
 
 
-@pytest.mark.parametrize(
-    'number',
-    [
-        signal.SIGINT,
-        pytest.param(signal.SIGTERM, marks=pytest.mark.long),
-        pytest.param(signal.SIGHUP, marks=pytest.mark.long),
-        signal.SIGKILL,
-    ],
-)
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_who_moves_the_robot_and_is_ended_leaves_it_standing_on_its_path(
     number: signal.Signals, robot: subprocess.Popen, start_delta3: Callable, delta3: Runner
 ) -> None:

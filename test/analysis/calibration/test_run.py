@@ -141,7 +141,6 @@ def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrat
     assert true['after_rms_m'] < 0.1e-3
 
 
-@pytest.mark.long
 def test_touches_make_the_shape_of_the_motion_right(tmp_path, undrawn):
     for method in ('plane', 'ball'):
         found = study(tmp_path / method, method, 40, 4, noise_m=1e-5).fit(None)
