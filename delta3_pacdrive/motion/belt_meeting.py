@@ -31,7 +31,8 @@ from delta3_pacdrive.motion.belt_synchronization import (
     refusal,
     way_between,
 )
-from delta3_pacdrive.motion.limits import excess, legal_coefficients
+from delta3_pacdrive.motion.excess import excess
+from delta3_pacdrive.motion.limits import legal_coefficients
 from delta3_pacdrive.motion.path_dynamics import timed_dynamics
 from delta3_pacdrive.motion.plan import STANDING, Plan, plan_master_at, plan_motion_at
 from delta3_pacdrive.numerics.vector3 import combine

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion.excess import excess
 from delta3_pacdrive.motion.joint_path import tcp_samples
-from delta3_pacdrive.motion.limits import excess, legal_coefficients, legal_tcp
+from delta3_pacdrive.motion.limits import legal_coefficients, legal_tcp
 from delta3_pacdrive.motion.path import DEGREE, SEGMENT_COLUMNS, sample_path
 from delta3_pacdrive.motion.path_dynamics import PathDynamics, path_coefficients, timed_dynamics
 from delta3_pacdrive.motion.plan import Move, MoveKind

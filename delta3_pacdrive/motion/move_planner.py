@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.curves import Curve
-from delta3_pacdrive.motion.limits import (
-    Excess,
-    Limits,
-    excess,
-    highest_motor_speed,
-    legal_coefficients,
-    require_holdable,
-)
+from delta3_pacdrive.motion.excess import Excess, excess, require_holdable
+from delta3_pacdrive.motion.limits import Limits, highest_motor_speed, legal_coefficients
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import (
     CENTRIFUGAL,

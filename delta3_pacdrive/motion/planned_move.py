@@ -11,7 +11,8 @@ from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.blending import PathSegment, name_of
 from delta3_pacdrive.motion.curves import Curve
 from delta3_pacdrive.motion.energy import Energy, energy
-from delta3_pacdrive.motion.limits import excess, legal_coefficients, require_holdable
+from delta3_pacdrive.motion.excess import excess, require_holdable
+from delta3_pacdrive.motion.limits import legal_coefficients
 from delta3_pacdrive.motion.move_planner import (
     GRID_MAX,
     GRID_MIN,

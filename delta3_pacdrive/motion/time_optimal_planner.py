@@ -9,12 +9,8 @@ from numpy.typing import NDArray
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_optimal
 from delta3_pacdrive.motion.curves import Curve
-from delta3_pacdrive.motion.limits import (
-    excess,
-    legal_coefficients,
-    phase_voltage_max,
-    require_holdable,
-)
+from delta3_pacdrive.motion.excess import excess, require_holdable
+from delta3_pacdrive.motion.limits import legal_coefficients, phase_voltage_max
 from delta3_pacdrive.motion.move_planner import NEARLY_KEPT, MovePlanner, Stretches, limits_at, worse_of_both
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_coefficients

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, TurnRow, Use
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.motion.energy import Energy, energy
-from delta3_pacdrive.motion.limits import Limits, arm_bounds, compared, workspace_bounds
+from delta3_pacdrive.motion.excess import compared
+from delta3_pacdrive.motion.limits import Limits, arm_bounds, workspace_bounds
 from delta3_pacdrive.motion.move_planner import Stretches, limits_at
 from delta3_pacdrive.motion.path_dynamics import (
     PARALLEL,
