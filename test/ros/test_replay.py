@@ -79,12 +79,21 @@ class Recording:
     """Every message of a robot, as bytes, in the order in which they came."""
 
     def __init__(self, graph: Any) -> None:
-        self.messages: list[tuple[str, bytes]] = []
-        for topic, (kind, qos) in TOPICS.items():
+        self._messages: list[tuple[str, bytes]] = []
+        self._node = graph.listener
+        self._subscriptions = [
             graph.listener.create_subscription(kind, topic, self._take(topic), qos, raw=True)
+            for topic, (kind, qos) in TOPICS.items()
+        ]
 
     def _take(self, topic: str) -> Any:
-        return lambda data: self.messages.append((topic, data))
+        return lambda data: self._messages.append((topic, data))
+
+    def ended(self) -> list[tuple[str, bytes]]:
+        """Record no longer; return what will be played back."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        return thinned(self._messages)
 
 
 class Cell:
@@ -135,8 +144,10 @@ class Cell:
         queue.call('clear')
         home = [*kinematics.inverse((0.0, 0.0, -0.75), load())]
         points = [
-            JointTrajectoryPoint(positions=[angle + 0.05 for angle in home], time_from_start=Duration(sec=1)),
-            JointTrajectoryPoint(positions=home, time_from_start=Duration(sec=2)),
+            JointTrajectoryPoint(
+                positions=[angle + 0.02 for angle in home], time_from_start=Duration(nanosec=300_000_000)
+            ),
+            JointTrajectoryPoint(positions=home, time_from_start=Duration(nanosec=600_000_000)),
         ]
         moved = JointTrajectory(joint_names=['axis1', 'axis2', 'axis3'], points=points)
         self.publish('joint_trajectory', moved, lambda: queue.state == 'moving')
@@ -249,10 +260,9 @@ def recorded(graph: Any) -> tuple[Cell, list[tuple[str, bytes]]]:
     cell = Cell(graph)
     cell.do_everything()
     graph.spin_for(0.1)
-    messages = thinned(recording.messages)
+    messages = recording.ended()
     seen = {topic for topic, _ in messages}
     assert set(TOPICS) - seen == set(), 'every topic was recorded'
-    recording.messages = []
     return cell, messages
 
 
@@ -311,9 +321,9 @@ def earlier() -> list[tuple[str, bytes]]:
         recording = Recording(graph)
         Cell(graph).do_everything()
         graph.spin_for(0.1)
+        return recording.ended()
     finally:
         graph.close()
-    return thinned(recording.messages)
 
 
 def test_a_bag_of_an_earlier_session_moves_nothing(earlier: list[tuple[str, bytes]], graph: Any) -> None:
