@@ -8,7 +8,7 @@ import fcntl
 import os
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -25,6 +25,8 @@ TURN_S, POLL_S = 10.0, 0.01  # how long one waits for those who came before, and
 SINGLE_CORES, NODE_CORES = 0.3, 0.13
 NODES = ('plant', 'transformation_task', *(f'mc4_drive_{index + 1}' for index in range(len(ALL_DRIVES))))
 NEEDS = {'robot': SINGLE_CORES} | dict.fromkeys(NODES, NODE_CORES)  # by name of the process, as top shows it
+# a loop of the interpreter, how long it takes on the machine of these figures, and how often it is tried
+LOOP, LOOP_S, TRIES = 200_000, 0.0022, 5
 REAL_TIME = ('1', '2')  # SCHED_FIFO, SCHED_RR
 KERNEL_THREAD = 0x00200000  # flag of threads of the kernel, which look after themselves
 # fields of /proc/PID/task/TID/stat behind the name
@@ -57,21 +59,46 @@ def in_turn(processes: Path = Path('/proc')) -> Iterator[None]:
         os.close(folder)
 
 
-def lack_of_room(robots: int, needed: float, processes: Path = Path('/proc')) -> str:
+def slowness() -> float:
+    """Return how many times as long this machine takes for the same work as the one that the needs come from."""
+    return max(1.0, min(_loop_s() for _ in range(TRIES)) / LOOP_S)
+
+
+def _loop_s() -> float:
+    """Return the processor time of the loop [s]: that of others does not count."""
+    begin_s = time.thread_time()
+    turns = 0
+    while turns < LOOP:
+        turns += 1
+    return time.thread_time() - begin_s
+
+
+def lack_of_room(
+    robots: int,
+    needed: float,
+    processes: Path = Path('/proc'),
+    slowness: Callable[[], float] = slowness,
+) -> str:
     """Return why some robots cannot be scheduled in real time beside all else that is; empty if they can.
 
-    A robot that comes up takes little yet: each of its processes counts with what it will take at least.
+    A robot that comes up takes little yet: each of its processes counts with what it will take at least. On a slow
+    machine that is more. One robot alone may try: what it really takes is seen while it is up, by ``CpuLoadMonitor``.
 
     Parameters
     ----------
     robots, needed
-        How many, and the cores that all of them need.
+        How many, and the cores that all of them need on the machine of the measured figures.
     processes
         Where the kernel shows its processes.
+    slowness
+        Returns how many times as long this machine takes for the same work.
 
     """
     cores = len(os.sched_getaffinity(0))
-    taken = _real_time_cores(processes)
+    measured = _real_time_cores(processes)
+    times = slowness() if measured or robots > 1 else 1.0
+    needed *= times
+    taken = sum(max(spent, times * NEEDS.get(name, 0.0)) for name, spent in measured)
     if taken + needed <= ROOM * cores:
         return ''
     who = 'this robot needs' if robots == 1 else f'{robots} robots need'
@@ -82,11 +109,11 @@ def lack_of_room(robots: int, needed: float, processes: Path = Path('/proc')) ->
     )
 
 
-def _real_time_cores(processes: Path) -> float:
-    """Return how many cores real-time work takes, or will take as soon as it is up."""
+def _real_time_cores(processes: Path) -> list[tuple[str, float]]:
+    """Return names of the processes that work in real time, and how many cores each takes."""
     before = dict(_real_time_threads(processes))
     if not before:
-        return 0.0
+        return []
     start_s = time.monotonic()
     time.sleep(WINDOW_S)
     after = dict(_real_time_threads(processes))
@@ -94,7 +121,7 @@ def _real_time_cores(processes: Path) -> float:
     measured: defaultdict[Path, float] = defaultdict(float)
     for thread, seconds in after.items():
         measured[_process_of(thread)] += (seconds - before.get(thread, seconds)) / duration_s
-    return sum(max(cores, NEEDS.get(_name(process), 0.0)) for process, cores in measured.items())
+    return [(_name(process), cores) for process, cores in measured.items()]
 
 
 def _process_of(thread: Path) -> Path:

@@ -13,6 +13,7 @@ import pytest
 from delta3_pacdrive.bringup import cpu_load
 from delta3_pacdrive.bringup.cpu_load import (
     LOOK_S,
+    LOOP_S,
     NODE_CORES,
     NODES,
     POLL_S,
@@ -24,6 +25,7 @@ from delta3_pacdrive.bringup.cpu_load import (
     cores_of_robot,
     in_turn,
     lack_of_room,
+    slowness,
 )
 from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
 
@@ -131,7 +133,9 @@ def test_a_thread_that_is_new_has_not_spent_its_life_since_the_last_look(machine
 FREE = ROOM * CORES  # cores
 
 
-def room_beside(machine: Machine, patch: pytest.MonkeyPatch, needed: float, **spent: float) -> str:
+def room_beside(
+    machine: Machine, patch: pytest.MonkeyPatch, needed: float, slowness: float = 1.0, **spent: float
+) -> str:
     """Ask whether there is room beside processes of these names, which spend time while one looks."""
 
     def work(seconds: float) -> None:
@@ -141,7 +145,7 @@ def room_beside(machine: Machine, patch: pytest.MonkeyPatch, needed: float, **sp
 
     patch.setattr(cpu_load.time, 'sleep', work)
     work(0.0)
-    return lack_of_room(1, needed, machine.folder)
+    return lack_of_room(1, needed, machine.folder, lambda: slowness)
 
 
 def test_a_quiet_machine_has_room_and_nobody_waits_to_see_it(
@@ -182,9 +186,46 @@ def test_the_processes_of_a_robot_count_one_by_one(machine: Machine, monkeypatch
 
 
 def test_several_robots_are_spoken_of_as_such(machine: Machine) -> None:
-    told = lack_of_room(9, 9 * FREE, machine.folder)
+    told = lack_of_room(9, 9 * FREE, machine.folder, lambda: 1.0)
     assert f'9 robots need {9 * FREE:.2f} more' in told
     assert told.endswith('they go without it')
+
+
+# on a slow machine
+
+
+def test_on_a_machine_of_half_the_speed_robots_need_twice_as_much(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    just = 0.5 * (FREE - 2 * SINGLE_CORES)
+    assert room_beside(machine, monkeypatch, just - 0.01, 2.0, robot=0.0) == ''
+    told = room_beside(machine, monkeypatch, just + 0.01, 2.0, robot=0.0)
+    assert (
+        f'takes {2 * SINGLE_CORES:.2f} of {CORES} cores, this robot needs {2 * (just + 0.01):.2f} more'
+        in told
+    )
+
+
+def test_a_robot_that_is_up_counts_with_what_it_really_takes_if_that_is_more(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = room_beside(machine, monkeypatch, FREE, 2.0, robot=0.8)
+    assert f'takes 0.80 of' in told
+
+
+def test_several_robots_ask_how_slow_the_machine_is_and_one_alone_may_try(machine: Machine) -> None:
+    assert lack_of_room(2, 0.6 * FREE, machine.folder, lambda: 2.0) != ''
+    assert lack_of_room(1, 0.6 * FREE, machine.folder, lambda: 2.0) == ''
+
+
+def test_a_machine_is_as_slow_as_the_work_of_this_thread_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter(
+        [0.0, 5 * LOOP_S, 10 * LOOP_S, 13 * LOOP_S, *(20 * LOOP_S + n * 4 * LOOP_S for n in range(6))]
+    )
+    monkeypatch.setattr(cpu_load.time, 'thread_time', lambda: next(times))
+    assert slowness() == pytest.approx(3.0)  # the best of several tries
+    monkeypatch.setattr(cpu_load.time, 'thread_time', lambda: 0.0)
+    assert slowness() == 1.0  # a faster machine leaves the margin as it is
 
 
 # who asks first
