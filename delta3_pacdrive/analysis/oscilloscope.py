@@ -1,18 +1,89 @@
 """The oscilloscopes of a robot's drives: what they find and what they leave in every period of the current loop."""
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from delta3_pacdrive.drive.arrays import words_of_state
+from delta3_pacdrive.drive.mc4 import mc4_run_period
+from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.increments import all_on_grid
 from delta3_pacdrive.simulation.robot import Robot
 
-Changes = Sequence[tuple[str, float]]
-Add = Callable[[int, int, Any], Changes]
-
 FOUND = ('position', 'speed', 'command', 'motor_current', 'voltage')
+POSITION, SPEED = FOUND.index('position'), FOUND.index('speed')
+
+
+@dataclass(frozen=True)
+class Added:
+    """Something is added to fields of a drive's state before every period, and taken away after it.
+
+    Attributes
+    ----------
+    axis
+        Number of the drive, from 0 on.
+    fields
+        What it is added to, each with a factor.
+    values
+        A value for each period of the current loop, shape (samples,).
+
+    """
+
+    axis: int
+    fields: Sequence[tuple[str, float]]
+    values: Floats
+
+
+NOTHING = Added(-1, (), np.empty(0))
+
+
+@kernel
+def run_exchange(row, shafts, words, added, robot, currents, found, left):
+    """Run the drives from one exchange to the next, one period of the current loop at a time.
+
+    Parameters
+    ----------
+    row
+        Of the first period in what is recorded.
+    shafts
+        True shafts at the start: three positions [rad], three speeds [rad/s], three coupling torques d [N m].
+    words
+        The states of the drives as numbers, a word each, shape (3, words).
+    added
+        Places of the words that something is added to, factors, number of the drive, and a value for each period.
+    robot
+        Array of one record ``ROBOT``; ``brakes`` is filled.
+    currents
+        Takes the motor currents of an exchange period [A], shape (steps, 3).
+    found, left
+        Places of the words that are recorded at the start and at the end of each period, and what takes them, shape
+        (fields, samples, 3).
+
+    """
+    places, factors, axis, values = added
+    found_places, found_values = found
+    left_places, left_values = left
+    r = robot[0]
+    for i in range(3):
+        state, s = words[i], r.drives[i].state
+        shaft = shafts[i], shafts[3 + i], shafts[6 + i]
+        for n in range(currents.shape[0]):
+            for k in range(found_places.shape[0]):
+                found_values[k, row + n, i] = state[found_places[k]]
+            found_values[POSITION, row + n, i], found_values[SPEED, row + n, i] = shaft[0], shaft[1]
+            if i == axis:
+                for k in range(places.shape[0]):
+                    state[places[k]] += factors[k] * values[row + n]
+            # from the drive's own shaft on: to the drive it is all one exchange
+            r.brakes[i] = mc4_run_period(shaft, r.drives, i, currents[n : n + 1])
+            if i == axis:
+                for k in range(places.shape[0]):
+                    state[places[k]] -= factors[k] * values[row + n]
+            for k in range(left_places.shape[0]):
+                left_values[k, row + n, i] = state[left_places[k]]
+            shaft = s.position, s.speed, s.coupling
 
 
 class Oscilloscope:
@@ -26,6 +97,8 @@ class Oscilloscope:
         Periods of the current loop that are recorded.
     left
         Fields of a drive's state that are recorded at the end of each period.
+    added
+        What is added to the set points of a drive.
 
     Attributes
     ----------
@@ -37,11 +110,16 @@ class Oscilloscope:
 
     """
 
-    def __init__(self, robot: Robot, samples: int, left: Sequence[str] = ()) -> None:
+    def __init__(self, robot: Robot, samples: int, left: Sequence[str] = (), added: Added = NOTHING) -> None:
         self._robot = robot
-        self.found: dict[str, Floats] = {name: np.empty((samples, 3)) for name in FOUND}
-        self.left: dict[str, Floats] = {name: np.empty((samples, 3)) for name in left}
-        self.per_exchange = len(robot.drives[0].currents)
+        self._words = robot.record['drives'][0].view(np.float64).reshape(3, -1)
+        self._found = words_of_state(FOUND)[0], np.empty((len(FOUND), samples, 3))
+        self._left = words_of_state(left)[0], np.empty((len(left), samples, 3))
+        factors = np.array([factor for _, factor in added.fields], dtype=np.float64)
+        self._added = words_of_state(name for name, _ in added.fields)[0], factors, added.axis, added.values
+        self.found: dict[str, Floats] = dict(zip(FOUND, self._found[1], strict=True))
+        self.left: dict[str, Floats] = dict(zip(left, self._left[1], strict=True))
+        self.per_exchange = len(robot.currents)
         self._row = 0
 
     def begin_cycle(
@@ -55,40 +133,22 @@ class Oscilloscope:
             for drive, command, torque, (position, speed, coupling) in told
         ]
 
-    def exchange(self, payload_kg: float | None = None, add: Add = lambda i, row, state: ()) -> None:
+    def exchange(self, payload_kg: float | None = None) -> None:
         """Run drives and plant from one exchange to the next.
 
         Parameters
         ----------
         payload_kg
             That the controller has gripped; None: as before.
-        add
-            Is called before each period with the number of the drive, that of the sample, and the state of the drive,
-            which it may change; returns the fields and what is to be taken away from them after the period.
 
         """
-        shafts = np.reshape(self._robot.plant.shafts(), (3, 3)).T.tolist()
-        released = [self._run(i, shaft, add) for i, shaft in enumerate(shafts)]
-        self._robot.plant.advance(self._robot.currents, released, payload_kg)
+        robot = self._robot
+        shafts = np.array(robot.plant.shafts())
+        run_exchange(
+            self._row, shafts, self._words, self._added, robot.record, robot.currents, self._found, self._left
+        )
+        robot.plant.advance(robot.currents, robot.record['brakes'][0], payload_kg)
         self._row += self.per_exchange
-
-    def _run(self, i: int, shaft: Sequence[float], add: Add) -> bool:
-        drive, released = self._robot.drives[i], False
-        state = drive.state[0]
-        for n in range(self.per_exchange):
-            row = self._row + n
-            for name, values in self.found.items():
-                values[row, i] = state[name]
-            self.found['position'][row, i], self.found['speed'][row, i] = shaft[:2]
-            undo = add(i, row, state)
-            # one period at a time, from the drive's own shaft on: to the drive it is all one exchange
-            released = drive.run_sample(n, *shaft)
-            for name, change in undo:
-                state[name] -= change
-            for name, values in self.left.items():
-                values[row, i] = state[name]
-            shaft = float(state['position']), float(state['speed']), float(state['coupling'])
-        return released
 
     def signals(self) -> dict[str, Floats]:
         """Return what the drives measure, by the names of signals."""

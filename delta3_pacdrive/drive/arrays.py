@@ -29,7 +29,7 @@ Arguments of the kernels of this room:
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import IntEnum
 from functools import partial
 from typing import Any
@@ -248,6 +248,14 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
 NOTCH_CONSTANTS = tuple(name for name, _, _ in _CONSTANTS if name.startswith('notch_'))
 CONSTANTS = np.dtype([*((name, kind) for name, kind, _ in _CONSTANTS), ('motor', MOTOR)], align=True)
 DRIVE = np.dtype([('state', STATE), ('constants', CONSTANTS)], align=True)
+WORD_BYTES = 8
+
+
+def words_of_state(names: Iterable[str]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return where fields of ``STATE`` are in a record ``DRIVE``, in words of 8 bytes, and which are whole numbers."""
+    fields = [STATE.fields[name] for name in names]  # type: ignore[index]
+    words = np.array([field[1] // WORD_BYTES for field in fields], dtype=np.int64)
+    return words, np.array([field[0].kind != 'f' for field in fields], dtype=np.bool_)
 
 
 def drive_constants(parameters: Parameters) -> NDArray[Any]:

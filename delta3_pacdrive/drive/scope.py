@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from delta3_pacdrive.drive.arrays import STATE
+from delta3_pacdrive.drive.arrays import words_of_state
 from delta3_pacdrive.drive.channels import Channel
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 BLOCK_CYCLES = 8  # bus cycles of a block
-WORD_BYTES = 8
 WHOLE = 1e-9  # of a period: what divisions leave
 
 
@@ -83,9 +82,7 @@ class DriveScope:
         self._exchanges = BLOCK_CYCLES * int(constants['steps_per_cycle']) // self._periods
         fields = list(dict.fromkeys(source for channel in channels for source in channel.sources))
         self._columns = {name: place for place, name in enumerate(fields)}
-        words = np.array([STATE.fields[name][1] // WORD_BYTES for name in fields])  # type: ignore[index]
-        whole = np.array([STATE.fields[name][0].kind != 'f' for name in fields])  # type: ignore[index]
-        self._words = (*drive.state_words(), words, whole)
+        self._words = (*drive.state_words(), *words_of_state(fields))
         self._rows = np.empty((self._exchanges * (self._periods // decimation + 1), len(fields)))
         self._filled = 0
         self._first = 0  # sample in the first row

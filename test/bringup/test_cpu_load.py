@@ -210,7 +210,7 @@ def test_a_robot_that_is_up_counts_with_what_it_really_takes_if_that_is_more(
     machine: Machine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told = room_beside(machine, monkeypatch, FREE, 2.0, robot=0.8)
-    assert f'takes 0.80 of' in told
+    assert 'takes 0.80 of' in told
 
 
 def test_several_robots_ask_how_slow_the_machine_is_and_one_alone_may_try(machine: Machine) -> None:

@@ -4,6 +4,7 @@ import contextlib
 import doctest
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -11,6 +12,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ PAGES = [
     SOURCE / name
     for name in ('README.md', 'CONTRIBUTING.md', *sorted(str(path) for path in SOURCE.glob('docs/**/*.md')))
 ]
+EVERYTHING = os.environ.get('DELTA3_LONG', '0') != '0'
 LONG = [SOURCE / 'docs/tuning.md', SOURCE / 'docs/studies.md']  # their commands compute for a minute
 LANGUAGES = {'bash', 'console', 'python', 'pycon', 'yaml', 'text'}
 DIRECTIVES = re.compile(r'\{(?!code-block\})[\w-]+\}.*')
@@ -32,7 +35,7 @@ ROBOT = re.compile(
 )
 BLOCK = re.compile(
     r'(?:^<!-- *ends: *(?P<ends>[^\n]*?) *-->\n+)?'
-    r'(?:^<!-- *(?P<mark>terminal|until|elsewhere): *(?P<words>[^\n]*?) *-->\n+)?'
+    r'(?:^<!-- *(?P<mark>terminal|until|elsewhere|long): *(?P<words>[^\n]*?) *-->\n+)?'
     r'^(?P<fence>```+|:::+) *(?P<language>[^\n]*)\n(?P<text>.*?)^(?P=fence) *$',
     re.M | re.S,
 )
@@ -243,6 +246,9 @@ def run_block(
     """Run one block; ``others`` are the commands in terminals of their own, ``names`` those of Python."""
     if block.language == 'text' or block.mark == 'elsewhere':
         return
+    if block.mark == 'long' and not EVERYTHING:
+        read_commands(block.text)
+        return
     for command in block.ends:
         end(others.pop(command))
     if block.file:
@@ -270,6 +276,17 @@ def run_block(
             run_dialogue(block, names)
         case _:
             raise AssertionError(f'{block.language!r} is none of {sorted(LANGUAGES)}, or has no file name')
+
+
+def read_commands(text: str) -> None:
+    """Have the options of every command of a block read, and run none."""
+    commands = [shlex.split(line, comments=True) for line in text.splitlines() if line.startswith('delta3 ')]
+    assert commands, 'only commands of delta3 can be read'
+    for _, name, *options in commands:
+        try:
+            import_module(f'delta3_pacdrive.cli.{name}').main.read(options)
+        except (ImportError, SystemExit) as refusal:
+            raise AssertionError(f'delta3 {name} {shlex.join(options)} is refused') from refusal
 
 
 def run_dialogue(block: Block, names: dict[str, Any]) -> None:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.analysis.oscilloscope import Oscilloscope
+from delta3_pacdrive.analysis.oscilloscope import Added, Oscilloscope
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.analysis.tuning.analysis import RATE_SHARE
-from delta3_pacdrive.analysis.tuning.bench import ENABLING_CYCLES_MAX, SETTLING_S, Place, add_set_point
+from delta3_pacdrive.analysis.tuning.bench import ENABLING_CYCLES_MAX, SETTLING_S, Place, set_point_fields
 from delta3_pacdrive.analysis.tuning.excitation import Multisine, multisine
 from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.drive.diagnostics import fault_text
@@ -140,13 +140,9 @@ class _TurningRobot:
 
     def run(self, added: Floats, on_progress: OnProgress = silent) -> dict[str, Floats]:
         """Add a set point, one value per current-loop period; return the signals, each of shape (samples, 3)."""
-        scope = Oscilloscope(self._robot, len(added), list(REFERENCES.values()))
         chosen, cycle_s = self._excitation, self._parameters.bus.cycle_time_s
-
-        def add(i: int, row: int, state: Any) -> tuple[tuple[str, float], ...]:
-            value = float(added[row]) if i == chosen.axis else 0.0
-            return add_set_point(chosen.place, value, state, cycle_s)
-
+        set_point = Added(chosen.axis, set_point_fields(chosen.place, cycle_s), added)
+        scope = Oscilloscope(self._robot, len(added), list(REFERENCES.values()), set_point)
         for k in range(0, len(added), scope.per_exchange):
             if self._step % self._per_cycle == 0:
                 scope.begin_cycle(self._commands.tolist(), CONTROL_ENABLE)
@@ -154,7 +150,7 @@ class _TurningRobot:
                     if drive.fault:
                         raise RunError(f'{name} of the robot: {fault_text(drive.fault)}')
                 self._commands += self._speed * cycle_s
-            scope.exchange(add=add)
+            scope.exchange()
             self._step += scope.per_exchange
             if k % 2048 == 0:
                 on_progress('excitation', k, len(added))

@@ -123,7 +123,7 @@ class Bench:
     def __init__(self, parameters: Parameters, load: Load, place: Place, speed_rad_s: float) -> None:
         own = test_bench_parameters(parameters, load, place)
         self._drive = MC4(own)
-        self._place = place
+        self._fields = set_point_fields(place, own.bus.cycle_time_s)
         self._held = not math.isfinite(load.inertia_kg_m2)
         self.speed_rad_s = 0.0 if self._held else speed_rad_s
         self._cycle_time = own.bus.cycle_time_s
@@ -167,10 +167,11 @@ class Bench:
                 self._command += self.speed_rad_s * self._cycle_time
                 if drive.fault:
                     raise RunError(self._why())
-            undo = add_set_point(self._place, value, row, self._cycle_time)
+            for name, factor in self._fields:
+                row[name] += factor * value
             drive.run_sample(0, *shaft)
-            for name, before in undo:
-                row[name] -= before
+            for name, factor in self._fields:
+                row[name] -= factor * value
             states[k] = row
             self._step += 1
             self._move_arm(shaft[2])
@@ -196,14 +197,10 @@ class Bench:
             self._arm_speed += self._period * acceleration
 
 
-def add_set_point(place: Place, value: float, row: Any, cycle_time_s: float) -> tuple[tuple[str, float], ...]:
-    """Add a value to the set point of a drive's next period; return fields and what is to be taken away after it."""
+def set_point_fields(place: Place, cycle_time_s: float) -> tuple[tuple[str, float], ...]:
+    """Return fields of a drive's state that a set point is added to before a period, each with a factor."""
     if place in (Place.CURRENT, Place.PLANT):
-        fields: tuple[tuple[str, float], ...] = (('velocity_integral', value),)
-    elif place == Place.POSITION:
-        fields = tuple((name, value) for name in ('command', 'command_before', 'command_before_that'))
-    else:
-        fields = (('command_before', -value * cycle_time_s),)
-    for name, change in fields:
-        row[name] += change
-    return fields
+        return (('velocity_integral', 1.0),)
+    if place == Place.POSITION:
+        return tuple((name, 1.0) for name in ('command', 'command_before', 'command_before_that'))
+    return (('command_before', -cycle_time_s),)
