@@ -6,14 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from delta3_pacdrive.drive.arrays import words_of_state
-from delta3_pacdrive.drive.mc4 import mc4_run_period
-from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.increments import all_on_grid
+from delta3_pacdrive.simulation.recorded_exchange import FOUND, run_recorded_exchange
 from delta3_pacdrive.simulation.robot import Robot
-
-FOUND = ('position', 'speed', 'command', 'motor_current', 'voltage')
-POSITION, SPEED = FOUND.index('position'), FOUND.index('speed')
 
 
 @dataclass(frozen=True)
@@ -37,53 +33,6 @@ class Added:
 
 
 NOTHING = Added(-1, (), np.empty(0))
-
-
-@kernel
-def run_exchange(row, shafts, words, added, robot, currents, found, left):
-    """Run the drives from one exchange to the next, one period of the current loop at a time.
-
-    Parameters
-    ----------
-    row
-        Of the first period in what is recorded.
-    shafts
-        True shafts at the start: three positions [rad], three speeds [rad/s], three coupling torques d [N m].
-    words
-        The states of the drives as numbers, a word each, shape (3, words).
-    added
-        Places of the words that something is added to, factors, number of the drive, and a value for each period.
-    robot
-        Array of one record ``ROBOT``; ``brakes`` is filled.
-    currents
-        Takes the motor currents of an exchange period [A], shape (steps, 3).
-    found, left
-        Places of the words that are recorded at the start and at the end of each period, and what takes them, shape
-        (fields, samples, 3).
-
-    """
-    places, factors, axis, values = added
-    found_places, found_values = found
-    left_places, left_values = left
-    r = robot[0]
-    for i in range(3):
-        state, s = words[i], r.drives[i].state
-        shaft = shafts[i], shafts[3 + i], shafts[6 + i]
-        for n in range(currents.shape[0]):
-            for k in range(found_places.shape[0]):
-                found_values[k, row + n, i] = state[found_places[k]]
-            found_values[POSITION, row + n, i], found_values[SPEED, row + n, i] = shaft[0], shaft[1]
-            if i == axis:
-                for k in range(places.shape[0]):
-                    state[places[k]] += factors[k] * values[row + n]
-            # from the drive's own shaft on: to the drive it is all one exchange
-            r.brakes[i] = mc4_run_period(shaft, r.drives, i, currents[n : n + 1])
-            if i == axis:
-                for k in range(places.shape[0]):
-                    state[places[k]] -= factors[k] * values[row + n]
-            for k in range(left_places.shape[0]):
-                left_values[k, row + n, i] = state[left_places[k]]
-            shaft = s.position, s.speed, s.coupling
 
 
 class Oscilloscope:
@@ -144,7 +93,7 @@ class Oscilloscope:
         """
         robot = self._robot
         shafts = np.array(robot.plant.shafts())
-        run_exchange(
+        run_recorded_exchange(
             self._row, shafts, self._words, self._added, robot.record, robot.currents, self._found, self._left
         )
         robot.plant.advance(robot.currents, robot.record['brakes'][0], payload_kg)
