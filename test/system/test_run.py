@@ -159,7 +159,8 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     assert process.returncode == 0, errors
     result = json.loads(output)
     assert result['ok'] is True
-    assert any(note.startswith('recorder was killed by SIGKILL') for note in result['notices'])
+    told = [note for note in result['notices'] if note.startswith('recorder was killed by SIGKILL')]
+    assert told, result['notices']
     from delta3_pacdrive.recording import trace_file
 
     assert 100 < len(trace_file.load(bag).time_s) < result['cycles']

@@ -76,7 +76,8 @@ def url(robot: subprocess.Popen[str], fork_delta3: Any) -> Iterator[str]:
     assert found, line + process.stderr.read()
     yield found[0]
     status, errors = ended(process)
-    assert (status, errors) == (0, '')
+    assert not errors, errors
+    assert status == 0
 
 
 def state_of(delta3: Runner) -> dict[str, Any]:
