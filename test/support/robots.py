@@ -225,6 +225,16 @@ def crowding() -> float:
     return min(max(1.0, *(float(worker.communicate()[0]) for worker in workers)), STRETCH_MAX)
 
 
+def read_until(stream: Any, words: str) -> str:
+    """Read lines until one has these words; return all. A machine that is too slow is told of before."""
+    read = ''
+    for line in iter(stream.readline, ''):
+        read += line
+        if words in line:
+            return read
+    raise AssertionError(f'{words!r} was not told: {read}')
+
+
 class Deadline:
     """A time limit for a process that works all the time: time in which others had the processor does not count."""
 

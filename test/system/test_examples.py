@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from robots import read_until
+
 EXAMPLES = Path(__file__).parents[2] / 'examples'
 
 
@@ -20,9 +22,7 @@ def up(fork_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: N
     def running(*options: str) -> Iterator[None]:
         process = fork_delta3('up', '--single-process', *options)
         try:
-            assert process.stderr is not None
-            line = process.stderr.readline()
-            assert line.startswith('ready after'), line + process.stderr.read()
+            read_until(process.stderr, 'ready after')
             yield
         finally:
             process.send_signal(signal.SIGINT)

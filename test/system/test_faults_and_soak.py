@@ -19,6 +19,7 @@ from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS
 from delta3_pacdrive.ros.qos import LATCHED
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.verification.fault_catalogue import cases
+from robots import read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -192,7 +193,7 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
     """The life of a robot: a drive's process dies in motion, comes back, and the program is resumed."""
     process = start_delta3('up', '--ordinary-priority', '--real-time-factor', '0.25')
     assert process.stderr is not None
-    assert process.stderr.readline().startswith('ready after')
+    read_until(process.stderr, 'ready after')
     assert process.stderr.readline() == 'controller: torque of the whole model, cubic set points\n'
     try:
         refused = delta3('faults', 'inject', '{fault: rain}')

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from robots import read_until
+
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
 AROUND = 'name: one input\ninputs: {start: {}}\n'
@@ -34,8 +36,7 @@ def test_a_cell_whose_master_is_killed_ends_its_script_and_works_again_once_it_i
     around.write_text(AROUND, encoding='utf-8')
     works.write_text(WORKS, encoding='utf-8')
     process = start_delta3('up', '--cell', around)
-    assert process.stderr is not None
-    assert process.stderr.readline().startswith('ready after')
+    read_until(process.stderr, 'ready after')
     script = subprocess.Popen(
         [sys.executable, '-P', str(works)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

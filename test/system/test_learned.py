@@ -13,7 +13,7 @@ from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.motion import learned as learned_torques
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.learned import Learned, Origin
-from robots import nothing_is_left
+from robots import nothing_is_left, read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -46,9 +46,7 @@ def up(program: Path, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iter
     file = program.with_suffix('.npz')
     with nothing_is_left():
         process = fork_delta3('up', '--single-process', '--parameters', 'model', '--learned', str(file))
-        assert process.stderr is not None
-        line = process.stderr.readline()
-        assert line.startswith('ready after'), line + process.stderr.read()
+        read_until(process.stderr, 'ready after')
         yield
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60.0)

@@ -6,29 +6,18 @@ import signal
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from delta3_pacdrive.recording import trace_file
-from robots import Deadline
+from robots import Deadline, read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 pytestmark = pytest.mark.timeout(600)
 SLOW = ('--ordinary-priority', '--real-time-factor', '0.2')
 LOOKS = 20  # of an operator, a second each
 AHEAD_S = 0.3  # of bus time: cycles by which one may be ahead, and between two reports
-
-
-def read_until(stream: Any, words: str) -> str:
-    """Read lines until one has these words; return all."""
-    read = ''
-    for line in iter(stream.readline, ''):
-        read += line
-        if words in line:
-            return read
-    raise AssertionError(read)
 
 
 def process_of(namespace: str, name: str, numbers: list[int]) -> int:

@@ -144,9 +144,10 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     nothing_left_behind: None,
 ) -> None:
     program = tmp_path / 'slow.yaml'
-    program.write_text('moves: [{move_l: {to_m: [0.2, 0, -0.75], speed_m_s: 0.015}}]')
+    program.write_text('moves: [{move_l: {to_m: [0.2, 0, -0.75], speed_m_s: 0.03}}]')
     bag = tmp_path / 'bag'
-    process = start_delta3('run', program, '--bag', bag, '--json')
+    # so slow that a machine which is busy with it has time for the recorder, and the program does not end before that
+    process = start_delta3('run', program, '--bag', bag, '--json', '--real-time-factor', '0.25')
     file = bag / 'bag.mcap'
     # several times as much as is looked for: topic after topic is written, and a busy recorder takes big bites
     _wait_for(
@@ -155,7 +156,7 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
         3.0 * START_DEADLINE_S,
     )
     os.kill(_pid_of('recorder', processes), signal.SIGKILL)
-    output, errors = process.communicate(timeout=60.0)
+    output, errors = process.communicate(timeout=120.0)
     assert process.returncode == 0, errors
     result = json.loads(output)
     assert result['ok'] is True

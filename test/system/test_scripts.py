@@ -15,7 +15,7 @@ from delta3_pacdrive import cell, parameters
 from delta3_pacdrive.cell import script as scripts
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.ros.robot_client import OperatorNode
-from robots import nothing_is_left
+from robots import nothing_is_left, read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -220,9 +220,7 @@ class Up:
         self._graph = graph
         self.operator = graph.add(OperatorNode, graph.spin_for)
         self._process = start_delta3('up', '--single-process')
-        assert self._process.stderr is not None
-        line = self._process.stderr.readline()
-        assert line.startswith('ready after'), line + self._process.stderr.read()
+        read_until(self._process.stderr, 'ready after')
 
     def start(self, side_mm: int, folder: Path) -> subprocess.Popen[str]:
         """Start a script that moves to one side; return it when it moves."""

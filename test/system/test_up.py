@@ -19,7 +19,7 @@ from delta3_pacdrive.bringup.scheduling import PREFERRED_NICENESS, real_time_is_
 from delta3_pacdrive.errors import RefusedError
 from delta3_pacdrive.recording.bag_reader import open_bag
 from delta3_pacdrive.ros.robot_client import OperatorNode
-from robots import nothing_is_left
+from robots import nothing_is_left, read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -36,8 +36,7 @@ class Up:
         self._operator = graph.add(OperatorNode, graph.spin_for)
         self.process = start_delta3('up', '--single-process')
         assert self.process.stderr is not None
-        line = self.process.stderr.readline()
-        assert line.startswith('ready after'), line + self.process.stderr.read()
+        read_until(self.process.stderr, 'ready after')
         self.controller = self.process.stderr.readline()
 
     def tidy(self) -> None:

@@ -73,7 +73,7 @@ def url(robot: subprocess.Popen[str], fork_delta3: Any) -> Iterator[str]:
     """Give the address of the page of a robot."""
     process = fork_delta3('view')
     found = re.search(r'http\S+', line := process.stderr.readline())
-    assert found, line + process.stderr.read()
+    assert found, line
     yield found[0]
     status, errors = ended(process)
     assert not errors, errors
