@@ -154,7 +154,6 @@ def assert_one_sentence(errors, expected):
     assert expected in lines[0]
 
 
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize('name', OFFLINE)
 def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, files, tmp_path):
     arguments = [text.format(**files) for text in OFFLINE[name]]

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive.drive.arrays import words_of_state
 from delta3_pacdrive.numerics.types import Floats
@@ -35,6 +36,16 @@ class Added:
 NOTHING = Added(-1, (), np.empty(0))
 
 
+def _places(names: Sequence[str]) -> NDArray[np.int64]:
+    """Return where fields of a drive's state are, in words; raises ValueError for one that is a whole number."""
+    words, whole = words_of_state(names)
+    if whole.any():
+        raise ValueError(
+            f'{names[int(whole.argmax())]} is a whole number, and an oscilloscope records numbers'
+        )
+    return words
+
+
 class Oscilloscope:
     """The oscilloscope runs drives and plant of a robot period by period, and records states of the drives.
 
@@ -62,10 +73,11 @@ class Oscilloscope:
     def __init__(self, robot: Robot, samples: int, left: Sequence[str] = (), added: Added = NOTHING) -> None:
         self._robot = robot
         self._words = robot.record['drives'][0].view(np.float64).reshape(3, -1)
-        self._found = words_of_state(FOUND)[0], np.empty((len(FOUND), samples, 3))
-        self._left = words_of_state(left)[0], np.empty((len(left), samples, 3))
+        self._brakes = robot.record['brakes'][0]
+        self._found = _places(FOUND), np.empty((len(FOUND), samples, 3))
+        self._left = _places(left), np.empty((len(left), samples, 3))
         factors = np.array([factor for _, factor in added.fields], dtype=np.float64)
-        self._added = words_of_state(name for name, _ in added.fields)[0], factors, added.axis, added.values
+        self._added = _places([name for name, _ in added.fields]), factors, added.axis, added.values
         self.found: dict[str, Floats] = dict(zip(FOUND, self._found[1], strict=True))
         self.left: dict[str, Floats] = dict(zip(left, self._left[1], strict=True))
         self.per_exchange = len(robot.currents)
@@ -96,7 +108,7 @@ class Oscilloscope:
         run_recorded_exchange(
             self._row, shafts, self._words, self._added, robot.record, robot.currents, self._found, self._left
         )
-        robot.plant.advance(robot.currents, robot.record['brakes'][0], payload_kg)
+        robot.plant.advance(robot.currents, self._brakes, payload_kg)
         self._row += self.per_exchange
 
     def signals(self) -> dict[str, Floats]:

@@ -59,7 +59,7 @@ def in_turn(processes: Path = Path('/proc')) -> Iterator[None]:
         os.close(folder)
 
 
-def slowness() -> float:
+def measured_slowness() -> float:
     """Return how many times as long this machine takes for the same work as the one that the needs come from."""
     return max(1.0, min(_loop_s() for _ in range(TRIES)) / LOOP_S)
 
@@ -77,7 +77,7 @@ def lack_of_room(
     robots: int,
     needed: float,
     processes: Path = Path('/proc'),
-    slowness: Callable[[], float] = slowness,
+    slowness: Callable[[], float] = measured_slowness,
 ) -> str:
     """Return why some robots cannot be scheduled in real time beside all else that is; empty if they can.
 

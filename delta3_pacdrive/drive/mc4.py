@@ -355,9 +355,9 @@ class MC4:
         released, filled = mc4_run_captured(shaft, self._drives, self._place, self._currents, capture)
         return bool(released), int(filled)
 
-    def run_sample(self, n: int, position: float, speed: float, coupling: float) -> bool:
-        """Run one current-loop period of an exchange by itself, from a shaft at its start, filling ``currents[n]``."""
-        currents = self._currents[n : n + 1]
+    def run_sample(self, position: float, speed: float, coupling: float) -> bool:
+        """Run one current-loop period by itself, from a shaft at its start, filling ``currents[0]``."""
+        currents = self._currents[:1]
         return bool(mc4_run_period((position, speed, coupling), self._drives, self._place, currents))
 
     def state_words(self) -> tuple[Floats, NDArray[np.int64]]:

@@ -5,7 +5,9 @@ import pytest
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis import oscilloscope_run
+from delta3_pacdrive.analysis.oscilloscope import Oscilloscope
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.simulation.robot import Robot
 
 PICK = {
     'payload_kg': 0.0,
@@ -27,3 +29,8 @@ def test_it_has_the_bits_of_the_simulation_also_with_what_is_gripped(feed_forwar
     cycles = len(found.answers)
     np.testing.assert_array_equal(found.answers[:, 0], trace['motor_position'][:cycles])
     np.testing.assert_array_equal(found.tcp_error, trace['tcp_error'][:cycles])
+
+
+def test_a_field_that_is_no_number_is_refused_by_name(robot):
+    with pytest.raises(ValueError, match='brake_release is a whole number'):
+        Oscilloscope(Robot(robot), 1, ['speed_reference', 'brake_release'])

@@ -49,6 +49,18 @@ def test_what_is_tested_elsewhere_names_its_test(page):
     assert [name for name in elsewhere if not (pages.SOURCE / name).is_file()] == []
 
 
+def test_what_is_only_read_is_refused_as_it_would_be_run():
+    pages.read_commands('cp a b\ndelta3 tune --set K_Pvel=0.6   # a comment\n')
+    for wrong in (
+        'delta3 tune --no-such-option\n',
+        'delta3 tune --axis 9\n',
+        'delta3 no_such_command\n',
+        'echo nothing to read\n',
+    ):
+        with pytest.raises(AssertionError, match=r'refused|can be read'):
+            pages.read_commands(wrong)
+
+
 def commands(text):
     return {line.partition(' #')[0].rstrip() for line in text.splitlines()}
 

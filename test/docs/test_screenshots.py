@@ -41,7 +41,6 @@ def test_every_screenshot_is_shown_and_the_round_is_one():
 
 
 @pytest.mark.long
-@pytest.mark.timeout(1200)  # browsers draw without a graphics card
 def test_every_screenshot_can_be_taken_anew(browser, tmp_path):
     environment = {name: value for name, value in os.environ.items() if name != 'PYTHONSAFEPATH'}
     command = [sys.executable, SCREENSHOTS / 'take.py', tmp_path, '--draft']

@@ -103,7 +103,7 @@ def _periods(drive, command, count):
     for n in range(count):
         if n % 16 == 0:
             drive.begin_cycle(command, CONTROL_ENABLE, 0.0, 0.0, 0.0)
-        drive.run_sample(0, 0.0, 0.0, 0.0)
+        drive.run_sample(0.0, 0.0, 0.0)
         found.append(float(drive.state['current_reference'][0]))
     return np.array(found)
 

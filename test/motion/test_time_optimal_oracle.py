@@ -19,7 +19,6 @@ PICKS = int(os.environ.get('DELTA3_ORACLE_PICKS', '2'))  # about a minute each
 LIMITS = ({'jerk_m_s3': 20000.0}, {'torque_rate_n_m_s': 1000.0})
 
 
-@pytest.mark.timeout(1200)
 @pytest.mark.parametrize('number', range(PICKS))
 def test_random_picks_are_at_most_3_percent_slower_than_the_optimum(number, robot):
     random = np.random.default_rng(number)

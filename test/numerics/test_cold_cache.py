@@ -61,7 +61,6 @@ def answers_of(processes):
     return [json.loads(output) for _, output, _ in results]
 
 
-@pytest.mark.timeout(1200)
 def test_two_processes_that_meet_a_cold_cache_compile_every_kernel_once(cold):
     processes = [started(COMPILE), started(COMPILE)]
     try:

@@ -246,11 +246,11 @@ def run_block(
     """Run one block; ``others`` are the commands in terminals of their own, ``names`` those of Python."""
     if block.language == 'text' or block.mark == 'elsewhere':
         return
+    for command in block.ends:
+        end(others.pop(command))
     if block.mark == 'long' and not EVERYTHING:
         read_commands(block.text)
         return
-    for command in block.ends:
-        end(others.pop(command))
     if block.file:
         (folder / block.file).write_text(block.text, encoding='utf-8')
         if block.language == 'yaml':

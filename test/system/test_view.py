@@ -20,7 +20,6 @@ from delta3_pacdrive.view.jog import JOG_JERK_M_S3
 pytest.importorskip('viser', reason='the page needs the extra "view"')
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
-pytestmark = pytest.mark.timeout(900)
 WAIT_S = 180.0  # a browser without a graphics card, on a machine that has other things to do
 SLOW = ('--single-process', '--ordinary-priority', '--real-time-factor', '0.3')
 JERK_OVER_S = 0.02

@@ -169,7 +169,7 @@ class Bench:
                     raise RunError(self._why())
             for name, factor in self._fields:
                 row[name] += factor * value
-            drive.run_sample(0, *shaft)
+            drive.run_sample(*shaft)
             for name, factor in self._fields:
                 row[name] -= factor * value
             states[k] = row
