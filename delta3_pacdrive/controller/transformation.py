@@ -16,15 +16,8 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.belt_tracking import BeltTracking
 from delta3_pacdrive.controller.learned_torques import FAULT, LearnedTorques
 from delta3_pacdrive.controller.position_wait import PositionWait
-from delta3_pacdrive.controller.task_arrays import (
-    SETTLE_CYCLES,
-    TASK,
-    answer_cycle,
-    command_cycle,
-    give,
-    stand_at,
-    task_constants,
-)
+from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES, TASK, stand_at, task_constants
+from delta3_pacdrive.controller.task_cycle import answer_cycle, command_cycle, give
 from delta3_pacdrive.controller.turning import TurnFigures, Turning, require_turns
 from delta3_pacdrive.dynamics import gravity, inertia
 from delta3_pacdrive.errors import ProgramError, RobotFault, RunError

@@ -8,7 +8,7 @@ Arguments of the kernels here:
 ``cycle``
     Number of a bus cycle.
 ``task``, ``timeline``
-    As in ``task_arrays``: array of one record ``TASK``, shape (1,), and ``motion.execution.TimelineArrays``.
+    As in ``task_cycle``: array of one record ``TASK``, shape (1,), and ``motion.execution.TimelineArrays``.
 ``turns``
     Those of the plan: a ``motion.turns.TurnTables``, with no piece if the plan says nothing of the tool.
 ``turning``
@@ -25,7 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.controller.task_arrays import HISTORY, SETTLE_CYCLES, coming_payload, is_over
+from delta3_pacdrive.controller.task_arrays import HISTORY, SETTLE_CYCLES
+from delta3_pacdrive.controller.task_cycle import coming_payload, is_over
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.execution import Timeline, plan_time_at, profile_at
 from delta3_pacdrive.motion.plan import Plan
@@ -73,7 +74,7 @@ TURNING_CONSTANTS = np.dtype(
         ('set_point_delay', 'f8'),  # [cycles]
         ('position_window', 'f8'),  # motor side [rad]
         ('sends_torque', 'f8'),
-        ('torque_lead', 'f8'),  # [s]: see ``task_arrays.feed_forward``
+        ('torque_lead', 'f8'),  # [s]: see ``task_cycle.feed_forward``
         ('torque_max', 'f8'),  # [N m]
         ('inertia', 'f8'),  # of rotor, bar and tool, motor side [kg m^2]
         ('part_inertia', 'f8'),  # of a part per mass, motor side [m^2]

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.controller.cycle import ControllerCycle, Stop, emergency_stop
-from delta3_pacdrive.controller.task_arrays import answer_cycle, command_cycle
+from delta3_pacdrive.controller.task_cycle import answer_cycle, command_cycle
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import fault_text
 from delta3_pacdrive.drive.mc4 import MC4
