@@ -9,7 +9,7 @@ from delta3_pacdrive.analysis.tuning.study import Settings
 from delta3_pacdrive.errors import ParameterError, ProgramError, TelegramError, TuningError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.plan import Move
+from delta3_pacdrive.motion.move import Move
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 from delta3_pacdrive.sercos import telegrams, words
 

@@ -15,7 +15,8 @@ from delta3_pacdrive.errors import Delta3Error, ProgramError
 from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.extension import Row
-from delta3_pacdrive.motion.plan import OUTPUTS, Move, Plan, PlanBuilder
+from delta3_pacdrive.motion.move import OUTPUTS, Move
+from delta3_pacdrive.motion.plan import Plan, PlanBuilder
 from delta3_pacdrive.motion.plan_times import told_length_m
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.bag_reader import NUMBERS, PHASE, SPOILT, TEXT, open_bag, taking

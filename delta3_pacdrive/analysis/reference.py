@@ -22,7 +22,7 @@ from delta3_pacdrive import kinematics, whole_file
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.plan import MOVES_MAX
+from delta3_pacdrive.motion.move import MOVES_MAX
 from delta3_pacdrive.motion.program import JOINT_POINTS_MAX, Program
 from delta3_pacdrive.motion.program_file import TIME_MAX_S
 from delta3_pacdrive.numerics.types import Floats

@@ -34,7 +34,7 @@ from delta3_pacdrive.motion.belt_synchronization import (
     Motion,
     Uncaught,
 )
-from delta3_pacdrive.motion.plan import TRACK
+from delta3_pacdrive.motion.move import TRACK
 from delta3_pacdrive.motion.program import Dwell, Output
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.sercos.bus_time import NEVER

@@ -3,7 +3,7 @@
 from typing import Any
 
 from delta3_pacdrive.motion.execution import Timeline
-from delta3_pacdrive.motion.plan import OUTPUTS, UNCHANGED
+from delta3_pacdrive.motion.move import OUTPUTS, UNCHANGED
 from delta3_pacdrive.motion.plan_times import told_length_m
 
 

@@ -19,7 +19,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.extension import Driven, Extension, Seam, SeamError, driven, extend
-from delta3_pacdrive.motion.plan import EVENT_NAMES, TRACK, Move
+from delta3_pacdrive.motion.move import EVENT_NAMES, TRACK, Move
 from delta3_pacdrive.motion.program import (
     Cubic,
     Dwell,

@@ -145,7 +145,7 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
 
 
 def _print(result: dict[str, Any]) -> None:
-    from delta3_pacdrive.motion.plan import MoveKind
+    from delta3_pacdrive.motion.move import MoveKind
     from delta3_pacdrive.motion.plan_times import WITHOUT_LENGTH
 
     if not result['ok']:

@@ -14,7 +14,7 @@ from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.extension import Driven, Extension, Seam, driven, extend
-from delta3_pacdrive.motion.plan import MOVES_MAX
+from delta3_pacdrive.motion.move import MOVES_MAX
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned
 

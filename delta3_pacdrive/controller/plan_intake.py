@@ -15,7 +15,8 @@ from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX, OVERRIDE_MIN
 from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.limits import check_reach, check_speed
-from delta3_pacdrive.motion.plan import Move, Plan, PlanBuilder
+from delta3_pacdrive.motion.move import Move
+from delta3_pacdrive.motion.plan import Plan, PlanBuilder
 from delta3_pacdrive.motion.program_file import FAULTS_MAX
 from delta3_pacdrive.motion.turning_move import check_turn
 from delta3_pacdrive.parameters import Parameters

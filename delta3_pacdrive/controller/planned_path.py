@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.controller.messages import EXTEND, ORDERS, Origin, Status
 from delta3_pacdrive.controller.plan_intake import ORDER_HEADER
 from delta3_pacdrive.motion.extension import Row
-from delta3_pacdrive.motion.plan import MOVES_MAX, Move, MoveKind
+from delta3_pacdrive.motion.move import MOVES_MAX, Move, MoveKind
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics
 

@@ -9,7 +9,7 @@ from delta3_pacdrive.controller.planning_job import Job
 from delta3_pacdrive.errors import Reason
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import MotionProfile
-from delta3_pacdrive.motion.plan import Move
+from delta3_pacdrive.motion.move import Move
 
 
 @dataclass(frozen=True)

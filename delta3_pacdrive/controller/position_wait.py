@@ -12,7 +12,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
-from delta3_pacdrive.motion.plan import MoveKind
+from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS, rest
 from delta3_pacdrive.parameters import Parameters, of_tool_axis
 from delta3_pacdrive.sercos.bus_time import NEVER

@@ -11,8 +11,8 @@ import numpy as np
 
 from delta3_pacdrive.errors import Code, ProgramError, Reason, shown
 from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.motion.move import Move, MoveKind
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER

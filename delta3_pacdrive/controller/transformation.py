@@ -26,7 +26,8 @@ from delta3_pacdrive.motion.belt_meeting import BeltAxes
 from delta3_pacdrive.motion.curves import point
 from delta3_pacdrive.motion.execution import MasterState, MotionProfile, Timeline
 from delta3_pacdrive.motion.learned import Learned
-from delta3_pacdrive.motion.plan import TRACK_BIT, Move, MoveKind, Plan
+from delta3_pacdrive.motion.move import TRACK_BIT, Move, MoveKind
+from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.virtual_master import rest
 from delta3_pacdrive.motor import motor
 from delta3_pacdrive.numerics.types import Floats

@@ -9,7 +9,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.adaptation import Adaptation
 from delta3_pacdrive.motion.limits import Limits
-from delta3_pacdrive.motion.plan import MOVES_MAX
+from delta3_pacdrive.motion.move import MOVES_MAX
 from delta3_pacdrive.motion.program import (
     Angle,
     Cubic,

@@ -33,8 +33,9 @@ from delta3_pacdrive.motion.belt_synchronization import (
 )
 from delta3_pacdrive.motion.excess import excess
 from delta3_pacdrive.motion.limits import legal_coefficients
+from delta3_pacdrive.motion.move import STANDING
 from delta3_pacdrive.motion.path_dynamics import timed_dynamics
-from delta3_pacdrive.motion.plan import STANDING, Plan, plan_master_at, plan_motion_at
+from delta3_pacdrive.motion.plan import Plan, plan_master_at, plan_motion_at
 from delta3_pacdrive.numerics.vector3 import combine
 from delta3_pacdrive.parameters import Parameters
 

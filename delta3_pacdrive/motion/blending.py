@@ -9,7 +9,7 @@ from delta3_pacdrive.errors import ProgramError, UnreachableError
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.limits import Limits
-from delta3_pacdrive.motion.plan import MoveKind
+from delta3_pacdrive.motion.move import MoveKind
 
 
 class StatementError(ProgramError):

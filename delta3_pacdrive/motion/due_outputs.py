@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.blending import PathSegment, StatementError, name_of
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
-from delta3_pacdrive.motion.plan import EVENT_NAMES
+from delta3_pacdrive.motion.move import EVENT_NAMES
 from delta3_pacdrive.motion.planned_move import ROUNDING_S, Event, PlannedMove, TimedEvent
 from delta3_pacdrive.motion.program import Output
 

@@ -25,15 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion.plan import (
-    PLAN_MAX_S,
-    Move,
-    Plan,
-    Tables,
-    advance_number,
-    check_phases,
-    plan_master_at,
-)
+from delta3_pacdrive.motion.move import Move, check_phases
+from delta3_pacdrive.motion.plan import PLAN_MAX_S, Plan, Tables, advance_number, plan_master_at
 from delta3_pacdrive.motion.virtual_master import (
     PHASE_COLUMNS,
     master_at,

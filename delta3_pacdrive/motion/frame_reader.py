@@ -8,8 +8,8 @@ from delta3_pacdrive.configuration.located import numbered
 from delta3_pacdrive.configuration.readers import flag, number, number_between, one_of, whole_number_between
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.frames import BASE, Frame, Tool
+from delta3_pacdrive.motion.move import MOVES_MAX
 from delta3_pacdrive.motion.patterns import Grid, Layers, Order, Pattern
-from delta3_pacdrive.motion.plan import MOVES_MAX
 from delta3_pacdrive.motion.point_reader import REACH_M, Named, named, numbers, read_named, vector
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 

@@ -16,9 +16,9 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.excess import excess
 from delta3_pacdrive.motion.joint_path import tcp_samples
 from delta3_pacdrive.motion.limits import legal_coefficients, legal_tcp
+from delta3_pacdrive.motion.move import Move, MoveKind
 from delta3_pacdrive.motion.path import DEGREE, SEGMENT_COLUMNS, sample_path
 from delta3_pacdrive.motion.path_dynamics import PathDynamics, path_coefficients, timed_dynamics
-from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.motion.planned_move import KEPT, SAMPLE_S, PlannedMove
 from delta3_pacdrive.motion.program import JointPoint
 from delta3_pacdrive.motion.thermal_load import thermal_load

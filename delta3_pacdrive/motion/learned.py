@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import LearnedError
-from delta3_pacdrive.motion.plan import UNCHANGED, Plan, plan_master_at, plan_path_at
+from delta3_pacdrive.motion.move import UNCHANGED
+from delta3_pacdrive.motion.plan import Plan, plan_master_at, plan_path_at
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters, flat_document
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError, UnreachableError
 from delta3_pacdrive.motion.joint_path import tcp_samples
+from delta3_pacdrive.motion.move import Move, MoveKind
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import (
     PARALLEL,
@@ -24,7 +25,6 @@ from delta3_pacdrive.motion.path_dynamics import (
     THETA,
     path_coefficients,
 )
-from delta3_pacdrive.motion.plan import Move, MoveKind
 from delta3_pacdrive.motion.virtual_master import sample_master
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters

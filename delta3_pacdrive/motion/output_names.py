@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.motion.move import OUTPUTS
 
 
 @dataclass(frozen=True)

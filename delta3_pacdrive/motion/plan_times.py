@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.motion.plan import OUTPUTS, STANDING, TIMED, UNCHANGED, Move, MoveKind, Plan
+from delta3_pacdrive.motion.move import OUTPUTS, STANDING, TIMED, UNCHANGED, Move, MoveKind
+from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.virtual_master import master_at_distances
 
 # the parameter of a move in time, and of a turn at a standing point, is no distance

@@ -13,6 +13,7 @@ from delta3_pacdrive.motion.curves import Curve
 from delta3_pacdrive.motion.energy import Energy, energy
 from delta3_pacdrive.motion.excess import excess, require_holdable
 from delta3_pacdrive.motion.limits import legal_coefficients
+from delta3_pacdrive.motion.move import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.motion.move_planner import (
     GRID_MAX,
     GRID_MIN,
@@ -22,7 +23,6 @@ from delta3_pacdrive.motion.move_planner import (
 )
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import PathDynamics, timed_dynamics
-from delta3_pacdrive.motion.plan import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.motion.shaping import Shaper
 from delta3_pacdrive.motion.thermal_load import ThermalLoad, dwell_load, thermal_load
 from delta3_pacdrive.motion.time_optimal_planner import TimeOptimalPlanner

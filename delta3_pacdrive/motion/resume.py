@@ -9,7 +9,8 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.limits import Limits
-from delta3_pacdrive.motion.plan import STANDING, STANDING_M, Move, Plan
+from delta3_pacdrive.motion.move import STANDING, Move
+from delta3_pacdrive.motion.plan import STANDING_M, Plan
 from delta3_pacdrive.motion.program import MoveL, Program, Target
 from delta3_pacdrive.motion.turns import standing
 from delta3_pacdrive.motion.virtual_master import (

@@ -17,8 +17,8 @@ from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.due_outputs import Due, DueOutputs
 from delta3_pacdrive.motion.joint_trajectory import plan_joints
+from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.move_planner import Stretches
-from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.planned_move import (
     ROUNDING_S,
     Event,

@@ -4,7 +4,7 @@ import numpy as np
 
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.curves import Curve
-from delta3_pacdrive.motion.plan import MoveKind
+from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.program import (
     Dwell,
     Joints,

@@ -14,9 +14,9 @@ from delta3_pacdrive.motion.frame_reader import RESERVED, Places
 from delta3_pacdrive.motion.frames import Frame, Tool
 from delta3_pacdrive.motion.limit_reader import LIMIT_KEYS, blend, given_limits, limits_of
 from delta3_pacdrive.motion.limits import Limits
+from delta3_pacdrive.motion.move import MOVES_MAX
 from delta3_pacdrive.motion.output_names import OWN, OutputNames
 from delta3_pacdrive.motion.place_loop import read_loop
-from delta3_pacdrive.motion.plan import MOVES_MAX
 from delta3_pacdrive.motion.point_reader import (
     REACH_M,
     PointReader,

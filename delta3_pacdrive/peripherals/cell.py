@@ -6,8 +6,8 @@ Times count from the start of the program, as those of faults do.
 import math
 from dataclasses import dataclass, field
 
+from delta3_pacdrive.motion.move import OUTPUTS
 from delta3_pacdrive.motion.output_names import NamedOutput, OutputNames
-from delta3_pacdrive.motion.plan import OUTPUTS
 from delta3_pacdrive.peripherals.belt import Belt
 
 Place = tuple[float, float, float]  # [m]

@@ -66,7 +66,7 @@ from delta3_pacdrive.configuration.readers import (
     whole_number_between,
 )
 from delta3_pacdrive.errors import CellError, shown
-from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.motion.move import OUTPUTS
 from delta3_pacdrive.parameters import config_directory
 from delta3_pacdrive.peripherals.belt_file import read_belt
 from delta3_pacdrive.peripherals.cell import (

@@ -8,7 +8,7 @@ from zlib import crc32
 import numpy as np
 
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.motion.move import OUTPUTS
 from delta3_pacdrive.peripherals import cell_scene
 from delta3_pacdrive.peripherals.belt import BeltState, OnBelt
 from delta3_pacdrive.peripherals.binary_signal import BinarySignal

@@ -16,7 +16,7 @@ from delta3_pacdrive.controller import robot_actions
 from delta3_pacdrive.controller.robot_actions import Asked, Located, Said, Switched
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.motion.move import OUTPUTS
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.fault_injection import FaultInjection
 from delta3_pacdrive.ros.planner_link import PlannerLink

@@ -13,7 +13,7 @@ from delta3_pacdrive import interrupts, kinematics
 from delta3_pacdrive.analysis.runs import FAULT, Mark, Run
 from delta3_pacdrive.drive.state_machine import overload_after
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.motion.move import OUTPUTS
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.peripherals.cell_scene import Thing, brings_parts

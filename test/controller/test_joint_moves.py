@@ -9,8 +9,9 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
+from delta3_pacdrive.motion.move import Move
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import Move, Plan
+from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import JointPoint, Joints, Program
 from delta3_pacdrive.motion.resume import resume, way_back
 

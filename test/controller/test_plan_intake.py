@@ -100,7 +100,7 @@ def test_a_spoilt_part_is_told_with_its_order_once(intake: PlanIntake, rows: lis
 
 
 def test_a_plan_that_leads_out_of_the_workspace_is_refused(intake: PlanIntake, rows: list[Any]) -> None:
-    from delta3_pacdrive.motion.plan import HEADER
+    from delta3_pacdrive.motion.move import HEADER
 
     higher = rows[0].copy()
     higher[2] = 1.0
@@ -169,7 +169,7 @@ def test_a_turn_that_the_robot_cannot_make_spoils_its_order(robot, changes: dict
 
 def test_a_rate_at_which_a_motor_would_turn_too_fast_is_refused(robot, rows: list[Any]) -> None:
     from delta3_pacdrive.motion.limits import check_speed
-    from delta3_pacdrive.motion.plan import Move
+    from delta3_pacdrive.motion.move import Move
 
     move, _, _ = Move.from_array(rows[0])
     room = check_speed(move, 1.0, robot)

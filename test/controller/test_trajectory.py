@@ -10,7 +10,7 @@ from delta3_pacdrive.controller.planner import VERDICT_S
 from delta3_pacdrive.controller.planner_actions import Ordered, Replied, Revoked, Working
 from delta3_pacdrive.controller.trajectory import LEAD_PER_POINT_S, LEAD_S, SOON, TrajectoryRequest
 from delta3_pacdrive.errors import Code, ProgramError
-from delta3_pacdrive.motion.plan import MoveKind
+from delta3_pacdrive.motion.move import MoveKind
 from planner_client import LINE, Client
 
 CYCLE_S = 1e-3

@@ -13,7 +13,8 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.curves import line
-from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, Plan
+from delta3_pacdrive.motion.move import OUTPUTS, Move, MoveKind
+from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.resume import resume
 from delta3_pacdrive.motion.virtual_master import plan_master
 from delta3_pacdrive.sercos.bus_time import NEVER

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.plan import OUTPUTS, Move, MoveKind, sample_plan
+from delta3_pacdrive.motion.move import OUTPUTS, Move, MoveKind
+from delta3_pacdrive.motion.plan import sample_plan
 from programs_read import checked, parse
 
 HOME = (0.0, 0.0, -0.75)

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
+from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.virtual_master import master_at_distances
 from planned import EXACT, HOME, SPEED, around, dwell, ends_of, plan, refusal, through, to
 

@@ -12,8 +12,8 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
+from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.resume import resume
 from delta3_pacdrive.motion.virtual_master import master_at_distances, sample_master, slowest, way_to_rest
 from delta3_pacdrive.sercos.bus_time import NEVER

@@ -11,8 +11,8 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.limits import check_reach, legal_tcp
+from delta3_pacdrive.motion.move import Move, MoveKind
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import Move, MoveKind
 
 HOME = (0.0, 0.0, -0.75)
 EXACT = 1e-12

@@ -5,7 +5,7 @@ import pytest
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.motion.plan import MoveKind
+from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.plan_times import driven_moves, output_changes
 from delta3_pacdrive.motion.program import Output
 from planned import GEAR, HOME, around, dwell, output, parse, plan, refusal, to

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.motion import curves
+from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import CURVATURE, RATE, THETA, path_coefficients, timed_dynamics
-from delta3_pacdrive.motion.plan import MoveKind
 from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_master, sample_master
 from planned import GEAR, HOME, dwell, output, plan
 

@@ -14,8 +14,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves, program_planner
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.limits import check_reach
-from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, sample_path
-from delta3_pacdrive.motion.plan import (
+from delta3_pacdrive.motion.move import (
     CONTINUOUS,
     EVENT_COLUMNS,
     EVENT_NAMES,
@@ -25,6 +24,9 @@ from delta3_pacdrive.motion.plan import (
     VERSION,
     Move,
     MoveKind,
+)
+from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, sample_path
+from delta3_pacdrive.motion.plan import (
     Plan,
     PlanBuilder,
     advance_number,

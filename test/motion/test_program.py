@@ -11,7 +11,7 @@ from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.limits import Limits
-from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.motion.move import OUTPUTS
 from delta3_pacdrive.motion.program import Cubic, Dwell, MoveC, MoveL, MoveSB, Output, Program, Target
 from programs_read import parse, refusal
 

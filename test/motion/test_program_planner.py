@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion.move import OUTPUTS, MoveKind
 from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import OUTPUTS, MoveKind, sample_plan
+from delta3_pacdrive.motion.plan import sample_plan
 from planned import CURRENT, EXACT, HOME, SPEED, dwell, ends_of, motors, only, output, plan, refusal, to
 
 # where programs start and end

@@ -7,7 +7,8 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
-from delta3_pacdrive.motion.plan import Move, MoveKind, Plan, PlanBuilder
+from delta3_pacdrive.motion.move import Move, MoveKind
+from delta3_pacdrive.motion.plan import Plan, PlanBuilder
 from delta3_pacdrive.motion.resume import left_of_plan
 from delta3_pacdrive.motion.virtual_master import sample_master
 

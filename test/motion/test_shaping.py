@@ -7,7 +7,8 @@ import pytest
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.motion.plan import MoveKind, check_phases, sample_plan
+from delta3_pacdrive.motion.move import MoveKind, check_phases
+from delta3_pacdrive.motion.plan import sample_plan
 from delta3_pacdrive.motion.shaping import Shaper
 from delta3_pacdrive.motion.virtual_master import plan_master, sample_master
 from planned import around, dwell, motors, plan, refusal, to

@@ -10,7 +10,8 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.adapted_program import rest_of
-from delta3_pacdrive.motion.plan import VERSION, Move, MoveKind, Plan
+from delta3_pacdrive.motion.move import VERSION, Move, MoveKind
+from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.turning_move import TurnLimits, turn_motion
 from delta3_pacdrive.motion.turns import sample_turn, turn_at
 from delta3_pacdrive.motion.virtual_master import sample_master

@@ -246,7 +246,7 @@ def test_no_plan_or_motion_profile_of_a_stranger_kills_the_task_or_moves_the_rob
 @pytest.mark.parametrize('kind', GOOD)
 def test_the_good_plan_would_be_taken_where_it_starts(kind: str) -> None:
     """The fuzzed rows differ from something that is accepted."""
-    from delta3_pacdrive.motion.plan import Move
+    from delta3_pacdrive.motion.move import Move
 
     move, number, count = Move.from_array(GOOD[kind], parameters.load().kinematics)
     assert (number, count) == (0, 1)

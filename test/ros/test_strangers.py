@@ -298,7 +298,7 @@ def test_orders_out_of_range_are_refused(cell: Cell) -> None:
 def test_a_plan_that_turns_a_motor_too_fast_is_refused_by_the_task_itself(cell: Cell) -> None:
     from dataclasses import replace
 
-    from delta3_pacdrive.motion.plan import Move
+    from delta3_pacdrive.motion.move import Move
 
     move, _, _ = Move.from_array(np.array(good_plan()))
     fast = move.master.copy()

@@ -7,7 +7,7 @@ import delta3_pacdrive as d3
 from delta3_pacdrive import simulation
 from delta3_pacdrive.drive.channels import CHANNELS
 from delta3_pacdrive.motion import program_file
-from delta3_pacdrive.motion.plan import OUTPUTS
+from delta3_pacdrive.motion.move import OUTPUTS
 from delta3_pacdrive.recording import quantities
 from delta3_pacdrive.recording.acquisition import Acquisition, setting
 from delta3_pacdrive.recording.signals import OUTPUT_COLUMNS

@@ -13,6 +13,7 @@ from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.motion.energy import Energy, energy
 from delta3_pacdrive.motion.excess import compared
 from delta3_pacdrive.motion.limits import Limits, arm_bounds, workspace_bounds
+from delta3_pacdrive.motion.move import STANDING, TIMED, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.motion.move_planner import Stretches, limits_at
 from delta3_pacdrive.motion.path_dynamics import (
     PARALLEL,
@@ -23,7 +24,7 @@ from delta3_pacdrive.motion.path_dynamics import (
     path_coefficients,
     timed_dynamics,
 )
-from delta3_pacdrive.motion.plan import STANDING, TIMED, UNCHANGED, Move, MoveKind, Plan
+from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned, plan
 from delta3_pacdrive.motion.turning_move import TurnLimits, turn_excess, turn_motion

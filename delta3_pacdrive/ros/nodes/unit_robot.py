@@ -19,8 +19,8 @@ from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.adapted_program import rest_of
+from delta3_pacdrive.motion.move import MOVES_MAX
 from delta3_pacdrive.motion.output_names import OWN
-from delta3_pacdrive.motion.plan import MOVES_MAX
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.ros import interfaces, node_process
 from delta3_pacdrive.ros.announcements import Participant
