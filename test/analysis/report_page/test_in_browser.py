@@ -230,13 +230,32 @@ def test_a_click_on_a_plot_goes_to_that_instant(visit):
 def test_play_goes_on_at_its_speed_and_stops_where_it_is_told(visit):
     seek(visit, 0.0)
     visit.page.select_option('#speed', '0.1')
-    visit.page.locator('#play').click()
-    until(visit, 'delta3.clock.time > 0.02')
-    visit.page.locator('#play').click()
-    stopped = visit.page.evaluate('delta3.clock.time')
-    seek(visit, stopped)
-    assert visit.page.evaluate('delta3.clock.playing') is False
-    assert visit.page.evaluate('delta3.clock.time') == stopped
+    # Within the page and by pictures of an own time, so that it is the same however slow the browser is.
+    played = visit.page.evaluate(
+        """() => new Promise(resolve => {
+            const button = document.getElementById("play"), clock = delta3.clock, shown = [];
+            const paced = window.requestAnimationFrame;
+            let now = 0;
+            window.requestAnimationFrame = draw => setTimeout(() => draw(now += 250));
+            const frame = () => new Promise(drawn => requestAnimationFrame(drawn));
+            clock.addEventListener("time", async function look() {
+                shown.push([now / 1000, clock.time]);
+                if (clock.time < 0.2) return;
+                clock.removeEventListener("time", look);
+                button.click();
+                const stopped = clock.time;
+                await frame();
+                await frame();
+                window.requestAnimationFrame = paced;
+                resolve({shown, stopped, after: clock.time, playing: clock.playing});
+            });
+            button.click();
+        })"""
+    )
+    wall_s, time_s = np.transpose(played['shown'])
+    np.testing.assert_allclose(time_s, 0.1 * (wall_s - wall_s[0]), atol=1e-9)
+    assert played['playing'] is False
+    assert played['after'] == played['stopped'] == time_s[-1] >= 0.2
 
 
 def test_the_ghost_of_the_command_stands_off_by_the_magnified_error(visit, one):
