@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from delta3_pacdrive.controller.messages import TEXT_MAX, Numbering
 from delta3_pacdrive.errors import Code, Reason, shown
-from delta3_pacdrive.sercos.watchdog import OPERATOR_SILENT_S, Watchdog
+from delta3_pacdrive.sercos.watchdog import OPERATOR_APPEARS_S, OPERATOR_SILENT_S, Watchdog
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class Control:
         self.changes = self.losses = 0
         self._watch = Watchdog(period_s)
         self._beats = Numbering()
+        self._is_heard = False  # whether a heartbeat of the operator has come
 
     def take(self, operator: Operator, by_force: bool, now_s: float) -> Reason | None:
         """Give control to an operator; returns why not."""
@@ -54,7 +55,7 @@ class Control:
             return control_refusal(self.operator.name)
         if self.operator is None or self.operator.identity != operator.identity:
             self.losses += self.operator is not None
-            self.operator = operator
+            self.operator, self._is_heard = operator, False
             self.changes += 1
         self._watch.received(now_s)
         return None
@@ -70,12 +71,14 @@ class Control:
         """Take note of a heartbeat; one that is not newer than the last does not count."""
         new = self._beats.is_new(identity, number)
         if new and self.operator is not None and self.operator.identity == identity:
+            self._is_heard = True
             self._watch.received(now_s)
 
     def lost(self, now_s: float) -> Operator | None:
         """Look: the operator who has just lost control because he fell silent, None if none has."""
         silence = self._watch.silence_s(now_s)
-        if self.operator is None or silence <= OPERATOR_SILENT_S:
+        limit_s = OPERATOR_SILENT_S if self._is_heard else OPERATOR_APPEARS_S
+        if self.operator is None or silence <= limit_s:
             return None
         operator = self.operator
         self.losses += 1

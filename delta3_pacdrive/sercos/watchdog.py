@@ -12,6 +12,7 @@ ANSWER_SILENT_S = 0.5  # the master without the AT of one axis, while the others
 BUS_SILENT_S = 3.0  # the master without any AT
 PLANNER_SILENT_S = 3.0  # the master without a heartbeat of UnitRobot, whose program runs
 OPERATOR_SILENT_S = 1.5  # the master without a heartbeat of the operator who has control
+OPERATOR_APPEARS_S = 5.0  # without his first one: on a busy machine or network topics find each other late
 PARTING_S = 0.3  # the plant without currents, once the phase has fallen
 ATTENTION_S = 0.25  # between two looks at a partner: what is more is the watcher's own absence
 BOUND_S = BUS_SILENT_S + 0.5

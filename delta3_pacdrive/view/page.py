@@ -17,7 +17,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.peripherals.cell_scene import Thing
 from delta3_pacdrive.sercos.configuration_check import drives_of
-from delta3_pacdrive.view import readout
+from delta3_pacdrive.view import readout, thread_safe_events
 from delta3_pacdrive.view.cell_figure import CellFigure
 from delta3_pacdrive.view.controls import Controls
 from delta3_pacdrive.view.figure import BLUE, Figure, segments
@@ -65,6 +65,7 @@ class Page:
     def __init__(self, parameters: Parameters, place: Place, title: str, more: bool = False) -> None:
         import viser
 
+        thread_safe_events.use_in_viser()
         quiet = contextlib.redirect_stdout(io.StringIO())  # it greets
         with own_pages_only(place.host, place.listener) as self._begin, quiet:
             self.server: Any = viser.ViserServer(host=place.host, port=place.port, label=title, verbose=False)

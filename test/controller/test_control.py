@@ -4,7 +4,7 @@ import pytest
 
 from delta3_pacdrive.controller.control import Control, Operator
 from delta3_pacdrive.errors import Code
-from delta3_pacdrive.sercos.watchdog import OPERATOR_SILENT_S
+from delta3_pacdrive.sercos.watchdog import OPERATOR_APPEARS_S, OPERATOR_SILENT_S
 
 PERIOD_S = 0.1
 ANNA, BERT = Operator('a1', 'Anna'), Operator('b2', 'Bert')
@@ -64,11 +64,22 @@ def test_released_control_is_free_and_was_not_lost(control: Control) -> None:
 
 def test_who_falls_silent_loses_control_once_after_the_limit_and_not_before(control: Control) -> None:
     control.take(ANNA, False, 0.0)
+    control.heard('a1', 1, 0.0)
     assert look_until(control, 0.0, OPERATOR_SILENT_S - 2 * PERIOD_S) == []
-    control.heard('a1', 1, OPERATOR_SILENT_S - 2 * PERIOD_S)
+    control.heard('a1', 2, OPERATOR_SILENT_S - 2 * PERIOD_S)
     assert look_until(control, OPERATOR_SILENT_S - 2 * PERIOD_S, 2 * OPERATOR_SILENT_S - 3 * PERIOD_S) == []
     assert look_until(control, 2 * OPERATOR_SILENT_S - 3 * PERIOD_S, 3 * OPERATOR_SILENT_S) == ['Anna']
     assert (control.operator, control.losses) == (None, 1)
+
+
+def test_whose_first_heartbeat_has_not_come_yet_is_waited_for_longer(control: Control) -> None:
+    control.take(ANNA, False, 0.0)
+    assert look_until(control, 0.0, OPERATOR_APPEARS_S - PERIOD_S) == []
+    assert look_until(control, OPERATOR_APPEARS_S - PERIOD_S, OPERATOR_APPEARS_S + 2 * PERIOD_S) == ['Anna']
+    control.take(BERT, False, 10.0)
+    control.heard('b2', 1, 10.0)
+    control.take(ANNA, True, 10.0)  # the heartbeat of who was there before is not hers
+    assert look_until(control, 10.0, 10.0 + OPERATOR_APPEARS_S - PERIOD_S) == []
 
 
 def test_heartbeats_that_are_played_back_keep_nobody_in_control(control: Control) -> None:
@@ -85,7 +96,7 @@ def test_heartbeats_that_are_played_back_keep_nobody_in_control(control: Control
 def test_the_heartbeat_of_another_operator_keeps_nobody_in_control(control: Control) -> None:
     control.take(ANNA, False, 0.0)
     lost = []
-    for step in range(1, 40):
+    for step in range(1, 60):
         control.heard('b2', step, step * PERIOD_S)
         lost.append(control.lost(step * PERIOD_S))
     assert [operator.name for operator in lost if operator] == ['Anna']

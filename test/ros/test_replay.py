@@ -180,6 +180,11 @@ class Cell:
         for topic in {topic for topic, _ in messages}:
             kind, qos = TOPICS[topic]
             publishers[topic] = self.player.create_publisher(kind, topic, qos)
+        # what a player publishes before the planner has found it is lost, and nobody can refuse it
+        heard = [publisher for topic, publisher in publishers.items() if topic in OPEN]
+        self.graph.spin_until(
+            lambda: all(publisher.get_subscription_count() for publisher in heard), 'planner of a player'
+        )
         self.graph.spin_for(0.05)
         for number, (topic, data) in enumerate(messages):
             publishers[topic].publish(data)
