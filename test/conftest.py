@@ -26,6 +26,9 @@ gc.set_threshold(50_000, 10, 10)
 # Facts that others tell in less time, for one robot or program less: looked at before a release (CONTRIBUTING.md).
 EVERYTHING = os.environ.get('DELTA3_LONG', '0') != '0'
 
+# Where failures are noted: by this process, not by workers, nor by a pytest that a test starts.
+NOTED = os.environ.pop('DELTA3_TEST_FAILED', '')
+
 # Files whose tests take longest. They begin first, so that several workers come to their end together.
 FIRST = (
     'guides/test_pages.py',
@@ -55,6 +58,13 @@ def pytest_collection_modifyitems(config, items):
     here = Path(__file__).parent
     order = {here / name: number for number, name in enumerate(FIRST)}
     items.sort(key=lambda item: order.get(item.path, len(order)))
+
+
+def pytest_runtest_logreport(report):
+    """Note what has failed for ``test/run``, which gives it a second try."""
+    if NOTED and report.failed:
+        with open(NOTED, 'a', encoding='utf-8') as failed:
+            failed.write(f'{report.nodeid}\n')
 
 
 settings.register_profile('facts', derandomize=True, database=None, deadline=None, max_examples=100)
