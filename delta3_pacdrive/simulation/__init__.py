@@ -4,6 +4,7 @@ from delta3_pacdrive.simulation.run import placed, plan_of, run
 from delta3_pacdrive.simulation.warm_up import (
     KERNELS,
     compile_kernels,
+    load_cyclic_kernels,
     load_kernels,
     rehearse,
     rehearse_parts,
@@ -12,6 +13,7 @@ from delta3_pacdrive.simulation.warm_up import (
 __all__ = [
     'KERNELS',
     'compile_kernels',
+    'load_cyclic_kernels',
     'load_kernels',
     'placed',
     'plan_of',

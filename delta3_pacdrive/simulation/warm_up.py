@@ -15,7 +15,7 @@ from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.drive.scope import DriveScope
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.limits import Limits
+from delta3_pacdrive.motion.limits import Limits, check_speed
 from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.numerics.kernel import (
     all_compiled,
@@ -141,6 +141,21 @@ def rehearse(parameters: Parameters) -> None:
     _call_all(parameters)
 
 
+def load_cyclic_kernels(parameters: Parameters) -> None:
+    """Load what nodes call in their bus cycles, in the process that they are forked from.
+
+    The first cycles would be late otherwise: a kernel is loaded in 5 ms, and longer on a slow machine.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot that will run.
+
+    """
+    for part in (_rehearse_plant, _rehearse_drive, _rehearse_task):
+        part(parameters)
+
+
 def _call_all(parameters: Parameters) -> None:
     robot, task = _started(_rehearsal(parameters), parameters)
     robot.cycle(task.command(0), task.control(0), task.payload)
@@ -173,6 +188,7 @@ def _rehearse_drive(parameters: Parameters) -> None:
     drive, shaft = MC4(parameters), (0.0, 0.0, 0.0)
     drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
     drive.run_period(*shaft)
+    drive.powered  # noqa: B018 (a kernel tells it)
     drive.clear_fault()
     drive.extrapolate_cycle(*shaft)
     scope = DriveScope(drive, tuple(CHANNELS.values()), 1, lambda: parameters, lambda _: None)
@@ -186,7 +202,9 @@ def _rehearse_planning(parameters: Parameters) -> None:
 
 
 def _rehearse_task(parameters: Parameters) -> None:
+    """Call the task as its node does: it looks at plans, commands, and receives answers."""
     _, task = _started(Program('rehearsal', (Dwell(1.0),)), parameters)
+    check_speed(task.timeline.plan.move(0), 1.0, parameters)
     task.command(0)
     task.receive(0, np.zeros(3), np.zeros(3))
     _rehearse_joints(parameters)

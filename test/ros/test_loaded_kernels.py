@@ -1,0 +1,53 @@
+"""Facts about kernels: whatever a bus cycle calls was loaded before the nodes began."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+SUPPORT = Path(__file__).parents[1] / 'support'
+LIMIT_S = 300.0
+STANDING = f"""
+import gc, sys
+sys.path.insert(0, {str(SUPPORT)!r})
+from numba.core.registry import CPUDispatcher
+from delta3_pacdrive import parameters, simulation
+
+def loaded():
+    found = [one for one in gc.get_objects() if isinstance(one, CPUDispatcher)]
+    return {{f'{{one.__module__}}.{{one.__name__}}': len(one.signatures) for one in found if one.signatures}}
+
+simulation.compile_kernels()
+if 'loaded' in sys.argv:
+    simulation.load_cyclic_kernels(parameters.load())
+before = loaded()
+from robots import Graph
+
+graph = Graph()
+try:
+    task = graph.robot()
+    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    end = task.controller.answered + 20
+    graph.spin_until(lambda: task.controller.answered >= end, 'cycles')
+finally:
+    graph.close()
+print(sorted(loaded().items() - before.items()))
+"""
+
+
+def late(*arguments: str) -> str:
+    """Return the kernels that a new process loads while its bus runs."""
+    done = subprocess.run(
+        [sys.executable, '-P', '-c', STANDING, *arguments],
+        env=os.environ,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=True,
+    )
+    return done.stdout.splitlines()[-1]
+
+
+def test_no_kernel_is_loaded_in_a_bus_cycle() -> None:
+    assert late('loaded') == '[]'
+    assert 'task_cycle.command_cycle' in late()  # else the test would see nothing
