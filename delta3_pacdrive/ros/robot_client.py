@@ -260,8 +260,6 @@ class OperatorNode(PollingNode):
 
     def take_control(self, name: str, by_force: bool = False) -> None:
         """Take control of the robot, and keep it until it is released; raises RefusedError if somebody else has it."""
-        # the heartbeat has a topic of its own, which may find the task later than the requests do
-        self.wait_until(self._alive.get_subscription_count, 'transformation task')
         host = f'process {os.getpid()} on {socket.gethostname()}'
         self.ask('control', messages.TAKE_OVER if by_force else messages.TAKE, f'{name}, {host}'[:NAME_MAX])
         self.in_control = True

@@ -144,7 +144,7 @@ def rehearse(parameters: Parameters) -> None:
 def load_cyclic_kernels(parameters: Parameters) -> None:
     """Load what nodes call in their bus cycles, in the process that they are forked from.
 
-    The first cycles would be late otherwise: a kernel is loaded in 5 ms, and longer on a slow machine.
+    The first cycles would be late otherwise, by up to 72 ms on a slow machine.
 
     Parameters
     ----------

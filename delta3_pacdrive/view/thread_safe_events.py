@@ -6,6 +6,7 @@ a connection wait or go, setting it ends with "deque mutated during iteration", 
 """
 
 import asyncio
+import functools
 import importlib
 import threading
 from contextlib import suppress
@@ -38,14 +39,13 @@ class ThreadSafeEvent(asyncio.Event):
                 self._wakes.call_soon_threadsafe(self.set)
 
 
+@functools.cache  # once in a process
 def use_in_viser() -> None:
     """Let the servers that viser starts from now on, and their connections, wake in this way."""
     infra: Any = importlib.import_module('viser.infra._infra')
     plain: Any = infra.AsyncMessageBuffer
-    if issubclass(plain, _Safe):
-        return
 
-    class Buffer(_Safe, plain):  # type: ignore[misc] # what viser is, is only known then
+    class Buffer(plain):  # type: ignore[misc] # what viser is, is only known then
         """What is to be sent to browsers, whoever says so."""
 
         def __init__(self, event_loop: asyncio.AbstractEventLoop, *arguments: Any, **options: Any) -> None:
@@ -53,7 +53,3 @@ def use_in_viser() -> None:
             self.message_event = ThreadSafeEvent(event_loop)
 
     infra.AsyncMessageBuffer = Buffer
-
-
-class _Safe:
-    """Marks what is made here."""

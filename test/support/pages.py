@@ -110,9 +110,11 @@ def pace_interpreters(folder: Path) -> None:
     One in real time takes both cores of a slow machine, for as long as it is up, from all that runs beside it.
     """
     stand_in = folder / 'bin' / 'delta3'
-    command = Path(sys.executable).with_name('delta3')
+    command = str(Path(sys.executable).with_name('delta3'))
     stand_in.write_text(
-        f'#!/bin/sh\n[ "$1" = up ] && set -- "$@" --real-time-factor {UP_PACE}\nexec "{command}" "$@"\n',
+        f'#!{sys.executable} -P\nimport os, sys\nsys.path.insert(0, {str(Path(__file__).parent)!r})\n'
+        'from command_server import paced\n'
+        f'os.execv({command!r}, paced([{command!r}, *sys.argv[1:]], {UP_PACE!r}))\n',
         encoding='utf-8',
     )
     stand_in.chmod(0o755)
