@@ -141,8 +141,7 @@ class Bringup:
             simulation.compile_kernels()
             if self.robot.rich.enabled or self.robot.rotary.present:
                 simulation.rehearse(self.robot)  # compiles what only such a robot needs
-            else:
-                simulation.load_cyclic_kernels(self.robot)  # once for all processes, and not in a bus cycle
+            simulation.load_cyclic_kernels(self.robot)  # once for all processes, and not in a bus cycle
             try:
                 self._start(logs)
                 self._watch(show, rising)

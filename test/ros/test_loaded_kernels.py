@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 SUPPORT = Path(__file__).parents[1] / 'support'
 LIMIT_S = 300.0
 STANDING = f"""
@@ -18,8 +20,8 @@ def loaded():
     return {{f'{{one.__module__}}.{{one.__name__}}': len(one.signatures) for one in found if one.signatures}}
 
 simulation.compile_kernels()
-if 'loaded' in sys.argv:
-    simulation.load_cyclic_kernels(parameters.load())
+for name in sys.argv[1:]:
+    getattr(simulation, name)(parameters.load())
 before = loaded()
 from robots import Graph
 
@@ -49,6 +51,10 @@ def late(*arguments: str) -> str:
     return done.stdout.splitlines()[-1]
 
 
-def test_no_kernel_is_loaded_in_a_bus_cycle() -> None:
-    assert late('loaded') == '[]'
+@pytest.mark.parametrize('prepare', ['load_cyclic_kernels', 'rehearse'])
+def test_no_kernel_is_loaded_in_a_bus_cycle(prepare: str) -> None:
+    assert late(prepare) == '[]'
+
+
+def test_kernels_that_nobody_has_loaded_are_loaded_in_a_bus_cycle() -> None:
     assert 'task_cycle.command_cycle' in late()  # else the test would see nothing
