@@ -138,9 +138,7 @@ class Bringup:
         """
         discovery.keep_to_this_machine()
         with only_one(self.options.namespace), log_folder(self.options.logs) as logs:
-            simulation.compile_kernels()
-            if self.robot.rich.enabled or self.robot.rotary.present:
-                simulation.rehearse(self.robot)  # compiles what only such a robot needs
+            simulation.compile_kernels(self.robot)
             simulation.load_cyclic_kernels(self.robot)  # once for all processes, and not in a bus cycle
             try:
                 self._start(logs)

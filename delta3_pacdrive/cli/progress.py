@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Self
-
-COMPILING_BUILT = 'compiling the kernels of the built robot, once for this version'
 
 
 class Progress:
@@ -59,39 +56,27 @@ class Progress:
 
 
 def announce_compilation(parameters: str | None = None) -> None:
-    """Compile the kernels if these sources have not been compiled on this machine yet, and tell how far it is.
+    """Compile what these sources have not been compiled to on this machine yet, and tell how far it is.
 
-    With a built robot as ``parameters`` that includes the kernels of its effects, which a nominal one does not need.
+    With a file of ``parameters``, or a name of them, that includes what only this kind of robot needs.
     """
-    from delta3_pacdrive.numerics.kernel import COMPILING, Lines, all_compiled, compiled, watched
+    from delta3_pacdrive.numerics.kernel import COMPILING, Lines, all_compiled
 
-    if not all_compiled():
-        from delta3_pacdrive import simulation
-
-        with Progress(threaded=False) as progress:
-            lines = Lines()
-
-            def show(done: int, total: int) -> None:
-                if progress.is_shown:
-                    progress.show(COMPILING, done, total, f'{done}/{total}')
-                else:
-                    lines.show(done, total)
-
-            simulation.compile_kernels(show)
-    if parameters is None:
+    if parameters is None and all_compiled():
         return
     from delta3_pacdrive import parameters as core
-
-    robot = core.load(parameters)
-    if not robot.rich.enabled:
-        return
     from delta3_pacdrive import simulation
 
-    if compiled() > simulation.KERNELS:
+    robot = None if parameters is None else core.load(parameters)
+    if simulation.are_compiled(robot):
         return
     with Progress(threaded=False) as progress:
-        if not progress.is_shown:
-            print(COMPILING_BUILT, file=sys.stderr, flush=True)
-        progress.show(COMPILING_BUILT)
-        with watched(lambda: progress.show(COMPILING_BUILT)):
-            simulation.load_kernels(robot)
+        lines = Lines()
+
+        def show(done: int, total: int) -> None:
+            if progress.is_shown:
+                progress.show(COMPILING, done, total, f'{done}/{total}' if total else str(done))
+            else:
+                lines.show(done, total)
+
+        simulation.compile_kernels(robot, show)

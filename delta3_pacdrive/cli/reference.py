@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,6 +44,8 @@ def program_of(options: ReferenceOptions) -> Iterator[Chosen]:
     if options.reference is None:
         yield Chosen(options.program, (options.program,))
         return
+    import tempfile
+
     from delta3_pacdrive import simulation
     from delta3_pacdrive.analysis import reference
     from delta3_pacdrive.motion import program_file as programs

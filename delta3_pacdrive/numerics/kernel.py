@@ -182,15 +182,19 @@ def compiled() -> int:
     return done
 
 
-def _complete() -> tuple[Path, str]:
-    """Return the file that marks these sources as compiled, and what stands in it: the folders that it stands for."""
+def _complete(kind: str) -> tuple[Path, str]:
+    """Return the file that marks these sources as compiled for a kind of robot, and what stands in it: the folders."""
     folders = ' '.join(_folder(module).name for module in modules_with_kernels())
-    return CACHE_DIRECTORY / f'{MARK}{hashlib.sha256(folders.encode()).hexdigest()[:16]}', folders
+    digest = hashlib.sha256(folders.encode()).hexdigest()[:16]
+    return CACHE_DIRECTORY / f'{MARK}{digest}{kind and "-"}{kind}', folders
 
 
-def all_compiled() -> bool:
-    """Whether every kernel of these sources has been compiled on this machine."""
-    mark, _ = _complete()
+def all_compiled(kind: str = '') -> bool:
+    """Whether every kernel of these sources that a kind of robot needs has been compiled on this machine.
+
+    Without a name it is the plain one, whose kernels all other kinds need as well.
+    """
+    mark, _ = _complete(kind)
     try:
         os.utime(mark)  # still in use
     except FileNotFoundError:
@@ -200,9 +204,9 @@ def all_compiled() -> bool:
     return True
 
 
-def mark_compiled() -> None:
-    """Note that every kernel has been compiled, and remove those that no version of late has used."""
-    mark, folders = _complete()
+def mark_compiled(kind: str = '') -> None:
+    """Note that what a kind of robot needs has been compiled, and remove what no version of late has used."""
+    mark, folders = _complete(kind)
     with suppress(OSError):  # then it is found out anew each time
         mark.write_text(folders, encoding='utf-8')
         _remove_old()
@@ -210,11 +214,14 @@ def mark_compiled() -> None:
 
 def _remove_old() -> None:
     """Remove the kernels of all but the last ``VERSIONS_KEPT`` versions, unless they are younger than a day."""
-    marks = sorted(CACHE_DIRECTORY.glob(f'{MARK}*'), key=lambda mark: mark.stat().st_mtime)
-    kept = {name for mark in marks[-VERSIONS_KEPT:] for name in mark.read_text(encoding='utf-8').split()}
+    marks = sorted(CACHE_DIRECTORY.glob(f'{MARK}*'), key=lambda mark: -mark.stat().st_mtime)
+    folders = {mark: mark.read_text(encoding='utf-8') for mark in marks}
+    versions = list(dict.fromkeys(folders.values()))[:VERSIONS_KEPT]  # each may have several kinds of robots
+    kept = {name for version in versions for name in version.split()}
     yesterday = time.time() - DAY_S
-    for mark in marks[:-VERSIONS_KEPT]:
-        mark.unlink()
+    for mark in marks:
+        if folders[mark] not in versions:
+            mark.unlink()
     for folder in CACHE_DIRECTORY.iterdir():
         # another version may be at work on a younger one
         if folder.is_dir() and folder.name not in kept and folder.stat().st_mtime < yesterday:
@@ -232,10 +239,12 @@ class Lines:
         self._next_s = -math.inf
 
     def show(self, done: int, total: int) -> None:
-        """Tell it if the last time is long ago."""
+        """Tell it if the last time is long ago; without a total these are what a kind of robot needs beside others."""
         if time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + LINE_S
-            sys.stderr.write(f'{COMPILING}: {done} of {total}\n')
+            sys.stderr.write(
+                f'{COMPILING}: {f"{done} of {total}" if total else f"{done} more for this robot"}\n'
+            )
             sys.stderr.flush()
 
 

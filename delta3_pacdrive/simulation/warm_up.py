@@ -1,5 +1,6 @@
 """Every kernel compiled and loaded before it is needed: a cycle has no time for that."""
 
+import json
 import os
 import subprocess
 import sys
@@ -25,7 +26,7 @@ from delta3_pacdrive.numerics.kernel import (
     shared,
     watched,
 )
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, flat_document
 from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.scene.joints import tree_joints
 from delta3_pacdrive.sercos.telegrams import JOINTS
@@ -35,7 +36,7 @@ from delta3_pacdrive.simulation.run import run
 
 
 def load_kernels(parameters: Parameters) -> None:
-    """Load what ``run`` needs, so that no later one waits for it; if nothing is compiled yet, compile every kernel.
+    """Load what ``run`` needs, so that no later one waits for it; compile what nobody has compiled yet.
 
     Parameters
     ----------
@@ -43,44 +44,76 @@ def load_kernels(parameters: Parameters) -> None:
         Of the robot that will run.
 
     """
-    if all_compiled():
-        _stand(parameters)
-    else:
-        rehearse(parameters)
+    compile_kernels(parameters)
+    _stand(parameters)
 
 
-# that a robot without the effects of ``rich`` needs; the others are compiled when they are called
-KERNELS = 169
+KERNELS = 169  # that a plain robot needs
 Show = Callable[[int, int], None]
 
 
-def compile_kernels(show: Show = lambda done, total: None) -> None:
-    """Compile what no process has compiled yet, on all cores; ``show`` is told how many kernels are done, of how many.
+def kind_of(parameters: Parameters | None) -> str:
+    """Return the name of a kind of robot that has kernels of its own; empty for a plain one, or for none."""
+    if parameters is None:
+        return ''
+    kinds = (('built', parameters.rich.enabled), ('rotary', parameters.rotary.present))
+    return '+'.join(kind for kind, is_one in kinds if is_one)
+
+
+def are_compiled(parameters: Parameters | None = None) -> bool:
+    """Whether all that a robot needs has been compiled on this machine.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot that will run; None: a plain one.
+
+    """
+    kind = kind_of(parameters)
+    return all_compiled() and (not kind or all_compiled(kind))
+
+
+def compile_kernels(parameters: Parameters | None = None, show: Show = lambda done, total: None) -> None:
+    """Compile what no process has compiled yet, on all cores.
 
     A process that comes while another one compiles waits for it.
+
+    Parameters
+    ----------
+    parameters
+        Of the robot that will run; None: a plain one.
+    show
+        Is told how many kernels are done, of how many; of those that only this kind of robot needs, of 0.
+
     """
+    if not all_compiled():
+        _compile_together(core.load(), lambda: show(min(compiled(), KERNELS), KERNELS))
+    kind = kind_of(parameters)
+    if parameters is not None and kind and not all_compiled(kind):
+        before = compiled()
+        _compile_together(parameters, lambda: show(compiled() - before, 0))
 
-    def tell() -> None:
-        show(min(compiled(), KERNELS), KERNELS)
 
-    if all_compiled():
-        return
+def _compile_together(parameters: Parameters, tell: Callable[[], None]) -> None:
+    """Compile what a robot needs, unless another process does it meanwhile."""
+    kind = kind_of(parameters)
     tell()
     with alone(tell), watched(tell):
-        if not all_compiled():
-            _compile()
-            mark_compiled()
+        if not all_compiled(kind):
+            _compile(parameters)
+            mark_compiled(kind)
 
 
-def _compile() -> None:
+def _compile(parameters: Parameters) -> None:
     """Compile the parts side by side, one process for each core, and at last what needs all of them.
 
     Processes, not threads: the compiler holds a lock. New interpreters, not forked ones: who calls may have threads.
     """
     processes = min(len(_ORDERS), len(os.sched_getaffinity(0)))
+    robot = json.dumps(flat_document(parameters))
     helpers = [
         subprocess.Popen(
-            [sys.executable, '-P', '-c', _HELPER, str(Path(__file__).parents[2]), str(number)],
+            [sys.executable, '-P', '-c', _HELPER, str(Path(__file__).parents[2]), str(number), robot],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -88,7 +121,7 @@ def _compile() -> None:
         for number in range(1, processes)
     ]
     try:
-        rehearse_parts(0)  # what helpers have not done, for whatever reason, is done here
+        rehearse_parts(0, parameters)  # what helpers have not done, for whatever reason, is done here
     finally:
         for helper in helpers:
             helper.kill()
@@ -97,24 +130,25 @@ def _compile() -> None:
 
 # a helper dies with its parent
 _HELPER = """\
-import ctypes, signal, sys
+import ctypes, json, signal, sys
 ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 sys.path.insert(0, sys.argv[1])
-from delta3_pacdrive import simulation
-simulation.rehearse_parts(int(sys.argv[2]))
+from delta3_pacdrive import parameters, simulation
+simulation.rehearse_parts(int(sys.argv[2]), parameters.from_flat(json.loads(sys.argv[3])))
 """
 
 
-def rehearse_parts(number: int) -> None:
+def rehearse_parts(number: int, parameters: Parameters) -> None:
     """Call the kernels of all parts of the machine, as one of several processes.
 
     Parameters
     ----------
     number
         Of the process, 0 to 3: each has an order of its own.
+    parameters
+        Of the robot that will run.
 
     """
-    parameters = core.load()
     with shared():
         for part in _ORDERS[number]:
             part(parameters)
@@ -137,7 +171,7 @@ def rehearse(parameters: Parameters) -> None:
         Of the robot that will run.
 
     """
-    compile_kernels()
+    compile_kernels(parameters)
     _call_all(parameters)
 
 

@@ -31,7 +31,7 @@ class Link:
 
 
 def test_a_link_is_as_the_case_says_while_the_robot_drives_and_good_on_its_way_back(monkeypatch):
-    monkeypatch.setattr(network.time, 'sleep', lambda _: None)
+    monkeypatch.setattr(network, 'time', SimpleNamespace(sleep=lambda _: None))
     lines = [json.dumps(one) for one in ({'moving': True}, RUN, {'back_s': 1.5})]
     link, case = Link(), network.Case(two_hosts.Conditions(1e-3), 0.1)
     found = network.drive_over(operator(*lines), link, case, 'a/program.yaml')

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -34,11 +35,13 @@ CORES = len(os.sched_getaffinity(0))
 
 
 class Machine:
-    """A folder of processes as the kernel shows them, and a clock."""
+    """A folder of processes as the kernel shows them, and a clock that only the module under test reads."""
 
     def __init__(self, folder: Path, patch: pytest.MonkeyPatch) -> None:
         self.folder, self.now_s = folder, 100.0
-        patch.setattr(cpu_load.time, 'monotonic', lambda: self.now_s)
+        # not the functions of the module time: other threads of this process sleep, too
+        self.clock = SimpleNamespace(monotonic=lambda: self.now_s, thread_time=time.thread_time)
+        patch.setattr(cpu_load, 'time', self.clock)
 
     def thread(
         self, number: int, seconds: float, policy: int = 1, flags: int = 0, in_the_kernel: bool = False
@@ -116,7 +119,7 @@ def test_a_look_that_takes_long_makes_no_load_of_it(machine: Machine) -> None:
     machine.now_s += LOOK_S
     clock = iter([machine.now_s, machine.now_s + long_s])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cpu_load.time, 'monotonic', lambda: next(clock))
+        patch.setattr(cpu_load, 'time', SimpleNamespace(monotonic=lambda: next(clock)))
         assert looks.excess() == 0.0
 
 
@@ -133,9 +136,7 @@ def test_a_thread_that_is_new_has_not_spent_its_life_since_the_last_look(machine
 FREE = ROOM * CORES  # cores
 
 
-def room_beside(
-    machine: Machine, patch: pytest.MonkeyPatch, needed: float, slowness: float = 1.0, **spent: float
-) -> str:
+def room_beside(machine: Machine, needed: float, slowness: float = 1.0, **spent: float) -> str:
     """Ask whether there is room beside processes of these names, which spend time while one looks."""
 
     def work(seconds: float) -> None:
@@ -143,46 +144,39 @@ def room_beside(
         for number, (name, cores) in enumerate(spent.items()):
             machine.process(number, name, 5.0 + cores * seconds)
 
-    patch.setattr(cpu_load.time, 'sleep', work)
+    machine.clock.sleep = work
     work(0.0)
     return lack_of_room(1, needed, machine.folder, lambda: slowness)
 
 
-def test_a_quiet_machine_has_room_and_nobody_waits_to_see_it(
-    machine: Machine, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_quiet_machine_has_room_and_nobody_waits_to_see_it(machine: Machine) -> None:
     machine.process(1, 'robot', 50.0, policy=0)
-    monkeypatch.delattr(cpu_load.time, 'sleep')
     assert lack_of_room(1, FREE, machine.folder) == ''
     assert f'of {CORES} cores' in lack_of_room(1, FREE + 0.01, machine.folder)
 
 
-def test_real_time_work_of_strangers_takes_its_room(
-    machine: Machine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert room_beside(machine, monkeypatch, 0.5 * FREE, audio=0.4 * FREE) == ''
-    told = room_beside(machine, monkeypatch, 0.5 * FREE, audio=0.6 * FREE)
+def test_real_time_work_of_strangers_takes_its_room(machine: Machine) -> None:
+    assert room_beside(machine, 0.5 * FREE, audio=0.4 * FREE) == ''
+    told = room_beside(machine, 0.5 * FREE, audio=0.6 * FREE)
     assert f'takes {0.6 * FREE:.2f} of {CORES} cores, this robot needs {0.5 * FREE:.2f} more' in told
     assert told.endswith('it goes without it')
 
 
-def test_a_robot_that_is_coming_up_counts_with_what_it_will_take(
-    machine: Machine, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_that_is_coming_up_counts_with_what_it_will_take(machine: Machine) -> None:
     just = FREE - SINGLE_CORES
-    assert room_beside(machine, monkeypatch, just, robot=0.0) == ''
-    assert room_beside(machine, monkeypatch, just + 0.01, robot=0.0) != ''
-    assert room_beside(machine, monkeypatch, just, robot=SINGLE_CORES + 0.1) != ''
+    assert room_beside(machine, just, robot=0.0) == ''
+    assert room_beside(machine, just + 0.01, robot=0.0) != ''
+    assert room_beside(machine, just, robot=SINGLE_CORES + 0.1) != ''
 
 
-def test_the_processes_of_a_robot_count_one_by_one(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_processes_of_a_robot_count_one_by_one(machine: Machine) -> None:
     spent = dict.fromkeys(NODES, 0.0)  # of one with a rotary axis
     just = FREE - len(NODES) * NODE_CORES
     assert cores_of_robot(False, len(ALL_DRIVES)) == pytest.approx(len(NODES) * NODE_CORES)
     assert cores_of_robot(False, len(DRIVES)) == pytest.approx((len(NODES) - 1) * NODE_CORES)
     assert cores_of_robot(True, len(DRIVES)) == SINGLE_CORES
-    assert room_beside(machine, monkeypatch, just - 0.01, **spent) == ''
-    assert room_beside(machine, monkeypatch, just + 0.01, **spent) != ''
+    assert room_beside(machine, just - 0.01, **spent) == ''
+    assert room_beside(machine, just + 0.01, **spent) != ''
 
 
 def test_several_robots_are_spoken_of_as_such(machine: Machine) -> None:
@@ -194,22 +188,18 @@ def test_several_robots_are_spoken_of_as_such(machine: Machine) -> None:
 # on a slow machine
 
 
-def test_on_a_machine_of_half_the_speed_robots_need_twice_as_much(
-    machine: Machine, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_on_a_machine_of_half_the_speed_robots_need_twice_as_much(machine: Machine) -> None:
     just = 0.5 * (FREE - 2 * SINGLE_CORES)
-    assert room_beside(machine, monkeypatch, just - 0.01, 2.0, robot=0.0) == ''
-    told = room_beside(machine, monkeypatch, just + 0.01, 2.0, robot=0.0)
+    assert room_beside(machine, just - 0.01, 2.0, robot=0.0) == ''
+    told = room_beside(machine, just + 0.01, 2.0, robot=0.0)
     assert (
         f'takes {2 * SINGLE_CORES:.2f} of {CORES} cores, this robot needs {2 * (just + 0.01):.2f} more'
         in told
     )
 
 
-def test_a_robot_that_is_up_counts_with_what_it_really_takes_if_that_is_more(
-    machine: Machine, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    told = room_beside(machine, monkeypatch, FREE, 2.0, robot=0.8)
+def test_a_robot_that_is_up_counts_with_what_it_really_takes_if_that_is_more(machine: Machine) -> None:
+    told = room_beside(machine, FREE, 2.0, robot=0.8)
     assert 'takes 0.80 of' in told
 
 
@@ -222,9 +212,9 @@ def test_a_machine_is_as_slow_as_the_work_of_this_thread_takes(monkeypatch: pyte
     times = iter(
         [0.0, 5 * LOOP_S, 10 * LOOP_S, 13 * LOOP_S, *(20 * LOOP_S + n * 4 * LOOP_S for n in range(6))]
     )
-    monkeypatch.setattr(cpu_load.time, 'thread_time', lambda: next(times))
+    monkeypatch.setattr(cpu_load, 'time', SimpleNamespace(thread_time=lambda: next(times)))
     assert measured_slowness() == pytest.approx(3.0)  # the best of several tries
-    monkeypatch.setattr(cpu_load.time, 'thread_time', lambda: 0.0)
+    monkeypatch.setattr(cpu_load, 'time', SimpleNamespace(thread_time=lambda: 0.0))
     assert measured_slowness() == 1.0  # a faster machine leaves the margin as it is
 
 
@@ -290,8 +280,8 @@ def test_the_kernel_shows_real_time_work_of_anybody(monkeypatch: pytest.MonkeyPa
         if process.stdout is None or process.stdout.readline() != b'up\n':
             pytest.skip('nobody here may schedule in real time')
         looked: list[float] = []
-        monkeypatch.setattr(cpu_load.time, 'sleep', looked.append)
-        lack_of_room(1, 0.0)
+        monkeypatch.setattr(cpu_load, 'time', SimpleNamespace(monotonic=time.monotonic, sleep=looked.append))
+        lack_of_room(1, 0.0, slowness=lambda: 1.0)
         assert looked
     finally:
         process.kill()

@@ -5,12 +5,13 @@ from importlib import import_module
 
 import pytest
 
-from delta3_pacdrive import simulation
+from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.cli import progress
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.main import COMMANDS
 from delta3_pacdrive.cli.option_types import finite_number
 from delta3_pacdrive.numerics import kernel
+from delta3_pacdrive.simulation import warm_up
 
 NAMES_OF_FILES = {
     '--bag', '--csv', '--design', '--excite', '--figures', '--logs', '--output', '--parameters', '--recording',
@@ -120,14 +121,22 @@ def test_completion_offers_options_choices_and_programs():
     assert {'go', 'stop', '--set', '-s', '--json', '--help', 'experiment1'} <= set(words)
 
 
-@pytest.mark.parametrize(('done', 'told'), [(0, True), (1, False)])
-def test_that_the_kernels_of_the_built_robot_compile_is_told(done, told, monkeypatch, capsys):
-    loaded = []
+@pytest.mark.parametrize('kind', ['rich', 'rotary', 'rich+rotary'])
+def test_that_kernels_of_a_kind_of_robot_compile_is_told(kind, monkeypatch, capsys):
+    done, compiled = {''}, []
+
+    def compile_kernels(robot, show):
+        compiled.append(robot)
+        show(0, 0)
+        done.add(warm_up.kind_of(robot))
+
+    monkeypatch.setattr(warm_up, 'all_compiled', lambda kind='': kind in done)
     monkeypatch.setattr(kernel, 'all_compiled', lambda: True)
-    monkeypatch.setattr(kernel, 'compiled', lambda: simulation.KERNELS + done)
-    monkeypatch.setattr(simulation, 'load_kernels', loaded.append)
-    progress.announce_compilation('rich')
-    assert (progress.COMPILING_BUILT in capsys.readouterr().err) == told
-    assert len(loaded) == told
+    monkeypatch.setattr(simulation, 'compile_kernels', compile_kernels)
     progress.announce_compilation()
-    assert not capsys.readouterr().err
+    assert not compiled
+    progress.announce_compilation(kind)
+    assert capsys.readouterr().err == f'{kernel.COMPILING}: 0 more for this robot\n'
+    assert compiled == [parameters.load(kind)]
+    progress.announce_compilation(kind)
+    assert len(compiled) == 1

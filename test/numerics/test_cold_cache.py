@@ -13,8 +13,8 @@ import pytest
 
 LIMIT_S = 1000.0  # for a compilation on a busy machine
 COMPILE = """
-import json
-from delta3_pacdrive import simulation
+import json, sys
+from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.numerics import kernel
 from delta3_pacdrive.simulation import warm_up
 shown, saved = [], []
@@ -22,52 +22,57 @@ kernel_watched = kernel.watched
 def watched(tell):
     return kernel_watched(lambda: (saved.append(1), tell()))
 warm_up.watched = watched
-simulation.compile_kernels(lambda done, total: shown.append((done, total)))
-answer = {'saved': len(saved), 'shown': shown, 'all': kernel.all_compiled()}
+robot = parameters.load(sys.argv[1]) if sys.argv[1:] else None
+simulation.compile_kernels(robot, lambda done, total: shown.append((done, total)))
+answer = {'saved': len(saved), 'shown': shown, 'all': simulation.are_compiled(robot)}
 print(json.dumps(answer | {'compiled': kernel.compiled(), 'kernels': simulation.KERNELS}))
 """
 RUN = """
-import json
+import json, sys
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.numerics import kernel
 saved = []
 with kernel.watched(lambda: saved.append(1)):
-    simulation.rehearse(parameters.load())
+    simulation.rehearse(parameters.load(*sys.argv[1:]))
 print(json.dumps(len(saved)))
 """
 
 
-@pytest.fixture
-def cold(monkeypatch, tmp_path):
+@pytest.fixture(scope='module')
+def cold(tmp_path_factory):
     """Return a cache that holds no file: that of all tests, if they have begun with such a one, or another."""
-    cache = Path(os.environ.get('NUMBA_CACHE_DIR') or tmp_path)
+    own = tmp_path_factory.mktemp('kernels')
+    cache = Path(os.environ.get('NUMBA_CACHE_DIR') or own)
     if any(path.is_file() for path in cache.rglob('*')):
-        cache = tmp_path
-    monkeypatch.setenv('NUMBA_CACHE_DIR', str(cache))
-    return cache
+        cache = own
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('NUMBA_CACHE_DIR', str(cache))
+        yield cache
 
 
-def started(program):
-    """Start a program."""
-    command = [sys.executable, '-P', '-c', program]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def answers_of(processes):
-    """Return what programs answer that have come to their end."""
-    results = [(process, *process.communicate(timeout=LIMIT_S)) for process in processes]
+def answers_of(program, *kinds):
+    """Return what a program answers that is started once for each kind of robot, all at once."""
+    processes = [
+        subprocess.Popen(
+            [sys.executable, '-P', '-c', program, *filter(None, [kind])],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for kind in kinds
+    ]
+    try:
+        results = [(process, *process.communicate(timeout=LIMIT_S)) for process in processes]
+    finally:
+        for process in processes:
+            process.kill()
     for process, _, errors in results:
         assert process.returncode == 0, errors
     return [json.loads(output) for _, output, _ in results]
 
 
 def test_two_processes_that_meet_a_cold_cache_compile_every_kernel_once(cold):
-    processes = [started(COMPILE), started(COMPILE)]
-    try:
-        answers = answers_of(processes)
-    finally:
-        for process in processes:
-            process.kill()
+    answers = answers_of(COMPILE, '', '')
     assert min(answer['saved'] for answer in answers) == 0
     for answer in answers:
         assert answer['all']
@@ -82,4 +87,19 @@ def test_two_processes_that_meet_a_cold_cache_compile_every_kernel_once(cold):
     if len(os.sched_getaffinity(0)) > 1:
         assert max(answer['saved'] for answer in answers) < binaries
     # nothing is compiled in the middle of a run
-    assert answers_of([started(RUN)]) == [0]
+    assert answers_of(RUN, '') == [0]
+
+
+def test_what_a_kind_of_robot_needs_beside_is_compiled_before_it_runs(cold):
+    answers_of(COMPILE, '')
+    before = len(list(cold.rglob('*.nbc')))
+    answers = answers_of(COMPILE, 'rich', 'rich', 'rotary')
+    assert min(answer['saved'] for answer in answers[:2]) == 0  # who comes second waits for the first
+    assert all(answer['all'] for answer in answers)
+    assert {total for answer in answers for _, total in answer['shown']} == {0}
+    assert max(done for answer in answers for done, _ in answer['shown']) > 10
+    (both,) = answers_of(COMPILE, 'rich+rotary')
+    assert both['all']
+    # two processes have compiled them together, and none twice
+    assert sum(answer['saved'] for answer in [*answers, both]) <= len(list(cold.rglob('*.nbc'))) - before
+    assert answers_of(RUN, 'rich', 'rotary', 'rich+rotary') == [0, 0, 0]

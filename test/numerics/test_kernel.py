@@ -129,6 +129,7 @@ import json, sys
 import numpy as np
 from delta3_pacdrive.analysis import run_comparison
 from delta3_pacdrive.numerics import kernel
+kernel.row_at(1.0, np.eye(3), 0, 2)
 idle = [name for name in ('scipy.linalg', 'scipy.signal', 'scipy.stats') if name in sys.modules]
 product = kernel.kernel(lambda a, b: np.dot(a, b))(np.eye(2), np.full((2, 2), 3.0))
 print(json.dumps({'idle': idle, 'product': product.tolist()}))
@@ -206,10 +207,15 @@ def test_kernels_that_no_version_of_late_has_used_are_removed(tmp_path):
             else:
                 path.write_text(f'motor-{version} path-{version}', encoding='utf-8')
             os.utime(path, (old - version, old - version))
+    last = cache / f'{kernel.MARK}0'
+    (kind := last.with_name(f'{last.name}-built')).write_text(
+        last.read_text(encoding='utf-8'), encoding='utf-8'
+    )
+    os.utime(kind, (old, old))  # of a version there may be several kinds of robots
     (cache / 'motor-today').mkdir()
     answer = output_of(MARK_COMPILED, tmp_path)
-    last = kernel.VERSIONS_KEPT - 1  # beside the present one
-    kept = [f'{kernel.MARK}{n}' for n in range(last)] + [f'motor-{n}' for n in range(last)]
+    others = kernel.VERSIONS_KEPT - 1  # beside the present one
+    kept = [f'{kernel.MARK}{n}' for n in range(others)] + [f'motor-{n}' for n in range(others)] + [kind.name]
     assert answer['compiled']
     assert answer['left'] == sorted([*kept, first, 'motor-today'])
 

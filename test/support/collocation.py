@@ -22,12 +22,12 @@ ITERATIONS_MAX = 150
 SEARCHES = ({'mu_init': 1e-5}, {'mu_init': 1e-4}, {'mu_strategy': 'adaptive'}, {'mu_init': 1e-3})
 
 
-def shortest_time(
-    casadi, curve, guess, robot, payload_kg=0.0, jerk=math.inf, torque_rate=math.inf, steps=500
+def fastest_motion(
+    casadi, curve, guess, below_s, robot, payload_kg=0.0, jerk=math.inf, torque_rate=math.inf, steps=500
 ):
-    """Duration [s] of the fastest motion along a curve from rest to rest; inf if none is faster than the guess.
+    """Phases (steps + 1, 5) of the fastest master along a curve from rest to rest; None if none is fast enough.
 
-    The search ends with the first motion that is faster than the guess.
+    The search ends with the first motion that is fast enough.
 
     Parameters
     ----------
@@ -37,6 +37,8 @@ def shortest_time(
         The path.
     guess
         Phases of a master over it, where the search begins.
+    below_s
+        What it must be faster than [s].
     robot
         Parameters.
     payload_kg, jerk, torque_rate
@@ -110,7 +112,13 @@ def shortest_time(
     for search in SEARCHES:
         opti.solver('ipopt', {'print_time': False}, quiet | search)
         with suppress(RuntimeError):  # it has found no optimum
-            found = float(opti.solve().value(stretch))
-            if found < 1.0:
-                return duration * found
-    return math.inf
+            found = opti.solve()
+            time_s = duration * float(found.value(stretch))
+            if time_s < below_s:
+                rows = np.zeros((steps + 1, 5))
+                rows[:, 0] = np.linspace(0.0, time_s, steps + 1)
+                for column, unknown in enumerate((s, v, a), start=1):
+                    rows[:, column] = found.value(unknown) * length / duration ** (column - 1)
+                rows[:-1, 4] = found.value(j) * JERK_SCALE * length / duration**3
+                return rows
+    return None
