@@ -37,7 +37,7 @@ OFFLINE = {
     'plan': ['plan', '{program}', '--output', 'plan'],
     'pose': ['pose', '--output', 'pose'],
     'workspace': ['workspace', '--resolution', '30', '--output', 'workspace'],
-    'export': ['export', 'trace', '{trace}', '--output', 'run.csv'],
+    'export': ['export', 'trace', '{trace}', '--output', 'run.csv', '--overwrite'],
     'report': ['report', '{trace}'],
     'compare': ['compare', '{trace}', '{trace}', '--output', 'compare', '--no-attribution'],
     'calibrate': ['calibrate', 'plan', '--number', '24', '--output', 'calibration'],
