@@ -62,14 +62,15 @@ def announce_compilation(parameters: str | None = None) -> None:
     """
     from delta3_pacdrive.numerics.kernel import COMPILING, Lines, all_compiled
 
-    if parameters is None and all_compiled():
+    robot = None
+    if parameters is not None:
+        from delta3_pacdrive import parameters as core
+
+        robot = core.load(parameters)
+    if all_compiled('' if robot is None else robot.kind):
         return
-    from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
 
-    robot = None if parameters is None else core.load(parameters)
-    if simulation.are_compiled(robot):
-        return
     with Progress(threaded=False) as progress:
         lines = Lines()
 

@@ -192,7 +192,7 @@ def _complete(kind: str) -> tuple[Path, str]:
 def all_compiled(kind: str = '') -> bool:
     """Whether every kernel of these sources that a kind of robot needs has been compiled on this machine.
 
-    Without a name it is the plain one, whose kernels all other kinds need as well.
+    Without a name it is the plain one, whose kernels all other kinds need as well: theirs are compiled first.
     """
     mark, _ = _complete(kind)
     try:
@@ -239,12 +239,11 @@ class Lines:
         self._next_s = -math.inf
 
     def show(self, done: int, total: int) -> None:
-        """Tell it if the last time is long ago; without a total these are what a kind of robot needs beside others."""
+        """Tell it if the last time is long ago; without a total it is of those for a kind of robot."""
         if time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + LINE_S
-            sys.stderr.write(
-                f'{COMPILING}: {f"{done} of {total}" if total else f"{done} more for this robot"}\n'
-            )
+            counted = f'{done} of {total}' if total else f'{done} for this kind of robot'
+            sys.stderr.write(f'{COMPILING}: {counted}\n')
             sys.stderr.flush()
 
 

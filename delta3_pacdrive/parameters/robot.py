@@ -71,6 +71,12 @@ class Parameters:
         return self.control.gear_stiffness_n_m_rad > 0.0 or self.control.gear_backlash_rad > 0.0
 
     @property
+    def kind(self) -> str:
+        """What has compiled kernels of its own: ``built``, ``rotary``, both joined by +; empty for a plain robot."""
+        kinds = (('built', self.rich.enabled), ('rotary', self.rotary.present))
+        return '+'.join(kind for kind, is_one in kinds if is_one)
+
+    @property
     def controller(self) -> str:
         """Which controller it is, in words."""
         torque = 'the whole model' if self.sends_torque else 'one inertia per axis'

@@ -142,9 +142,8 @@ def run_single(factory: Callable[[], Node]) -> int:
 
     def prepare() -> None:
         discovery.keep_to_this_machine()
-        simulation.compile_kernels(
-            show=Lines().show
-        )  # nodes started together compile once, not each for itself
+        # nodes started together compile once, not each for itself
+        simulation.compile_kernels(show=Lines().show)
         simulation.rehearse(parameters.load())
 
     status = run([factory], prepare=prepare)

@@ -3,7 +3,6 @@
 from delta3_pacdrive.simulation.run import placed, plan_of, run
 from delta3_pacdrive.simulation.warm_up import (
     KERNELS,
-    are_compiled,
     compile_kernels,
     load_cyclic_kernels,
     load_kernels,
@@ -13,7 +12,6 @@ from delta3_pacdrive.simulation.warm_up import (
 
 __all__ = [
     'KERNELS',
-    'are_compiled',
     'compile_kernels',
     'load_cyclic_kernels',
     'load_kernels',

@@ -52,27 +52,6 @@ KERNELS = 169  # that a plain robot needs
 Show = Callable[[int, int], None]
 
 
-def kind_of(parameters: Parameters | None) -> str:
-    """Return the name of a kind of robot that has kernels of its own; empty for a plain one, or for none."""
-    if parameters is None:
-        return ''
-    kinds = (('built', parameters.rich.enabled), ('rotary', parameters.rotary.present))
-    return '+'.join(kind for kind, is_one in kinds if is_one)
-
-
-def are_compiled(parameters: Parameters | None = None) -> bool:
-    """Whether all that a robot needs has been compiled on this machine.
-
-    Parameters
-    ----------
-    parameters
-        Of the robot that will run; None: a plain one.
-
-    """
-    kind = kind_of(parameters)
-    return all_compiled() and (not kind or all_compiled(kind))
-
-
 def compile_kernels(parameters: Parameters | None = None, show: Show = lambda done, total: None) -> None:
     """Compile what no process has compiled yet, on all cores.
 
@@ -88,20 +67,18 @@ def compile_kernels(parameters: Parameters | None = None, show: Show = lambda do
     """
     if not all_compiled():
         _compile_together(core.load(), lambda: show(min(compiled(), KERNELS), KERNELS))
-    kind = kind_of(parameters)
-    if parameters is not None and kind and not all_compiled(kind):
+    if parameters is not None and parameters.kind and not all_compiled(parameters.kind):
         before = compiled()
         _compile_together(parameters, lambda: show(compiled() - before, 0))
 
 
 def _compile_together(parameters: Parameters, tell: Callable[[], None]) -> None:
     """Compile what a robot needs, unless another process does it meanwhile."""
-    kind = kind_of(parameters)
     tell()
     with alone(tell), watched(tell):
-        if not all_compiled(kind):
+        if not all_compiled(parameters.kind):
             _compile(parameters)
-            mark_compiled(kind)
+            mark_compiled(parameters.kind)
 
 
 def _compile(parameters: Parameters) -> None:

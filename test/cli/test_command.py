@@ -11,7 +11,6 @@ from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, op
 from delta3_pacdrive.cli.main import COMMANDS
 from delta3_pacdrive.cli.option_types import finite_number
 from delta3_pacdrive.numerics import kernel
-from delta3_pacdrive.simulation import warm_up
 
 NAMES_OF_FILES = {
     '--bag', '--csv', '--design', '--excite', '--figures', '--logs', '--output', '--parameters', '--recording',
@@ -128,15 +127,14 @@ def test_that_kernels_of_a_kind_of_robot_compile_is_told(kind, monkeypatch, caps
     def compile_kernels(robot, show):
         compiled.append(robot)
         show(0, 0)
-        done.add(warm_up.kind_of(robot))
+        done.add(robot.kind)
 
-    monkeypatch.setattr(warm_up, 'all_compiled', lambda kind='': kind in done)
-    monkeypatch.setattr(kernel, 'all_compiled', lambda: True)
+    monkeypatch.setattr(kernel, 'all_compiled', lambda kind='': kind in done)
     monkeypatch.setattr(simulation, 'compile_kernels', compile_kernels)
     progress.announce_compilation()
     assert not compiled
     progress.announce_compilation(kind)
-    assert capsys.readouterr().err == f'{kernel.COMPILING}: 0 more for this robot\n'
+    assert capsys.readouterr().err == f'{kernel.COMPILING}: 0 for this kind of robot\n'
     assert compiled == [parameters.load(kind)]
     progress.announce_compilation(kind)
     assert len(compiled) == 1

@@ -24,7 +24,7 @@ def watched(tell):
 warm_up.watched = watched
 robot = parameters.load(sys.argv[1]) if sys.argv[1:] else None
 simulation.compile_kernels(robot, lambda done, total: shown.append((done, total)))
-answer = {'saved': len(saved), 'shown': shown, 'all': simulation.are_compiled(robot)}
+answer = {'saved': len(saved), 'shown': shown, 'all': kernel.all_compiled(robot.kind if robot else '')}
 print(json.dumps(answer | {'compiled': kernel.compiled(), 'kernels': simulation.KERNELS}))
 """
 RUN = """
