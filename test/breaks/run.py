@@ -6,7 +6,7 @@
     python test/breaks/run.py --list              what there is
     python test/breaks/run.py --jobs 2 --json     two at a time; the result as JSON
 
-Run it in an environment with the test dependencies, from anywhere. It takes about a quarter of a minute for each break.
+Run it in an environment with the test dependencies, from anywhere. It takes about five seconds for each break.
 
 The catalogue is the YAML files beside this one, one for each room of the package. Whoever adds a capability adds its
 breaks. A break is a row:
@@ -20,14 +20,14 @@ breaks. A break is a row:
     equivalent   optional: why no test can see it
 
 Each break is applied to a copy of the package, never to the sources and never to what is installed. The copy comes
-first on the path of the tests' interpreter, which makes sure that it has imported the copy. The same tests run once on
-the copy as it is: what fails there proves nothing.
+first on the path of the tests' interpreter, which makes sure that it has imported the copy. At the end every test that
+has seen a break runs on the copy as it is: what fails there proves nothing.
 
-killed           a test failed, or did not end in time: the break was seen
+killed           a test failed, or they did not end in time: the break was seen
 survived         every test passed: a fact is missing
 equivalent       every test passed, and the catalogue says why it must
 does not apply   the text does not occur exactly once: the break belongs to code of yesterday
-no proof         the tests fail, or select nothing, without the break as well; or they cannot even be collected with it
+no proof         the test that saw it fails without the break as well; or none could be collected, or was selected
 not equivalent   a test sees what the catalogue calls equivalent
 
 The exit status is 0 if all breaks are killed or equivalent, else 1.
@@ -62,7 +62,8 @@ KEYS = {'id', 'file', 'old', 'new', 'also', 'why', 'tests', 'equivalent'}
 REQUIRED = {'id', 'file', 'old', 'new', 'why', 'tests'}
 TIME_LIMIT_S = 600.0
 GOOD = ('killed', 'equivalent')
-PASSED, FAILED, BROKEN = 0, 1, 3  # pytest's exit status; whatever is neither of the first two tells nothing
+PASSED, FAILED, UNFIT = 0, 1, 3  # pytest's exit status; whatever is neither of the first two tells nothing
+LARGEST_CONTROL = 30  # tests of one file in a process
 BOOT = f"""\
 import sys
 import {PACKAGE}
@@ -70,9 +71,14 @@ from pathlib import Path
 copy = Path(sys.argv[1])
 if not Path({PACKAGE}.__file__).is_relative_to(copy):
     print(f'tested would be {{{PACKAGE}.__file__}} instead of the copy in {{copy}}')
-    sys.exit(3)
+    sys.exit({UNFIT})
 import pytest
-sys.exit(pytest.main(sys.argv[2:]))
+class Failures:
+    def pytest_runtest_logreport(self, report):
+        if report.failed:
+            with open(sys.argv[2], 'a', encoding='utf-8') as file:
+                file.write(report.nodeid + '\\n')
+sys.exit(pytest.main(sys.argv[3:], plugins=[Failures()]))
 """
 # Compiles what the user's cache does not have yet, and copies what it has for these sources (and a few versions more).
 COPY_KERNELS = f"""\
@@ -116,12 +122,22 @@ class Break:
 
 @dataclass
 class Result:
-    """What became of a break."""
+    """What became of a break; ``seen_by`` are the test that saw it, or all if they did not end."""
 
     id: str
     status: str
     seconds: float
     detail: str
+    seen_by: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How tests ended: pytest's exit status, a word about it, and the tests that failed."""
+
+    status: int
+    detail: str
+    failed: tuple[str, ...] = ()
 
 
 def load_catalogue(folder: Path = HERE) -> list[Break]:
@@ -162,7 +178,6 @@ class Workshop:
         users = os.environ | {'PYTHONPATH': str(folder / 'copy'), 'PYTHONSAFEPATH': '1', 'MPLBACKEND': 'Agg'}
         users |= {'DELTA3_LONG': '1'}  # a break may be seen by a fact that takes long
         self.environment = users | {'NUMBA_CACHE_DIR': str(kernels)}
-        self._controls: dict[str, str] = {}
         subprocess.run([sys.executable, '-c', COPY_KERNELS, str(kernels)], env=users, check=True, cwd=folder)
 
     def attempt(self, one: Break) -> Result:
@@ -170,48 +185,57 @@ class Workshop:
         began = time.monotonic()
         if misfits := one.misfits(self.package):
             return Result(one.id, 'does not apply', 0.0, '; '.join(misfits))
-        if problem := self._control(one.tests):
-            return Result(one.id, 'no proof', time.monotonic() - began, problem)
-        began = time.monotonic()
         self._apply(one)
         try:
-            status, detail = self._test(one.tests)
+            outcome = self.run_tests('-x', *shlex.split(one.tests))
         finally:
             self._restore(one)
-        if status == PASSED:
+        detail = outcome.detail
+        if outcome.status == PASSED:
             name, detail = ('equivalent', one.equivalent) if one.equivalent else ('survived', '')
-        elif status == FAILED:
+        elif outcome.status == FAILED:
             name = 'not equivalent' if one.equivalent else 'killed'
         else:
             name = 'no proof'
-        return Result(one.id, name, time.monotonic() - began, detail)
+        return Result(one.id, name, time.monotonic() - began, detail, outcome.failed)
 
-    def _control(self, tests: str) -> str:
-        """Run tests without a break, once; say what is wrong with them, if anything is."""
-        if tests not in self._controls:
-            status, detail = self._test(tests)
-            self._controls[tests] = '' if status == PASSED else f'without the break: {detail}'
-        return self._controls[tests]
+    def blind(self, seen_by: tuple[str, ...]) -> bool:
+        """Say whether what has seen a break fails without it as well."""
+        return self.run_tests(*seen_by).status != PASSED
 
-    def _test(self, tests: str) -> tuple[int, str]:
-        """Run tests; return pytest's exit status and what failed first."""
-        options = ['-x', '-q', '--no-header', '--tb=no', '-p', 'no:cacheprovider', '-p', 'no:randomly']
-        command = [sys.executable, '-P', '-c', BOOT, str(self.folder / 'copy'), *options, *shlex.split(tests)]
+    def failing(self, tests: list[str]) -> set[str]:
+        """Run tests of one file without a break; return those that do not pass."""
+        outcome = self.run_tests(*tests)
+        if outcome.status in (PASSED, FAILED) and (outcome.status == PASSED or outcome.failed):
+            return set(outcome.failed)
+        return {test for test in tests if self.blind((test,))}  # one of them hangs, or is not there
+
+    def run_tests(self, *arguments: str) -> Outcome:
+        """Run tests in the copy as it is at present."""
+        noted = self.folder / 'failed'
+        noted.unlink(missing_ok=True)
+        options = ['-q', '--no-header', '--tb=no', '-p', 'no:cacheprovider', '-p', 'no:randomly']
+        boot = [sys.executable, '-P', '-c', BOOT, str(self.folder / 'copy'), str(noted)]
         process = subprocess.Popen(
-            command, env=self.environment, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-            start_new_session=True,
+            [*boot, *options, *arguments], env=self.environment, cwd=ROOT, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True, start_new_session=True,
         )  # fmt: skip
         try:
             output, _ = process.communicate(timeout=TIME_LIMIT_S)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
-            return FAILED, f'no end within {TIME_LIMIT_S:g} s'
+            chosen = tuple(argument for argument in arguments if argument != '-x')
+            return Outcome(FAILED, f'no end within {TIME_LIMIT_S:g} s', chosen)
+        failed = (
+            tuple(dict.fromkeys(noted.read_text(encoding='utf-8').splitlines())) if noted.exists() else ()
+        )
         lines = [line for line in output.splitlines() if line.startswith(('FAILED', 'ERROR'))]
         last = [line for line in output.splitlines() if line.strip()][-1:]
-        detail = (lines or last or [''])[0]
-        collected = not detail.startswith('ERROR') or '::' in detail  # otherwise no test has seen anything
-        return process.returncode if collected else BROKEN, detail
+        status = process.returncode
+        if status == FAILED and not failed:
+            status = UNFIT  # nothing was collected, so no test has seen anything
+        return Outcome(status, (lines or last or [''])[0], failed)
 
     def _apply(self, one: Break) -> None:
         for file, old, new in one.changes:
@@ -231,8 +255,24 @@ class Workshop:
             compiled.unlink()
 
 
+def controls(results: list[Result]) -> list[tuple[str, ...]]:
+    """Divide the tests that have seen breaks into what runs in one process."""
+    files: dict[str, list[str]] = {}
+    alone = []
+    for seen_by in dict.fromkeys(result.seen_by for result in results if result.status == 'killed'):
+        if len(seen_by) == 1 and '::' in seen_by[0]:
+            files.setdefault(seen_by[0].split('::')[0], []).append(seen_by[0])
+        else:
+            alone.append(seen_by)
+    return alone + [
+        tuple(tests[k : k + LARGEST_CONTROL])
+        for tests in files.values()
+        for k in range(0, len(tests), LARGEST_CONTROL)
+    ]
+
+
 def run(breaks: list[Break], folder: Path, jobs: int, report: Any) -> list[Result]:
-    """Try breaks in as many copies as there are jobs; ``report`` is called with each result."""
+    """Try breaks in as many copies as there are jobs; ``report`` is called with each, and again if it changes."""
     workshops: queue.SimpleQueue[Workshop] = queue.SimpleQueue()
     for number in range(jobs):
         (folder / f'job{number}').mkdir(parents=True, exist_ok=True)
@@ -247,8 +287,23 @@ def run(breaks: list[Break], folder: Path, jobs: int, report: Any) -> list[Resul
         report(result)
         return result
 
+    def control(tests: tuple[str, ...]) -> set[tuple[str, ...]]:
+        workshop = workshops.get()
+        try:
+            if all('::' in test for test in tests):
+                return {(test,) for test in workshop.failing(list(tests))}
+            return {tests} if workshop.blind(tests) else set()
+        finally:
+            workshops.put(workshop)
+
     with ThreadPoolExecutor(jobs) as pool:
-        return list(pool.map(attempt, breaks))
+        results = list(pool.map(attempt, breaks))
+        blind = set().union(*pool.map(control, controls(results)))
+    for result in results:
+        if result.seen_by in blind:
+            result.status, result.detail = 'no proof', f'fails without the break: {" ".join(result.seen_by)}'
+            report(result)
+    return results
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,6 +1,7 @@
 """Facts about the catalogue of breaks: it belongs to the present sources. No break is tried here."""
 
 import importlib.util
+import os
 import shlex
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 LEAST = 150
+SEEN_BY = 'test/x.py::test_y'
 
 
 @pytest.fixture(scope='module')
@@ -72,38 +74,81 @@ def test_a_row_that_is_no_break_and_an_id_that_stands_twice_are_refused(runner, 
 
 
 @pytest.mark.parametrize(
-    ('control', 'status', 'equivalent', 'name'),
+    ('status', 'control', 'equivalent', 'name'),
     [
-        (0, 1, '', 'killed'),
-        (0, 0, '', 'survived'),
-        (0, 0, 'because', 'equivalent'),
-        (0, 1, 'because', 'not equivalent'),
-        (0, 3, '', 'no proof'),  # the tests cannot be collected with it
-        (5, 1, '', 'no proof'),  # no test is selected
-        (1, 1, '', 'no proof'),  # they fail without it as well
+        (1, 0, '', 'killed'),
+        (0, None, '', 'survived'),
+        (0, None, 'because', 'equivalent'),
+        (1, None, 'because', 'not equivalent'),
+        (3, None, '', 'no proof'),  # the tests cannot be collected with it
+        (5, None, '', 'no proof'),  # no test is selected
+        (1, 1, '', 'no proof'),  # what fails with it fails without it as well
+        (1, 4, '', 'no proof'),  # what fails with it is not there without it
     ],
 )
 def test_only_a_test_that_fails_with_the_break_and_passes_without_kills_it(
-    control, status, equivalent, name, runner, tmp_path
+    status, control, equivalent, name, runner, tmp_path, monkeypatch
 ):
-    found = []
+    found, told = [], []
 
     class Shelf(runner.Workshop):
         """A workshop without interpreters: tests end as they are told to."""
 
-        def __init__(self):
-            self.folder, self.package, self._original = tmp_path, tmp_path / 'package', tmp_path / 'original'
-            self._controls = {}
-            for folder in (self.package, self._original):
-                folder.mkdir()
-                (folder / 'a.py').write_text('x = 1\n', encoding='utf-8')
+        def __init__(self, folder):
+            self.folder, self.package, self._original = folder, folder / 'package', folder / 'original'
+            for one in (self.package, self._original):
+                one.mkdir()
+                (one / 'a.py').write_text('x = 1\n', encoding='utf-8')
 
-        def _test(self, tests):
-            found.append((self.package / 'a.py').read_text(encoding='utf-8'))
-            return (control, status)[len(found) - 1], 'told'
+        def run_tests(self, *arguments):
+            found.append(((self.package / 'a.py').read_text(encoding='utf-8'), arguments))
+            ended = control if arguments == (SEEN_BY,) else status
+            return runner.Outcome(ended, 'told', (SEEN_BY,) if ended == 1 else ())
 
-    shelf = Shelf()
-    result = shelf.attempt(runner.Break('id', (('a.py', '1', '2'),), 'why', 'test/x.py', equivalent))
-    assert result.status == name
-    assert found == ['x = 1\n', 'x = 2\n'][: 2 - bool(control)]
-    assert (shelf.package / 'a.py').read_text(encoding='utf-8') == 'x = 1\n'  # as it was
+    monkeypatch.setattr(runner, 'Workshop', Shelf)
+    one = runner.Break('id', (('a.py', '1', '2'),), 'why', 'test/x.py', equivalent)
+    (result,) = runner.run([one], tmp_path, 1, lambda result: told.append(result.status))
+    assert result.status == told[-1] == name
+    assert found[0] == ('x = 2\n', ('-x', 'test/x.py'))
+    assert set(found[1:]) == (set() if control is None else {('x = 1\n', (SEEN_BY,))})
+
+
+def test_tests_that_have_seen_breaks_are_controlled_by_the_file_and_those_without_an_end_by_themselves(
+    runner,
+):
+    seen = [
+        *((f'test/a.py::test_{k % 40}',) for k in range(80)),
+        ('test/b.py::test',),
+        ('test/a.py', 'test/c.py'),
+    ]
+    results = [runner.Result(str(k), 'killed', 0.0, '', one) for k, one in enumerate(seen)]
+    others = [
+        runner.Result('x', 'not equivalent', 0.0, '', ('test/d.py::test',)),
+        runner.Result('y', 'survived', 0.0, ''),
+    ]
+    first = tuple(f'test/a.py::test_{k}' for k in range(40))
+    assert runner.controls(results + others) == [
+        ('test/a.py', 'test/c.py'),
+        first[:30],
+        first[30:],
+        ('test/b.py::test',),
+    ]
+
+
+def test_a_test_that_fails_is_named_and_one_that_cannot_be_collected_has_seen_nothing(runner, tmp_path):
+    shop = runner.Workshop.__new__(runner.Workshop)
+    shop.folder, shop.environment = tmp_path, {**os.environ, 'PYTHONPATH': str(tmp_path / 'copy')}
+    package = tmp_path / 'copy' / runner.PACKAGE
+    package.mkdir(parents=True)
+    (package / '__init__.py').touch()
+    (tmp_path / 'test_good.py').write_text('def test_a(): pass\n', encoding='utf-8')
+    (tmp_path / 'test_bad.py').write_text('def test_b(): pass\ndef test_c(): assert 0\n', encoding='utf-8')
+    (tmp_path / 'test_broken.py').write_text('import nothing_at_all\n', encoding='utf-8')
+    options = ['-c', os.devnull, f'--rootdir={tmp_path}']
+    good = shop.run_tests(*options, str(tmp_path / 'test_good.py'))
+    bad = shop.run_tests(*options, str(tmp_path / 'test_bad.py'))
+    broken = shop.run_tests(*options, '-x', str(tmp_path / 'test_broken.py'))
+    assert (good.status, good.failed) == (runner.PASSED, ())
+    assert (bad.status, bad.failed) == (runner.FAILED, ('test_bad.py::test_c',))
+    assert broken.status not in (runner.PASSED, runner.FAILED)
+    assert broken.failed == ()
