@@ -1,13 +1,28 @@
 """What goes wrong: exceptions of one family, each also a built-in one; faults of the robot and refusals, as values."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Self
 
 
 class Delta3Error(Exception):
-    """Base of everything this package raises on purpose; the message is one sentence for the user."""
+    """Base of everything this package raises on purpose; the message is one sentence for the user, or several."""
+
+    _complaints: tuple[str, ...] = ()
+
+    @classmethod
+    def of_all(cls, complaints: Iterable[str]) -> Self:
+        """Return an error of all that is wrong at once."""
+        told = tuple(complaints)
+        error = cls('; '.join(told))
+        error._complaints = told
+        return error
+
+    @property
+    def complaints(self) -> tuple[str, ...]:
+        """What is wrong, one by one."""
+        return self._complaints or (str(self),)
 
 
 class ParameterError(Delta3Error, ValueError):

@@ -29,6 +29,7 @@ from delta3_pacdrive.motion.program import (
     Point,
     Program,
     Statement,
+    Turn,
 )
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.round_planner import OPEN_CORNER, Arches
@@ -333,8 +334,8 @@ def without_wait(statement: Statement) -> tuple[Statement, bool]:
 
 
 def is_move(statement: Statement) -> bool:
-    """Whether a statement moves the robot."""
-    return isinstance(statement, PathMove | Cubic | Joints)
+    """Whether a statement moves the robot or its tool."""
+    return isinstance(statement, PathMove | Cubic | Joints | Turn)
 
 
 def alone(statement: Statement) -> tuple[Statement, bool]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, option
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import Delta3Error, ParameterError, ProgramError
 
@@ -22,9 +22,7 @@ class Options(JsonOptions):
         f'program, parameter file, cell file or list of faults; packaged programs: {", ".join(program_names())}',
         nargs='+',
     )
-    parameters: str | None = option(
-        'plan for the robot of this parameter file, or rich: the built robot', 'FILE'
-    )
+    parameters: str | None = option(PARAMETERS, 'FILE')
     cell: str | None = option(
         'what stands around the robot, a cell file, or cell: the packaged one: programs may name its outputs',
         'FILE',
@@ -54,7 +52,7 @@ def _result(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
     try:
         return result | _content(name, robot, outputs)
     except Delta3Error as error:
-        return result | {'ok': False, 'errors': str(error).split('; ')}
+        return result | {'ok': False, 'errors': list(error.complaints)}
 
 
 def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 # options that take the name of a program: completion offers those that are packaged
 PROGRAMS = ('program', 'file', 'inputs', 'values', 'run')
+PARAMETERS = (
+    'parameter file instead of the packaged one, or a packaged one: rich, model, rotary, gears; joined by +'
+)
 
 
 def argument(help_text: str, *, default: Any = MISSING, only: Sequence[str] = (), **more: Any) -> Any:
@@ -112,11 +115,7 @@ class NodeOptions(Options):
 class RobotOptions(JsonOptions):
     """Options that describe a robot."""
 
-    parameters: str | None = option(
-        'parameter file instead of the packaged one, or rich: the built robot, or model: torque of the whole model '
-        'fed forward, or several joined: rich+model',
-        'FILE',
-    )
+    parameters: str | None = option(PARAMETERS, 'FILE')
     exchange_period: float | None = option(
         'exchange period between drives and plant [s]; 125e-6 is the exact reference', 'S', type=float
     )

@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from delta3_pacdrive.cli.command import Command, argument, flag, option
+from delta3_pacdrive.cli.command import PARAMETERS, Command, argument, flag, option
 from delta3_pacdrive.cli.option_types import integer_within, signal_names
 from delta3_pacdrive.cli.run_options import WindowOptions
 
@@ -28,9 +28,7 @@ class Options(WindowOptions):
         metavar='RECORDING',
     )
     output: str | None = option('write it there; a model goes to the terminal without it', 'FILE')
-    parameters: str | None = option(
-        'parameter file instead of the packaged one, or rich: the built robot', 'FILE', only=tuple(MODELS)
-    )
+    parameters: str | None = option(PARAMETERS, 'FILE', only=tuple(MODELS))
     signals: list[str] | None = option(
         "these only, such as current,tcp_error,'drive_*', or all: everything that it can tell (default: what it holds, "
         'and what is computed from that without being asked for)',

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import (
     NO_PROGRAM,
+    PARAMETERS,
     Command,
     JsonOptions,
     argument,
@@ -28,9 +29,7 @@ class Options(JsonOptions):
     program: str = argument(
         f'program file, or a packaged program: {", ".join(program_names())}', default='experiment1'
     )
-    parameters: str | None = option(
-        'plan for the robot of this parameter file, or rich: the built robot', 'FILE'
-    )
+    parameters: str | None = option(PARAMETERS, 'FILE')
     first: int = first_statement()
     output: str | None = option(
         'write figures 6.2 to 6.4 of the thesis, motors, limits and tables into this folder', 'FOLDER'

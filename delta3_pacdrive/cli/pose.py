@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import finite_number, number_within
 from delta3_pacdrive.cli.output import print_json
 
@@ -33,9 +33,7 @@ class Options(JsonOptions):
         type=number_within(-TURN_DEG, TURN_DEG, 'deg'),
     )
     payload: float | None = option('carried instead of what the parameters say', 'KG', type=finite_number)
-    parameters: str | None = option(
-        'parameter file instead of the packaged one, or rich: the built robot', 'FILE'
-    )
+    parameters: str | None = option(PARAMETERS, 'FILE')
     output: str | None = option('draw figures 4.3 to 4.6 of the thesis into this folder', 'FOLDER')
 
     def check(self) -> str:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import number_within
 from delta3_pacdrive.cli.studies import conduct
 from delta3_pacdrive.configuration.packaged import program_names
@@ -37,9 +37,7 @@ class Options(JsonOptions):
         'S',
         type=number_within(0.0, 1e6, 's'),
     )
-    parameters: str | None = option(
-        'parameter file instead of the packaged one, or rich: the built robot', 'FILE'
-    )
+    parameters: str | None = option(PARAMETERS, 'FILE')
     output: str = option('folder for table, figures and report', 'DIR', default='ripple')
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, option
+from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, option
 from delta3_pacdrive.cli.option_types import finite_number, number_within
 from delta3_pacdrive.cli.output import print_json
 
@@ -59,9 +59,7 @@ class Options(JsonOptions):
         'M_S2',
         type=number_within(0.0, 1e4, 'm/s2'),
     )
-    parameters: str | None = option(
-        'parameter file instead of the packaged one, or rich: the built robot', 'FILE'
-    )
+    parameters: str | None = option(PARAMETERS, 'FILE')
     output: str | None = option('write the maps as figures, and tables, into this folder', 'FOLDER')
     volume: str | None = option('write the volume to this .npz or .csv file', 'FILE', type=_volume_file)
 

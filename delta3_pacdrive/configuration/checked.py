@@ -59,13 +59,13 @@ class Errors:
     @contextmanager
     def raised_as(self, kind: type[Delta3Error]) -> Iterator[None]:
         """Raise all errors as one at the end, in the order in which they stand in the file."""
-        more = ''
+        more = []
         try:
             yield
         except _EnoughError:
-            more = f'; the search ended after {ERRORS_MAX} errors'
+            more = [f'the search ended after {ERRORS_MAX} errors']
         if self._found:
-            raise kind('; '.join(sorted(self._found, key=lambda one: self._found[one])) + more)
+            raise kind.of_all([*sorted(self._found, key=lambda one: self._found[one]), *more])
 
 
 class Section:

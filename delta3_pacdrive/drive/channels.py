@@ -4,7 +4,7 @@ A sample of a channel is what a period of the current loop (62.5 us) has left be
 period, which is the start of the next one: the last sample of bus cycle k-1 has the time, and the current, of AT(k).
 
 speed loop, current loop
-    ``drive/cascade.py``. What the loops of position and speed left stays until their next period, 250 us later.
+    ``drive/cascade.py``. What a loop left stays until its next period: of position 250 us, of speed 125 us later.
 shaft between exchanges
     ``drive/shaft_observer.py``. It begins anew with the plant's shaft at every exchange.
 """

@@ -49,7 +49,7 @@ class Parameters:
         """Check the rules that join several values."""
         broken = [sentence for _, sentence in broken_rules(**vars(self))]
         if broken:
-            raise ParameterError('; '.join(broken))
+            raise ParameterError.of_all(broken)
 
     @property
     def set_point_delay_cycles(self) -> float:

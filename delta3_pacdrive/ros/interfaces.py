@@ -531,7 +531,8 @@ JOINT_TRAJECTORY = Topic(
 OVERRIDE = Topic('unit_robot/override', Float64, REQUEST, (), (PLANNER,), 'percent of the speed', ASKED)
 PLANNER_REQUEST = Topic(
     'unit_robot/request', String, REQUEST, (OPERATOR, SCRIPT), (PLANNER,),
-    'JSON: request of an operator who says who he is: program, start, resume, clear, override, withdraw', ASKED,
+    'JSON: request of an operator who says who he is: program, move, trajectory, start, resume, clear, override, '
+    'withdraw', ASKED,
 )
 PLANNER_REPLY = Topic('unit_robot/reply', String, REQUEST, (PLANNER,), (), 'JSON: the answer to it', ASKED)
 SCRIPT_REQUEST = Topic(
@@ -552,7 +553,8 @@ CONTROL_ALIVE = Topic(
     'heartbeat of who has control: his identity in the frame, a number in `stamp.sec`', '5 Hz',
 )
 CONTROL_OPERATOR = Topic(
-    'control/operator', String, LATCHED, (TASK,), (), 'who has control: name and identity', CHANGE, recorded=True
+    'control/operator', String, LATCHED, (TASK,), (), 'the name of who has control; empty: nobody', CHANGE,
+    recorded=True
 )
 
 # tools

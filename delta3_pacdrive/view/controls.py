@@ -5,13 +5,12 @@ Every click becomes a ``Wish``; who carries them out, and answers, is not known 
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from threading import Lock
 from typing import Any
 
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.faults.fault import KINDS, NODES
-from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.input_rows import InputRows
 from delta3_pacdrive.view.jog import BEATS_HZ, DIRECTIONS
@@ -34,11 +33,13 @@ class Controls:
         Of the viser server.
     wish
         Takes what is asked for.
+    drives
+        Of the robot, by name.
 
     """
 
-    def __init__(self, gui: Any, wish: Callable[[Wish], None]) -> None:
-        self._gui, self._take = gui, wish
+    def __init__(self, gui: Any, wish: Callable[[Wish], None], drives: Sequence[str]) -> None:
+        self._gui, self._take, self._drives = gui, wish, tuple(drives)
         self._points: dict[str, tuple[float, float, float]] = {}
         self._said: list[tuple[str, bool]] = []
         self._telling = Lock()  # what is wrong with a file is told by a thread of the page
@@ -145,7 +146,7 @@ class Controls:
     def _add_faults(self) -> None:
         gui = self._gui
         self._kind = gui.add_dropdown('fault', tuple(KINDS))
-        self._target = gui.add_dropdown('at', DRIVES)
+        self._target = gui.add_dropdown('at', self._drives)
         self._value = gui.add_number('value', 0.0, step=0.001)
         self._lasts = gui.add_number(
             'lasts s', FAULT_S, min=0.0, max=1e5, step=0.1, hint='0: until it is cleared'
@@ -158,13 +159,19 @@ class Controls:
         )
         self._show_kind()
 
+    def use(self, drives: Sequence[str]) -> None:
+        """Offer faults of the drives of another robot."""
+        self._drives = tuple(drives)
+        self._show_kind()
+
     def _show_kind(self) -> None:
         """Show what belongs to the fault that is chosen."""
         kind = KINDS[self._kind.value]
-        choices = {'axis': DRIVES, 'node': NODES}.get(str(kind.target), ())
+        nodes = tuple(dict.fromkeys((*NODES, *self._drives)))
+        choices = {'axis': self._drives, 'node': nodes}.get(str(kind.target), ())
         self._target.visible = bool(choices)
-        if choices and tuple(self._target.options) != tuple(choices):
-            self._target.options = tuple(choices)
+        if choices and tuple(self._target.options) != choices:
+            self._target.options = choices
         self._value.visible = bool(kind.value)
         self._value.label = kind.value or 'value'
         self._value.hint = f'{kind.low:g} to {kind.high:g}'

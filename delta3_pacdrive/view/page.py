@@ -112,8 +112,9 @@ class Page:
     def use(self, parameters: Parameters) -> None:
         """Show a robot with these parameters."""
         self._parameters = parameters
-        if self.scope is not None:
-            self.scope.use(drives_of(parameters))
+        for panel in (self.controls, self.scope):
+            if panel is not None:
+                panel.use(drives_of(parameters))
         self._scales = readout.Scales.of(parameters)
         k = parameters.kinematics
         scene = self.server.scene
@@ -182,7 +183,7 @@ class Page:
     def add_controls(self) -> None:
         """Let people ask for something: ``wishes`` fills."""
         with self.top:
-            self.controls = Controls(self.server.gui, self.wishes.append)
+            self.controls = Controls(self.server.gui, self.wishes.append, drives_of(self._parameters))
 
     def add_scope(self) -> None:
         """Let people look into the drives: ``wishes`` fills."""

@@ -151,6 +151,15 @@ def test_step_by_step_somebody_is_asked_before_each_move_of_a_robot_at_rest():
     assert asked[1][3] == pytest.approx((0.1, 0.0, -0.8), abs=1e-4)
 
 
+def test_step_by_step_a_turn_of_the_tool_is_asked_for_too():
+    asked = []
+    with cell.simulate(parameters='rotary') as robot:
+        robot.step_by_step(lambda place, kind: asked.append(kind))
+        robot.move_l(to_mm=[50, 0, -800])
+        robot.turn(to_deg=30)
+    assert asked == ['move_l', 'turn']
+
+
 @pytest.mark.parametrize(
     'text',
     [

@@ -67,6 +67,20 @@ def test_a_program_that_cannot_be_planned_is_refused_as_check_refuses_it(text, t
     )
 
 
+def test_check_tells_each_mistake_by_itself_whatever_its_words(tmp_path, capsys):
+    path = tmp_path / 'back.yaml'
+    path.write_text(
+        'moves:\n- move_l: {to_m: [0.1, 0, -0.8], blend_m: 0.02}\n- move_l: {to_m: [0, 0, -0.8]}\n'
+        'start_m: [0, 0, -0.8]\n'
+    )
+    sentence = f'{path}:2:3: moves[0].move_l: the path turns back at this corner, which cannot be rounded; '
+    sentence += 'use blend_m: 0'
+    assert check.main([str(path)]) == 1
+    assert capsys.readouterr().err == f'error: {sentence}\n'
+    assert check.main([str(path), '--json']) == 1
+    assert json.loads(capsys.readouterr().out)['files'][0]['errors'] == [sentence]
+
+
 def test_limits_of_each_move_are_told_on_request(tmp_path, capsys):
     (tmp_path / 'line.yaml').write_text(LINE)
     assert plan.main([str(tmp_path / 'line.yaml'), '--json']) == 0

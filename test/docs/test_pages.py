@@ -82,6 +82,12 @@ def test_the_readme_is_short():
     assert len((pages.SOURCE / 'README.md').read_text(encoding='utf-8').splitlines()) <= README_LINES_MAX
 
 
+def test_the_readme_leads_to_every_page_but_their_index():
+    readme = (pages.SOURCE / 'README.md').read_text(encoding='utf-8')
+    names = {f'docs/{path.name}' for path in (pages.SOURCE / 'docs').glob('*.md')}
+    assert sorted(name for name in names if f']({name})' not in readme) == ['docs/index.md']
+
+
 def test_the_test_command_is_what_continuous_integration_calls():
     (block,) = (block for block in pages.blocks(pages.SOURCE / 'README.md') if block.words == '.ci/run')
     command = block.text.strip()
