@@ -209,14 +209,20 @@ def _tcp_motion(samples, speed, acceleration, jerk, cube, out):
         out[2, n] = math.sqrt(jerks)
 
 
+def moving_torque(master: Floats, coefficients: Floats) -> Floats:
+    """Torque of each motor [N m] that a master (n, 4) asks for beside weight and friction, (n, 3)."""
+    return np.asarray(
+        coefficients[:, INERTIAL] * master[:, 2:3] + coefficients[:, CENTRIFUGAL] * master[:, 1:2] ** 2
+    )
+
+
 def timed_dynamics(
     time_s: Floats, master: Floats, samples: Floats, coefficients: Floats, parameters: Parameters
 ) -> PathDynamics:
     """Evaluate coefficients for a master (n, 4): distance, speed, acceleration, jerk; friction included (4.27)."""
     motor = parameters.motor
-    v, a = master[:, 1:2], master[:, 2:3]
-    torque = coefficients[:, INERTIAL] * a + coefficients[:, CENTRIFUGAL] * v**2
-    motor_speed = coefficients[:, RATE] * v * parameters.dynamics.gear_ratio
+    torque = moving_torque(master, coefficients)
+    motor_speed = coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio
     friction = motor.static_friction_n_m * np.tanh(motor_speed / motor.friction_smoothing_rad_s)
     friction += motor.viscous_friction_n_m_s_rad * motor_speed
     standing = (coefficients[:, WEIGHT] + friction) / motor.torque_constant_n_m_a

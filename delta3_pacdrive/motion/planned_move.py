@@ -100,6 +100,8 @@ class PlannedMove:
         What it takes as it is planned here.
     timed
         Outputs that change at times; ``with_timed`` finds their places on the move as it is driven in the end.
+    torque_rate_n_m_s
+        Limit of the change of each motor's torque, if it has one.
 
     """
 
@@ -111,6 +113,7 @@ class PlannedMove:
     statements: tuple[tuple[int, float], ...] = ()
     energy: Energy = field(default_factory=Energy)
     timed: tuple[TimedEvent, ...] = ()
+    torque_rate_n_m_s: float = math.inf
 
 
 def with_timed(move: Move, timed: Sequence[TimedEvent]) -> Move:
@@ -154,7 +157,7 @@ def plan_move(
     payloads = [(0.0, payload_kg), *changes]
     name = name_of(segments)
     notices: list[str] = []
-    optimal = _time_optimal(segments)
+    optimal, rate = _time_optimal(segments), math.inf
     if optimal:
         rate = min(segment.torque_rate_n_m_s for segment in segments)
         fastest = TimeOptimalPlanner(curve, stretches, payloads, parameters, rate, returning)
@@ -183,7 +186,10 @@ def plan_move(
         event_rows(ordered),
     )
     d = planner.dynamics(phases)
-    return PlannedMove(move, planner.load(phases), name, stretches, notices, energy=energy(d, parameters))
+    warmth = energy(d, parameters)
+    return PlannedMove(
+        move, planner.load(phases), name, stretches, notices, energy=warmth, torque_rate_n_m_s=rate
+    )
 
 
 def _time_optimal(segments: Sequence[PathSegment]) -> bool:

@@ -73,6 +73,8 @@ class Planned:
         Payload behind the last move.
     first_round
         How many moves the first round has, the one included that a blend joins with the next round.
+    torque_rates_n_m_s
+        Of each different move, the limit of the change of each motor's torque; inf where it has none.
 
     """
 
@@ -90,6 +92,7 @@ class Planned:
     open_from: int | None
     payload_kg: float
     first_round: int = 1
+    torque_rates_n_m_s: tuple[float, ...] = ()
 
 
 def plan(
@@ -370,6 +373,7 @@ def _whole(
         tail.open_from,
         tail.payload_kg,
         found.first_round,
+        tuple(move.torque_rate_n_m_s for move in planned),
     )
 
 

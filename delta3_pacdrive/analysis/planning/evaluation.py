@@ -20,7 +20,9 @@ from delta3_pacdrive.motion.path_dynamics import (
     SERIAL,
     SWING,
     THETA,
+    WEIGHT,
     PathDynamics,
+    moving_torque,
     path_coefficients,
     timed_dynamics,
 )
@@ -37,6 +39,7 @@ SAMPLES_KEPT = 400_000  # of a plan over time: 150 MB
 BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase
 AT_LIMIT = 0.95  # of a limit: from there on it is used up
 BEYOND_LIMIT = 1.02  # no move is: a limit that is exceeded was not that of the move
+LASTING = 0.4  # of the time in which a limit leads it is used up, if it is the limit of a move
 CRUISING = 1e-3  # of the largest acceleration: below it the master's speed is even
 QUANTITIES = tuple(Quantity)
 LIMITING = QUANTITIES[:-3]  # of a single sample
@@ -118,12 +121,19 @@ def of_recorded_move(move: Move, parameters: Parameters) -> MoveRow | None:
     known = Planned(
         '', Plan.of([move]), (), (0.0, 0.0, 0.0), 1.0, 1, ('',), (_stretches(move),), 1.0, (), (), None, move.payload_kg
     )  # fmt: skip
-    (row,) = study(known, parameters).rows
-    if row.limited_by.quantity == Quantity.TIME:
+    found = study(known, parameters)
+    (row,) = found.rows
+    quantity = row.limited_by.quantity
+    if quantity == Quantity.TIME:
         return row
     reached = max(use.used for use in row.uses if use.quantity != Quantity.TCP_SPEED)
     exceeded = max(use.used for use in row.uses) > BEYOND_LIMIT
-    return row if reached >= AT_LIMIT and not exceeded else None
+    # a limit that leads but is not used up most of the time is a peak of something else: of a torque rate
+    leads = found.samples.leading == QUANTITIES.index(quantity)
+    lasts = quantity not in LIMITING or np.count_nonzero(
+        found.samples.used[quantity][leads] >= AT_LIMIT
+    ) > LASTING * np.count_nonzero(leads)
+    return row if reached >= AT_LIMIT and not exceeded and lasts else None
 
 
 def _stretches(move: Move) -> Stretches:
@@ -146,7 +156,11 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     coefficients = path_coefficients(samples, *_payloads(move, master[:, 0]), parameters)
     dynamics = timed_dynamics(times, master, samples, coefficients, parameters)
     limits = limits_at(master[:, 0], stretches) if stretches else None
-    limiters = _limiters(dynamics, master, samples, limits, parameters)
+    rate = planned.torque_rates_n_m_s[number] if planned.torque_rates_n_m_s else math.inf
+    limiters = (
+        *_limiters(dynamics, master, samples, limits, parameters),
+        *_rated(times, _steps(move), moving_torque(master, coefficients) + coefficients[:, WEIGHT], rate),
+    )
     leading = np.asarray(np.argmax([one.stretch for one in limiters], axis=0))
     return _Part(move, times, master, samples, coefficients, dynamics, limits, limiters, leading)
 
@@ -190,6 +204,18 @@ def _limiters(
                 stretch, value = demand.stretch * here, demand.value * here
                 found.append(_Limiter(kind, demand.axis, stretch, value, limit, demand.unit))
     return tuple(found)
+
+
+def _rated(times: Floats, steps: int, torque_n_m: Floats, limit: float) -> Iterable[_Limiter]:
+    """Yield how fast each motor's torque without friction changes, (n, 3), where that has a limit [N m/s]."""
+    if not math.isfinite(limit):
+        return
+    even = np.linspace(0.0, times[-1], steps + 1)
+    at = np.searchsorted(times, even)  # not between both sides of an end of a phase
+    for axis, torque in enumerate(torque_n_m[at].T):
+        value = np.interp(times, even, np.abs(np.gradient(torque, even)))
+        limits = np.full(times.shape, limit)
+        yield _Limiter(Quantity.TORQUE_RATE, axis + 1, np.cbrt(value / limit), value, limits, 'N m/s')
 
 
 def _bends(master: Floats, samples: Floats) -> dict[Quantity, NDArray[np.bool_]]:

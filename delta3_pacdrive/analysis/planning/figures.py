@@ -43,7 +43,7 @@ MOVES_MARKED = 40  # more boundaries between moves would hide the curves
 QUANTITY_COLOURS = dict(
     zip(
         QUANTITIES,
-        (*COLOURS[:4], '#F0A030', COLOURS[5], NORM_COLOUR, '#8C564B', '#CFCFCF', '#5B8C5A'),
+        (*COLOURS[:4], '#F0A030', COLOURS[5], NORM_COLOUR, '#17BECF', '#8C564B', '#CFCFCF', '#5B8C5A'),
         strict=True,
     )
 )

@@ -13,7 +13,9 @@ from delta3_pacdrive.parameters import Parameters
 
 RPM, MM = 60.0 / math.tau, 1e3
 NAME_LENGTH = 30
-JSON_UNITS = {'m/s': 'm_s', 'm/s2': 'm_s2', 'm/s3': 'm_s3', 'rpm': 'rpm', 'V': 'v', 'A': 'a', 's': 's'}
+JSON_UNITS = {
+    'm/s': 'm_s', 'm/s2': 'm_s2', 'm/s3': 'm_s3', 'rpm': 'rpm', 'V': 'v', 'A': 'a', 'N m/s': 'n_m_s', 's': 's'
+}  # fmt: skip
 DISTANCE_UNITS = {
     'radius': 'm',
     'top': 'm',

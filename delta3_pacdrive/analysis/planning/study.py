@@ -12,7 +12,7 @@ from delta3_pacdrive.numerics.types import Floats
 
 
 class Quantity(StrEnum):
-    """A quantity that may keep a move from being faster; those of ``motion.excess.Limited`` have the same names."""
+    """A quantity that may keep a move from being faster; those of ``motion.excess.Limited`` are called as there."""
 
     TCP_SPEED = 'TCP speed'
     TCP_ACCELERATION = 'TCP acceleration'
@@ -21,6 +21,7 @@ class Quantity(StrEnum):
     MOTOR_SPEED = 'motor speed'
     MOTOR_VOLTAGE = 'motor voltage'
     MOTOR_CURRENT = 'motor current'
+    TORQUE_RATE = 'torque rate'
     RMS_CURRENT = 'rms current'  # of the whole program
     TIME = 'time given'  # the program tells how long it takes
     ROTARY = 'rotary axis'  # which turns the tool on the way

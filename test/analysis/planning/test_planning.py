@@ -13,6 +13,7 @@ from delta3_pacdrive.motion import program_file, program_planner
 START = [-0.2, 0.0, -0.8]
 FREE = {'speed_m_s': 100.0, 'acceleration_m_s2': 1e6, 'jerk_m_s3': 1e9}
 SLOW_ARC = {'via_m': [0.0, 0.06, -0.8], 'to_m': [-0.2, 0.12, -0.8]}
+REST = {'dwell': {'time_s': 10.0}}
 # what is planned, and what has to limit it
 CASES = {
     'a short line': ([{'move_l': {'to_m': [-0.19, 0.0, -0.8]}}], Quantity.TCP_JERK),
@@ -30,6 +31,10 @@ CASES = {
         Quantity.MOTOR_CURRENT,
     ),
     'the same again and again': ([{'move_l': {'to_m': [0.3, 0.0, -0.8], **FREE}}], Quantity.RMS_CURRENT),
+    'a time-optimal line with smooth torques': (
+        [{'move_l': {'to_m': [0.2, 0.0, -0.8], 'time_optimal': True, 'torque_rate_n_m_s': 1000.0}}, REST],
+        Quantity.TORQUE_RATE,
+    ),
     'a dwell': ([{'dwell': {'time_s': 0.2}}], Quantity.TIME),
     'a cubic': ([{'cubic': {'to_m': [0.1, 0.0, -0.8], 'duration_s': 1.0}}], Quantity.TIME),
 }
@@ -258,7 +263,7 @@ def test_a_move_of_a_recording_is_limited_by_what_its_program_says(case, robot):
     moves, quantity = CASES[case]
     found = studied(moves, robot)
     recorded = evaluation.of_recorded_move(found.planned.plan.move(0), robot)
-    if quantity == Quantity.RMS_CURRENT:  # one move alone does not tell it
+    if quantity in (Quantity.RMS_CURRENT, Quantity.TORQUE_RATE):  # one move alone does not tell it
         assert recorded is None
     else:
         assert report.limited_text(recorded) == report.limited_text(found.rows[0])
