@@ -64,10 +64,15 @@ def stands_at_the_stop(rig: Any) -> bool:
     return bool(np.allclose(rig.task.state['tcp'][0], STOP, atol=1e-9))
 
 
-def test_a_robot_that_is_there_at_once_waits_as_long_as_planned(rig: Any, robot: Parameters) -> None:
+@pytest.mark.parametrize('percent', [100, 50])
+def test_a_robot_that_is_there_at_once_waits_as_long_as_planned(
+    percent: int, rig: Any, robot: Parameters
+) -> None:
+    assert rig.ask('override', str(percent))[0]
     drive(rig)
     waited = until(rig, lambda: not stands_at_the_stop(rig))
-    assert waited == pytest.approx(robot.shortest_wait_s / robot.bus.cycle_time_s, abs=EDGES)
+    planned = robot.shortest_wait_s / robot.bus.cycle_time_s * 100.0 / percent
+    assert waited == pytest.approx(planned, abs=2 * EDGES * 100.0 / percent - EDGES)
     until(rig, lambda: rig.state.motion == 'idle')
     assert rig.state.finished
 
