@@ -3,20 +3,18 @@
 A message without parts has one fixed layout, as all telegrams; one with parts has six efforts more for each of them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive.controller.belt_tracking import BeltReading, Sighted
-from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.motion.belt_meeting import BeltAxes
 from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.ros.cell_receiver import CellReceiver
 from delta3_pacdrive.ros.interfaces import BELTS
-from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.sercos import telegrams
-from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
@@ -24,49 +22,16 @@ COUNT_MAX = 2.0**53
 EVENT = 6  # numbers of a part: belt, type (-1: the light barrier has latched it), count, along, across, angle
 
 
-class BeltReceiver:
-    """The master reads here what the belts are in each bus cycle.
+class BeltReceiver(CellReceiver):
+    """The master reads here what the belts are in each bus cycle."""
 
-    Parameters
-    ----------
-    node
-        Subscribes.
-    clock
-        Bus time.
-    polled
-        Whether telegrams are read by ``poll`` alone.
-    controller
-        Takes them.
-    refuse
-        Called with a sentence about what is no telegram of this robot.
+    topic = BELTS
+    _belts: tuple[BeltAxes, ...] = ()  # that the codec is made for
 
-    """
+    def _expected(self) -> int:
+        return self._controller.cycles.belts.expected
 
-    def __init__(
-        self,
-        node: PollingNode,
-        clock: Clock,
-        polled: bool,
-        controller: RobotController,
-        refuse: Callable[[str], None],
-    ) -> None:
-        self._clock, self._controller, self._refuse = clock, controller, refuse
-        self._codec: TelegramCodec | None = None
-        self._belts: tuple[BeltAxes, ...] = ()
-        self._take = BELTS.polled_subscription(node) if polled else None
-        if not polled:
-            BELTS.subscription(node, self._on_belts, raw=True)
-
-    def poll(self) -> None:
-        """Read what has come, as long as anything is due."""
-        cycles = self._controller.cycles
-        while self._take is not None and cycles.belts.expected < cycles.next_cycle:
-            taken = self._take()
-            if taken is None:
-                return
-            self._on_belts(taken[0])
-
-    def _on_belts(self, data: bytes) -> None:
+    def _on_message(self, data: bytes) -> None:
         controller = self._controller
         tracking, session = controller.task.tracking, controller.bus.session
         if session == NO_SESSION or not controller.bus.cyclic or tracking is None:
