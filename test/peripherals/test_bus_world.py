@@ -132,8 +132,10 @@ def test_bus_time_that_the_plant_was_not_in_goes_by_with_the_robot_at_rest(bench
 def test_the_log_of_parts_that_is_told_is_the_report_of_the_cell(bench):
     bench.run(5)
     bench.run(30, outputs=1)
-    bench.run(10, outputs=1, tcp=UP)
+    assert bench.log().report()['parts'][0]['outcome'] == 'in hand'
     bench.lose_part()
+    bench.run(1, outputs=1, tcp=UP)
+    assert bench.log().report()['parts'][0]['outcome'] == 'lost'
     bench.run(30, outputs=0, tcp=UP)
     bench.run(10, outputs=1, tcp=UP)
     bench.run(10, outputs=0, tcp=UP)
