@@ -125,6 +125,7 @@ def test_who_asks_no_more_is_given_up(graph: Any, monkeypatch: pytest.MonkeyPatc
     assert len(Scope(graph, ['axis1.speed']).record().values) == 1600
 
 
+@pytest.mark.timeout(120)  # who waits for ever is told apart
 def test_a_trigger_that_never_comes_and_a_robot_that_ends_are_told(
     graph: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
