@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.planning.evaluation import of_recorded_move
+from delta3_pacdrive.analysis.planning.recorded_move import of_recorded_move
 from delta3_pacdrive.analysis.planning.report import limited_text
 from delta3_pacdrive.analysis.run_signals import positive
 from delta3_pacdrive.controller.messages import EXTEND, FAULT, LAST, ORDERS, REVOKE, Origin

@@ -32,7 +32,7 @@ class Options(JsonOptions):
 
     action: str = argument('one of the actions below', default='run', choices=ACTIONS, metavar='ACTION')
     fault: str = argument('the fault to inject', default='', type=str)
-    short: bool = flag('run: eight faults in various states, and no cells', only=('run',))
+    short: bool = flag('run: a few faults in various states, and no cells', only=('run',))
     only: str | None = option('run: only lines that hold this text', 'TEXT', only=('run',))
     csv: Path | None = option('run: write the table to this file', 'FILE', type=csv_file, only=('run',))
     logs: Path | None = option('run: keep the logs of the processes here', 'DIR', type=folder, only=('run',))

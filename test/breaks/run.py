@@ -6,7 +6,7 @@
     python test/breaks/run.py --list              what there is
     python test/breaks/run.py --jobs 2 --json     two at a time; the result as JSON
 
-Run it in an environment with the test dependencies, from anywhere. It takes about five seconds for each break.
+Run it in an environment with the test dependencies, from anywhere. All take over two hours, two at a time.
 
 The catalogue is the YAML files beside this one, one for each room of the package. Whoever adds a capability adds its
 breaks. A break is a row:

@@ -72,7 +72,7 @@ def test_a_robot_that_is_there_at_once_waits_as_long_as_planned(
     drive(rig)
     waited = until(rig, lambda: not stands_at_the_stop(rig))
     planned = robot.shortest_wait_s / robot.bus.cycle_time_s * 100.0 / percent
-    assert waited == pytest.approx(planned, abs=2 * EDGES * 100.0 / percent - EDGES)
+    assert waited == pytest.approx(planned, abs=EDGES * 100.0 / percent)
     until(rig, lambda: rig.state.motion == 'idle')
     assert rig.state.finished
 

@@ -3,18 +3,19 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.analysis.planning import limiters
+from delta3_pacdrive.analysis.planning.limiters import Limiter
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, TurnRow, Use
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.motion.energy import Energy, energy
-from delta3_pacdrive.motion.excess import compared
-from delta3_pacdrive.motion.limits import Limits, arm_bounds, workspace_bounds
+from delta3_pacdrive.motion.limits import arm_bounds, workspace_bounds
 from delta3_pacdrive.motion.move import STANDING, TIMED, UNCHANGED, Move, MoveKind
-from delta3_pacdrive.motion.move_planner import Stretches, limits_at
+from delta3_pacdrive.motion.move_planner import limits_at
 from delta3_pacdrive.motion.path_dynamics import (
     PARALLEL,
     SERIAL,
@@ -26,7 +27,6 @@ from delta3_pacdrive.motion.path_dynamics import (
     path_coefficients,
     timed_dynamics,
 )
-from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned, plan
 from delta3_pacdrive.motion.turning_move import TurnLimits, turn_excess, turn_motion
@@ -38,28 +38,9 @@ STEP_S, SAMPLES_MIN, SAMPLES_MAX = 1e-3, 200, 4000  # of a move
 SAMPLES_KEPT = 400_000  # of a plan over time: 150 MB
 BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase
 AT_LIMIT = 0.95  # of a limit: from there on it is used up
-BEYOND_LIMIT = 1.02  # no move is: a limit that is exceeded was not that of the move
-LASTING = 0.4  # of the time in which a limit leads it is used up, if it is the limit of a move
-CRUISING = 1e-3  # of the largest acceleration: below it the master's speed is even
 QUANTITIES = tuple(Quantity)
 LIMITING = QUANTITIES[:-3]  # of a single sample
 STANDING_M_S = 1e-9
-
-
-@dataclass(frozen=True)
-class _Limiter:
-    """One limit and what a move asks of it: factor of time that would keep it, value, and the limit itself."""
-
-    quantity: Quantity
-    axis: int | None
-    stretch: Floats
-    value: Floats
-    limit: Floats
-    unit: str
-
-    @cached_property
-    def used(self) -> Floats:
-        return np.asarray(self.value / self.limit)
 
 
 @dataclass(frozen=True)
@@ -73,7 +54,7 @@ class _Part:
     coefficients: Floats
     dynamics: PathDynamics
     limits: tuple[Floats, Floats, Floats] | None
-    limiters: tuple[_Limiter, ...]
+    limiters: tuple[Limiter, ...]
     leading: NDArray[np.int64]  # number of the limiter, -1 for the time given
 
 
@@ -112,40 +93,6 @@ def of_program(program: Program, parameters: Parameters, on_progress: OnProgress
     return study(planned, parameters, on_progress)
 
 
-def of_recorded_move(move: Move, parameters: Parameters) -> MoveRow | None:
-    """Evaluate a move as a recording holds it, without its program; None where that does not tell what limits it.
-
-    The limits of its stops are the smallest of the TCP on it, and its even speed is the one that was asked for, if the
-    move reaches another limit as well: one that is slowed down for the rms current's sake reaches none.
-    """
-    known = Planned(
-        '', Plan.of([move]), (), (0.0, 0.0, 0.0), 1.0, 1, ('',), (_stretches(move),), 1.0, (), (), None, move.payload_kg
-    )  # fmt: skip
-    found = study(known, parameters)
-    (row,) = found.rows
-    quantity = row.limited_by.quantity
-    if quantity == Quantity.TIME:
-        return row
-    reached = max(use.used for use in row.uses if use.quantity != Quantity.TCP_SPEED)
-    exceeded = max(use.used for use in row.uses) > BEYOND_LIMIT
-    # a limit that leads but is not used up most of the time is a peak of something else: of a torque rate
-    leads = found.samples.leading == QUANTITIES.index(quantity)
-    lasts = quantity not in LIMITING or np.count_nonzero(
-        found.samples.used[quantity][leads] >= AT_LIMIT
-    ) > LASTING * np.count_nonzero(leads)
-    return row if reached >= AT_LIMIT and not exceeded and lasts else None
-
-
-def _stretches(move: Move) -> Stretches:
-    """Return the limits of the TCP that a move tells itself; none where the program tells the time."""
-    if move.kind in (*STANDING, *TIMED, MoveKind.TURN):
-        return ()
-    acceleration = np.abs(move.master[:, 3])
-    even = (move.master[:, 4] == 0.0) & (acceleration <= CRUISING * acceleration.max())
-    speed = float(move.master[even, 2].max(initial=0.0))
-    return ((move.length_m, Limits(speed or np.inf, move.stop_acceleration, move.stop_jerk)),)
-
-
 def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     move, stretches = planned.plan.moves[number], planned.stretches[number]
     times = _times(move)
@@ -153,16 +100,19 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     # the end is reached as the last phase goes on
     master[-1, 1:] = sample_master([(1.0 - BEFORE) * move.duration_s], move.master)[0, 1:]
     samples = move.sample(master[:, 0])
-    coefficients = path_coefficients(samples, *_payloads(move, master[:, 0]), parameters)
+    payload, carried = _payloads(move, master[:, 0])
+    coefficients = path_coefficients(samples, payload, carried, parameters)
     dynamics = timed_dynamics(times, master, samples, coefficients, parameters)
     limits = limits_at(master[:, 0], stretches) if stretches else None
-    rate = planned.torque_rates_n_m_s[number] if planned.torque_rates_n_m_s else math.inf
-    limiters = (
-        *_limiters(dynamics, master, samples, limits, parameters),
-        *_rated(times, _steps(move), moving_torque(master, coefficients) + coefficients[:, WEIGHT], rate),
+    found, rate = (
+        limiters.of_motion(dynamics, master, samples, limits, parameters),
+        planned.torque_rates_n_m_s[number],
     )
-    leading = np.asarray(np.argmax([one.stretch for one in limiters], axis=0))
-    return _Part(move, times, master, samples, coefficients, dynamics, limits, limiters, leading)
+    if math.isfinite(rate):
+        torque = moving_torque(master, coefficients) + coefficients[:, WEIGHT]
+        found += limiters.of_torque_rate(times, _steps(move), torque, payload, rate)
+    leading = np.asarray(np.argmax([one.stretch for one in found], axis=0))
+    return _Part(move, times, master, samples, coefficients, dynamics, limits, found, leading)
 
 
 def _steps(move: Move) -> int:
@@ -184,52 +134,6 @@ def _payloads(move: Move, distance_m: Floats) -> tuple[NDArray[np.int64], tuple[
     changes = move.events[move.events[:, 3] != UNCHANGED]
     index = np.searchsorted(changes[:, 0], distance_m, side='right')
     return index.astype(np.int64), (move.payload_kg, *changes[:, 3].tolist())
-
-
-def _limiters(
-    dynamics: PathDynamics,
-    master: Floats,
-    samples: Floats,
-    limits: tuple[Floats, Floats, Floats] | None,
-    parameters: Parameters,
-) -> tuple[_Limiter, ...]:
-    found, shape = [], dynamics.time_s.shape
-    bends = _bends(master, samples)
-    for demand in compared(dynamics, parameters, limits):
-        limit = np.broadcast_to(np.asarray(demand.limit, dtype=np.float64), shape)
-        quantity = Quantity[demand.quantity.name]
-        bend = bends.get(quantity, np.zeros(shape, dtype=np.bool_))
-        for kind, here in ((quantity, ~bend), (Quantity.CURVATURE, bend)):
-            if here.any():
-                stretch, value = demand.stretch * here, demand.value * here
-                found.append(_Limiter(kind, demand.axis, stretch, value, limit, demand.unit))
-    return tuple(found)
-
-
-def _rated(times: Floats, steps: int, torque_n_m: Floats, limit: float) -> Iterable[_Limiter]:
-    """Yield how fast each motor's torque without friction changes, (n, 3), where that has a limit [N m/s]."""
-    if not math.isfinite(limit):
-        return
-    even = np.linspace(0.0, times[-1], steps + 1)
-    at = np.searchsorted(times, even)  # not between both sides of an end of a phase
-    for axis, torque in enumerate(torque_n_m[at].T):
-        value = np.interp(times, even, np.abs(np.gradient(torque, even)))
-        limits = np.full(times.shape, limit)
-        yield _Limiter(Quantity.TORQUE_RATE, axis + 1, np.cbrt(value / limit), value, limits, 'N m/s')
-
-
-def _bends(master: Floats, samples: Floats) -> dict[Quantity, NDArray[np.bool_]]:
-    """Tell where the bend of the path takes more of the TCP's acceleration and jerk than the master does."""
-    v, a, j = (column[:, None] for column in master.T[1:])
-    _, first, second, third = np.moveaxis(samples, 1, 0)
-
-    def is_larger(bend: Floats, along: Floats) -> NDArray[np.bool_]:
-        return np.asarray(np.linalg.norm(bend, axis=1) > np.linalg.norm(along, axis=1))
-
-    return {
-        Quantity.TCP_ACCELERATION: is_larger(second * v**2, first * a),
-        Quantity.TCP_JERK: is_larger(3.0 * second * (v * a) + third * v**3, first * j),
-    }
 
 
 def _length(part: _Part) -> float:
@@ -304,7 +208,7 @@ def _of_axes(values: Floats) -> tuple[float, ...]:
     return tuple(values.tolist())
 
 
-def _use(k: int, one: _Limiter, part: _Part, weights: Floats) -> Use:
+def _use(k: int, one: Limiter, part: _Part, weights: Floats) -> Use:
     worst = int(np.argmax(one.used))
     return Use(
         one.quantity,

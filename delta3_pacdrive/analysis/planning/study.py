@@ -12,7 +12,7 @@ from delta3_pacdrive.numerics.types import Floats
 
 
 class Quantity(StrEnum):
-    """A quantity that may keep a move from being faster; those of ``motion.excess.Limited`` are called as there."""
+    """A quantity that may keep a move from being faster; those of ``motion.excess.Limited`` have the same names."""
 
     TCP_SPEED = 'TCP speed'
     TCP_ACCELERATION = 'TCP acceleration'

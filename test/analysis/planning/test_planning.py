@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics, simulation
-from delta3_pacdrive.analysis.planning import evaluation, figures, report
+from delta3_pacdrive.analysis.planning import evaluation, figures, recorded_move, report
 from delta3_pacdrive.analysis.planning.study import Quantity
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
@@ -78,6 +78,19 @@ def test_a_long_plan_keeps_fewer_samples_and_the_same_rows(robot, monkeypatch):
         ]
         assert ends[0] == ends[1]
     assert seen == [('evaluating', n, 6) for n in range(6)]
+
+
+def test_a_grip_on_the_way_is_no_torque_rate(robot):
+    line, back = (
+        {'to_m': to_m, 'time_optimal': True, 'torque_rate_n_m_s': 1000.0}
+        for to_m in ([0.2, 0.0, -0.8], START)
+    )
+    grip = {'name': 'gripper', 'value': True, 'payload_kg': 2.0, 'before_m': 0.1}
+    study = studied([{'move_l': line}, {'output': grip}, REST, {'move_l': back}], robot)
+    for row in (study.rows[0], study.rows[2]):
+        assert max(use.used for use in row.uses if use.quantity == Quantity.TORQUE_RATE) == pytest.approx(
+            1.0, abs=0.02
+        )
 
 
 def test_a_motor_at_its_speed_limits_a_move(robot):
@@ -262,7 +275,7 @@ def test_every_figure_of_every_kind_of_plan_is_drawn(name, robot, tmp_path):
 def test_a_move_of_a_recording_is_limited_by_what_its_program_says(case, robot):
     moves, quantity = CASES[case]
     found = studied(moves, robot)
-    recorded = evaluation.of_recorded_move(found.planned.plan.move(0), robot)
+    recorded = recorded_move.of_recorded_move(found.planned.plan.move(0), robot)
     if quantity in (Quantity.RMS_CURRENT, Quantity.TORQUE_RATE):  # one move alone does not tell it
         assert recorded is None
     else:
@@ -272,4 +285,4 @@ def test_a_move_of_a_recording_is_limited_by_what_its_program_says(case, robot):
 def test_a_recording_does_not_tell_limits_that_differ_along_a_move(robot):
     corner = {'to_m': [0.0, 0.0, -0.8], 'acceleration_m_s2': 4.0, 'blend_m': 0.02}
     moves = [{'move_l': corner}, {'move_l': {'to_m': [0.0, 0.2, -0.8], 'acceleration_m_s2': 12.0}}]
-    assert evaluation.of_recorded_move(planned(moves, robot).plan.move(0), robot) is None
+    assert recorded_move.of_recorded_move(planned(moves, robot).plan.move(0), robot) is None

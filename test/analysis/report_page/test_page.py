@@ -96,7 +96,7 @@ def test_a_page_has_every_signal_of_a_trace_and_hides_those_on_request_at_first(
     np.testing.assert_allclose(found['jacobian_condition'], run.part['jacobian'][:, :1], rtol=0.0, atol=1e-6)
     for name, first in (('master', 'distance'), ('jacobian', 'condition')):
         for n, column in enumerate((first, 'speed', 'acceleration')):
-            values = run.part[name][:, n : n + 1]
+            values = run.part[name][:, n : n + 1]  # rounded to a step of 1e-3 at most
             np.testing.assert_allclose(found[f'{name}_{column}'], values, rtol=0.0, atol=1e-3, err_msg=column)
     np.testing.assert_array_equal(found['status_word'], run.part['status_word'])
     assert np.abs(found['drive_voltage'] - run.part['drive_voltage']).max() <= 0.5e-3 * ROUNDING
