@@ -86,7 +86,7 @@ def modules_after_import(name, folder):
 
 
 def is_ros(name):
-    return name.endswith('_msgs') or name in {'rclpy', 'rcl_interfaces', 'std_srvs', 'builtin_interfaces'}
+    return name.endswith(('_msgs', '_interfaces')) or name in {'rclpy', 'std_srvs'}
 
 
 def test_the_ament_index_finds_the_package(prefix, monkeypatch):

@@ -17,7 +17,7 @@ from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
 from delta3_pacdrive.controller.script_gate import first_decision
-from delta3_pacdrive.ros import node_process
+from delta3_pacdrive.ros import node_process, preload
 from delta3_pacdrive.ros.interfaces import VISUALIZATION
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
@@ -78,6 +78,7 @@ class RobotProcesses:
 
     def start(self) -> None:
         """Start all of them, in real time if there is room; the planner waits."""
+        preload.load_type_support()
         with in_turn() if self._crowded is None else nullcontext():
             if self._crowded is None:
                 needed = cores_of_robot(self._options.single_process, len(drives_of(self._robot)))

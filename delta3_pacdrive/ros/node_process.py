@@ -17,7 +17,7 @@ from rclpy.task import Future
 
 from delta3_pacdrive import interrupts, memory
 from delta3_pacdrive.errors import Delta3Error
-from delta3_pacdrive.ros import domain
+from delta3_pacdrive.ros import domain, preload
 
 _separate = False
 
@@ -103,6 +103,7 @@ def run(
     try:
         domain.check()
         prepare()
+        preload.know_modules()
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         process = Process()
         for stopping in interrupts.NUMBERS:
