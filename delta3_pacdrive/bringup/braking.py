@@ -1,12 +1,13 @@
 """The end of a robot that is up: its drives stop in a controlled way, and close their brakes, before all else ends."""
 
-import time
+import math
 from collections.abc import Callable
 from typing import Any, Protocol
 
 NEWS = 2  # times it has to tell how it is after it has answered: the first may have been on its way
 FRESH_S = 0.5  # for the next progress of a robot that comes up
-STOP_TIMEOUT_S = 0.8  # for the drives to brake, before the processes end
+SILENCE_S = 0.8  # after which a robot that brakes is left, if it tells nothing any more
+STOP_TIMEOUT_S = 5.0  # for the drives to brake, before the processes end: they are slow where their clock is
 
 
 class Driven(Protocol):
@@ -33,14 +34,18 @@ def brake(robot: Driven, spin_for: Callable[[float], None], look_s: float) -> No
     robot
         The robot.
     spin_for, look_s
-        Lets it tell what it has to tell for some seconds; how long at a time.
+        Lets it tell what it has to tell for some seconds; how long at a time. Patience counts these seconds: they are
+        longer on a machine that is busy.
 
     """
 
-    def spin_until(done: Callable[[], bool], patience_s: float) -> None:
-        deadline = time.monotonic() + patience_s
-        while not done() and time.monotonic() < deadline:
+    def spin_until(done: Callable[[], bool], patience_s: float, silence_s: float = math.inf) -> None:
+        waited_s, silent_s, newest = 0.0, 0.0, robot.progress
+        while not done() and waited_s < patience_s and silent_s < silence_s:
             spin_for(look_s)
+            waited_s, silent_s = waited_s + look_s, silent_s + look_s
+            if robot.progress is not newest:
+                newest, silent_s = robot.progress, 0.0
 
     told = robot.progress
     if not _is_up(told):
@@ -59,7 +64,7 @@ def brake(robot: Driven, spin_for: Callable[[float], None], look_s: float) -> No
             seen.append(robot.progress)
         return len(seen) > NEWS and not robot.progress.get('in_torque')
 
-    spin_until(is_without_torque, STOP_TIMEOUT_S)
+    spin_until(is_without_torque, STOP_TIMEOUT_S, SILENCE_S)
 
 
 def _is_up(progress: dict[str, Any]) -> bool:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from delta3_pacdrive.bringup.braking import FRESH_S, STOP_TIMEOUT_S, brake
+from delta3_pacdrive.bringup.braking import FRESH_S, SILENCE_S, STOP_TIMEOUT_S, brake
 
 LOOK_S = 0.05
 COMING = {'phase': 'CP3', 'in_torque': False}
@@ -62,11 +62,28 @@ def test_a_robot_that_is_not_up_or_cannot_be_reached_is_left_after_a_while(robot
     assert robot.asked_at is None
 
 
+def looks_in(seconds):
+    return round(seconds / LOOK_S)
+
+
+def test_a_robot_that_brakes_is_waited_for_as_long_as_it_tells_how_it_is():
+    slow = [dict(ENABLED) for _ in range(looks_in(3.0))]
+    robot = Robot([*slow, UP, UP])
+    brake(robot, robot.spin_for, LOOK_S)
+    assert robot.progress == UP
+
+
 def test_a_robot_that_does_not_answer_is_left_after_a_while():
     robot = Robot([ENABLED], answers_after=10**9)
     brake(robot, robot.spin_for, LOOK_S)
-    assert robot.asked_at == 0
+    assert (robot.asked_at, robot.looks) == (0, looks_in(SILENCE_S))
 
 
-def test_nobody_waits_long_for_the_end():
-    assert 2.0 * FRESH_S + STOP_TIMEOUT_S <= 2.0
+def test_a_robot_that_goes_on_and_on_is_left_in_the_end():
+    robot = Robot([dict(ENABLED) for _ in range(10 * looks_in(STOP_TIMEOUT_S))])
+    brake(robot, robot.spin_for, LOOK_S)
+    assert robot.looks <= looks_in(STOP_TIMEOUT_S) + 1
+
+
+def test_nobody_waits_long_for_the_end_of_a_robot_that_says_nothing():
+    assert 2.0 * FRESH_S + SILENCE_S <= 2.0

@@ -331,6 +331,7 @@ def earlier() -> list[tuple[str, bytes]]:
         graph.close()
 
 
+@pytest.mark.long
 def test_a_bag_of_an_earlier_session_moves_nothing(earlier: list[tuple[str, bytes]], graph: Any) -> None:
     cell = Cell(graph)
     commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)

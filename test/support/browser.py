@@ -15,7 +15,7 @@ FLAGS = (
     '--disable-quic',
     '--no-first-run',
 )
-FRAME_MS = 1000  # between two pictures: without a graphics card each takes as long as it takes on all cores
+FRAME_MS = 250  # between two pictures: without a graphics card each takes as long as it takes on all cores
 PACED = f"""
 window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), {FRAME_MS});
 window.cancelAnimationFrame = clearTimeout;

@@ -54,7 +54,7 @@ def up(program: Path, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iter
 
 
 def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
-    up: None, program: Path, delta3: Runner, start_delta3: Callable[..., subprocess.Popen[str]]
+    up: None, program: Path, delta3: Runner, fork_delta3: Callable[..., subprocess.Popen[str]]
 ) -> None:
     def said(*arguments: str) -> str:
         """Return what is said of learned torques after a motion."""
@@ -73,7 +73,7 @@ def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
     state = json.loads(delta3('move', 'state', '--json').stdout)
     assert (state['learned_torques'], state['unlearned']) == (True, '')
     assert 'they belong to a plan of' in said('program', str(program), '--speed', '0.2')
-    client = start_delta3('move', 'program', str(program))  # who ends it holds the robot
+    client = fork_delta3('move', 'program', str(program))  # who ends it holds the robot
     assert client.stdout is not None
     assert [client.stdout.readline().split(' ')[0] for _ in range(2)] == ['planned', 'started']
     client.send_signal(signal.SIGINT)

@@ -81,6 +81,7 @@ def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
     assert second.startswith('/robot2: bus time ')
 
 
+@pytest.mark.long
 def test_a_robot_that_stands_still_makes_one_of_the_same_clock_wait(
     fork_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,

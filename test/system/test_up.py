@@ -31,10 +31,10 @@ THERE_M = 1e-3  # from where it is home, before a test
 class Up:
     """A robot that is up for the tests of this file, and who takes it home between them."""
 
-    def __init__(self, graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> None:
+    def __init__(self, graph: Any, fork_delta3: Callable[..., subprocess.Popen[str]]) -> None:
         self._graph = graph
         self._operator = graph.add(OperatorNode, graph.spin_for)
-        self.process = start_delta3('up', '--single-process')
+        self.process = fork_delta3('up', '--single-process')
         assert self.process.stderr is not None
         read_until(self.process.stderr, 'ready after')
         self.controller = self.process.stderr.readline()
@@ -73,10 +73,10 @@ class Up:
 
 
 @pytest.fixture(scope='module')
-def up(shared_graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[Up]:
+def up(shared_graph: Any, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[Up]:
     """Give the robot of this file; it is gone when its tests are over."""
     with nothing_is_left():
-        made = Up(shared_graph, start_delta3)
+        made = Up(shared_graph, fork_delta3)
         yield made
         made.end()
 
@@ -89,10 +89,10 @@ def robot(up: Up) -> subprocess.Popen[str]:
 
 
 def test_a_robot_that_is_up_has_the_controller_that_knows_the_model_and_says_so(
-    up: Up, start_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path
+    up: Up, fork_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
     assert up.controller == f'controller: {parameters.load("model").controller}\n'
-    recorder = start_delta3('record', tmp_path / 'bag')
+    recorder = fork_delta3('record', tmp_path / 'bag')
     assert recorder.stderr is not None
     said = iter(recorder.stderr.readline, '')
     assert any('controller of the robot: torque of the whole model' in line for line in said)
@@ -142,9 +142,9 @@ def test_a_program_is_held_resumed_and_aborted_from_the_command_line(
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_who_moves_the_robot_and_is_ended_leaves_it_standing_on_its_path(
-    number: signal.Signals, robot: subprocess.Popen, start_delta3: Callable, delta3: Runner
+    number: signal.Signals, robot: subprocess.Popen, fork_delta3: Callable, delta3: Runner
 ) -> None:
-    client = start_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
+    client = fork_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
     assert client.stdout.readline().startswith('planned')
     assert client.stdout.readline().startswith('started')
     client.send_signal(number)

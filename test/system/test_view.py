@@ -116,6 +116,7 @@ def jerk_m_s3(bag: Path) -> np.ndarray:
     return np.linalg.norm(third, axis=1) / JERK_OVER_S**3
 
 
+@pytest.mark.long
 def test_a_jog_stops_softly_when_the_button_is_let_go_and_when_the_page_is_gone(
     fork_delta3: Any, nothing_left_behind: None, browser: Any, delta3: Runner, tmp_path: Path
 ) -> None:

@@ -118,6 +118,7 @@ def test_the_same_robot_gets_the_same_gains(robots, proposals):
     assert propose(robots['delta3'], Targets(), SPEED_RAD_S).gains == proposals['delta3'].gains
 
 
+@pytest.mark.long
 def test_larger_margins_and_a_larger_payload_cost_stiffness(robots, proposals):
     usual = proposals['delta3'].gains.stiffness
     assert propose(robots['delta3'], Targets(55.0, 8.0), SPEED_RAD_S).gains.stiffness < 0.6 * usual
