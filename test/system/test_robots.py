@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from delta3_pacdrive.recording import trace_file
 from robots import Deadline, read_until
