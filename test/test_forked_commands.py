@@ -65,6 +65,10 @@ def waiting(environment, tmp_path):
         'delta3 pose 0 0 -0.75 >/dev/full',
         'COLUMNS=60 delta3 pose --help',
         'delta3 check no_such_file.yaml <&-',
+        'echo "import sys; print(sys.argv, __name__); sys.exit(3)" >own.py; python own.py 1 -x; echo $?',
+        'echo "raise SystemExit(\'told\')" >own.py; python own.py; echo $?',
+        'python -c "print(1)"',
+        'python no_such_file.py 2>/dev/null || echo $?',
     ],
 )
 def test_streams_status_folder_and_environment_are_those_of_the_command_line(text, environment, tmp_path):

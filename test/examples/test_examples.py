@@ -1,5 +1,6 @@
 """Every example runs as it stands, and what it prints is so; those with a robot: ``test/system/test_examples.py``."""
 
+import os
 import re
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import delta3_pacdrive as d3
+import forked_commands
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
 LINES_MAX = 40
@@ -18,7 +20,8 @@ def run(shell):
     """Return what runs an example in a folder of its own, and gives the numbers of each line that it prints."""
 
     def numbers(name, *arguments):
-        done = shell(f'python -P {EXAMPLES / name}.py {" ".join(arguments)}')
+        forked = f'{forked_commands.folder()}{os.pathsep}{os.environ["PATH"]}'
+        done = shell(f'python {EXAMPLES / name}.py {" ".join(arguments)}', PATH=forked)
         assert done.returncode == 0, done.stderr
         found = [
             [float(text) for text in re.findall(r'[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?', line)]

@@ -1,11 +1,11 @@
-"""Forks one process for each ``delta3`` command line, from an interpreter that has everything loaded.
+"""Forks one process for each command line of ``delta3`` or script, from an interpreter that has everything loaded.
 
     python -P command_server.py SOCKET
 
-To load numba, numpy, scipy, matplotlib and the kernels takes longer than most commands. The stand-in for ``delta3``,
-``forked_delta3.py``, hands over its arguments, folder, environment and streams. What runs is the function of the
-console script, in a process of its own. A command line is not taken whose environment an interpreter reads when it
-starts, or a library when it is loaded.
+To load numba, numpy, scipy, matplotlib and the kernels takes longer than most commands. The stand-in for ``delta3`` and
+``python``, ``forked_command.py``, hands over its arguments, folder, environment and streams. What runs is the function
+of the console script, or the script, in a process of its own. A command line is not taken whose environment an
+interpreter reads when it starts, or a library when it is loaded.
 """
 
 import array
@@ -14,6 +14,7 @@ import gc
 import importlib
 import json
 import os
+import runpy
 import selectors
 import signal
 import socket
@@ -84,11 +85,28 @@ def become(request: dict, streams: list[int]) -> NoReturn:
     os.environ.update(request['environment'])
     sys.argv = paced(request['arguments'], os.environ.pop(PACE, ''))
     sys.stdin, sys.stdout, sys.stderr = stream_of(0, 'r'), stream_of(1, 'w'), stream_of(2, 'w')
-    from delta3_pacdrive.cli.main import main
-
     statuses.append(1)  # of an exception that nobody catches
-    statuses.append(main())
+    if sys.argv[0] == 'delta3':
+        from delta3_pacdrive.cli.main import main
+
+        statuses.append(main())
+    else:
+        statuses.append(status_of_script(sys.argv[1:]))
     raise SystemExit(statuses[-1])
+
+
+def status_of_script(arguments: list[str]) -> int:
+    """Run a script as an interpreter does that is given its path; return its exit status."""
+    sys.argv = arguments
+    if not sys.flags.safe_path:
+        sys.path.insert(0, str(Path(arguments[0]).resolve().parent))
+    try:
+        runpy.run_path(arguments[0], run_name='__main__')
+    except SystemExit as end:
+        if isinstance(end.code, str):
+            raise  # the interpreter prints it, and ends with 1
+        return end.code or 0
+    return 0
 
 
 def be_gone() -> None:

@@ -1,6 +1,7 @@
-"""Stands in for ``delta3``: has the command line run by a fork of ``command_server.py``, with its own streams.
+"""Stands in for ``delta3`` or ``python``: has a fork of ``command_server.py`` run the command line on its streams.
 
-    python -I -S forked_delta3.py SOCKET [ARGUMENTS]
+    python -I -S forked_command.py SOCKET delta3 [ARGUMENTS]
+    python -I -S forked_command.py SOCKET python SCRIPT [ARGUMENTS]
 
 It passes signals on, and ends as the command does. What the server does not take runs in a fresh interpreter.
 """
@@ -28,15 +29,17 @@ def are_open() -> bool:
     return True
 
 
-def run_afresh(arguments: list[str]) -> None:
+def run_afresh(name: str, arguments: list[str]) -> None:
     """Become a new interpreter that runs the command line."""
-    os.execv(sys.executable, [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', *arguments])
+    what = ['-P', '-m', 'delta3_pacdrive.cli.main'] if name == 'delta3' else []
+    os.execv(sys.executable, [sys.executable, *what, *arguments])
 
 
-def main(address: str, arguments: list[str]) -> None:
+def main(address: str, name: str, arguments: list[str]) -> None:
     """Be the command line."""
-    if not are_open():
-        run_afresh(arguments)
+    is_script = name == 'python' and arguments[:1] and os.path.isfile(arguments[0])
+    if not are_open() or not (name == 'delta3' or is_script):
+        run_afresh(name, arguments)
     answered = {number for number in PASSED_ON if signal.getsignal(number) != signal.SIG_IGN}
     running: list[int] = []
     early: list[int] = []
@@ -53,7 +56,7 @@ def main(address: str, arguments: list[str]) -> None:
     server = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     server.connect(address)
     request = {
-        'arguments': ['delta3', *arguments],
+        'arguments': [name, *arguments],
         'folder': os.getcwd(),
         'environment': dict(os.environ),
         'ignored': list(PASSED_ON - answered),
@@ -65,7 +68,7 @@ def main(address: str, arguments: list[str]) -> None:
             signal.signal(number, signal.SIG_DFL)
         for number in early:
             os.kill(os.getpid(), number)
-        run_afresh(arguments)
+        run_afresh(name, arguments)
     # whoever reads what the command prints waits for the command, and for nobody else
     nothing = os.open(os.devnull, os.O_RDWR)
     for stream in STREAMS:
@@ -80,4 +83,4 @@ def main(address: str, arguments: list[str]) -> None:
     sys.exit(status)
 
 
-main(sys.argv[1], sys.argv[2:])
+main(sys.argv[1], sys.argv[2], sys.argv[3:])
