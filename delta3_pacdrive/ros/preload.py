@@ -3,15 +3,7 @@
 import inspect
 import sys
 
-from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import (
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
-)
+from rcl_interfaces import msg, srv
 from rclpy.type_support import check_for_type_support
 from type_description_interfaces.srv import GetTypeDescription
 
@@ -19,13 +11,13 @@ from delta3_pacdrive.ros.interfaces import SERVICES, TOPICS
 
 LOGGING = 'rclpy', 'delta3_pacdrive.ros'  # packages from which a line may be logged
 OF_EVERY_NODE = (
-    ParameterEvent,
-    DescribeParameters,
-    GetParameters,
-    GetParameterTypes,
-    ListParameters,
-    SetParameters,
-    SetParametersAtomically,
+    msg.ParameterEvent,
+    srv.DescribeParameters,
+    srv.GetParameters,
+    srv.GetParameterTypes,
+    srv.ListParameters,
+    srv.SetParameters,
+    srv.SetParametersAtomically,
     GetTypeDescription,
 )
 

@@ -1,14 +1,12 @@
 """Facts about kernels: whatever a bus cycle calls was loaded before the nodes began."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from new_interpreter import printed
+
 SUPPORT = Path(__file__).parents[1] / 'support'
-LIMIT_S = 300.0
 STANDING = f"""
 import gc, sys
 sys.path.insert(0, {str(SUPPORT)!r})
@@ -44,16 +42,7 @@ print(sorted(loaded().items() - before.items()))
 
 def late(*arguments: str) -> str:
     """Return the kernels that a new process loads while its bus runs."""
-    done = subprocess.run(
-        [sys.executable, '-P', '-c', STANDING, *arguments],
-        env=os.environ,
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()[-1]
+    return printed(STANDING, *arguments)[0]
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,11 @@
 """Facts about what is loaded before nodes are forked: afterwards neither a node nor a line that it logs loads more."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 
-LIMIT_S = 120.0
+from new_interpreter import printed
+
 NODES = """
 import inspect, json, sys
 from rclpy.parameter import Parameter
@@ -35,16 +33,8 @@ rclpy.shutdown()
 @pytest.fixture(scope='module')
 def late():
     """Give the modules that four nodes load when they begin, how many files were looked for, and what was logged."""
-    done = subprocess.run(
-        [sys.executable, '-P', '-c', NODES],
-        env=os.environ,
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return *json.loads(done.stdout.splitlines()[-1]), done.stderr
+    told, logged = printed(NODES)
+    return *json.loads(told), logged
 
 
 def test_no_node_loads_the_type_support_of_its_messages(late):
