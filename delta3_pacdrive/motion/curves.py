@@ -4,8 +4,9 @@ Every curve is parametrised by its arc length and C2, where it is cut from a spl
 length: each piece is the quintic that has the curve's place, unit tangent and curvature at both of its ends.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import comb
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,8 @@ TURN_MAX_RAD = np.radians(175.0)  # sharpest corner that can be blended
 # found by trial as a fair balance of curvature and its change
 BLEND_REACH, BLEND_REACH_PER_RAD = 1.9, 0.25
 
-Curve3 = Callable[[Floats], tuple[Floats, Floats, Floats]]
+# places of a curve [m], shape (n, 3), and two derivatives by its parameter (n,)
+Curve3 = Sequence[Callable[[Floats], Floats]]
 
 
 @dataclass(frozen=True)
@@ -174,14 +176,14 @@ def spline(points: ArrayLike) -> Curve:
     u = np.concatenate([[0.0], np.cumsum(chords)])
     cubic = _cubic_spline(u, p, 'natural')
     derivatives = [cubic, cubic.derivative(1), cubic.derivative(2)]
-    return by_arc_length(lambda t: tuple(d(t) for d in derivatives), u, 'spline')
+    return by_arc_length(derivatives, u, 'spline')
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 def by_arc_length(curve: Curve3, knots: Floats, what: str) -> Curve:
-    """Parametrise a C2 curve p(t), given with two derivatives, by its arc length.
+    """Parametrise a C2 curve, p(t) and two derivatives, by its arc length.
 
     Intervals between knots are halved until every piece keeps |dp/ds| within ``UNEVEN`` of 1.
 
@@ -193,11 +195,11 @@ def by_arc_length(curve: Curve3, knots: Floats, what: str) -> Curve:
     """
     t = np.asarray(knots, dtype=np.float64)
     for _ in range(HALVINGS_MAX):
-        p, first, second = curve(t)
+        p, first, second = (derivative(t) for derivative in curve)
         speed = np.linalg.norm(first, axis=1)
         if speed.min() > 0.0:
             middle, half = 0.5 * (t[1:] + t[:-1]), 0.5 * np.diff(t)
-            inner = curve((middle[:, None] + half[:, None] * _NODES).ravel())[1]
+            inner = curve[1]((middle[:, None] + half[:, None] * _NODES).ravel())
             lengths = half * (np.linalg.norm(inner, axis=1).reshape(len(half), -1) @ _WEIGHTS)
             tangent = first / speed[:, None]
             along = (second * tangent).sum(axis=1, keepdims=True)
@@ -286,11 +288,7 @@ def rounded(start: Floats, end: Floats, legs_m: tuple[float, float], turn_rad: f
     place = coefficients[1:].reshape(3, DEGREE + 1).T  # rows of powers
     speed = _derived(place)
     derivatives = place, speed, _derived(speed)
-    return by_arc_length(
-        lambda t: tuple(_evaluated(rows, t) for rows in derivatives),  # type: ignore[arg-type, return-value]
-        np.linspace(0.0, 1.0, 3),
-        what,
-    )
+    return by_arc_length([partial(_evaluated, rows) for rows in derivatives], np.linspace(0.0, 1.0, 3), what)
 
 
 def _derived(coefficients: Floats) -> Floats:

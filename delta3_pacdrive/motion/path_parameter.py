@@ -39,6 +39,10 @@ def path_parameter(curve: Curve) -> PathParameter:
     def place(x: Floats) -> Floats:
         return np.asarray(x + (np.arcsinh((x[:, None] - centres) / widths) + origin) @ (heights * widths))
 
+    def density(x: Floats) -> Floats:
+        z = (x[:, None] - centres) / widths
+        return np.asarray(1.0 + np.sqrt(1.0 / (1.0 + z * z)) @ heights)
+
     origin = np.arcsinh(centres / widths)
     whole = float(place(np.ones(1))[0])
     u = np.linspace(0.0, 1.0, min(int(count * whole), POINTS_MAX) + 1)
@@ -46,9 +50,10 @@ def path_parameter(curve: Curve) -> PathParameter:
     guesses = np.unique(np.concatenate([np.linspace(0.0, 1.0, INVERTED), near[(near > 0.0) & (near < 1.0)]]))
     x = np.interp(u * whole, place(guesses), guesses)
     for _ in range(NEWTON):
-        x = np.clip(x - (place(x) - u * whole) / _density(x, centres, widths, heights)[0], 0.0, 1.0)
+        x = np.clip(x - (place(x) - u * whole) / density(x), 0.0, 1.0)
     x[0], x[-1] = 0.0, 1.0
-    rho, rho1, rho2 = _density(x, centres, widths, heights)
+    rho = density(x)
+    rho1, rho2 = _density_changes(x, centres, widths, heights)
     x1 = whole / rho
     x2 = -rho1 * x1**2 / rho
     x3 = -(rho2 * x1**3 + 3.0 * rho1 * x1 * x2) / rho
@@ -80,15 +85,13 @@ def _ramped(x: Floats, ramp: float) -> tuple[Floats, Floats, Floats, Floats]:
     )
 
 
-def _density(x: Floats, centres: Floats, widths: Floats, heights: Floats) -> tuple[Floats, Floats, Floats]:
-    """Density of the grid with two derivatives."""
+def _density_changes(x: Floats, centres: Floats, widths: Floats, heights: Floats) -> tuple[Floats, Floats]:
+    """Two derivatives of the density of the grid."""
     z = (x[:, None] - centres) / widths
     one = 1.0 / (1.0 + z * z)
     root = np.sqrt(one)
-    return (
-        1.0 + root @ heights,
-        (-z * root * one) @ (heights / widths),
-        ((2.0 * z * z - 1.0) * root * one * one) @ (heights / widths**2),
+    return (-z * root * one) @ (heights / widths), ((2.0 * z * z - 1.0) * root * one * one) @ (
+        heights / widths**2
     )
 
 

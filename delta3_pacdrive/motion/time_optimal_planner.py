@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_optimal
+from delta3_pacdrive.motion.barrier import Demand, in_blocks
 from delta3_pacdrive.motion.curves import Curve
 from delta3_pacdrive.motion.excess import excess, require_holdable
 from delta3_pacdrive.motion.limits import legal_coefficients, phase_voltage_max
@@ -15,7 +16,6 @@ from delta3_pacdrive.motion.move_planner import NEARLY_KEPT, MovePlanner, Stretc
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_coefficients
 from delta3_pacdrive.motion.path_parameter import PathParameter, path_parameter
-from delta3_pacdrive.motion.time_optimal import Demand
 from delta3_pacdrive.motion.time_parametrization import slowed
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -79,11 +79,12 @@ class TimeOptimalPlanner(MovePlanner):
             A motor cannot hold its arm somewhere on the path.
 
         """
-        jerk_share = np.ones(len(self._parameter.u))
+        points = len(self._parameter.u)
+        demand, jerk_share = self._demand(), np.ones(points)
         before: Floats | None = None
         best, chosen = math.inf, np.empty((0, 5))
         for _ in range(ROUNDS_MAX):
-            spline = time_optimal.fastest(self._demand(jerk_share), heat, before)
+            spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat, before)
             if not len(spline):
                 require_holdable(excess(self._standing(), self._parameters))
                 raise ProgramError('a motor cannot hold the arm somewhere on the path')
@@ -128,8 +129,15 @@ class TimeOptimalPlanner(MovePlanner):
         )
         return np.asarray((high - low) / (behind - before)[:, None])
 
-    def _demand(self, jerk_share: Floats) -> Demand:
-        """What the path asks for in shares of its limits, those of jerk and torque rate lowered to shares."""
+    def _lowered(self, demand: Demand, jerk_share: Floats) -> Demand:
+        """Return a demand of which jerk and torque rate are in shares of limits, too, each lowered to a share."""
+        jerk, rate = (
+            in_blocks(limit * jerk_share)[:, None, None] for limit in (self._limits[2], self._torque_rate)
+        )
+        return demand._replace(jerked=demand.jerked / jerk, rated=demand.rated / rate)
+
+    def _demand(self) -> Demand:
+        """What the path asks for in shares of its limits, but jerk [m/s^3] and torque rate [N m/s] as they are."""
         p, c, motor = self._parameter, self._demands, self._parameters.motor
         speed, acceleration, jerk = self._limits
         s1, s2, s3 = p.first[:, None], p.second[:, None], p.third[:, None]
@@ -167,7 +175,7 @@ class TimeOptimalPlanner(MovePlanner):
                 )
                 for beside in _beside(third, self._piece)
             ]
-            jerked = np.concatenate(rows, axis=1) / (jerk * jerk_share)[:, None, None]
+            jerked = np.concatenate(rows, axis=1)
         if math.isfinite(self._torque_rate):
             rows = []
             for beside in _beside(self._by_distance, self._piece):
@@ -176,10 +184,9 @@ class TimeOptimalPlanner(MovePlanner):
                 by_change = 0.5 * (m * s1**2 + c[:, INERTIAL] * s2)
                 rows.append(np.stack([by_y, per_y + by_change, per_change, weight * s1], axis=2))
             rated = np.concatenate(rows, axis=1)
-            rated /= (self._torque_rate * jerk_share)[:, None, None]
         change_max = CHANGE * (count - 1) + 2.0 * p.grading
         parts = (square_max, change_max, bounded, accelerated, jerked, rated)
-        return Demand(*(np.ascontiguousarray(part) for part in parts))  # of one type, whatever the limits are
+        return Demand(*(in_blocks(part) for part in parts))
 
     def _third_order_stretch(self, phases: Floats) -> Floats:
         """Factor of time that each grid point of the parameter needs to keep every limit."""

@@ -87,7 +87,7 @@ class _Parts:
         """Put the parts where they are, at most the newest ``PARTS_MAX``."""
         parts = parts[-PARTS_MAX:]
         if len(parts) > self._room:
-            self._grow(len(parts))
+            self._grow(parts)
         if self._handle is None:
             return
         for name, rows in self._rows(parts).items():
@@ -95,12 +95,12 @@ class _Parts:
                 self._last[name] = rows
                 setattr(self._handle, name, rows)
 
-    def _grow(self, count: int) -> None:
-        """Make room for more boxes."""
+    def _grow(self, parts: Sequence[PartPlace]) -> None:
+        """Make room for more boxes; a browser may lose colours that are told right behind those of a new batch."""
         self._room = max(self._room, FIRST_PARTS)
-        while self._room < count:
+        while self._room < len(parts):
             self._room *= 4
-        self._last = self._rows(())
+        self._last = self._rows(parts)
         self._handle = self._scene.add_batched_meshes_simple(
             f'{ROOT}/parts', *_CUBE, lod='off', flat_shading=True, cast_shadow=False, receive_shadow=False,
             **self._last,

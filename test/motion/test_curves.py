@@ -380,14 +380,11 @@ def test_a_spline_that_turns_back_is_refused_with_the_place():
 def test_a_cusp_between_the_points_is_refused_with_a_place():
     """The curve x = t^2, y = t^3 is a cubic spline that stands still at t = 0, whatever its knots are."""
 
-    def cusp(t):
-        zero = np.zeros_like(t)
-        return (
-            np.stack([t**2, t**3, zero], axis=1),
-            np.stack([2.0 * t, 3.0 * t**2, zero], axis=1),
-            np.stack([2.0 + zero, 6.0 * t, zero], axis=1),
-        )
-
+    cusp = (
+        lambda t: np.stack([t**2, t**3, 0.0 * t], axis=1),
+        lambda t: np.stack([2.0 * t, 3.0 * t**2, 0.0 * t], axis=1),
+        lambda t: np.stack([2.0 + 0.0 * t, 6.0 * t, 0.0 * t], axis=1),
+    )
     assert 'the path turns too sharply near (' in refusal(
         curves.by_arc_length, cusp, [-0.3, -0.1, 0.2], 'path'
     )

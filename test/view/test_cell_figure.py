@@ -89,6 +89,17 @@ def test_nothing_is_sent_of_a_cell_that_stands_and_little_of_parts_that_move():
     assert scene.told == before + 2  # the marks of the belt, and the places of all parts
 
 
+def test_new_boxes_are_told_with_the_parts_they_stand_for_and_nothing_behind_them():
+    """A browser that is busy loses the colours of a message that follows right behind the boxes."""
+    scene = Scene()
+    figure = CellFigure(scene, [])
+    for count in (3, 17):
+        before = scene.told
+        figure.place(CellInstant(tuple(part(n, (n, 0.0, 0.0)) for n in range(count))))
+        assert scene.told == before
+        assert boxes(scene)[0][:, 0].tolist() == list(range(count))
+
+
 def test_there_is_room_for_many_parts_and_the_newest_are_drawn():
     scene = Scene()
     figure = CellFigure(scene, [])
