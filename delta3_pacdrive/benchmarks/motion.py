@@ -11,6 +11,7 @@ import numpy as np
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.benchmarks.case import in_child, times_text
+from delta3_pacdrive.benchmarks.random_picks import LIMITS, random_pick
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
@@ -21,6 +22,8 @@ from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import sample_plan
 
 ROUNDS = 40
+PICKS, PICK_ROUNDS = 100, 3  # random ones, and how often each is planned
+PICKS_BY = ('jerk of the TCP limited', 'torque rate limited')
 PACKAGING = ('packaging', 'packaging_stops', 'packaging_fast')
 PLANS_PER_S = 20.0
 
@@ -31,6 +34,7 @@ def measure(seconds: float | None) -> dict[str, Any]:
     simulation.rehearse(robot)
     result: dict[str, Any] = {
         'planning_ms': _planning_times(robot),
+        'picks_ms': _pick_times(robot),
         'cycle_us': _cycle_costs(robot),
         'errors': _errors(robot),
         'packaging': _packaging(robot),
@@ -89,6 +93,20 @@ def _planning_times(robot: Any) -> dict[str, dict[str, float]]:
         spent = _timed(lambda program=program: program_planner.plan(program, START, robot))  # type: ignore[misc]
         times[name] = {key: 1e3 * value for key, value in spent.items()}
     return times
+
+
+def _pick_times(robot: Any) -> dict[str, dict[str, float]]:
+    """Percentiles of how long planning a random time-optimal pick takes, each planned several times."""
+    times: dict[str, list[float]] = {name: [] for name in PICKS_BY}
+    for number in range(PICKS):
+        program = programs.parse(random_pick(number), robot.motion)
+        start = program.start_m or START
+        spent = _timed(partial(program_planner.plan, program, start, robot), PICK_ROUNDS)
+        times[PICKS_BY[number % len(LIMITS)]].append(1e3 * spent['p50'])
+    return {
+        name: {f'p{share}': float(np.percentile(spent, share)) for share in (50, 90)} | {'max': max(spent)}
+        for name, spent in times.items()
+    }
 
 
 def _cycle_costs(robot: Any) -> dict[str, dict[str, float]]:
@@ -211,6 +229,9 @@ def show(result: dict[str, Any]) -> None:
     for name, spent in result['planning_ms'].items():
         cost = result['cycle_us'][name]['mean']
         print(f'  {name:>36}  {spent["p50"]:6.2f} ms (max {spent["max"]:.2f}), {cost:.2f} us per cycle')
+    print(f'planning of {PICKS} random picks, up, over and down, time-optimal: p50 / p90 / max')
+    for name, spent in result['picks_ms'].items():
+        print(f'  {name:>36}  {" / ".join(f"{spent[key]:.1f}" for key in ("p50", "p90", "max"))} ms')
     errors = result['errors']
     print('errors')
     print(f'  {"MoveC from the true circle":>36}  {errors["circle_m"] * 1e9:.2f} nm')

@@ -66,9 +66,13 @@ def in_blocks(values: Floats) -> Floats:
 
     The last point stands for those that the last block lacks.
     """
-    blocks = -(-len(values) // LANES)
-    filled = np.concatenate([values, np.repeat(values[-1:], blocks * LANES - len(values), axis=0)])
-    return np.ascontiguousarray(np.moveaxis(filled.reshape(blocks, LANES, *values.shape[1:]), 1, -1))
+    whole, more = divmod(len(values), LANES)
+    out = np.empty((whole + (more > 0), *values.shape[1:], LANES))
+    by_point = np.moveaxis(out, -1, 1)
+    by_point[:whole] = values[: whole * LANES].reshape(whole, LANES, *values.shape[1:])
+    if more:
+        by_point[whole, :more], by_point[whole, more:] = values[whole * LANES :], values[-1]
+    return out
 
 
 @kernel

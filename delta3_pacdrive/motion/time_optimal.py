@@ -60,34 +60,23 @@ START, START_HALVINGS = 1e4, 80  # first y that is tried [1/s^2]
 def _newton_step(gradient, band, step):
     """Fill ``step`` with the solution of the banded system, by a Cholesky factorisation in place; or say no."""
     count = gradient.shape[0]
+    # of the rows before: the first diagonal below of the last one, the second of the last two, and the solution
+    below, second, second_before, solved, solved_before = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(count):
-        if n >= 2:
-            band[0, n] -= band[2, n - 2] ** 2
-        if n >= 1:
-            band[0, n] -= band[1, n - 1] ** 2
-        if not band[0, n] > 0.0:
+        square = band[0, n] - second_before * second_before - below * below
+        if not square > 0.0:
             return False
-        band[0, n] = np.sqrt(band[0, n])
-        if n + 1 < count:
-            if n >= 1:
-                band[1, n] -= band[1, n - 1] * band[2, n - 1]
-            band[1, n] /= band[0, n]
-        if n + 2 < count:
-            band[2, n] /= band[0, n]
-    for n in range(count):
-        value = -gradient[n]
-        if n >= 1:
-            value -= band[1, n - 1] * step[n - 1]
-        if n >= 2:
-            value -= band[2, n - 2] * step[n - 2]
-        step[n] = value / band[0, n]
+        diagonal = np.sqrt(square)
+        value = -gradient[n] - below * solved - second_before * solved_before
+        below = (band[1, n] - below * second) / diagonal
+        second_before, second = second, band[2, n] / diagonal
+        solved_before, solved = solved, value / diagonal
+        band[0, n], band[1, n], band[2, n], step[n] = diagonal, below, second, solved
+    solved = solved_before = 0.0
     for n in range(count - 1, -1, -1):
-        value = step[n]
-        if n + 1 < count:
-            value -= band[1, n] * step[n + 1]
-        if n + 2 < count:
-            value -= band[2, n] * step[n + 2]
-        step[n] = value / band[0, n]
+        value = step[n] - band[1, n] * solved - band[2, n] * solved_before
+        solved_before, solved = solved, value / band[0, n]
+        step[n] = solved
     return True
 
 

@@ -1,4 +1,15 @@
-"""Planning of a time-optimal move: what its path asks for becomes the demand of the solver, its answer a master."""
+"""Planning of a time-optimal move: what its path asks for becomes the demand of the solver, its answer a master.
+
+Arguments of the kernels here:
+
+``phases``
+    Phases of a master, shape (n, 5): time [s], distance [m], speed [m/s], acceleration [m/s^2], jerk [m/s^3].
+``coefficients``, ``by_distance``
+    What the path asks of the robot where they begin, shape (n, 25) (``path_dynamics``), and the derivatives of its
+    inertial, centrifugal and weight torques by the distance, shape (n, 9).
+``out``
+    Takes the changes of torques [N m/s] at both ends of each phase, shape (n - 1, 2, 3).
+"""
 
 import math
 from collections.abc import Sequence
@@ -17,6 +28,7 @@ from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_coefficients
 from delta3_pacdrive.motion.path_parameter import PathParameter, path_parameter
 from delta3_pacdrive.motion.time_parametrization import slowed
+from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -29,6 +41,7 @@ ROUNDS_MAX = (
 SPREAD = 1  # grid points beside such a place
 CHANGE = 0.05  # largest relative change of y from one grid point to the next, but for the grading of the grid
 BESIDE_M = 1e-6  # around a point, where derivatives by the distance are taken
+M, C = INERTIAL.start, CENTRIFUGAL.start  # first columns
 SPEED_MAX = 1e9  # of the square of the parameter, where the path stands
 
 
@@ -104,15 +117,9 @@ class TimeOptimalPlanner(MovePlanner):
 
         ``phases`` are those of a master with one phase from one grid point to the next.
         """
-        t, jerk = np.diff(phases[:, 0])[:, None], phases[:-1, 4:5]
-        speed, start = phases[:, 2:3], phases[:-1, 3:4]
-        c, by_s = self._demands, self._by_distance
-        ends = []
-        for n, a in ((slice(None, -1), start), (slice(1, None), start + t * jerk)):
-            v = speed[n]
-            along = by_s[n, :3] * a + by_s[n, 3:6] * v**2 + by_s[n, 6:]
-            ends.append(v * along + c[n, INERTIAL] * jerk + 2.0 * c[n, CENTRIFUGAL] * v * a)
-        return np.stack(ends, axis=1)
+        out = np.empty((len(phases) - 1, 2, 3))
+        _torque_rates(np.ascontiguousarray(phases), self._demands, self._by_distance, out)
+        return out
 
     def _derivatives(self, carried: tuple[float, ...]) -> Floats:
         """Derivatives of inertial, centrifugal and weight torques by the distance, (n, 9), on each point's piece."""
@@ -202,6 +209,20 @@ class TimeOptimalPlanner(MovePlanner):
             stretch[1:] = np.maximum(stretch[1:], needed)
             stretch[:-1] = np.maximum(stretch[:-1], needed)
         return stretch
+
+
+@kernel
+def _torque_rates(phases, coefficients, by_distance, out):
+    """Change of each motor's torque at both ends of each phase."""
+    for n in range(out.shape[0]):
+        t, jerk, start = phases[n + 1, 0] - phases[n, 0], phases[n, 4], phases[n, 3]
+        for end in range(2):
+            v, a = phases[n + end, 2], start + t * jerk if end == 1 else start
+            for i in range(3):
+                m, c = coefficients[n + end, M + i], coefficients[n + end, C + i]
+                along = by_distance[n + end, i] * a + by_distance[n + end, 3 + i] * (v * v)
+                along += by_distance[n + end, 6 + i]
+                out[n, end, i] = v * along + m * jerk + 2.0 * c * v * a
 
 
 def _beside(values: Floats, piece: NDArray[np.int64]) -> tuple[Floats, Floats]:

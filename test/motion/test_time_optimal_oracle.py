@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from collocation import shortest_duration
+from delta3_pacdrive.benchmarks.random_picks import random_pick
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.curves import Curve
-from planned import dwell, only, plan, to
+from planned import only
 
 casadi = pytest.importorskip('casadi', reason='CasADi is not installed: there is no optimum to compare with')
 
@@ -16,21 +19,13 @@ ABOVE = 1.03  # of the optimum
 # 0.3 % (jerk) and 0.6 % (torque rate) longer with twice as many pieces.
 STEPS = 1000
 PICKS = int(os.environ.get('DELTA3_ORACLE_PICKS', '8'))  # about two seconds each
-LIMITS = ({'jerk_m_s3': 20000.0}, {'torque_rate_n_m_s': 1000.0})
 
 
 @pytest.mark.parametrize('number', range(PICKS))
 def test_random_picks_are_at_most_3_percent_slower_than_the_optimum(number, robot):
-    random = np.random.default_rng(number)
-    low, high = (-0.25, -0.25, -0.9), (0.25, 0.25, -0.8)
-    pick, place = random.uniform(low, high), random.uniform(low, high)
-    while np.linalg.norm((place - pick)[:2]) < 0.1:
-        place = random.uniform(low, high)
-    height, payload = random.uniform(0.05, 0.08), random.uniform(0.0, 2.0)
-    up = np.array([0.0, 0.0, height])
-    moves = [to(*(pick + up), blend_m=0.02), to(*(place + up), blend_m=0.02), to(*place), dwell(60.0)]
-    limits = LIMITS[number % len(LIMITS)]
-    planned = plan(robot, moves, pick, payload_kg=payload, time_optimal=True, limits=limits)
+    program = random_pick(number)
+    planned = program_planner.plan(programs.parse(program, robot.motion), program['start_m'], robot)
+    limits = program['limits']
     move = only(planned).move(0)
     best = shortest_duration(
         casadi,

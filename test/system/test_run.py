@@ -273,6 +273,7 @@ def test_the_benchmark_of_motions_measures_every_figure_it_promises(delta3: Runn
     result = json.loads(done.stdout)
     assert result['planning_ms'].keys() == result['cycle_us'].keys()
     assert all(times['p50'] > 0.0 for times in result['planning_ms'].values())
+    assert all(0.0 < times['p50'] < times['p90'] < times['max'] for times in result['picks_ms'].values())
     errors = result['errors']
     assert errors['circle_m'] < 1e-6
     assert errors['cruise_speed'] < 1e-3
