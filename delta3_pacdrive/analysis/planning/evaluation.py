@@ -112,6 +112,11 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
         torque = moving_torque(master, coefficients) + coefficients[:, WEIGHT]
         found += limiters.of_torque_rate(times, _steps(move), torque, payload, rate)
     leading = np.asarray(np.argmax([one.stretch for one in found], axis=0))
+    if move.kind not in (*STANDING, *TIMED, MoveKind.TURN):
+        heat = limiters.of_rms_current(times, planned.rms_current_a, parameters.motor.nominal_current_a)
+        if heat is not None:  # it keeps a move from being faster where nothing else does
+            leading[np.maximum.reduce([one.used for one in found]) < AT_LIMIT] = len(found)
+            found += (heat,)
     return _Part(move, times, master, samples, coefficients, dynamics, limits, found, leading)
 
 

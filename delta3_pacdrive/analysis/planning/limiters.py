@@ -1,5 +1,6 @@
 """Limits that may keep a move from being faster, with what it asks of each, sample by sample."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +12,8 @@ from delta3_pacdrive.motion.excess import compared
 from delta3_pacdrive.motion.path_dynamics import PathDynamics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+
+RMS_USED_UP = 0.99  # of the nominal current
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,20 @@ def of_torque_rate(
         value, limits = np.interp(times, even, values), np.full(times.shape, limit)
         found.append(Limiter(Quantity.TORQUE_RATE, axis + 1, np.cbrt(value / limit), value, limits, 'N m/s'))
     return tuple(found)
+
+
+def of_rms_current(
+    times: Floats, rms_current_a: tuple[float, float, float], nominal_a: float
+) -> Limiter | None:
+    """Return the rms current of the program if it uses up the nominal one, so that no move may be faster; else None."""
+    axis = int(np.argmax(rms_current_a))
+    used = rms_current_a[axis] / nominal_a
+    if used < RMS_USED_UP:
+        return None
+    stretch, value, limit = (
+        np.full(times.shape, one) for one in (math.sqrt(used), rms_current_a[axis], nominal_a)
+    )
+    return Limiter(Quantity.RMS_CURRENT, axis + 1, stretch, value, limit, 'A')
 
 
 def _bends(master: Floats, samples: Floats) -> dict[Quantity, NDArray[np.bool_]]:

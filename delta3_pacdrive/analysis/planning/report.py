@@ -57,7 +57,7 @@ def used_max(found: PlanStudy) -> dict[Quantity, float]:
     largest = dict.fromkeys(found.samples.used, 0.0)
     for row in found.rows:
         for use in row.uses:
-            largest[use.quantity] = max(largest[use.quantity], use.used)
+            largest[use.quantity] = max(largest.get(use.quantity, 0.0), use.used)
     return largest
 
 
@@ -213,7 +213,7 @@ def limited_text(row: MoveRow) -> str:
     """Say what limits a move, and in which share of its time that is so."""
     use = row.limited_by
     what = use.quantity.value if use.axis is None else f'{use.quantity.value} {use.axis}'
-    if use.quantity in (Quantity.TIME, Quantity.RMS_CURRENT, Quantity.ROTARY):
+    if use.time_share == 1.0 and use.quantity in (Quantity.TIME, Quantity.RMS_CURRENT, Quantity.ROTARY):
         return what
     others = [
         f'{other.quantity.value}{"" if other.axis is None else f" {other.axis}"} {100.0 * other.time_share:.0f} %'

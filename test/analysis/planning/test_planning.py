@@ -286,3 +286,23 @@ def test_a_recording_does_not_tell_limits_that_differ_along_a_move(robot):
     corner = {'to_m': [0.0, 0.0, -0.8], 'acceleration_m_s2': 4.0, 'blend_m': 0.02}
     moves = [{'move_l': corner}, {'move_l': {'to_m': [0.0, 0.2, -0.8], 'acceleration_m_s2': 12.0}}]
     assert recorded_move.of_recorded_move(planned(moves, robot).plan.move(0), robot) is None
+
+
+def test_where_a_time_optimal_program_is_at_no_other_limit_its_rms_current_keeps_it_from_being_faster(robot):
+    found = evaluation.of_program(program_file.load('packaging_fast', robot.motion), robot)
+    assert max(found.planned.rms_current_a) == pytest.approx(robot.motor.nominal_current_a, rel=5e-3)
+    heat = found.samples.leading == evaluation.QUANTITIES.index(Quantity.RMS_CURRENT)
+    assert 0.1 < heat.mean() < 0.9
+    used = np.maximum.reduce(list(found.samples.used.values()))
+    assert used[heat].max() < evaluation.AT_LIMIT
+    arch = found.rows[1]
+    shares = {use.quantity: use.time_share for use in arch.uses}
+    assert shares[Quantity.RMS_CURRENT] > 0.1
+    assert sum(use.time_share for use in arch.uses) == pytest.approx(1.0)
+    assert 'rms current 1 ' in report.limited_text(arch)
+    assert found.rows[0].limited_by.quantity == Quantity.TIME  # a dwell
+    assert all(
+        use.quantity != Quantity.RMS_CURRENT
+        for row in evaluation.of_program(program_file.load('packaging', robot.motion), robot).rows
+        for use in row.uses
+    )
