@@ -48,7 +48,7 @@ def load_kernels(parameters: Parameters) -> None:
     _stand(parameters)
 
 
-KERNELS = 169  # that a plain robot needs
+KERNELS = 177  # that a plain robot needs
 Show = Callable[[int, int], None]
 
 
@@ -251,7 +251,7 @@ def _rehearsal(parameters: Parameters) -> Program:
             MoveL(up, limits=limits, blend_m=0.004),
             MoveL(along, limits=limits),
             MoveC(along, up, limits=limits),
-            MoveL(along, limits=limits, time_optimal=True),
+            MoveL(along, limits=limits, time_optimal=True, torque_rate_n_m_s=1000.0),
             Dwell(0.01),
         ),
     )
