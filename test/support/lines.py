@@ -1,4 +1,4 @@
-"""Lines for tests: short ones, and a bound of what any allocation could pick."""
+"""Lines for tests: short ones, a bound of what any allocation could pick, and what can be picked knowing all parts."""
 
 import math
 from copy import deepcopy
@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 from delta3_pacdrive.analysis.line import parts, shift, specification
 from delta3_pacdrive.analysis.line.cycle_times import CycleTable, Station
 from delta3_pacdrive.analysis.line.design import Line
+from delta3_pacdrive.numerics.types import Floats
 
 ROBOT = {'belt': 'infeed', 'middle_mm': [0, 100, -870], 'window_mm': [-250, 300], 'place_mm': [0, -200, -830]}
 STEP_M = 1.2
 SLOT_S = 0.0005  # of the bound
 ROUNDS = 300  # in which its prices are found
 STEP, SLOWER = 0.05, 20.0  # by which they change at first, and rounds after which it is half of that
+WAITS_S = (0.0, 0.03, 0.1)  # of robots that could begin: a part that is nearer then may take less time
+SAME_S = 2e-4  # robots that are free so much earlier are not looked at
+KEPT = 2000  # of the best beginnings of an allocation
 
 
 def document(robots: int = 2, **belt: Any) -> dict[str, Any]:
@@ -76,6 +80,62 @@ def most_that_can_be_picked(line: Line, tables: list[list[CycleTable]], until_s:
             break
         prices = np.maximum(prices + STEP / (1.0 + number / SLOWER) * surplus, 0.0)
     return bound
+
+
+def picked_knowing_all(line: Line, tables: list[list[CycleTable]], until_s: float) -> int:
+    """Return how many of the parts that come until some time two robots can pick that know all of them before.
+
+    Part by part, in the order of the belt, it goes to one of the robots, or to none. Of beginnings with as many picks
+    the ones are kept in which no other has both robots free earlier. To set a part aside and to take it after the next
+    ones brought nothing in nine shifts.
+    """
+    belt = line.belts[0]
+    coming = parts.of_belt(line, belt)
+    reach = shift.reach_of(belt, coming, tables)
+    count = int(np.searchsorted(coming.enters_s, until_s))
+    mean_s = float(reach.cycle_s.mean())
+    free_s, picks = np.zeros((1, 2)), np.zeros(1, np.int64)
+    for part in range(count):
+        all_free, all_picks = [free_s], [picks]
+        for robot in range(2):
+            for wait_s in WAITS_S:
+                start = np.maximum(free_s[:, robot], reach.earliest_s[robot, part]) + wait_s
+                can = start <= reach.latest_s[robot, part]
+                after = free_s[can]
+                cycle = reach.cycle_at(robot, np.int64(part), start[can])
+                after[:, robot] = start[can] + cycle
+                all_free.append(after)
+                all_picks.append(picks[can] + 1)
+        free_s, picks = np.concatenate(all_free), np.concatenate(all_picks)
+        if part + 1 < count:  # who is free before the next part comes may as well be free then
+            free_s = np.maximum(free_s, reach.earliest_s[:, part + 1])
+        kept = _foremost(free_s, picks)
+        if len(kept) > KEPT:
+            promise = picks[kept] - free_s[kept].sum(axis=1) / mean_s
+            kept = kept[np.argsort(-promise, kind='stable')[:KEPT]]
+        free_s, picks = free_s[kept], picks[kept]
+    return int(picks.max())
+
+
+def _foremost(free_s: Floats, picks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return which beginnings no other one surpasses that has as many picks, or more, and both robots free earlier."""
+    kept: list[NDArray[np.int64]] = []
+    firsts, seconds = (
+        np.empty(0),
+        np.empty(0),
+    )  # when the second robot is free at the earliest, by the first one
+    for number in np.unique(picks)[::-1]:
+        which = np.flatnonzero(picks == number)
+        which = which[np.lexsort((free_s[which, 1], free_s[which, 0]))]
+        first, second = free_s[which].T
+        before = np.append(math.inf, np.minimum.accumulate(second)[:-1])
+        place = np.searchsorted(firsts, first, side='right')
+        better = second < np.minimum(before, np.append(math.inf, seconds)[place]) - SAME_S
+        kept.append(which[better])
+        firsts, seconds = np.append(firsts, first[better]), np.append(seconds, second[better])
+        order = np.argsort(firsts, kind='stable')
+        firsts, seconds = firsts[order], np.minimum.accumulate(seconds[order])
+    return np.concatenate(kept)
 
 
 def _chances(
