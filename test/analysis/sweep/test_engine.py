@@ -216,3 +216,13 @@ def test_values_in_the_table_are_numbers_and_all_else_is_json():
         'a': 1.0, 'b': 'true', 'c': '"cubic"', 'd': '[1, 2]',
     }  # fmt: skip
     assert json.loads(engine.told({'a': {'fault': 'drop_at'}})['a']) == {'fault': 'drop_at'}
+
+
+def test_what_a_worker_notes_of_its_batches_does_not_grow():
+    with engine.cluster(1, '') as client:
+        for number in range(100):
+            assert client.submit(abs, -number, pure=False).result() == number
+        (noted,) = client.run(lambda dask_worker: len(dask_worker.state.stimulus_log)).values()
+        told = client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.transition_log))
+    assert 0 < noted <= 10
+    assert 0 < told <= 10
