@@ -31,10 +31,18 @@ class MemberState(IntEnum):
     AWAY = 3  # its bus has fallen, or it is no more: nobody waits for it
 
 
+def size_of(members: int) -> int:
+    """Return the size of a clock of some robots [bytes]."""
+    return ITEM_BYTES * (1 + members * MEMBER_ITEMS)
+
+
 def create(members: int) -> str:
-    """Return the path of a new clock for some robots, which is there as long as this process is."""
+    """Return the path of a new clock for some robots, which is there as long as this process is.
+
+    Any file of zeros of that size is one, too.
+    """
     descriptor = os.memfd_create('bus clock')
-    os.ftruncate(descriptor, ITEM_BYTES * (1 + members * MEMBER_ITEMS))
+    os.ftruncate(descriptor, size_of(members))
     return f'/proc/{os.getpid()}/fd/{descriptor}'
 
 
@@ -51,7 +59,7 @@ class SharedClock:
     Raises
     ------
     RunError
-        There is no such clock, or it has no place of that number.
+        There is no such clock, what lies there is none, or it has no place of that number.
 
     """
 
@@ -62,11 +70,15 @@ class SharedClock:
             memory = mmap.mmap(self._file, size)
         except (OSError, ValueError) as error:
             raise RunError(f'cannot share the bus clock {path}: {error}') from None
+        members = (size - ITEM_BYTES) // (ITEM_BYTES * MEMBER_ITEMS)
+        if members < 1 or size != size_of(members):
+            raise RunError(f'{path} is no bus clock: it has {size} bytes, one of N robots 8 + 32 N')
         self._items = memoryview(memory).cast('q')
-        members = (len(self._items) - 1) // MEMBER_ITEMS
+        self._places = range(1, len(self._items), MEMBER_ITEMS)
+        if not {self._items[place + STATE] for place in self._places} <= set(MemberState):
+            raise RunError(f'{path} is no bus clock: something else stands in it')
         if not 0 <= member < members:
             raise RunError(f'clock_member is {member}, but the bus clock {path} has {members} members')
-        self._places = range(1, len(self._items), MEMBER_ITEMS)
         self._own = self._places[member]
         self._others = [place for place in self._places if place != self._own]
 

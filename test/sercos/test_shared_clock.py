@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -47,6 +48,30 @@ def test_nobody_begins_before_all_are_ready_and_then_all_do_with_the_same_cycle_
         assert one.begin(0, asked_s) == pytest.approx(max(due_s - asked_s, 0.0), abs=1e-9)
         assert not one.may_start(0, 0, due_s - 1e-6)
     assert all(one.may_start(0, 0, due_s + 1e-6) for one in (first, second, third))
+
+
+def test_a_file_of_zeros_is_a_clock_of_as_many_members_as_it_has_room_for(tmp_path: Path) -> None:
+    path = tmp_path / 'clock'
+    path.write_bytes(bytes(8 + 32 * 2))
+    one, other = SharedClock(str(path), 0), SharedClock(str(path), 1)
+    assert [one.ready(NOW_S), other.ready(NOW_S), one.ready(NOW_S)] == [False, True, True]
+
+
+@pytest.mark.parametrize(
+    ('content', 'sentence'),
+    [
+        (bytes(73), r'it has 73 bytes, one of N robots 8 \+ 32 N'),
+        (bytes(8), r'it has 8 bytes, one of N robots 8 \+ 32 N'),
+        (b'moves: [] ' * 4, 'something else stands in it'),
+    ],
+    ids=['an odd size', 'of no robot', 'a program'],
+)
+def test_another_file_is_no_clock_and_stays_as_it_is(tmp_path: Path, content: bytes, sentence: str) -> None:
+    path = tmp_path / 'clock'
+    path.write_bytes(content)
+    with pytest.raises(RunError, match=f'clock is no bus clock: {sentence}'):
+        SharedClock(str(path), 0)
+    assert path.read_bytes() == content
 
 
 def test_who_has_left_before_the_begin_is_not_waited_for() -> None:

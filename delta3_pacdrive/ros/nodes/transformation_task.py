@@ -52,7 +52,7 @@ SCRIPT = descriptor(
     'bus cycle on whose answers a script begins; without a clock the bus waits for it', -1, 2**53, int
 )
 SHARED_CLOCK = descriptor(
-    'bus clock by which other robots go as well, as "delta3 up --shared-clock" makes it; empty: an own one',
+    'file of the bus clock by which other robots go as well; empty: a clock of its own',
     0,
     0,
     str,
