@@ -120,10 +120,7 @@ def picked_knowing_all(line: Line, tables: list[list[CycleTable]], until_s: floa
 def _foremost(free_s: Floats, picks: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return which beginnings no other one surpasses that has as many picks, or more, and both robots free earlier."""
     kept: list[NDArray[np.int64]] = []
-    firsts, seconds = (
-        np.empty(0),
-        np.empty(0),
-    )  # when the second robot is free at the earliest, by the first one
+    firsts, seconds = np.empty(0), np.empty(0)  # when both are free: the second at the earliest
     for number in np.unique(picks)[::-1]:
         which = np.flatnonzero(picks == number)
         which = which[np.lexsort((free_s[which, 1], free_s[which, 0]))]
