@@ -72,7 +72,10 @@ class SharedClock:
             raise RunError(f'cannot share the bus clock {path}: {error}') from None
         members = (size - ITEM_BYTES) // (ITEM_BYTES * MEMBER_ITEMS)
         if members < 1 or size != size_of(members):
-            raise RunError(f'{path} is no bus clock: it has {size} bytes, one of N robots 8 + 32 N')
+            each = ITEM_BYTES * MEMBER_ITEMS
+            raise RunError(
+                f'{path} is no bus clock: it has {size} bytes, one of N robots {ITEM_BYTES} + {each} N'
+            )
         self._items = memoryview(memory).cast('q')
         self._places = range(1, len(self._items), MEMBER_ITEMS)
         if not {self._items[place + STATE] for place in self._places} <= set(MemberState):

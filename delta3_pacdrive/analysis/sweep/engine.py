@@ -36,9 +36,7 @@ QUIET = {
     'distributed.worker.daemon': True,
     'distributed.admin.tick.limit': '1h',
     'distributed.scheduler.allowed-failures': 10,
-    # what scheduler and workers note of each batch, for whoever looks for faults in them
-    'distributed.admin.log-length': 10,
-    'distributed.admin.low-level-log-length': 10,
+    'distributed.admin.low-level-log-length': 10,  # notes of each batch, for whoever looks for faults in dask
     'logging': {'distributed': 'error'},
 }
 Values = Mapping[str, Any]

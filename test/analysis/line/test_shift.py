@@ -1,10 +1,12 @@
 """Facts about shifts: nobody is in two places, parts are picked in reach, and what is missed has its reason."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import pages
 from delta3_pacdrive.analysis.line import parts, shift
 from delta3_pacdrive.analysis.line.design import Rule
 from delta3_pacdrive.analysis.line.shift import Miss
@@ -24,6 +26,13 @@ def tables():
 
 def line_with(rule, rate_per_min, **more):
     return replace(line_of(2, rate_per_min=rate_per_min), rule=rule, **more)
+
+
+def picks_of(line, tables):
+    """Return how many of the parts of the first while are picked, and how many come."""
+    found = shift_of(line, tables)
+    coming = found.parts.enters_s < UNTIL_S
+    return int((found.robot[coming] >= 0).sum()), int(coming.sum())
 
 
 @pytest.fixture(scope='module', params=list(Rule))
@@ -99,14 +108,42 @@ def test_who_takes_the_nearest_part_is_away_for_less_time_than_who_takes_the_fir
 def test_the_best_assignment_is_near_what_can_be_picked_knowing_all_parts_before(rate, tables):
     line = line_with(Rule.OPTIMAL, rate)
     most, reached = most_that_can_be_picked(line, tables, UNTIL_S), picked_knowing_all(line, tables, UNTIL_S)
-    picked = {}
-    for rule in Rule:
-        found = shift_of(replace(line, rule=rule), tables)
-        coming = found.parts.enters_s < UNTIL_S
-        picked[rule] = int((found.robot[coming] >= 0).sum())
-    assert max(reached, *picked.values()) <= most + 1e-6
-    assert reached >= most - WITHIN * coming.sum()
-    assert picked[Rule.OPTIMAL] >= reached - WITHIN * coming.sum()
+    picked = {rule: picks_of(line_with(rule, rate), tables) for rule in Rule}
+    own, coming = picked[Rule.OPTIMAL]
+    assert max(reached, *(picks for picks, _ in picked.values())) <= most + 1e-6
+    assert reached >= most - WITHIN * coming
+    assert own >= reached - WITHIN * coming
+
+
+@pytest.mark.long
+def test_the_page_of_figures_tells_what_the_rules_pick(tables):
+    page = (pages.SOURCE / 'docs' / 'measured.md').read_text(encoding='utf-8')
+    head, *rows = re.findall(r'^\| parts a minute .*$|^\| \d{3} \| .*% \|$', page, re.M)
+    names = re.findall(r'`([^`]*)`', head)
+    assert len(rows) == 5
+    for row in rows:
+        rate, *told = (float(one) for one in re.findall(r'[\d.]+', row))
+        line = line_with(Rule.OPTIMAL, rate)
+        most, reached = (
+            look(line, tables, UNTIL_S) for look in (most_that_can_be_picked, picked_knowing_all)
+        )
+        picked, coming = zip(*(picks_of(line_with(Rule(name), rate), tables) for name in names), strict=True)
+        found = [100.0 * (most - one) / coming[0] for one in (reached, *picked)]
+        assert told == pytest.approx(found, abs=0.051), row
+
+
+@pytest.mark.long
+def test_48_shifts_are_as_near_to_the_search_as_the_page_of_figures_says(tables):
+    below = []
+    for rate in (200.0, 205.0, 210.0, 215.0, 230.0, 260.0):
+        for seed in range(1, 9):
+            line = replace(line_with(Rule.OPTIMAL, rate), seed=seed)
+            reached = picked_knowing_all(line, tables, UNTIL_S)
+            own, coming = picks_of(line, tables)
+            other, _ = picks_of(replace(line, rule=Rule.BALANCED), tables)
+            below.append([100.0 * (reached - one) / coming for one in (own, other)])
+    told = np.array([[0.3, 0.5], [0.8, 1.6]])
+    assert np.array([np.mean(below, axis=0), np.max(below, axis=0)]) == pytest.approx(told, abs=0.051)
 
 
 def test_a_part_for_which_no_window_has_time_is_out_of_reach():
