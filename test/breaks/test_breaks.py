@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+import re
 import shlex
 import sys
 from pathlib import Path
@@ -52,6 +53,10 @@ def test_every_break_names_tests_that_there_are_and_tells_why_it_is_one(breaks):
         assert files, one.id
         assert all((ROOT / file).is_file() for file in files), f'{one.id}: {one.tests}'
         assert len(files) == 1 or ' -k ' not in one.tests, f'{one.id}: -k would choose in all of its files'
+        if chosen := re.search(r' -k (\w+|"[^"]*")', one.tests):
+            words = set(re.findall(r'\w+', chosen[1])) - {'and', 'or', 'not'}
+            source = (ROOT / files[0]).read_text(encoding='utf-8')
+            assert any(word in source for word in words), f'{one.id}: -k chooses no test: {one.tests}'
         assert one.why.endswith('.'), one.id
         assert not one.equivalent or len(one.equivalent) > 40, f'{one.id}: a reason is a sentence'
 

@@ -13,7 +13,8 @@ from delta3_pacdrive.analysis.line.shift import Miss
 from lines import line_of, most_that_can_be_picked, picked_knowing_all, shift_of, tables_of
 
 UNTIL_S = 150.0  # of the shift, for the bound
-WITHIN = 0.01  # of the parts that come
+WITHIN = 0.01  # of the parts that come, between search and bound
+BELOW = 0.008  # of them, that the best rule is below the search at most (docs/measured.md)
 LAST = 6  # parts that the second robot does not get to any more when the shift ends
 CROWDED, EASY = 260.0, 120.0
 
@@ -112,7 +113,7 @@ def test_the_best_assignment_is_near_what_can_be_picked_knowing_all_parts_before
     own, coming = picked[Rule.OPTIMAL]
     assert max(reached, *(picks for picks, _ in picked.values())) <= most + 1e-6
     assert reached >= most - WITHIN * coming
-    assert own >= reached - WITHIN * coming
+    assert own >= reached - BELOW * coming
 
 
 @pytest.mark.long
