@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from thoroughness import EVERYTHING, examples
+
 # Shells start what runs in the background without Ctrl-C, and nohup without SIGHUP; the programs that are tested would
 # ignore them, too.
 for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
@@ -22,9 +24,6 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 # As the commands do: to look for garbage more often takes up to a tenth of the time of a test.
 gc.set_threshold(50_000, 10, 10)
-
-# Facts that others tell in less time, for one robot or program less: looked at before a release (CONTRIBUTING.md).
-EVERYTHING = os.environ.get('DELTA3_LONG', '0') != '0'
 
 # Where failures are noted: by this process, not by workers, nor by a pytest that a test starts.
 NOTED = os.environ.pop('DELTA3_TEST_FAILED', '')
@@ -67,7 +66,7 @@ def pytest_runtest_logreport(report):
             failed.write(f'{report.nodeid}\n')
 
 
-settings.register_profile('facts', derandomize=True, database=None, deadline=None, max_examples=100)
+settings.register_profile('facts', derandomize=True, database=None, deadline=None, max_examples=examples(100))
 settings.load_profile('facts')
 
 

@@ -17,6 +17,7 @@ from delta3_pacdrive import interrupts
 from delta3_pacdrive.cli.output import guarded
 from delta3_pacdrive.errors import RunInterruptedError
 from delta3_pacdrive.recording import trace_file
+from thoroughness import some
 
 COMMAND = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
 MOMENTS = int(os.environ.get('DELTA3_MOMENTS', '2'))  # and one more, of each command
@@ -45,6 +46,14 @@ OFFLINE = {
     'ripple': ['ripple', '{program}', '--cycle-time', '1'],
     'sweep': ['sweep', '{sweep}', '--workers', '1'],
 }
+IN_EACH_RUN = (
+    'simulate',
+    'plot',
+    'completion',
+    'experiment',
+    'estimate',
+    'sweep',
+)  # of those, each in its own way
 PROGRAM = """
 start_m: [0.0, 0.0, -0.75]
 limits: {speed_m_s: 2.5, acceleration_m_s2: 30.0, jerk_m_s3: 4000.0}
@@ -154,7 +163,7 @@ def assert_one_sentence(errors, expected):
     assert expected in lines[0]
 
 
-@pytest.mark.parametrize('name', OFFLINE)
+@pytest.mark.parametrize('name', some(OFFLINE, IN_EACH_RUN))
 def test_ctrl_c_at_any_moment_ends_an_offline_command_with_one_sentence(name, files, tmp_path):
     arguments = [text.format(**files) for text in OFFLINE[name]]
     reach_s, interrupted = REACH_S, 0

@@ -108,7 +108,7 @@ def test_what_fails_is_noted_once_so_that_it_can_be_tried_again(workers, tmp_pat
     done = subprocess.run(
         command,
         cwd=tmp_path,
-        env=os.environ | {'DELTA3_TEST_FAILED': str(noted)},
+        env=os.environ | {'DELTA3_TEST_FAILED': str(noted), 'PYTHONPATH': str(TEST / 'support')},
         capture_output=True,
         text=True,
         check=False,

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from delta3_pacdrive.benchmarks import graph
+from delta3_pacdrive.benchmarks import graph, simulation
 from delta3_pacdrive.benchmarks.case import in_child
 from delta3_pacdrive.bringup import scheduling
 from delta3_pacdrive.cli import bench
@@ -21,7 +21,8 @@ def run(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
-def test_array_kinematics_come_back_to_where_they_began(capsys):
+def test_array_kinematics_come_back_to_where_they_began(capsys, monkeypatch):
+    monkeypatch.setattr(simulation, 'POSES', 10_000)
     result = run(capsys, 'kinematics')
     assert result['round_trip_max_m'] < 2e-15
     assert set(result['poses_per_s']) == {'inverse', 'forward', 'jacobian', 'singularity', 'capability'}

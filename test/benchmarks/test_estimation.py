@@ -9,6 +9,7 @@ SEEDS = 2
 MOTOR = {'R', 'L', 'K_m', 'F_v', 'F_s', 'I_m'}
 
 
+@pytest.mark.long
 def test_each_seed_counts_once_for_each_quantity_of_a_nominal_robot():
     seen = []
     found = estimation.nominal(SEEDS, lambda stage, number, count: seen.append((stage, number, count)))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import ProgramError
 from programs_read import refusal
+from thoroughness import examples
 
 
 @pytest.mark.parametrize(
@@ -80,7 +81,7 @@ JSON_DOCUMENTS = st.recursive(
 )
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(JSON_DOCUMENTS)
 def test_every_json_document_is_read_as_what_it_is(document):
     text = json.dumps(document, ensure_ascii=False)

@@ -20,6 +20,7 @@ from delta3_pacdrive.errors import Code, FaultCode, Reason, RefusedError
 from delta3_pacdrive.motion.belt_synchronization import TrackLimits, TrackWindow
 from delta3_pacdrive.sercos.bus_time import NEVER
 from script_bus import ServedNode
+from thoroughness import some
 
 SLOW = [speed_of(0.4)]
 IN_TRAY_M = (0.0, -0.2, -0.85)
@@ -218,7 +219,7 @@ def test_a_plan_that_gets_on_a_belt_without_an_order_is_held(node, called, robot
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
 
 
-@pytest.mark.parametrize('left_cycles', [75, 50, 45, 42, 38, 30, 26, 22])
+@pytest.mark.parametrize('left_cycles', some([75, 50, 45, 42, 38, 30, 26, 22], [75, 42, 22]))
 def test_a_script_gives_up_in_the_moment_in_which_the_belt_is_lost(robot, left_cycles):
     there = around(SLOW, 3)
 

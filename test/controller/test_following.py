@@ -12,6 +12,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.following import TRANSITIONS, FollowEvent, Following, FollowState
 from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX
 from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
+from thoroughness import examples
 
 ALONG = 'move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.3%s}'
 UP = 'move_l: {to_m: [0.1, 0.06, -0.74], speed_m_s: 0.3}'
@@ -233,7 +234,7 @@ def test_a_refusal_leaves_the_program_that_runs_as_it_is(driver: Driver) -> None
 
 
 def test_a_long_stream_of_rounded_moves_goes_on_and_the_plan_stays_short(driver: Driver) -> None:
-    points = [(0.03 * np.cos(0.6 * n), 0.03 * np.sin(0.6 * n)) for n in range(130)]
+    points = [(0.03 * np.cos(0.6 * n), 0.03 * np.sin(0.6 * n)) for n in range(examples(130))]
     for x, y in points:
         driver.ask(f'move_l: {{to_m: [{x:g}, {y:g}, -0.76], blend_m: 0.004, speed_m_s: 0.3}}')
     assert len(driver.rig.task.timeline.plan) <= 3

@@ -14,6 +14,7 @@ from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import JointPoint, Joints, Program
 from delta3_pacdrive.motion.resume import resume, way_back
+from thoroughness import examples
 
 GEAR, CYCLE_S = 32.0, 1e-3
 INCREMENT_RAD = math.tau / 2**19
@@ -21,7 +22,7 @@ HALF = 0.5 * INCREMENT_RAD * (1.0 + 1e-6)
 HOME = (0.0, 0.0, -0.75)
 STILL = (0.0, 0.0, 0.0)
 BEGIN = 10
-RANDOM = 1000
+RANDOM = examples(1000)
 
 
 @pytest.fixture(scope='module')

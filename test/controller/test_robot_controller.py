@@ -18,6 +18,7 @@ from delta3_pacdrive.sercos.participants import Announcement, Occasion
 from delta3_pacdrive.sercos.shared_clock import SharedClock, create
 from delta3_pacdrive.sercos.watchdog import ANSWER_SILENT_S, BUS_SILENT_S
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, Phase, Status
+from thoroughness import examples
 
 ROBOT = parameters.load()
 OURS = Identity.of(ROBOT)
@@ -336,7 +337,7 @@ def happen(cell: Cell, event: tuple[str, Any]) -> None:
         cell.come_up()
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.lists(EVENTS, max_size=40))
 def test_whatever_happens_bus_time_never_goes_back_and_a_fault_stays(events: list[tuple[str, Any]]) -> None:
     cell = Cell().come_up()

@@ -5,6 +5,7 @@ import pytest
 import pages
 
 
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize('page', pages.LONG, ids=lambda page: page.name)
 def test_every_block_of_a_long_page_runs_as_it_stands(page, tmp_path):

@@ -19,6 +19,7 @@ from delta3_pacdrive.sercos.slave import State
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.sercos.watchdog import BUS_SILENT_S, MASTER_SILENT_S
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_OFF, Phase
+from thoroughness import examples
 
 ROBOT = parameters.load()
 PER_CYCLE = round(ROBOT.bus.cycle_time_s / ROBOT.bus.exchange_period_s)
@@ -187,7 +188,7 @@ EVENTS = st.one_of(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.lists(EVENTS, max_size=50))
 def test_whatever_happens_it_is_cyclic_as_long_as_bus_time_goes_on(events: list[tuple[Any, ...]]) -> None:
     rig = Rig()

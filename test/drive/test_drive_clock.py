@@ -13,6 +13,7 @@ from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.sercos.service_channel import Answer
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_OFF
+from thoroughness import examples
 
 ROBOT = parameters.load()
 PER_CYCLE = round(ROBOT.bus.cycle_time_s / ROBOT.bus.exchange_period_s)
@@ -175,7 +176,7 @@ EVENTS = st.one_of(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.lists(EVENTS, max_size=60))
 def test_whatever_comes_when_cycles_and_exchanges_follow_one_another(events: list[tuple[str, int]]) -> None:
     rig = Rig()

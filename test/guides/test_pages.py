@@ -3,11 +3,18 @@
 import pytest
 
 import pages
+from thoroughness import some
 
 WITH_ROBOT = [page for page in pages.PAGES if pages.needs_robot(page)]
+IN_EACH_RUN = [
+    pages.FIRST,
+    pages.SOURCE / 'docs/traces.md',
+]  # the commands of all others are read (test/docs)
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('page', WITH_ROBOT, ids=lambda page: str(page.relative_to(pages.SOURCE)))
+@pytest.mark.parametrize(
+    'page', some(WITH_ROBOT, IN_EACH_RUN), ids=lambda page: str(page.relative_to(pages.SOURCE))
+)
 def test_every_block_of_the_page_runs_as_it_stands(page, tmp_path, nothing_left_behind):
     pages.run_page(page, tmp_path)

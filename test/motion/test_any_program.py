@@ -14,6 +14,7 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.move import OUTPUTS, Move, MoveKind
 from delta3_pacdrive.motion.plan import sample_plan
 from programs_read import checked, parse
+from thoroughness import examples
 
 HOME = (0.0, 0.0, -0.75)
 KEYS = st.sampled_from(
@@ -105,7 +106,7 @@ ANY_PROGRAM = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.one_of(ANY_PROGRAM, VALUES))
 def test_whatever_a_document_holds_it_is_a_program_or_refused_with_one_sentence(robot, document):
     try:
@@ -117,7 +118,7 @@ def test_whatever_a_document_holds_it_is_a_program_or_refused_with_one_sentence(
         assert 1 <= program.repeat <= programs.REPEAT_MAX
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.text(alphabet='moves:{}[]-, \n\tl_&*!#|>\'"0123.e\x00\x85\ud800', max_size=60))
 @example('moves: &a [*a]')
 @example('moves: [{move_l: {to_m: [0, 0, .nan]}}]')
@@ -170,7 +171,7 @@ SOME_PROGRAM = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(SOME_PROGRAM)
 def test_whatever_is_read_is_planned_within_the_workspace_or_refused_with_one_sentence(robot, document):
     try:

@@ -12,6 +12,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.curves import ARC_RADIUS_MAX_M, SPLINE_POINTS_MAX, TURN_MAX_RAD, Curve
 from delta3_pacdrive.motion.path import SEGMENT_COLUMNS, path_at, sample_path
+from thoroughness import examples
 
 EXACT = 1e-12
 ON_CIRCLE_M = 1e-6
@@ -193,7 +194,7 @@ def any_arc(a, c, b):
     return curves.arc(a, c, b)
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(points, points, points)
 def test_an_arc_lies_on_the_circle_through_its_three_points(a, c, b):
     curve = any_arc(a, c, b)
@@ -203,7 +204,7 @@ def test_an_arc_lies_on_the_circle_through_its_three_points(a, c, b):
     assert np.abs(p @ normal).max() < ON_CIRCLE_M
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(points, points, points)
 def test_an_arc_goes_from_its_start_through_the_circle_point_to_its_end_once(a, c, b):
     curve = any_arc(a, c, b)
@@ -225,7 +226,7 @@ def test_an_arc_goes_from_its_start_through_the_circle_point_to_its_end_once(a, 
     assert where == pytest.approx(2.0 * inscribed * radius, abs=1e-4 * radius)
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(points, points, points)
 def test_an_arc_is_even_and_bends_as_its_circle_does(a, c, b):
     curve = any_arc(a, c, b)
@@ -304,7 +305,7 @@ def spline_or_refusal(p):
         assume(False)
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(corner_points(turn_max=3.0))
 def test_a_spline_goes_through_all_its_points_in_their_order(p):
     curve = spline_or_refusal(p)
@@ -318,7 +319,7 @@ def test_a_spline_goes_through_all_its_points_in_their_order(p):
     assert order == sorted(set(order))
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(corner_points(turn_max=3.0))
 def test_a_spline_is_even_and_c2(p):
     curve = spline_or_refusal(p)
@@ -326,7 +327,7 @@ def test_a_spline_is_even_and_c2(p):
     require_c2(curve)
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(corner_points(turn_max=3.0))
 def test_the_length_of_a_spline_is_that_of_its_polygon_with_many_corners(p):
     curve = spline_or_refusal(p)
@@ -335,7 +336,7 @@ def test_the_length_of_a_spline_is_that_of_its_polygon_with_many_corners(p):
     assert np.linalg.norm(np.diff(polygon, axis=0), axis=1).sum() == pytest.approx(curve.length_m, rel=EVEN)
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(corner_points(turn_max=1.0))
 def test_a_spline_is_the_natural_cubic_spline_over_the_chords(p):
     """Its pieces have place, tangent and curvature of that spline at both ends, and come close to it between."""
@@ -431,7 +432,7 @@ def require_blend(before, after, radius):
     return curve
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.floats(0.0, TURN_MAX_RAD - 1e-6), st.floats(1e-4, 0.3))
 def test_a_blend_of_two_lines_is_c2_and_stays_within_its_radius_of_the_corner(turn, radius):
     curve = require_blend(*corner(turn), radius)
@@ -444,7 +445,7 @@ def test_a_blend_of_two_lines_is_c2_and_stays_within_its_radius_of_the_corner(tu
     assert np.abs((2.0 * np.outer(p @ mirror, mirror) - p)[::-1] - p).max() < 1e-6 * radius + 1e-4 * EVEN
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(points, points, points, st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.01, 1.0))
 def test_a_blend_of_an_arc_and_a_line_is_c2_and_stays_within_its_radius(a, c, b, azimuth, rise, share):
     before = any_arc(a, c, b)

@@ -17,6 +17,7 @@ from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.resume import resume
 from delta3_pacdrive.motion.virtual_master import master_at_distances, sample_master, slowest, way_to_rest
 from delta3_pacdrive.sercos.bus_time import NEVER
+from thoroughness import examples
 
 CYCLE_S = 1e-3
 START = (0.0, 0.0, -0.75)
@@ -105,7 +106,7 @@ cycles = st.floats(0.0, 1.0)  # share of the way
 
 
 @given(share=cycles)
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_a_hold_anywhere_stops_on_the_path_within_the_limits_of_the_move(share, plan):
     timeline = started(plan)
     cycle = int(share * timeline.end_cycle)
@@ -127,7 +128,7 @@ def test_a_hold_anywhere_stops_on_the_path_within_the_limits_of_the_move(share, 
 
 
 @given(share=cycles, wait=st.integers(0, 500), override=st.sampled_from([0.1, 0.5, 1.0, 1.2]))
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_a_held_program_goes_on_to_the_same_end(share, wait, override, plan):
     timeline = started(plan)
     timeline.change(timeline.stop(int(share * (timeline.end_cycle - 1))))
@@ -146,7 +147,7 @@ def test_a_held_program_goes_on_to_the_same_end(share, wait, override, plan):
 @given(
     share=cycles, changes=st.lists(st.sampled_from([0.05, 0.3, 0.8, 1.0, 1.3, 1.5]), min_size=1, max_size=4)
 )
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_an_override_on_the_way_keeps_path_and_limits(share, changes, plan):
     timeline = started(plan)
     rows = []
@@ -341,7 +342,7 @@ def test_a_motion_profile_that_leaves_its_move_is_refused(plan):
 
 
 @given(share=cycles)
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 def test_a_plan_of_infinite_jerk_can_be_held_and_resumed(share, robot):
     timeline = started(planned(robot, math.inf))
     timeline.change(timeline.stop(int(share * (timeline.end_cycle - 1))))
@@ -430,7 +431,7 @@ def test_a_hold_in_any_cycle_stops_before_the_move_ends_and_nowhere_faster_than_
 
 
 @given(data=st.data())
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_whatever_is_held_resumed_and_overridden_the_plan_is_driven_to_its_end(data, hard, plan):
     one = data.draw(
         st.sampled_from([plan, *[hard[name] for name in HARD if name != 'a cubic that a motor slows down']])

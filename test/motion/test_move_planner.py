@@ -32,6 +32,7 @@ from planned import (
     through,
     to,
 )
+from thoroughness import examples
 
 # programs and what they do
 
@@ -97,7 +98,7 @@ KINDS = {
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_the_tcp_keeps_speed_acceleration_and_jerk(kind, robot):
-    @settings(max_examples=40)
+    @settings(max_examples=examples(40))
     @given(KINDS[kind], any_limits)
     def holds(moves, limits):
         planned = planned_or_not(robot, moves, limits=limits)
@@ -114,7 +115,7 @@ def test_the_tcp_keeps_speed_acceleration_and_jerk(kind, robot):
 def test_a_limit_of_the_tcp_is_nearly_met(kind, robot):
     """A move slower than it need be keeps all limits as well: one of them must be used."""
 
-    @settings(max_examples=25)
+    @settings(max_examples=examples(25))
     @given(KINDS[kind], any_limits)
     def holds(moves, limits):
         planned = planned_or_not(robot, moves, limits=limits)
@@ -178,7 +179,7 @@ FAST = st.fixed_dictionaries(
 
 @pytest.mark.parametrize('kind', KINDS)
 def test_motors_keep_their_speed_and_peak_current_whatever_is_asked(kind, robot):
-    @settings(max_examples=25)
+    @settings(max_examples=examples(25))
     @given(KINDS[kind], FAST, st.floats(0.0, 5.0))
     def holds(moves, limits, payload_kg):
         # a long rest, so that the rms current does not matter

@@ -35,6 +35,7 @@ from delta3_pacdrive.motion.plan import (
     sample_plan,
 )
 from delta3_pacdrive.motion.virtual_master import plan_master, rest, sample_master
+from thoroughness import examples
 
 HOME = (0.0, 0.0, -0.75)
 EXACT = 1e-12
@@ -200,7 +201,7 @@ def test_only_a_cubic_may_begin_and_end_at_speed(robot):
     assert 'not at rest' in refusal(Move.from_array, replace(move, kind=MoveKind.LINE).to_array(0, 1))
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(
     st.integers(0, HEADER + 8 * 5 + SEGMENT_COLUMNS + 2 * EVENT_COLUMNS - 1),
     st.one_of(st.floats(), st.integers(-5, 10).map(float)),

@@ -13,6 +13,7 @@ from delta3_pacdrive.motion.move import OUTPUTS, MoveKind
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import sample_plan
 from planned import CURRENT, EXACT, HOME, SPEED, dwell, ends_of, motors, only, output, plan, refusal, to
+from thoroughness import examples
 
 # where programs start and end
 
@@ -78,7 +79,7 @@ def test_each_different_round_is_planned_once(robot):
     assert (len(back.plan), len(back.plan.moves)) == (2000, 2)
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(st.lists(st.tuples(*[st.floats(-0.04, 0.04)] * 3), min_size=1, max_size=3))
 def test_rounds_of_relative_moves_that_come_back_are_one_round_but_for_rounding(robot, steps):
     steps = [np.round(step, 3) for step in steps]

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.plan import Plan, sample_plan
 from planned import ACCELERATION, CURRENT, JERK, SPEED, STEP_S, dwell, motors, only, output, plan, refusal, to
+from thoroughness import examples
 
 OPTIMAL = {'time_optimal': True}
 HERE = (-0.1525, 0.0, -0.85)
@@ -103,7 +104,7 @@ def test_a_payload_that_changes_on_the_way_is_carried_from_there_on(robot):
     assert 1.01 * light < dropped < 0.95 * heavy
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(
     st.tuples(st.floats(-0.25, 0.25), st.floats(-0.25, 0.25), st.floats(-0.9, -0.8)),
     st.tuples(st.floats(-0.25, 0.25), st.floats(-0.25, 0.25), st.floats(-0.9, -0.8)),

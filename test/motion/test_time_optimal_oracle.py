@@ -11,6 +11,7 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.curves import Curve
 from planned import only
+from thoroughness import examples
 
 casadi = pytest.importorskip('casadi', reason='CasADi is not installed: there is no optimum to compare with')
 
@@ -18,7 +19,7 @@ ABOVE = 1.03  # of the optimum
 # Of the path. The optimum breaks limits between two places, and so is too short: of the first 40 picks it is up to
 # 0.3 % (jerk) and 0.6 % (torque rate) longer with twice as many pieces.
 STEPS = 1000
-PICKS = int(os.environ.get('DELTA3_ORACLE_PICKS', '8'))  # about two seconds each
+PICKS = int(os.environ.get('DELTA3_ORACLE_PICKS', examples(8)))  # about two seconds each
 
 
 @pytest.mark.parametrize('number', range(PICKS))

@@ -13,6 +13,7 @@ from delta3_pacdrive.motion import curves, time_parametrization
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_coefficients
 from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_master, sample_master
+from thoroughness import examples
 
 ROUNDING = (
     1e-6  # relative; halvings of an interval of speeds, and differences of squares that are nearly equal
@@ -73,7 +74,7 @@ def tangential(limits, speed):
 # fastest
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 2.0))
 def test_the_fastest_master_keeps_every_limit_at_every_place(seed, length):
     limits = random_limits(seed, length)
@@ -89,7 +90,7 @@ def test_the_fastest_master_keeps_every_limit_at_every_place(seed, length):
     assert (np.abs(torque) <= limits.torque_n_m[:-1] * (1.0 + ROUNDING)).all()
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 2.0))
 def test_at_every_place_the_fastest_master_meets_a_limit(seed, length):
     """Bang-bang: speed, acceleration or a motor is at its limit everywhere, else it could be driven faster."""
@@ -111,7 +112,7 @@ def test_at_every_place_the_fastest_master_meets_a_limit(seed, length):
     assert np.mean(used > 0.97) > 0.9
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.floats(0.01, 2.0), st.floats(0.05, 10.0), st.floats(0.5, 200.0))
 def test_on_a_free_line_it_is_the_trapezoid_of_the_closed_formula(length, speed, acceleration):
     limits = limits_of(np.linspace(0.0, length, PLACES), speed, acceleration)
@@ -212,7 +213,7 @@ def steps_of_speed(rng, length):
     return s, rng.uniform(0.2, 2.0, 5)[np.searchsorted(edges, s)]
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 2.0), st.floats(2.0, 30.0), st.floats(100.0, 5000.0))
 def test_a_smoothed_master_keeps_speed_acceleration_and_jerk_from_rest_to_rest(
     seed, length, acceleration, jerk
@@ -236,7 +237,7 @@ def test_a_smoothed_master_keeps_speed_acceleration_and_jerk_from_rest_to_rest(
     assert (v <= np.maximum(near, np.interp(d, s, speed)) * 1.01).all()
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 2.0), st.floats(2.0, 30.0), st.floats(100.0, 5000.0))
 def test_a_smoothed_master_has_no_jump(seed, length, acceleration, jerk):
     window = acceleration / jerk

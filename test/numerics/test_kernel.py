@@ -136,12 +136,14 @@ print(json.dumps({'idle': idle, 'product': product.tolist()}))
 """
 
 
+@pytest.mark.long
 def test_a_simulation_loads_no_linear_algebra_and_a_kernel_that_needs_some_has_it():
     command = [sys.executable, '-P', '-c', PRODUCT]
     done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=True)
     assert json.loads(done.stdout) == {'idle': [], 'product': [[3.0, 3.0], [3.0, 3.0]]}
 
 
+@pytest.mark.long
 def test_a_damaged_binary_is_made_again(first, tmp_path):
     for number, path in enumerate((tmp_path / 'cache').rglob('*.nb[ci]')):
         path.write_bytes(path.read_bytes()[:100] if number % 2 else b'')

@@ -11,6 +11,7 @@ from delta3_pacdrive import parameters
 from delta3_pacdrive.faults.fault import parse
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.plant.plant_clock import REST_S, Around, PlantClock
+from thoroughness import examples
 
 ROBOT = parameters.load()
 PER_CYCLE = round(ROBOT.bus.cycle_time_s / ROBOT.bus.exchange_period_s)
@@ -145,7 +146,7 @@ EVENTS = st.one_of(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.lists(EVENTS, max_size=60))
 def test_whatever_comes_when_exchanges_follow_one_another(events: list[tuple[str, int, int]]) -> None:
     rig = Rig()

@@ -24,6 +24,7 @@ from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import bag_trace, trace_file
 from delta3_pacdrive.recording.bag_writer import BagWriter
 from delta3_pacdrive.recording.signals import SIGNALS
+from thoroughness import examples
 
 
 @pytest.mark.parametrize(
@@ -61,7 +62,7 @@ def test_a_whole_file_needs_no_metadata_beside_it(damage, tmp_path):
     assert trace.meta == META | DRIVE_STATUS  # the file keeps it too, and nothing is missing
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(data=st.data())
 def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(tmp_path_factory, data):
     bag = record(tmp_path_factory.mktemp('cut') / 'bag', messages())

@@ -31,6 +31,7 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock
 from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
+from thoroughness import examples
 
 
 def greetings(topics=TYPES):
@@ -41,7 +42,7 @@ def greetings(topics=TYPES):
 # stamps, not arrival
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.permutations(messages()))
 def test_messages_belong_to_the_cycle_of_their_stamp_in_whatever_order_they_came(tmp_path_factory, arrivals):
     bag = record(tmp_path_factory.mktemp('order') / 'bag', arrivals)
@@ -106,7 +107,7 @@ def test_messages_further_apart_than_the_cycle_time_of_the_metadata_are_an_error
 # what is missing, twice, or wrong
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.sets(st.tuples(st.sampled_from(sorted(TYPES)), st.integers(2, CYCLES - 1))))
 def test_a_cycle_that_any_topic_lacks_is_left_out_and_no_other(tmp_path_factory, lost):
     stamped = [(topic, k) for k in range(CYCLES) for topic in TYPES]
@@ -368,7 +369,7 @@ def test_a_program_starts_where_its_motion_profile_says(profiles, starts, start,
 
 
 @pytest.mark.parametrize('file', ['bag.mcap', 'metadata.yaml'])
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(data=st.data())
 def test_changed_bytes_of_a_bag_are_read_or_get_one_sentence(tmp_path_factory, file, data):
     bag = record(tmp_path_factory.mktemp('changed') / 'bag', messages())

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import column_file, trace_file
+from thoroughness import examples
 
 ROWS = ''.join(f'{n},{n * 0.1:.3f},{-n},{n % 7}\n' for n in range(20))
 CSV = f'# {{"cycle_time_s": 0.001}}\ntime [ms],current_1 [A],current_2 [mA],current_3 [A]\n{ROWS}'.encode()
@@ -19,7 +20,7 @@ columns:
 - {column: current_2, signal: current, axis: 2, unit: mA}
 - {column: current_3, signal: current, axis: 3, unit: A}
 """
-LOOSE = settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+LOOSE = settings(max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def mat(path):

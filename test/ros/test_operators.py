@@ -305,6 +305,7 @@ def test_the_answer_to_an_earlier_request_or_to_another_operator_is_none_to_this
     assert 'planned "program": 200 moves' in cell.anna.send_program(f'moves: [{moves}]')
 
 
+@pytest.mark.long
 def test_planning_that_takes_long_tells_how_far_it_is(cell: Cell) -> None:
     shown: list[str] = []
     cell.anna.show = shown.append

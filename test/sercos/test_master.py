@@ -29,6 +29,7 @@ from delta3_pacdrive.sercos.master import (
 from delta3_pacdrive.sercos.participants import Announcement, Occasion
 from delta3_pacdrive.sercos.watchdog import ANSWER_SILENT_S, BUS_SILENT_S
 from delta3_pacdrive.sercos.words import Phase
+from thoroughness import examples
 
 OURS = Identity.of(parameters.load())
 OTHERS = Identity.of(parameters.load().replace(dynamics__gear_in=40.0))
@@ -316,7 +317,7 @@ def live(bus: Bus, happening: Any) -> list[Any]:
     return []
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(HAPPENINGS)
 def test_whatever_happens_cyclic_operation_begins_only_with_all_four_who_agree_in_this_session(
     happenings: list[Any],

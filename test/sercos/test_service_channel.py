@@ -21,6 +21,7 @@ from delta3_pacdrive.sercos.service_channel import (
 from delta3_pacdrive.sercos.service_master import ANSWER_CYCLES_MAX, ServiceMaster
 from delta3_pacdrive.sercos.service_slave import ServiceSlave
 from service_ring import ACCESSES, IDNS, K_I, KV, VALUES, WORDS, Memory, Ring, events
+from thoroughness import examples
 
 LATENCIES = st.integers(1, 8)
 
@@ -147,7 +148,7 @@ def test_a_lost_telegram_costs_one_turn_of_the_portions_at_most():
     st.lists(st.tuples(st.integers(0, 300), st.integers(1, 120), st.booleans()), max_size=6),
     st.integers(20, ANSWER_CYCLES_MAX),
 )
-@settings(max_examples=500)
+@settings(max_examples=examples(500))
 def test_whatever_gets_lost_every_access_ends_with_its_own_value_or_an_error(
     accesses, there, back, happens, outages, cycles_max
 ):

@@ -14,6 +14,7 @@ from delta3_pacdrive.sercos.service_channel import (
 )
 from delta3_pacdrive.sercos.service_master import ANSWER_CYCLES_MAX, WAITING_MAX, ServiceMaster
 from service_ring import ACCESSES, K_I, KV, WORDS, Memory, Ring
+from thoroughness import examples
 
 
 def test_a_dead_drive_ends_the_access_and_answers_again_when_it_is_back():
@@ -131,7 +132,7 @@ def test_what_cannot_be_put_into_words_is_refused(access):
 
 
 @given(st.lists(st.one_of(WORDS, st.none(), st.integers(-10, 2**70)), max_size=200), ACCESSES)
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_garbage_to_the_controller_neither_raises_nor_gives_more_than_one_answer(words, access):
     master = ServiceMaster()
     master.request(access)

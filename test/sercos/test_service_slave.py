@@ -10,10 +10,11 @@ from delta3_pacdrive.sercos.service_channel import (
 )
 from delta3_pacdrive.sercos.service_slave import ServiceSlave
 from service_ring import WORDS, Memory
+from thoroughness import examples
 
 
 @given(st.lists(st.one_of(WORDS, st.integers(-10, 2**70)), max_size=200))
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_garbage_neither_raises_nor_calls_the_drive_with_anything_but_a_well_formed_access(words):
     memory = Memory()  # asserts the operation
     slave = ServiceSlave(memory)

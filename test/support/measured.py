@@ -1,5 +1,7 @@
 """Measurements of a robot whose arms are not as drawn, as kinematics has them: no drives, no gears."""
 
+import functools
+
 import numpy as np
 
 from delta3_pacdrive import kinematics
@@ -15,6 +17,7 @@ TRUTH = np.concatenate(
 NOISE_M = 2e-5
 
 
+@functools.cache
 def planned(robot, method='base', number=24, checks=8, **more):
     """Return the poses of a calibration."""
     return planning.plan(Wanted(Method(method), number, checks, more.pop('noise_m', NOISE_M), **more), robot)

@@ -2,6 +2,7 @@
 
 import contextlib
 import doctest
+import itertools
 import os
 import re
 import shlex
@@ -19,14 +20,18 @@ from typing import Any
 import yaml
 
 import forked_commands
+from thoroughness import EVERYTHING
 
 SOURCE = Path(__file__).parents[2]
 PAGES = [
     SOURCE / name
     for name in ('README.md', 'CONTRIBUTING.md', *sorted(str(path) for path in SOURCE.glob('docs/**/*.md')))
 ]
-EVERYTHING = os.environ.get('DELTA3_LONG', '0') != '0'
-LONG = [SOURCE / 'docs/tuning.md', SOURCE / 'docs/studies.md']  # their commands compute for a minute
+# their commands compute for a minute and longer
+LONG = [
+    SOURCE / 'docs' / f'{name}.md'
+    for name in ('calibration', 'lines', 'measured', 'studies', 'sweeps', 'tuning')
+]
 LANGUAGES = {'bash', 'console', 'python', 'pycon', 'yaml', 'text'}
 DIRECTIVES = re.compile(r'\{(?!code-block\})[\w-]+\}.*')
 ROBOT = re.compile(
@@ -267,7 +272,6 @@ def run_block(
     for command in block.ends:
         end(others.pop(command))
     if block.mark == 'long' and not EVERYTHING:
-        read_commands(block.text)
         return
     if block.file:
         (folder / block.file).write_text(block.text, encoding='utf-8')
@@ -296,15 +300,38 @@ def run_block(
             raise AssertionError(f'{block.language!r} is none of {sorted(LANGUAGES)}, or has no file name')
 
 
-def read_commands(text: str) -> None:
-    """Have the options of every command of a block read, and run none."""
-    commands = [shlex.split(line, comments=True) for line in text.splitlines() if line.startswith('delta3 ')]
-    assert commands, 'only commands of delta3 can be read'
+def words_of(line: str) -> list[str]:
+    """Return the words of a command; those of what it is piped to, or what follows it, are no part of it."""
+    lexer = shlex.shlex(line, posix=True, punctuation_chars=True)
+    lexer.whitespace_split = True
+    return list(itertools.takewhile(lambda word: not set(word) <= set('();<>|&'), lexer))
+
+
+def read_commands(text: str) -> int:
+    """Have the options of every command of delta3 in a block read, and run none; return how many there are."""
+    commands = [words_of(line) for line in text.splitlines() if line.startswith('delta3 ')]
     for _, name, *options in commands:
+        if (
+            name.startswith('-') or '--help' in options
+        ):  # they end with a text, not with options that were read
+            continue
         try:
             import_module(f'delta3_pacdrive.cli.{name}').main.read(options)
         except (ImportError, SystemExit) as refusal:
             raise AssertionError(f'delta3 {name} {shlex.join(options)} is refused') from refusal
+    return len(commands)
+
+
+def read_page(page: Path) -> None:
+    """Read the blocks of a page as far as that goes without running them: options of commands, and Python."""
+    for block in blocks(page):
+        match block.language:
+            case 'bash':
+                read_commands(block.text)
+            case 'console':
+                read_commands('\n'.join(command for command, _ in commands_and_prints(block.text)))
+            case 'python':
+                compile(block.text, f'{page.name}:{block.line}', 'exec')
 
 
 def run_dialogue(block: Block, names: dict[str, Any]) -> None:

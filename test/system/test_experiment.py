@@ -12,6 +12,7 @@ from delta3_pacdrive.cli import experiment_graph
 from delta3_pacdrive.errors import RunError
 
 
+@pytest.mark.long
 def test_nodes_give_the_report_of_the_simulation_but_for_what_no_topic_tells(
     tmp_path: Path, delta3: Callable[..., subprocess.CompletedProcess[str]], nothing_left_behind: None
 ) -> None:

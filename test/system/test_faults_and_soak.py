@@ -41,6 +41,7 @@ def test_the_catalogue_holds_every_kind_in_every_state_and_every_axis() -> None:
     )
 
 
+@pytest.mark.long
 def test_faults_lead_to_what_they_have_to_lead_to(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -136,6 +137,7 @@ def test_a_short_soak_violates_nothing(delta3: Runner, nothing_left_behind: None
     assert result['fast']['survived'] == result['fast']['injected']
 
 
+@pytest.mark.long
 def test_a_program_of_a_soak_is_replayed_in_real_time(delta3: Runner, nothing_left_behind: None) -> None:
     done = delta3('soak', '--pace', 'real-time', '--seed', '3', '--replay', '1', '--json', timeout=100.0)
     row = json.loads(done.stdout)['real-time']
@@ -187,6 +189,7 @@ def test_an_interruption_reaches_the_pace_that_runs_and_its_figures_are_shown(
     assert result['fast']['violations'] == []
 
 
+@pytest.mark.long
 def test_a_robot_that_is_up_is_disturbed_and_goes_on(
     fork_delta3: Callable[..., subprocess.Popen[str]], delta3: Runner, nothing_left_behind: None
 ) -> None:

@@ -17,6 +17,7 @@ import yaml
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_file
+from thoroughness import some
 
 SPEC = importlib.util.spec_from_file_location('golden_make', Path(__file__).parents[1] / 'golden' / 'make.py')
 assert SPEC is not None
@@ -24,9 +25,8 @@ assert SPEC.loader is not None
 make = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(make)
 
-ALWAYS = ('experiment 2, cycle of 4 ms, exact exchange', 'winding shorted')
+IN_EACH_RUN = ('winding shorted',)
 NOT_ON_THE_BUS = {'arm_angle', 'tcp_true', 'torque_command'}
-CASES = [name if name in ALWAYS else pytest.param(name, marks=pytest.mark.long) for name in make.CASES]
 
 
 def file_of(changes: dict[str, Any]) -> str:
@@ -38,7 +38,7 @@ def file_of(changes: dict[str, Any]) -> str:
     return yaml.safe_dump({'/**': {'ros__parameters': groups}})
 
 
-@pytest.mark.parametrize('name', CASES)
+@pytest.mark.parametrize('name', some(make.CASES, IN_EACH_RUN))
 def test_a_golden_run_has_the_same_bits_on_the_graph(
     name: str,
     delta3: Callable[..., subprocess.CompletedProcess[str]],

@@ -30,9 +30,11 @@ from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
 from delta3_pacdrive.sercos.bus_time import Clock
+from thoroughness import some
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 LONG = pytest.mark.long
+ONE_PROCESS = ['--single-process']
 
 COMPARED = (
     'motor_command',
@@ -125,13 +127,9 @@ def _run(delta3: Runner, bag: Path, *options: str, program: str = 'experiment1')
     [
         pytest.param(['--real-time-factor', '0'], id='separate processes as fast as possible'),
         pytest.param(
-            ['--single-process', '--real-time-factor', '0'],
-            id='one process as fast as possible',
-            marks=LONG,
+            [*ONE_PROCESS, '--real-time-factor', '0'], id='one process as fast as possible', marks=LONG
         ),
-        pytest.param(
-            ['--single-process', '--namespace', 'cell2'], id='one process in real time in a namespace'
-        ),
+        pytest.param([*ONE_PROCESS, '--namespace', 'cell2'], id='one process in real time in a namespace'),
     ],
 )
 def test_graph_gives_the_bits_of_the_simulation(
@@ -183,6 +181,7 @@ def test_joint_motion_on_line_has_the_bits_that_a_trace_gives(
             assert of_bag['jacobian'][row].tolist() == told['jacobian'][cycles[row]], cycles[row]
 
 
+@pytest.mark.long
 def test_what_a_bag_tells_when_it_changes_is_what_a_simulation_notes(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -214,6 +213,7 @@ moves:
 """
 
 
+@pytest.mark.long
 def test_waits_for_the_robot_take_as_long_in_the_graph_as_in_the_simulation(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -248,7 +248,7 @@ def test_exact_reference_runs_in_the_graph_too(
     _assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))
 
 
-@pytest.mark.parametrize('source', [pytest.param('rich', marks=LONG), 'rich+model+gears'])
+@pytest.mark.parametrize('source', some(['rich', 'rich+model+gears'], ['rich+model+gears']))
 def test_the_rich_robot_gives_the_bits_of_its_simulation(
     source: str, delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -260,7 +260,7 @@ def test_the_rich_robot_gives_the_bits_of_its_simulation(
 
 
 @pytest.mark.parametrize(
-    'options', [pytest.param([], marks=LONG), ['--single-process']], ids=['separate processes', 'one process']
+    'options', some([[], ONE_PROCESS], [ONE_PROCESS]), ids=['separate processes', 'one process']
 )
 def test_feed_forward_of_the_model_gives_the_bits_of_its_simulation(
     options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
@@ -312,15 +312,10 @@ def _run_turning(
     return simulated, trace_file.load(bag), done
 
 
-@pytest.mark.parametrize(
-    ('source', 'options'),
-    [
-        ('delta3+rotary', ['--single-process']),
-        pytest.param('model+rotary', ['--single-process'], marks=LONG),
-        ('rich+rotary+model', ['--single-process']),
-        pytest.param('model+rotary', [], marks=LONG),
-    ],
-)
+TURNED = [(name, ONE_PROCESS) for name in ('delta3+rotary', 'model+rotary', 'rich+rotary+model')]
+
+
+@pytest.mark.parametrize(('source', 'options'), some([*TURNED, ('model+rotary', [])], TURNED[:1]))
 def test_a_tool_that_turns_gives_the_bits_of_its_simulation(
     source: str, options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -340,6 +335,7 @@ def test_a_tool_that_turns_gives_the_bits_of_its_simulation(
     assert 'turn_true' not in recorded.signals
 
 
+@pytest.mark.long
 def test_faults_of_a_tool_that_turns_give_the_bits_of_the_simulation(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -377,6 +373,7 @@ def test_time_optimal_arches_give_the_bits_of_their_simulation(
     assert result['energy'] == asdict(energy_of_round(simulated, robot, 10))
 
 
+@pytest.mark.long
 def test_a_robot_that_is_up_gets_the_set_points_of_the_simulation(
     delta3: Runner,
     fork_delta3: Callable[..., subprocess.Popen[str]],
@@ -431,7 +428,7 @@ def test_learned_torques_give_the_bits_of_their_simulation(
 
 
 @pytest.mark.parametrize(
-    'options', [[], pytest.param(['--single-process'], marks=LONG)], ids=['separate processes', 'one process']
+    'options', some([[], ONE_PROCESS], [ONE_PROCESS]), ids=['separate processes', 'one process']
 )
 def test_every_kind_of_move_gives_the_bits_of_the_simulation(
     options: list[str], delta3: Runner, tmp_path: Path, nothing_left_behind: None
@@ -446,6 +443,7 @@ def test_every_kind_of_move_gives_the_bits_of_the_simulation(
     _assert_same_story(runs.load(str(program)), runs.load(str(bag)))
 
 
+@pytest.mark.long
 def test_a_sampled_trajectory_gives_the_bits_of_its_simulation(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -535,20 +533,20 @@ LINE = {
 }
 
 
+LOST = [
+    ('drop_mdt', 2, {}),
+    ('delay_mdt', 8, {'by_cycles': 16}),
+    ('corrupt_at', 20, {}),
+    ('delay_at', 2, {'by_cycles': 1}),
+    ('drop_at', 8, {}),
+    *((kind, 20, {}) for kind in ('drop_mdt', 'drop_at', 'duplicate_at')),
+    *((kind, 20, {'by_cycles': 3}) for kind in ('delay_mdt', 'delay_at')),
+]
+
+
 @pytest.mark.parametrize(
     ('kind', 'cycles', 'more'),
-    [
-        ('drop_mdt', 2, {}),
-        pytest.param('delay_at', 2, {'by_cycles': 1}, marks=LONG),
-        ('delay_mdt', 8, {'by_cycles': 16}),
-        pytest.param('drop_at', 8, {}, marks=LONG),
-        pytest.param('drop_mdt', 20, {}, marks=LONG),
-        pytest.param('delay_mdt', 20, {'by_cycles': 3}, marks=LONG),
-        pytest.param('drop_at', 20, {}, marks=LONG),
-        pytest.param('delay_at', 20, {'by_cycles': 3}, marks=LONG),
-        ('corrupt_at', 20, {}),
-        pytest.param('duplicate_at', 20, {}, marks=LONG),
-    ],
+    some(LOST, LOST[:3]),
 )
 def test_however_many_telegrams_are_lost_the_graph_gives_the_bits_of_the_simulation(
     kind: str, cycles: int, more: dict, graph: Any, tmp_path: Path

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from robots import read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
@@ -26,6 +28,7 @@ with cell.connect() as robot:
 KILLED = '{fault: kill, node: transformation_task}'
 
 
+@pytest.mark.long
 def test_a_cell_whose_master_is_killed_ends_its_script_and_works_again_once_it_is_reset(
     fork_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,

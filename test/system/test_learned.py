@@ -53,6 +53,7 @@ def up(program: Path, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iter
         assert process.returncode == 0, errors
 
 
+@pytest.mark.long
 def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
     up: None, program: Path, delta3: Runner, fork_delta3: Callable[..., subprocess.Popen[str]]
 ) -> None:

@@ -138,6 +138,7 @@ def test_a_process_that_dies_ends_the_run_with_its_name(
     assert errors.count('\n') == 1
 
 
+@pytest.mark.long
 def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     tmp_path: Path,
     fork_delta3: Callable[..., subprocess.Popen[str]],
@@ -168,10 +169,11 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     assert 100 < len(trace_file.load(bag).time_s) < result['cycles']
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     # at the begin of a bag there are topics, or there are none yet, but no bus cycles
     ('left', 'told'),
-    [pytest.param(60, 'it was cut off or is damaged', marks=pytest.mark.long), (60_000, 'it holds no ')],
+    [(60, 'it was cut off or is damaged'), (60_000, 'it holds no ')],
 )
 def test_a_recording_that_cannot_be_read_takes_no_result_with_it(
     left: int,
@@ -267,6 +269,7 @@ def test_every_process_keeps_its_log_where_it_is_asked_for(
     assert 'bus phase CP4' in logs['transformation_task']
 
 
+@pytest.mark.long
 def test_the_benchmark_of_motions_measures_every_figure_it_promises(delta3: Runner) -> None:
     done = delta3('bench', 'motion', '--seconds', '1', '--json')
     assert done.returncode == 0, done.stderr
@@ -373,6 +376,7 @@ def test_a_robot_that_is_not_in_position_fails_a_run(
     assert 'not in position 0.05 s after the set points stand at the end of move 1' in result['error']
 
 
+@pytest.mark.long
 def test_a_fourth_drive_that_is_killed_ends_the_run_with_its_name(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:

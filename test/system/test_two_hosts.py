@@ -64,6 +64,7 @@ def received(hosts: tuple[Host, Host, Link], conditions: Conditions) -> list[int
     return [int(line) for line in receiver.communicate(timeout=60.0)[0].split()]
 
 
+@pytest.mark.long
 def test_the_link_loses_repeats_and_mixes_up_as_many_packets_as_it_is_told_to(
     hosts: tuple[Host, Host, Link],
 ) -> None:
@@ -119,6 +120,7 @@ def test_drives_on_another_host_give_the_bits_of_the_simulation_over_a_bad_link(
         np.testing.assert_array_equal(recorded[name][theirs], simulated[name][ours], err_msg=name)
 
 
+@pytest.mark.long
 def test_the_commands_of_the_page_make_a_robot_on_two_machines(
     hosts: tuple[Host, Host, Link], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

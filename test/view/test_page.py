@@ -171,6 +171,7 @@ def test_points_are_taught_by_name_and_stand_there_as_yaml(page, visit):
     visit.page.get_by_text('"over: it": [0.000000, 0.000000, -0.750000]').wait_for()
 
 
+@pytest.mark.long
 def test_two_browsers_see_the_same_and_one_may_go(page, visit, browser, robot):
     with Visit(browser, page.url, 390, 844) as other:
         wait_for(lambda: len(page.server.get_clients()) == 2, 'the second browser')
@@ -185,6 +186,7 @@ def test_two_browsers_see_the_same_and_one_may_go(page, visit, browser, robot):
     assert page.watched
 
 
+@pytest.mark.long
 def test_the_page_connects_again_when_it_is_served_again(robot, browser):
     with held(HOST, None) as place:
         first = Page(robot, place, 'one')
@@ -202,6 +204,7 @@ def test_the_page_connects_again_when_it_is_served_again(robot, browser):
             again.close()
 
 
+@pytest.mark.long
 def test_a_page_that_nobody_may_operate_has_no_buttons(robot, browser):
     with held(HOST, None) as place:
         page = Page(robot, place, 'only to look at')

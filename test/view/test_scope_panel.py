@@ -147,6 +147,7 @@ def page(robot):
         made.close()
 
 
+@pytest.mark.long
 def test_people_fill_in_and_see_what_was_recorded_or_why_not(page, browser, robot):
     with Visit(browser, page.url, WIDTH, HEIGHT) as visit:
         web = visit.page

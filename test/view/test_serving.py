@@ -126,6 +126,7 @@ class Unready(BaseHTTPRequestHandler):
         """Say nothing."""
 
 
+@pytest.mark.long
 def test_a_browser_tries_once_before_the_page_is_there_and_anew_as_soon_as_it_is(browser):
     Unready.attempts, Unready.there = queue.Queue(), threading.Event()
     with ThreadingHTTPServer((serving.HOST, 0), Unready) as server, ExitStack() as stack:

@@ -77,6 +77,7 @@ def test_the_legend_tells_the_values_of_its_colours(scale):
     assert all(f'<span>{scale.at(share):.3g}</span>' in legend('speed', scale) for share in (0.0, 0.5, 1.0))
 
 
+@pytest.mark.long
 def test_another_measure_is_shown_when_it_is_chosen(volume, robot, browser):
     with held(HOST, None) as place:
         page = Page(robot, place, 'volume')

@@ -65,6 +65,7 @@ def test_the_right_model_of_a_built_robot_leaves_the_noise_of_its_sensors(record
         assert np.sqrt(np.mean(model.residuals(values | other)[0] ** 2)) > 1.1 * model.blocks[0].sigma
 
 
+@pytest.mark.long
 def test_from_30_percent_off_every_identifiable_quantity_of_a_built_robot_is_found(excited, rich):
     def build(robot):
         return [ReplayModel(excited, robot)]
@@ -152,6 +153,7 @@ def test_the_story_of_a_log_ends_with_a_model_that_is_nearer(applied, undrawn):
     assert rms('after', 'current') < rms('before', 'current') / 2.0
 
 
+@pytest.mark.long
 def test_a_nominal_model_does_not_explain_a_built_robot_and_what_it_lacks_is_named(applied):
     _, report, statuses = applied
     assert report['model_holds'] is False
@@ -165,6 +167,7 @@ def test_a_nominal_model_does_not_explain_a_built_robot_and_what_it_lacks_is_nam
     assert statuses == {'estimate': 0, 'simulate': 0}
 
 
+@pytest.mark.long
 def test_no_interval_of_a_model_that_does_not_hold_leaves_out_the_truth(applied, rich):
     _, report, _ = applied
     true = values_of(rich)
@@ -174,6 +177,7 @@ def test_no_interval_of_a_model_that_does_not_hold_leaves_out_the_truth(applied,
     assert any(row['low_95'] is not None for row in report['estimates'])
 
 
+@pytest.mark.long
 def test_what_is_applied_is_a_parameter_file_with_source_and_interval_beside_each_value(applied, rich):
     folder, report, _ = applied
     path = folder / 'fitted.yaml'
@@ -190,6 +194,7 @@ def test_what_is_applied_is_a_parameter_file_with_source_and_interval_beside_eac
     assert '# the model explains the data' in text
 
 
+@pytest.mark.long
 def test_what_is_applied_brings_the_model_to_the_robot(applied):
     folder, report, _ = applied
     (row,) = report['applied']['before_after']

@@ -188,6 +188,7 @@ def short(tmp_path_factory):
     return str(path)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures('undrawn')
 def test_the_estimation_of_the_thesis_runs_as_the_documentation_has_it(tmp_path, capsys):
     report = run_json(['--group', 'thesis', '--output', str(tmp_path)], capsys)

@@ -198,6 +198,7 @@ def test_the_packaged_model_runs_with_the_bus_cycle_of_the_robot(slow, tmp_path)
     assert parameters.load(tmp_path / 'out' / 'model.yaml').bus.cycle_time_s == 2e-3
 
 
+@pytest.mark.long
 def test_a_model_that_was_asked_for_keeps_its_bus_cycle(slow, tmp_path):
     model = str(parameters.write(parameters.load(), tmp_path / 'model.yaml'))
     document = Study(Settings(1, model, slow, attributed=False), tmp_path / 'out', 'a test', silent).run()

@@ -16,6 +16,7 @@ from delta3_pacdrive.errors import LearnedError
 from delta3_pacdrive.motion import learned as torques_file
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_file
+from thoroughness import some
 
 MODEL = {'control__feed_forward': 'model', 'drive__interpolation': 'cubic'}
 REPETITIONS = 10
@@ -91,7 +92,7 @@ def test_it_converges_with_masses_30_percent_wrong(share, learn, model):
     assert found.best.tcp_error_max_m < 0.015e-3
 
 
-@pytest.mark.parametrize('share', [0.7, 1.3])
+@pytest.mark.parametrize('share', some([0.7, 1.3], [1.3]))
 def test_it_converges_with_wrong_masses_of_the_built_robot(share, learn, built):
     found = learn(with_masses(built, share), built)
     assert_monotone(found)

@@ -169,6 +169,7 @@ def test_a_folder_whose_trials_the_search_did_not_choose_is_refused(path, here, 
         study(path, tmp_path / 'out').run()
 
 
+@pytest.mark.long
 def test_a_killed_worker_changes_nothing_on_two_workers(path, here, tmp_path, monkeypatch):
     serial = study(path, tmp_path / 'serial').run()
     monkeypatch.undo()

@@ -11,6 +11,7 @@ from delta3_pacdrive.analysis.planning import evaluation, report
 from delta3_pacdrive.analysis.planning.study import Quantity
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file, program_planner
+from thoroughness import examples
 
 START = [0.0, 0.0, -0.8]
 KEPT = 1.002  # of the TCP: the planner keeps limits within a thousandth
@@ -44,7 +45,7 @@ MOVES = st.one_of(
 )
 
 
-@settings(max_examples=80)
+@settings(max_examples=examples(80))
 @given(moves=st.lists(MOVES, min_size=1, max_size=5), repeat=st.integers(1, 3))
 def test_every_plan_is_evaluated_within_its_limits_in_finite_numbers(moves, repeat, robot):
     planned = None

@@ -9,6 +9,7 @@ from delta3_pacdrive.analysis.planning.study import Quantity
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.motion import program_file, program_planner
+from thoroughness import some
 
 START = [-0.2, 0.0, -0.8]
 FREE = {'speed_m_s': 100.0, 'acceleration_m_s2': 1e6, 'jerk_m_s3': 1e9}
@@ -257,7 +258,9 @@ def test_people_read_a_line_per_move_and_what_limits_it(robot):
     assert lines[5].strip().startswith('whole')
 
 
-@pytest.mark.parametrize('name', ['a quick circle', 'the same again and again', 'a dwell', 'a cubic'])
+@pytest.mark.parametrize(
+    'name', some(['a quick circle', 'the same again and again', 'a dwell', 'a cubic'], ['a quick circle'])
+)
 def test_every_figure_of_every_kind_of_plan_is_drawn(name, robot, tmp_path):
     found = studied(CASES[name][0], robot)
     paths = ReportFolder(tmp_path, Provenance.of('test')).figures(figures.by_name(found, robot))

@@ -109,6 +109,7 @@ def test_a_part_is_drawn_where_it_is(visit, run):
         assert np.linalg.norm(drawn - expected) < PIXELS, time_s
 
 
+@pytest.mark.long
 def test_marks_go_with_the_belt(visit):
     visit.page.evaluate(NO_PARTS)
     pictures = []
@@ -124,6 +125,7 @@ def test_marks_go_with_the_belt(visit):
     assert differ[1].sum() > 0.02 * belt.sum()
 
 
+@pytest.mark.long
 def test_a_part_in_hand_takes_the_place_of_the_payload(opened, run, browser, tmp_path):
     page.write(tmp_path / 'bare.html', [replace(run, cell=None)], Provenance.of('test'))
     with Visit(browser, (tmp_path / 'bare.html').as_uri()) as bare:
@@ -147,6 +149,7 @@ def test_a_row_of_the_table_of_parts_goes_to_its_pick(opened, run):
     assert 'driven' not in row.get_attribute('class')
 
 
+@pytest.mark.long
 def test_a_part_that_was_lost_has_the_colour_of_faults_in_both_themes(browser, run, tmp_path):
     parts = [run.cell.parts[0], run.cell.parts[1] | {'outcome': 'lost'}]
     page.write(

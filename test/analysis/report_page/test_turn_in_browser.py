@@ -112,6 +112,7 @@ def carried(tmp_path_factory, robot):
     return runs.load(str(folder / 'p.npz'))
 
 
+@pytest.mark.long
 def test_a_part_in_hand_turns_about_the_tcp_with_the_tool(browser, carried, tmp_path):
     page.write(tmp_path / 'page.html', [carried], Provenance.of('test'))
     part, angles = carried.part, []

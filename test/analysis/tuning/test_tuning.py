@@ -39,6 +39,7 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.service_channel import format_idn
+from thoroughness import some
 
 POSE = (0.0, 0.0, -0.80)
 SPEED_RAD_S = 10.0
@@ -92,7 +93,7 @@ def test_current_loop_is_the_product_of_its_parts(robot):
     )
 
 
-@pytest.mark.parametrize('changes', TUNINGS)
+@pytest.mark.parametrize('changes', some(TUNINGS, TUNINGS[2:]))
 def test_drive_on_the_bench_answers_as_its_equations_say(changes, robot, operation):
     for result in analyse(robot.replace(**changes), operation, silent):
         assert result.stable
@@ -425,6 +426,7 @@ def test_options_of_the_load_and_the_bench_change_what_they_say(studied, robot, 
     capsys.readouterr()
 
 
+@pytest.mark.long
 def test_the_exchange_period_reaches_the_program_and_the_workspace(tmp_path):
     found = []
     for period_s in (None, 125e-6):
