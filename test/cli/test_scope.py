@@ -91,6 +91,7 @@ def test_a_report_holds_figure_and_file_of_each_record_with_a_row_on_its_page(tm
     assert len(columns(f'run/{rows[1]["record"]}')['axis2.speed']) == 160
 
 
+@pytest.mark.long
 def test_a_report_of_a_run_that_fails_shows_what_was_recorded(tmp_path, capsys):
     text = 'moves:\n- dwell: {time_s: 0.5}\nfaults:\n- {fault: winding_short, axis: axis2, after_s: 0.1}\n'
     (tmp_path / 'fault.yaml').write_text(text)

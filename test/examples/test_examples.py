@@ -111,6 +111,7 @@ def test_pick_from_a_belt(run):
     assert 'belt line: the part would be met at' in text
 
 
+@pytest.mark.long
 def test_belt_to_box(run):
     _, ((count, seconds, most),) = run('belt_to_box')
     assert count == 24

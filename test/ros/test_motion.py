@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -255,9 +256,9 @@ def test_a_bad_move_leaves_the_queue_as_it_was(cell: Cell) -> None:
     assert cell.task.progress()['moves'] == 1
 
 
-@pytest.mark.parametrize('percent', [0.0, 0.5, 151.0, -20.0, math.nan, math.inf])
-def test_an_override_out_of_range_is_refused(percent: float, cell: Cell) -> None:
-    assert 'must be between 1 and 150' in refusal(cell, lambda: cell.operator.override(percent))
+def test_an_override_out_of_range_is_refused(cell: Cell) -> None:
+    for percent in (0.0, 0.5, 151.0, -20.0, math.nan, math.inf):
+        assert 'must be between 1 and 150' in refusal(cell, partial(cell.operator.override, percent)), percent
 
 
 def test_a_point_in_another_frame_is_refused(cell: Cell) -> None:

@@ -227,22 +227,22 @@ def test_states_and_places_of_strangers_do_not_end_the_planner(cell: Cell) -> No
     cell.assert_untouched()
 
 
-@pytest.mark.parametrize('text', ['garbage', '{', 'null', '[1]', '{}', '{"phase": 4}', '[' * 200_000])
-def test_no_text_on_the_progress_ends_or_misleads_a_client(text: str, cell: Cell) -> None:
-    assert read_progress(text) is None
-    cell.publish(String, 'motion/progress', REPORT, String(data=text))
-    cell.assert_untouched()
-    assert cell.operator.progress['phase'] == 'CP4'
+def test_no_text_on_the_progress_ends_or_misleads_a_client(cell: Cell) -> None:
+    for text in ('garbage', '{', 'null', '[1]', '{}', '{"phase": 4}', '[' * 200_000):
+        assert read_progress(text) is None, text[:20]
+        cell.publish(String, 'motion/progress', REPORT, String(data=text))
+        cell.assert_untouched()
+        assert cell.operator.progress['phase'] == 'CP4', text[:20]
 
 
-@pytest.mark.parametrize('value', ['Infinity', '-Infinity', 'NaN', '1e999', '1e300', '1' + 400 * '0'])
-def test_numbers_that_no_robot_has_are_none_of_its_progress(value: str, cell: Cell) -> None:
+def test_numbers_that_no_robot_has_are_none_of_its_progress(cell: Cell) -> None:
     facts = cell.task.progress()
     assert read_progress(json.dumps(facts)) == facts
-    for name in ('cycles', 'move', 'outputs', 'rate', 'payload_kg', 'turn_rad'):
-        assert read_progress(json.dumps(facts | {name: 'X'}).replace('"X"', value)) is None, name
-    told = read_progress(json.dumps(facts | {'tcp_m': [0.0, 'X', 0.0]}).replace('"X"', value))
-    assert (told is None) is (value != 'NaN')  # there may be none: the arms close no chain
+    for value in ('Infinity', '-Infinity', 'NaN', '1e999', '1e300', '1' + 400 * '0'):
+        for name in ('cycles', 'move', 'outputs', 'rate', 'payload_kg', 'turn_rad'):
+            assert read_progress(json.dumps(facts | {name: 'X'}).replace('"X"', value)) is None, (name, value)
+        told = read_progress(json.dumps(facts | {'tcp_m': [0.0, 'X', 0.0]}).replace('"X"', value))
+        assert (told is None) is (value != 'NaN'), value  # there may be none: the arms close no chain
 
 
 def test_a_heartbeat_of_a_stranger_does_not_stop_the_program_of_a_planner_that_lives(cell: Cell) -> None:

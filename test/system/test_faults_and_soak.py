@@ -129,6 +129,7 @@ def test_an_outcome_must_be_expected_seen_and_overcome() -> None:
     assert not cases.Outcome(case, evidence='1 lost', recovered_s=1.0, problem='off its line').as_expected
 
 
+@pytest.mark.long
 def test_a_short_soak_violates_nothing(delta3: Runner, nothing_left_behind: None) -> None:
     done = delta3('soak', '--minutes', '0.15', '--pace', 'fast', '--seed', '3', '--json', timeout=200.0)
     result = json.loads(done.stdout)

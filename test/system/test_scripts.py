@@ -255,6 +255,7 @@ def up(shared_graph: Any, fork_delta3: Callable[..., subprocess.Popen[str]]) -> 
         made.end()
 
 
+@pytest.mark.long
 def test_a_script_has_control_while_it_runs_and_gives_it_back(up: Up, tmp_path: Path, delta3: Runner) -> None:
     delta3('--version')  # takes long the first time
     process = up.start(200, tmp_path)

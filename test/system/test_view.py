@@ -87,6 +87,7 @@ def press(visit: Visit, name: str) -> None:
     visit.page.get_by_role('button', name=name, exact=True).click()
 
 
+@pytest.mark.long
 def test_what_is_clicked_on_the_page_happens_to_the_robot(url: str, browser: Any, delta3: Runner) -> None:
     with Visit(browser, url) as visit:
         visit.page.get_by_text('idle', exact=True).first.wait_for()
@@ -189,6 +190,7 @@ def test_a_robot_and_its_page_come_up_together_and_the_robot_outlives_the_page(
     assert ended(process)[0] == 0
 
 
+@pytest.mark.long
 def test_a_page_without_a_robot_ends_with_one_sentence(delta3: Runner, nothing_left_behind: None) -> None:
     done = delta3('view', '--namespace', 'nobody')
     assert done.returncode == 1

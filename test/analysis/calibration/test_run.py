@@ -17,7 +17,6 @@ from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.simulation import run
 from measured import TRUTH, planned
-from thoroughness import some
 
 GOAL_M = 0.03e-3
 
@@ -144,7 +143,8 @@ def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrat
     assert true['after_rms_m'] < 0.1e-3
 
 
-@pytest.mark.parametrize('method', some(['plane', 'ball'], ['plane']))
+@pytest.mark.long
+@pytest.mark.parametrize('method', ['plane', 'ball'])
 def test_touches_make_the_shape_of_the_motion_right(method, tmp_path, undrawn):
     found = study(tmp_path, method, 40, 4, noise_m=1e-5).fit(None)
     true = left(found, 'true TCP, its shape, where weight presses')

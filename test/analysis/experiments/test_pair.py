@@ -191,6 +191,7 @@ def slow(tmp_path):
     )
 
 
+@pytest.mark.long
 def test_the_packaged_model_runs_with_the_bus_cycle_of_the_robot(slow, tmp_path):
     document = Study(Settings(1, robot=slow, attributed=False), tmp_path / 'out', 'a test', silent).run()
     assert document['period_s'] == 2e-3

@@ -128,6 +128,7 @@ def test_larger_margins_and_a_larger_payload_cost_stiffness(robots, proposals):
     assert propose(robots['delta3'], Targets(), SPEED_RAD_S, 0.0).gains.stiffness > 1.2 * usual
 
 
+@pytest.mark.long
 def test_margins_that_nothing_keeps_are_refused_with_the_nearest(robots):
     late = robots['delta3'].replace(drive__current_gain_v_a=75.0)  # the current loop itself is near its end
     with pytest.raises(

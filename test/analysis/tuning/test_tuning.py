@@ -457,6 +457,7 @@ def excite(arguments, tmp_path, capsys):
     return Trace.load(path)
 
 
+@pytest.mark.long
 def test_options_of_an_excitation_change_what_they_say(tmp_path, capsys):
     plain = excite(['--speed', '5'], tmp_path, capsys)
     second = excite(['--speed', '5', '--axis', '2', '--amplitude', '0.5'], tmp_path, capsys)
