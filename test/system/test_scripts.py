@@ -128,13 +128,8 @@ def belt(tmp_path: Path) -> tuple[Path, Path]:
     return script, around
 
 
-@pytest.mark.parametrize(
-    'options',
-    [
-        pytest.param([], id='separate processes', marks=pytest.mark.long),
-        pytest.param(['--single-process'], id='one process'),
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize('options', [[], ['--single-process']], ids=['separate processes', 'one process'])
 def test_a_script_on_a_belt_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     delta3: Runner, tmp_path: Path, belt: tuple[Path, Path], options: list[str], nothing_left_behind: None
 ) -> None:

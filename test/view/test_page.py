@@ -23,7 +23,7 @@ pytest.importorskip('viser', reason='the page needs the extra "view"')
 from delta3_pacdrive.view.page import Page  # it needs no viser before it is made
 from delta3_pacdrive.view.serving import HOST, held
 
-WAIT_S = 60.0  # a browser without a graphics card, on a machine that has other things to do
+WAIT_S = 180.0  # a browser without a graphics card, on a machine that has other things to do
 WIDTH, HEIGHT = 1280, 800
 MARK_M = 0.02
 PLACES = ((0.0, 0.0, -0.75), (0.25, 0.1, -0.85), (-0.3, 0.05, -0.8), (0.1, -0.35, -0.9), (-0.15, 0.3, -0.72))
@@ -233,6 +233,7 @@ def shows(visit, client, point_m, wanted):
         assert time.monotonic() < deadline, picture[y, x]
 
 
+@pytest.mark.long
 def test_a_page_shows_the_cell_that_its_robot_has(page, visit, robot):
     (client,) = page.server.get_clients().values()
     instant = replace(instant_at(PLACES[0], robot, 20.0), cell=CellInstant((CRATE,), {'line': 0.02}))
