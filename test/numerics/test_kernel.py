@@ -91,6 +91,7 @@ def first(compiled, tmp_path):
     return answer
 
 
+@pytest.mark.long
 def test_a_second_copy_of_the_sources_finds_what_the_first_has_compiled(copy, first, tmp_path):
     assert first['compiled'] > 5
     second = output_of(FORWARD, tmp_path / 'cache', copy)

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from new_interpreter import printed
+from thoroughness import some
 
 SUPPORT = Path(__file__).parents[1] / 'support'
 STANDING = f"""
@@ -45,9 +46,12 @@ def late(*arguments: str) -> str:
     return printed(STANDING, *arguments)[0]
 
 
+PREPARED = [('', 'load_cyclic_kernels'), ('rich+rotary', 'load_cyclic_kernels'), ('', 'rehearse')]
+
+
 @pytest.mark.parametrize(
     ('kind', 'prepare'),
-    [('', 'load_cyclic_kernels'), ('rich+rotary', 'load_cyclic_kernels'), ('', 'rehearse')],
+    some(PREPARED, PREPARED[1:]),
 )
 def test_no_kernel_is_loaded_in_a_bus_cycle(kind: str, prepare: str) -> None:
     assert late(kind, prepare) == '[]'

@@ -86,6 +86,7 @@ def test_a_fault_hits_the_short_state_that_it_is_meant_for(state: State, catalog
     assert found.as_expected, found
 
 
+@pytest.mark.long
 def test_losses_of_before_are_no_evidence(catalogue: Catalogue) -> None:
     for _ in range(2):
         assert outcome_of(catalogue, State.STANDING, fault='drop_mdt', axis='axis2').evidence == '1 lost'
@@ -100,6 +101,7 @@ def test_a_fault_that_stops_the_robot_is_timed_and_measured(catalogue: Catalogue
     assert not found.exercised
 
 
+@pytest.mark.long
 def test_a_fault_that_hides_in_a_disabled_drive_shows_itself_in_the_exercise(catalogue: Catalogue) -> None:
     found = outcome_of(catalogue, State.DISABLED, '8905', fault='winding_short', axis='axis1')
     assert found.as_expected, found

@@ -49,6 +49,7 @@ def test_own_node_drives_a_square(up: Callable) -> None:
     assert place == pytest.approx([0.0, 0.0, -0.8], abs=2e-4)
 
 
+@pytest.mark.long
 def test_arms_swing_along_a_trajectory_and_back(up: Callable) -> None:
     up()
     answer, end = run('swing_the_arms')
@@ -56,6 +57,7 @@ def test_arms_swing_along_a_trajectory_and_back(up: Callable) -> None:
     assert float(end.split()[1]) < 1e-3
 
 
+@pytest.mark.long
 def test_moves_are_sent_while_the_robot_moves_and_each_is_told_to_its_end(up: Callable) -> None:
     up()
     *answers, states = run('stream_of_moves')

@@ -140,6 +140,7 @@ def test_graph_gives_the_bits_of_the_simulation(
     assert result['lost_telegrams'] == 0
 
 
+@pytest.mark.long
 def test_joint_motion_on_line_has_the_bits_that_a_trace_gives(
     simulated: Trace, delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
@@ -402,6 +403,7 @@ def test_a_robot_that_is_up_gets_the_set_points_of_the_simulation(
     np.testing.assert_array_equal(commands[first - moving :][: len(expected)], expected)
 
 
+@pytest.mark.long
 def test_learned_torques_give_the_bits_of_their_simulation(
     delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:

@@ -93,6 +93,7 @@ def test_what_a_killed_process_has_left_is_taken_away_by_the_next(nothing_left_b
         assert not left.exists()
 
 
+@pytest.mark.long
 def test_drives_on_another_host_give_the_bits_of_the_simulation_over_a_bad_link(
     hosts: tuple[Host, Host, Link], tmp_path: Path
 ) -> None:

@@ -20,6 +20,7 @@ from delta3_pacdrive.errors import RefusedError
 from delta3_pacdrive.recording.bag_reader import open_bag
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from robots import nothing_is_left, read_until
+from thoroughness import some
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -140,7 +141,10 @@ def test_a_program_is_held_resumed_and_aborted_from_the_command_line(
     )
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+@pytest.mark.parametrize(
+    'number',
+    some([signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL], [signal.SIGINT, signal.SIGKILL]),
+)
 def test_who_moves_the_robot_and_is_ended_leaves_it_standing_on_its_path(
     number: signal.Signals, robot: subprocess.Popen, fork_delta3: Callable, delta3: Runner
 ) -> None:
@@ -227,6 +231,7 @@ def test_moves_are_appended_while_the_robot_moves_and_while_it_is_held(
     assert 'TCP at (100.000, 10.000, -740.000) mm' in delta3('move', 'state').stdout
 
 
+@pytest.mark.long
 def test_options_are_obeyed_by_programs_too(robot: subprocess.Popen, delta3: Runner, tmp_path: Path) -> None:
     program = tmp_path / 'line.yaml'
     program.write_text('moves: [{move_l: {to_m: [0.1, 0, -0.75], speed_m_s: 1.0}}]')

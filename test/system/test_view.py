@@ -169,6 +169,7 @@ def test_the_page_goes_on_with_a_robot_that_was_started_again(
     assert ended(second)[0] == 0
 
 
+@pytest.mark.long
 def test_a_robot_and_its_page_come_up_together_and_the_robot_outlives_the_page(
     start_delta3: Any,
     nothing_left_behind: None,

@@ -429,6 +429,7 @@ def test_one_changed_bit_is_no_agreement(robot, short_program):
     assert experiment_graph.same_as(changed, trace) == 'nodes and simulation differ in current'
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures('undrawn')
 def test_a_seed_is_that_of_the_robot_s_sensors(tmp_path, capsys):
     bits, seeds = [], []

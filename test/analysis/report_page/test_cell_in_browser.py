@@ -95,6 +95,7 @@ def test_between_two_bus_cycles_a_part_is_between_its_places(opened, run):
     np.testing.assert_allclose(drawn['at'], 0.5 * (before + after), atol=ROUNDED_M)
 
 
+@pytest.mark.long
 def test_a_part_is_drawn_where_it_is(visit, run):
     visit.page.evaluate(ONLY_PARTS)
     background = None

@@ -112,6 +112,7 @@ def check_plate(visit, one):
         assert np.linalg.norm(plate - drawn) < PIXELS, time_s
 
 
+@pytest.mark.long
 def test_each_arm_is_drawn_as_long_as_the_parameters_say(browser, robot, tmp_path):
     corrected = robot.replace(kinematics__upper_arm_correction_m=(2e-3, -1e-3, 0.0))
     run = runs.load('packaging', str(parameters.write(corrected, tmp_path / 'corrected.yaml')), to_s=0.2)
@@ -136,6 +137,7 @@ def test_numbers_in_the_browser_are_those_of_the_trace(visit, one, robot):
         assert np.abs(held - values).max() <= 0.5 * step * ROUNDING, name
 
 
+@pytest.mark.long
 def test_samples_of_a_record_stand_until_the_next_one_and_tell_their_values(browser, one, tmp_path):
     step, names = 62.5e-6, tuple(f'axis1.phase_current_{n}' for n in range(8))
     values = np.arange(320.0)[:, np.newaxis] + 1000.0 * np.arange(8)
@@ -268,6 +270,7 @@ def test_the_ghost_of_the_command_stands_off_by_the_magnified_error(visit, one):
     np.testing.assert_allclose(ghost, expected, atol=2e-6)
 
 
+@pytest.mark.long
 def test_a_page_of_two_runs_shows_their_difference(browser, written, one):
     built = written[2]
     with Visit(browser, written[1]) as visit:

@@ -61,6 +61,7 @@ def study(path, folder, workers, progress=silent):
     return Study(Settings(path, workers), folder, 'delta3 sweep own.yaml', progress)
 
 
+@pytest.mark.long
 def test_a_killed_worker_and_an_interruption_change_no_bit_of_the_table(path, serial, tmp_path, undrawn):
     folder, killed = tmp_path / 'out', []
 
