@@ -149,12 +149,12 @@ SCRIPTS = {
 
 
 CASES = [(name, order) for name in SCRIPTS for order in ('', BELTS_FIRST, ANSWERS_LATE)]
-IN_EACH_ORDER = 'overrides', 'waits', 'puts'
+IN_EACH_RUN = [('puts', order) for order in ('', BELTS_FIRST, ANSWERS_LATE)] + [
+    (name, '') for name in ('picks', 'holds', 'overrides', 'waits', 'gives up')
+]
 
 
-@pytest.mark.parametrize(
-    ('name', 'order'), some(CASES, [case for case in CASES if case[0] in IN_EACH_ORDER or not case[1]])
-)
+@pytest.mark.parametrize(('name', 'order'), some(CASES, IN_EACH_RUN))
 def test_a_script_has_the_bits_of_its_simulation(robot, name, order):
     script, speed, of_belt = SCRIPTS[name]
     there = around(speed, 3, **of_belt)

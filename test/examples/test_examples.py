@@ -47,6 +47,7 @@ def test_every_example_is_shown_in_the_documentation():
     assert sorted(shown) == sorted(path.stem for path in EXAMPLES.glob('*.py'))
 
 
+@pytest.mark.long
 def test_fill_a_box(run):
     _, ((parts, seconds), (apart,)) = run('fill_a_box')
     assert parts == 8
@@ -207,6 +208,7 @@ def test_torques_along_a_path(run):
     assert error < 0.1 * current
 
 
+@pytest.mark.long
 def test_propose_gains(run):
     text, numbers = run('propose_gains')
     (phase_before, _), (phase, gain) = numbers[3:5]

@@ -6,10 +6,7 @@ import pages
 from thoroughness import some
 
 WITH_ROBOT = [page for page in pages.PAGES if pages.needs_robot(page)]
-IN_EACH_RUN = [
-    pages.FIRST,
-    pages.SOURCE / 'docs/traces.md',
-]  # the commands of all others are read (test/docs)
+IN_EACH_RUN = [pages.FIRST]  # the commands of all others are read (test/docs)
 
 
 @pytest.mark.timeout(1800)
