@@ -12,7 +12,6 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.controller.following import TRANSITIONS, FollowEvent, Following, FollowState
 from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX
 from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
-from thoroughness import examples
 
 ALONG = 'move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.3%s}'
 UP = 'move_l: {to_m: [0.1, 0.06, -0.74], speed_m_s: 0.3}'
@@ -234,7 +233,7 @@ def test_a_refusal_leaves_the_program_that_runs_as_it_is(driver: Driver) -> None
 
 
 def test_a_long_stream_of_rounded_moves_goes_on_and_the_plan_stays_short(driver: Driver) -> None:
-    points = [(0.03 * np.cos(0.6 * n), 0.03 * np.sin(0.6 * n)) for n in range(examples(130))]
+    points = [(0.03 * np.cos(0.6 * n), 0.03 * np.sin(0.6 * n)) for n in range(FOLLOWING_MAX + 30)]
     for x, y in points:
         driver.ask(f'move_l: {{to_m: [{x:g}, {y:g}, -0.76], blend_m: 0.004, speed_m_s: 0.3}}')
     assert len(driver.rig.task.timeline.plan) <= 3
@@ -245,6 +244,21 @@ def test_a_long_stream_of_rounded_moves_goes_on_and_the_plan_stays_short(driver:
     assert {report.state for report in driver.rig.reports} >= {'done', 'running'}
     done = [report.id for report in driver.rig.reports if report.state == 'done']
     assert len(done) == len(set(done)) == len(points)
+
+
+def test_a_sequence_of_rounded_corners_that_has_become_long_ends_in_a_corner(driver: Driver) -> None:
+    """All of it is planned anew whenever a move is appended."""
+    points = [(0.03 * np.cos(0.6 * n), 0.03 * np.sin(0.6 * n)) for n in range(FOLLOWING_MAX + 2)]
+    moves = [f'{{move_l: {{to_m: [{x:g}, {y:g}, -0.76], blend_m: 0.004, speed_m_s: 0.3}}}}' for x, y in points]
+    driver.ask(f'[{", ".join(moves[:-2])}]')
+    driver.rig.run(1000)  # until there is room for more
+    for move in moves[-2:]:
+        driver.ask(f'[{move}]')
+    driver.rig.finish()
+    driver.smooth()
+    stood = [n for n, (x, y) in enumerate(points) if driver.nearest(np.array([x, y, -0.76])) < 1e-7]
+    print(stood)
+    assert stood == [FOLLOWING_MAX - 1, len(points) - 1]
 
 
 def test_the_same_requests_in_the_same_cycles_give_the_same_bits(new_rig: Any) -> None:

@@ -81,7 +81,7 @@ def random_points(generator, robot):
     return points
 
 
-def test_a_thousand_random_trajectories_are_followed_within_the_grid_at_their_points(robot):
+def test_random_trajectories_are_followed_within_the_grid_at_their_points(robot):
     generator = np.random.default_rng(2024)
     carried = set()
     for _ in range(RANDOM):

@@ -13,7 +13,7 @@ from delta3_pacdrive.controller.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import FaultCode, RobotFault
 from thoroughness import examples
 
-SEQUENCES = int(os.environ.get('DELTA3_SEQUENCES', examples(200)))
+SEQUENCES = int(os.environ.get('DELTA3_SEQUENCES', examples(300)))
 LENGTH = 50
 HOME = kinematics.inverse((0.0, 0.0, -0.75), parameters.load().kinematics)
 # the first and the last lead anywhere but beyond the workspace; short, so that they end within a sequence

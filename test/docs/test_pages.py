@@ -61,11 +61,17 @@ def test_a_block_that_is_not_run_each_time_has_commands_that_are_read(page):
 
 def test_what_is_only_read_is_refused_as_it_would_be_run():
     assert pages.read_commands('cp a b\ndelta3 tune --set K_Pvel=0.6 | grep x  # a comment\n') == 1
+    assert (
+        pages.read_commands("yes '' | delta3 run own.py --step; delta3 --help >help.txt && echo delta3\n")
+        == 2
+    )
     for wrong in (
         'delta3 tune --no-such-option\n',
         'delta3 tune --axis 9\n',
         'delta3 no_such_command\n',
         'delta3 plan experiment1 --no-such-option || echo refused\n',
+        'echo | delta3 run --no-such-option\n',
+        "delta3 plan '' --no-such-option\n",
     ):
         with pytest.raises(AssertionError, match='refused'):
             pages.read_commands(wrong)

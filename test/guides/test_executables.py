@@ -49,7 +49,6 @@ def started(line: str, environment: dict[str, str]) -> Iterator[None]:
             raise
 
 
-@pytest.mark.long
 def test_the_first_commands_install_and_run_in_a_copy_of_the_sources(
     shell: Callable[..., Any], tmp_path: Path, nothing_left_behind: None
 ) -> None:

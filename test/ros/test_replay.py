@@ -74,7 +74,7 @@ LOOKED_AT = 20  # bus cycles after them, in which nothing moves
 BURST = 2  # messages that a player publishes at once: bags are played back at the pace of the robot
 ANSWERS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # of a whole bag
 STATES = ('idle', 'moving', 'stopped', 'error', 'disabled')
-IN_EACH_RUN = STATES if EVERYTHING else ('moving', 'error')
+STATES_OF_ITS_OWN_BAG = STATES if EVERYTHING else ('moving', 'error')
 
 
 class Recording:
@@ -309,7 +309,7 @@ def test_a_bag_of_this_very_session_changes_nothing_topic_by_topic_nor_as_a_whol
     # who copies the session of a running robot on the cyclic topics is found by the contradiction, and stops it
     slow = [topic for topic in TOPICS if topic not in CYCLIC and topic != 'joint_states']
     alone = [topic for topic in slow if topic not in OPEN]
-    for state in IN_EACH_RUN:
+    for state in STATES_OF_ITS_OWN_BAG:
         cell.enter(state)
         before = cell.facts()
         for topic in alone:

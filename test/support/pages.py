@@ -27,9 +27,14 @@ PAGES = [
     SOURCE / name
     for name in ('README.md', 'CONTRIBUTING.md', *sorted(str(path) for path in SOURCE.glob('docs/**/*.md')))
 ]
-# with their commands, each of which has tests of its own, these compute for a quarter of a minute and longer
-COMPUTING = 'calibration lines measured optimise places_and_plans student/errata studies sweeps tuning'
-LONG = [SOURCE / f'docs/{name}.md' for name in COMPUTING.split()]
+# their commands compute for a quarter of a minute and longer, and have tests of their own
+LONG = [
+    SOURCE / f'docs/{name}.md'
+    for name in (
+        'calibration', 'lines', 'measured', 'optimise', 'places_and_plans', 'student/errata', 'studies', 'sweeps',
+        'tuning',
+    )
+]  # fmt: skip
 LANGUAGES = {'bash', 'console', 'python', 'pycon', 'yaml', 'text'}
 DIRECTIVES = re.compile(r'\{(?!code-block\})[\w-]+\}.*')
 ROBOT = re.compile(
@@ -298,21 +303,25 @@ def run_block(
             raise AssertionError(f'{block.language!r} is none of {sorted(LANGUAGES)}, or has no file name')
 
 
-def words_of(line: str) -> list[str]:
-    """Return the words of a command; those of what it is piped to, or what follows it, are no part of it."""
-    lexer = shlex.shlex(line, posix=True, punctuation_chars=True)
-    lexer.whitespace_split = True
-    return list(itertools.takewhile(lambda word: not set(word) <= set('();<>|&'), lexer))
+def commands_in(text: str) -> Iterator[list[str]]:
+    """Give the words of each command of delta3 in lines of a shell, wherever it stands in its line."""
+    for line in text.replace('\\\n', ' ').splitlines():
+        lexer = shlex.shlex(line, posix=True, punctuation_chars=True)
+        lexer.whitespace_split = True
+        for between, words in itertools.groupby(
+            lexer, lambda word: word != '' and set(word) <= set('();<>|&')
+        ):
+            command = list(words)
+            if not between and command[0] == 'delta3':
+                yield command
 
 
 def read_commands(text: str) -> int:
     """Have the options of every command of delta3 in a block read, and run none; return how many there are."""
-    commands = [words_of(line) for line in text.splitlines() if line.startswith('delta3 ')]
+    commands = list(commands_in(text))
     for _, name, *options in commands:
-        if (
-            name.startswith('-') or '--help' in options
-        ):  # they end with a text, not with options that were read
-            continue
+        if name in ('--help', '--version') or '--help' in options:
+            continue  # it ends with a text
         try:
             import_module(f'delta3_pacdrive.cli.{name}').main.read(options)
         except (ImportError, SystemExit) as refusal:

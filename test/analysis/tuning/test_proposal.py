@@ -89,9 +89,9 @@ def test_margins_of_candidates_are_those_of_the_difference_equations(name, robot
     robot = robots[name]
     loads = spread(robot, 2.0)
     shafts = [shaft(robot, load, SPEED_RAD_S) for load in loads for shaft in (exact_shaft, exchanged_shaft)]
-    some = [Gains(0.35, 20.0, 60.0), Gains(0.2, 10.0, 30.0), Gains(0.45, 25.0, 20.0)]
-    least = Candidates(robot, shafts).least(some)
-    for k, gains in enumerate(some):
+    tried = [Gains(0.35, 20.0, 60.0), Gains(0.2, 10.0, 30.0), Gains(0.45, 25.0, 20.0)]
+    least = Candidates(robot, shafts).least(tried)
+    for k, gains in enumerate(tried):
         kept = margins_kept(gains.of(robot), loads, SPEED_RAD_S)
         assert least.stable[k] == kept.stable
         if not kept.stable:
@@ -104,15 +104,15 @@ def test_a_candidate_that_is_not_stable_is_known_as_such(robots):
     robot = robots['delta3']
     loads = spread(robot, 2.0)
     candidates = Candidates(robot, [exact_shaft(robot, load, SPEED_RAD_S) for load in loads])
-    some = [
+    tried = [
         Gains(*found)
         for found in ((2.0, 20.0, 60.0), (0.35, 20.0, 1500.0), (0.02, 80.0, 60.0), (0.35, 20.0, 60.0))
     ]
     exact = [
         margins_kept(gains.of(robot.replace(bus__exchange_period_s=125e-6)), loads, SPEED_RAD_S).stable
-        for gains in some
+        for gains in tried
     ]
-    assert candidates.least(some).stable.tolist() == exact == [False, False, False, True]
+    assert candidates.least(tried).stable.tolist() == exact == [False, False, False, True]
 
 
 @pytest.mark.long
