@@ -15,6 +15,7 @@ from delta3_pacdrive.motion.program import MoveL, Program, Target
 from delta3_pacdrive.motion.turns import standing
 from delta3_pacdrive.motion.virtual_master import (
     State,
+    master_at_distances,
     remainder,
     rest,
     sample_master,
@@ -24,7 +25,9 @@ from delta3_pacdrive.motion.virtual_master import (
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-CANDIDATES = 200  # places of a move at which the plan may be joined
+CANDIDATES = 200  # places of a move at which the plan may be joined, evenly over its time
+CLOSE_S = 1e-3  # at most between those just ahead: a sequence is slower in each of its corners
+CLOSE_OVER_S = 0.25  # how far ahead
 OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place
 ROUNDING = 1.0 + 1e-9  # room for ruckig, whose start and target must lie within the limits
 END_M = 1e-7  # a master this close to the end of its move is there
@@ -127,7 +130,7 @@ def _join(
     Up to a place [m] they may be as fast as another master ``before``.
     """
     s0, v0, _ = state
-    times = np.linspace(0.0, move.duration_s, CANDIDATES + 1)
+    times = _candidates(move, s0)
     planned = sample_master(times, move.master)
     planned[-1] = move.length_m, move.master[-1, 2], 0.0, 0.0
     speed_max = room * float(planned[:, 1].max())
@@ -142,6 +145,16 @@ def _join(
             ahead[:, 0] += table[-1, 0]
             return np.vstack([table[:-1], ahead])
     return None
+
+
+def _candidates(move: Move, distance_m: float) -> Floats:
+    """Times of a move at which it may be joined from a place on it; they lie closer together just ahead."""
+    times = np.linspace(0.0, move.duration_s, CANDIDATES + 1)
+    if move.duration_s > CANDIDATES * CLOSE_S:
+        here = float(master_at_distances([distance_m], move.master)[0, 0])
+        ahead = here + np.arange(CLOSE_S, CLOSE_OVER_S, CLOSE_S)
+        times = np.union1d(times, ahead[ahead < move.duration_s])
+    return times
 
 
 def _connection(start: State, end: State, limits: tuple[float, float], speed_max: float) -> Floats | None:

@@ -9,8 +9,8 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.move import Move, MoveKind
 from delta3_pacdrive.motion.plan import Plan, PlanBuilder
-from delta3_pacdrive.motion.resume import left_of_plan
-from delta3_pacdrive.motion.virtual_master import sample_master
+from delta3_pacdrive.motion.resume import go_over, left_of_plan, resume
+from delta3_pacdrive.motion.virtual_master import master_at_distances, sample_master
 
 CYCLE_S = 1e-3
 START = (0.0, 0.0, -0.75)
@@ -130,3 +130,54 @@ def test_behind_its_end_a_master_stands_whatever_speed_its_last_row_tells():
     at = sample_master([0.25, 0.5, 0.75, 100.0], phases)
     assert at[0, :3].tolist() == [0.25, 1.0, 0.0]
     assert at[1:, :3].tolist() == [[0.5, 0.0, 0.0]] * 3
+
+
+@pytest.fixture(scope='module')
+def corners(robot):
+    """Return plans of a hundred rounded corners, 10 s of one move, and of one corner more."""
+    points = [(0.03 * np.cos(0.6 * n), 0.03 * np.sin(0.6 * n)) for n in range(101)]
+    moves = [{'move_l': {'to_m': [x, y, -0.76], 'blend_m': 0.004, 'speed_m_s': 0.3}} for x, y in points]
+    return [
+        program_planner.plan(
+            programs.parse({'moves': moves[:count]}, robot.motion), START, robot, open_end=True
+        ).plan
+        for count in (100, 101)
+    ]
+
+
+@pytest.fixture
+def driven(corners):
+    timeline = Timeline(corners[0], CYCLE_S)
+    timeline.start(0)
+    return timeline
+
+
+IN_CORNERS = range(300, 9500, 433)  # bus cycles, before, in and behind corners
+
+
+@pytest.mark.parametrize('cycle', IN_CORNERS)
+def test_a_stop_anywhere_in_a_long_sequence_of_corners_is_resumed(cycle, driven):
+    left = driven.rest_of_move(cycle)[-1, 0]
+    driven.change(driven.stop(cycle))
+    profile = resume(driven, driven.end_cycle, 1.0)
+    driven.change(profile)
+    assert profile.table[-1, 0] < left + 0.1
+
+
+@pytest.mark.parametrize('override', [0.3, 1.4])
+@pytest.mark.parametrize('cycle', IN_CORNERS)
+def test_an_override_counts_at_once_in_a_long_sequence_of_corners(cycle, override, driven):
+    master = driven.plan.move(0).master
+    driven.change(resume(driven, cycle, override))
+    later = driven.at(cycle + 300)
+    planned = master_at_distances([later.distance_m], master)[0, 2]
+    assert later.speed_m_s == pytest.approx(override * planned, rel=1e-3)
+
+
+@pytest.mark.parametrize('cycle', IN_CORNERS)
+def test_a_long_sequence_of_corners_goes_over_to_a_longer_one(cycle, corners, driven):
+    """Its speeds are not quite those of the other: they are planned over another length."""
+    longer, length_m = corners[1].move(0), driven.plan.move(0).length_m
+    table = go_over(driven, cycle, longer, length_m - 0.005)
+    assert table is not None
+    assert table[-1, 1] == pytest.approx(longer.length_m)
