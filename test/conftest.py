@@ -89,10 +89,14 @@ def browser():
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Leave out the drawing of pictures, half of the time of a study, for facts that no picture shows."""
+    """Leave out the drawing of pictures, half of the time of a study, where none is looked at.
+
+    Their figures are made all the same; ``DELTA3_LONG=1`` draws them, too.
+    """
     from delta3_pacdrive.analysis import report_folder
 
-    monkeypatch.setattr(report_folder, 'save', lambda figure, path, metadata: path.write_bytes(b''))
+    if not EVERYTHING:
+        monkeypatch.setattr(report_folder, 'save', lambda figure, path, metadata: path.write_bytes(b''))
 
 
 @pytest.fixture

@@ -122,14 +122,19 @@ SPOILT = {
 }
 
 
-@pytest.mark.parametrize('case', SPOILT)
-def test_what_a_stranger_tells_of_a_cell_is_not_there(case, belted, tmp_path):
+def early_story(belted, folder, *more):
     _, truth = belted
-    early = truth.arrivals[:200]
-    own, spoilt = (
-        runs.load(str(bag_of(tmp_path / name, arrivals, truth.scene, range(190)))).cell
-        for name, arrivals in (('own', early), ('spoilt', [*early, SPOILT[case]]))
-    )
+    return runs.load(str(bag_of(folder, [*truth.arrivals[:200], *more], truth.scene, range(190)))).cell
+
+
+@pytest.fixture(scope='module')
+def own(belted, tmp_path_factory):
+    return early_story(belted, tmp_path_factory.mktemp('own') / 'bag')
+
+
+@pytest.mark.parametrize('case', SPOILT)
+def test_what_a_stranger_tells_of_a_cell_is_not_there(case, own, belted, tmp_path):
+    spoilt = early_story(belted, tmp_path / 'spoilt', SPOILT[case])
     assert (spoilt.things, spoilt.parts) == (own.things, own.parts)
     np.testing.assert_array_equal(spoilt.ways['line'], own.ways['line'])
 

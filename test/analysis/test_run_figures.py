@@ -57,14 +57,14 @@ def turning(tmp_path_factory: pytest.TempPathFactory) -> Trace:
     return simulation.run(programs.load(path, robot.motion), robot)
 
 
-def test_a_run_of_a_rotary_axis_has_a_figure_of_the_turn_with_what_it_holds(
-    turning: Trace, tmp_path: Path
-) -> None:
-    paths = run_figures.draw(turning, ReportFolder(tmp_path / 'all', Provenance.of('test')))
+@pytest.mark.usefixtures('undrawn')
+def test_a_run_of_a_rotary_axis_has_one_figure_more(turning: Trace, tmp_path: Path) -> None:
+    paths = run_figures.draw(turning, ReportFolder(tmp_path, Provenance.of('test')))
     assert {path.name for path in paths} == {*PROMISED, 'turn.png'}
-    asked = run_figures.draw(
-        turning, ReportFolder(tmp_path / 'one', Provenance.of('test')), ['turn_position']
-    )
+
+
+def test_the_figure_of_the_turn_tells_what_the_run_holds(turning: Trace, tmp_path: Path) -> None:
+    asked = run_figures.draw(turning, ReportFolder(tmp_path, Provenance.of('test')), ['turn_position'])
     assert [path.name for path in asked] == ['turn.png']
     run = run_signals.program_part(turning)
     angle, error, current = run_figures.turn(turning).axes

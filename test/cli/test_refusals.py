@@ -8,6 +8,7 @@ pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
 
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.faults.fault import KINDS
+from delta3_pacdrive.ros import robots_client
 
 
 @pytest.fixture(autouse=True)
@@ -149,7 +150,8 @@ def test_robots_are_not_all_recorded_with_the_parameters_of_one(refused, tmp_pat
     assert errors.endswith('--parameters is rich, but with --all each robot tells its own\n')
 
 
-def test_without_a_robot_all_of_them_are_not_recorded(refused, tmp_path):
+def test_without_a_robot_all_of_them_are_not_recorded(refused, tmp_path, monkeypatch):
+    monkeypatch.setattr(robots_client, 'FIRST_S', 0.3)
     status, errors = refused(['record', '--all', tmp_path / 'all', '--namespace', 'hall'])
     assert status == 1
     assert errors.startswith('error: no robot is up below namespace /hall in domain ')

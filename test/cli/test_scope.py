@@ -63,6 +63,7 @@ def test_a_program_triggers_with_what_was_before_it(capsys):
         assert file.read(4) == b'\x89PNG'
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_a_report_holds_figure_and_file_of_each_record_with_a_row_on_its_page(tmp_path, capsys):
     asked = ('--scope', 'axis1.current,axis2.speed', '--trigger', 'axis1.speed', '--edge', 'both', '--mode', 'normal',
              '--records', '2', '--duration', '0.01', '--scope-output', 's.npz')  # fmt: skip

@@ -240,6 +240,7 @@ def catches_sigterm(process):
     return bool(mask >> (signal.SIGTERM - 1) & 1)
 
 
+@pytest.mark.long
 def test_one_signal_at_any_moment_ends_a_node_that_starts(tmp_path):
     """Also while it loads kernels, where an exception would be lost in the compiler's callbacks."""
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')

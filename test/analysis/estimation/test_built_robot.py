@@ -219,6 +219,7 @@ def test_the_error_norm_before_and_after_is_that_of_the_bus(recorded, rich):
     assert np.abs(found.robot.error_norm - own)[10:].max() < 0.01 * own.max()
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_without_apply_the_exit_status_says_that_the_model_does_not_hold(bus, tmp_path, capsys):
     trace = tmp_path / 'robot.npz'
     bus.save(trace)

@@ -77,7 +77,7 @@ def test_of_the_nominal_robot_little_more_than_the_grid_of_the_encoders_is_left(
     assert found.best.current_peak_a < 1.01 * found.repetitions[0].current_peak_a
 
 
-@pytest.mark.parametrize('program', ['packaging', 'experiment2'])
+@pytest.mark.parametrize('program', some(['packaging', 'experiment2'], ['packaging']))
 def test_the_built_robot_gains_a_factor_of_three_through_the_noise_of_its_encoders(program, learn, built):
     found = learn(built, program=program)
     assert_monotone(found)
@@ -85,7 +85,7 @@ def test_the_built_robot_gains_a_factor_of_three_through_the_noise_of_its_encode
     assert gains(found)[1] > 4.0
 
 
-@pytest.mark.parametrize('share', [0.7, 1.3])
+@pytest.mark.parametrize('share', some([0.7, 1.3], [0.7]))
 def test_it_converges_with_masses_30_percent_wrong(share, learn, model):
     found = learn(with_masses(model, share), model)
     assert_monotone(found)

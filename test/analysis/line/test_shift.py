@@ -11,7 +11,6 @@ from delta3_pacdrive.analysis.line import parts, shift
 from delta3_pacdrive.analysis.line.design import Rule
 from delta3_pacdrive.analysis.line.shift import Miss
 from lines import line_of, most_that_can_be_picked, picked_knowing_all, shift_of, tables_of
-from thoroughness import some
 
 UNTIL_S = 150.0  # of the shift, for the bound
 WITHIN = 0.01  # of the parts that come, between search and bound
@@ -106,7 +105,8 @@ def test_who_takes_the_nearest_part_is_away_for_less_time_than_who_takes_the_fir
     assert mean_s(Rule.NEAREST) < mean_s(Rule.FIRST_COME) - 0.003
 
 
-@pytest.mark.parametrize('rate', some([205.0, 260.0], [205.0]))  # they are full at about 210
+@pytest.mark.long
+@pytest.mark.parametrize('rate', [205.0, 260.0])  # they are full at about 210
 def test_the_best_assignment_is_near_what_can_be_picked_knowing_all_parts_before(rate, tables):
     line = line_with(Rule.OPTIMAL, rate)
     most, reached = most_that_can_be_picked(line, tables, UNTIL_S), picked_knowing_all(line, tables, UNTIL_S)

@@ -219,6 +219,7 @@ def test_values_in_the_table_are_numbers_and_all_else_is_json():
     assert json.loads(engine.told({'a': {'fault': 'drop_at'}})['a']) == {'fault': 'drop_at'}
 
 
+@pytest.mark.long
 def test_what_a_worker_notes_of_its_batches_does_not_grow():
     with engine.cluster(1, '') as client:
         for number in range(100):

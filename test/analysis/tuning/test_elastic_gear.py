@@ -19,6 +19,7 @@ from delta3_pacdrive.analysis.tuning.load import Load, extremes, gear_of, load_a
 from delta3_pacdrive.analysis.tuning.loops import Entry, linear_cascade
 from delta3_pacdrive.analysis.tuning.response import margins
 from delta3_pacdrive.parameters import load
+from thoroughness import some
 
 SPEED_RAD_S = 10.0
 RATIO = 32.0
@@ -83,7 +84,7 @@ def test_default_gains_leave_the_built_robot_hardly_more_than_a_decibel(built):
         )
 
 
-@pytest.mark.parametrize('notch', [0.0, 210.0])
+@pytest.mark.parametrize('notch', some([0.0, 210.0], [210.0]))
 def test_the_drive_on_the_bench_behind_a_gear_agrees_with_its_linear_loops(notch, built, home):
     filtered = built.replace(drive__notch_1_frequency_hz=notch, drive__notch_1_damping=0.7)
     # free of noise and ripple: what is left differs by the loops alone

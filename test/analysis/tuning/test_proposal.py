@@ -15,7 +15,6 @@ from delta3_pacdrive.analysis.tuning.proposal import Targets, margins_kept, prop
 from delta3_pacdrive.analysis.tuning.response import margins
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import TuningError
-from thoroughness import some
 
 SPEED_RAD_S = 10.0
 # what coherence and the grid of the lines leave of a margin that is measured on the bench
@@ -70,7 +69,8 @@ def test_no_neighbour_of_proposed_gains_is_stiffer_and_keeps_the_margins(name, p
             assert kept.phase_deg < 45.0 or kept.gain_db < 6.0 or not kept.stable
 
 
-@pytest.mark.parametrize('name', some(['delta3', 'rich'], ['delta3']))
+@pytest.mark.long
+@pytest.mark.parametrize('name', ['delta3', 'rich'])
 def test_the_drive_on_the_bench_has_the_margins_that_are_promised(name, proposals):
     robot = proposals[name].robot
     if name == 'rich':

@@ -306,6 +306,7 @@ def test_the_command_prints_both_solutions_with_jacobian_and_determinant(capsys)
         assert part in text
 
 
+@pytest.mark.usefixtures('undrawn')
 def test_the_command_gives_the_same_as_json_in_si_units(capsys, tmp_path):
     arguments = ['--point', '-0.2', '0.4', '--velocity', '0.1', '0', '--figures', str(tmp_path / 'new')]
     assert main(['arm', '--json', *arguments]) == 0
