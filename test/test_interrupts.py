@@ -46,7 +46,7 @@ OFFLINE = {
     'ripple': ['ripple', '{program}', '--cycle-time', '1'],
     'sweep': ['sweep', '{sweep}', '--workers', '1'],
 }
-IN_EACH_RUN = 'simulate', 'completion', 'experiment', 'sweep'  # each of them works in its own way
+IN_EACH_RUN = 'simulate', 'completion', 'sweep'  # each of them works in its own way
 PROGRAM = """
 start_m: [0.0, 0.0, -0.75]
 limits: {speed_m_s: 2.5, acceleration_m_s2: 30.0, jerk_m_s3: 4000.0}

@@ -23,30 +23,35 @@ def rows(measured):
     return measured['controllers']
 
 
+@pytest.mark.long
 def test_the_model_is_better_on_every_robot_and_with_wrong_masses(rows):
     for robot in control.ROBOTS:
         share = 0.85 if robot == control.HEAVIER else 0.5
         assert rows['feed-forward'][robot]['error_max_m'] < share * rows['off'][robot]['error_max_m']
 
 
+@pytest.mark.long
 def test_the_encoders_of_a_nominal_robot_see_its_tcp_and_those_of_a_built_one_do_not(rows):
     nominal, built = (rows['feed-forward'][robot] for robot in (control.NOMINAL, control.BUILT))
     assert nominal['true_error_max_m'] == pytest.approx(nominal['error_max_m'], abs=2e-6)
     assert built['true_error_max_m'] > 1.5 * built['error_max_m']
 
 
+@pytest.mark.long
 def test_a_shaped_round_takes_longer_and_a_time_optimal_one_less(rows):
     times = {name: own[control.NOMINAL]['cycle_s'] for name, own in rows.items()}
     assert times['time-optimal'] < times['feed-forward'] == times['off'] < times['shaped']
     assert times['shaped'] - times['off'] < 0.1
 
 
+@pytest.mark.long
 def test_it_asks_for_more_current_where_masses_are_larger(rows):
     for own in rows.values():
         lighter, heavier = (own[robot]['rms_current_a'] for robot in (control.LIGHTER, control.HEAVIER))
         assert lighter < own[control.NOMINAL]['rms_current_a'] < heavier
 
 
+@pytest.mark.long
 def test_a_time_optimal_round_warms_the_motors_as_much_as_they_may_and_more_with_larger_masses(rows):
     fast = rows['time-optimal']
     assert 0.9 < fast[control.NOMINAL]['heat'] <= 1.001
@@ -56,6 +61,7 @@ def test_a_time_optimal_round_warms_the_motors_as_much_as_they_may_and_more_with
     )
 
 
+@pytest.mark.long
 def test_the_drives_are_stable_on_every_robot_and_lighter_masses_leave_less_gain_margin(measured):
     kept = measured['margins']
     assert all(kept[robot]['stable'] for robot in control.ROBOTS)

@@ -9,6 +9,7 @@ import pytest
 
 import delta3_pacdrive as d3
 import forked_commands
+from thoroughness import some
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
 LINES_MAX = 40
@@ -327,7 +328,7 @@ def test_fit_a_parameter(run):
     assert residual < 0.05 * torque
 
 
-@pytest.mark.parametrize('ending', ['', 'csv'])
+@pytest.mark.parametrize('ending', some(['', 'csv'], ['']))
 def test_read_a_recording(ending, run, tmp_path, shell):
     if ending:
         assert shell('delta3 simulate experiment3 --trace run.csv').returncode == 0

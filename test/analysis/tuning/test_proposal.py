@@ -15,6 +15,7 @@ from delta3_pacdrive.analysis.tuning.proposal import Targets, margins_kept, prop
 from delta3_pacdrive.analysis.tuning.response import margins
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import TuningError
+from thoroughness import some
 
 SPEED_RAD_S = 10.0
 # what coherence and the grid of the lines leave of a margin that is measured on the bench
@@ -26,12 +27,24 @@ def robots():
     return {name: parameters.load(name) for name in ('delta3', 'rich')}
 
 
+class Proposals(dict):
+    """What is proposed for a robot, made when it is asked for."""
+
+    def __init__(self, robots):
+        super().__init__()
+        self.robots = robots
+
+    def __missing__(self, name):
+        self[name] = propose(self.robots[name], Targets(), SPEED_RAD_S)
+        return self[name]
+
+
 @pytest.fixture(scope='module')
 def proposals(robots):
-    return {name: propose(robot, Targets(), SPEED_RAD_S) for name, robot in robots.items()}
+    return Proposals(robots)
 
 
-@pytest.mark.parametrize('name', ['delta3', 'rich'])
+@pytest.mark.parametrize('name', some(['delta3', 'rich'], ['delta3']))
 def test_proposed_gains_keep_the_margins_that_are_asked_for_and_hardly_more(name, proposals, robots):
     found = proposals[name]
     kept = margins_kept(found.robot, spread(robots[name], 2.0), SPEED_RAD_S)
@@ -42,6 +55,7 @@ def test_proposed_gains_keep_the_margins_that_are_asked_for_and_hardly_more(name
     assert found.before.phase_deg < 45.0
 
 
+@pytest.mark.long
 def test_the_nominal_robot_gets_a_stiff_drive_and_the_built_one_a_notch_filter(proposals):
     # COBYLA from the best of many starts got to 1063 with 44.7 deg and 5.9 dB, hill-climbing to 823
     assert 1000.0 < proposals['delta3'].gains.stiffness < 1063.0
@@ -52,7 +66,7 @@ def test_the_nominal_robot_gets_a_stiff_drive_and_the_built_one_a_notch_filter(p
     assert proposals['rich'].robot.drive.notch_1_frequency_hz == built.notch.frequency_hz
 
 
-@pytest.mark.parametrize('name', ['delta3', 'rich'])
+@pytest.mark.parametrize('name', some(['delta3', 'rich'], ['delta3']))
 def test_no_neighbour_of_proposed_gains_is_stiffer_and_keeps_the_margins(name, proposals, robots):
     found, loads = proposals[name].gains, spread(robots[name], 2.0)
     for factors in itertools.product((0.97, 1.03), repeat=3):
@@ -146,7 +160,9 @@ def test_margins_out_of_range_are_refused(values, told):
         Targets(*values)
 
 
-@pytest.mark.parametrize(('name', 'joined'), [('delta3', 'delta3+'), ('rich', 'rich+')])
+@pytest.mark.parametrize(
+    ('name', 'joined'), some([('delta3', 'delta3+'), ('rich', 'rich+')], [('delta3', 'delta3+')])
+)
 def test_the_file_of_gains_joined_with_the_robot_is_the_proposal(name, joined, proposals, tmp_path):
     path = tmp_path / gains_file.FILE
     gains_file.write(proposals[name], path, Provenance.of('tune --auto', proposals[name].robot, None, []))

@@ -47,6 +47,7 @@ def test_what_it_turns_is_rotor_bar_tool_and_part_wherever_the_arms_are(turning)
     assert heaviest.name == 'tool with a part of 3 kg'
 
 
+@pytest.mark.long
 def test_the_real_drive_on_the_bench_agrees_with_its_linear_loops(built):
     drive = tuned_drive(4, built)
     operation = OperatingPoint(drive.load(None, built), SPEED_RAD_S)
