@@ -53,6 +53,7 @@ class _State:
     since_s = 0.0
     installed = False
     raises = False
+    leaves = False
     as_json = False
 
 
@@ -142,6 +143,8 @@ def ignore() -> None:
 
 
 def _on_signal(number: int, _: FrameType | None) -> None:
+    if _state.leaves:
+        return
     first = _state.number == 0
     if first:
         _state.number, _state.since_s = number, time.monotonic()
@@ -154,13 +157,16 @@ def _on_signal(number: int, _: FrameType | None) -> None:
 
 
 def _on_alarm(*_: Any) -> None:
+    if _state.leaves:
+        return
     if not _state.raises:
         _leave()
     raise Interrupted(_state.number)
 
 
 def _leave() -> None:
-    """Tell it and be gone, whatever the interpreter is in the middle of."""
+    """Tell it and be gone, whatever the interpreter is in the middle of; signals that come meanwhile tell it no more."""
+    _state.leaves = True
     text = sentence(_state.number)
     show_cursor = b'\x1b[?25h' if os.isatty(2) else b''  # a display may have hidden it
     try:

@@ -197,6 +197,25 @@ def test_thirty_times_ctrl_c_is_one_sentence_too(files, tmp_path):
         assert_one_sentence(errors, 'interrupted')
 
 
+TWICE = """
+import os, signal
+from delta3_pacdrive import interrupts
+write = os.write
+def write_and_interrupt(file, data):
+    write(file, data)
+    signal.raise_signal(signal.SIGINT)
+os.write = write_and_interrupt
+interrupts.install()
+signal.raise_signal(signal.SIGTERM)
+"""
+
+
+def test_a_signal_that_comes_while_the_end_is_told_does_not_tell_it_again():
+    done = ended([sys.executable, '-P', '-c', TWICE])
+    assert done.returncode == 143
+    assert_one_sentence(done.stderr, 'ended by SIGTERM')
+
+
 def test_an_interrupted_command_answers_in_json_as_well(tmp_path):
     process = start(['estimate', '--json'], tmp_path)
     # options are read, heavy modules are being loaded
