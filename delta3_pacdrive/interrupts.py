@@ -165,7 +165,7 @@ def _on_alarm(*_: Any) -> None:
 
 
 def _leave() -> None:
-    """Tell it and be gone, whatever the interpreter is in the middle of; signals that come meanwhile tell it no more."""
+    """Tell it once and be gone, whatever the interpreter is in the middle of."""
     _state.leaves = True
     text = sentence(_state.number)
     show_cursor = b'\x1b[?25h' if os.isatty(2) else b''  # a display may have hidden it
