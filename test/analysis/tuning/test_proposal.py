@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,26 +28,15 @@ def robots():
     return {name: parameters.load(name) for name in ('delta3', 'rich')}
 
 
-class Proposals(dict):
-    """What is proposed for a robot, made when it is asked for."""
-
-    def __init__(self, robots):
-        super().__init__()
-        self.robots = robots
-
-    def __missing__(self, name):
-        self[name] = propose(self.robots[name], Targets(), SPEED_RAD_S)
-        return self[name]
-
-
 @pytest.fixture(scope='module')
 def proposals(robots):
-    return Proposals(robots)
+    """Return what proposes gains for a robot, once."""
+    return cache(lambda name: propose(robots[name], Targets(), SPEED_RAD_S))
 
 
 @pytest.mark.parametrize('name', some(['delta3', 'rich'], ['delta3']))
 def test_proposed_gains_keep_the_margins_that_are_asked_for_and_hardly_more(name, proposals, robots):
-    found = proposals[name]
+    found = proposals(name)
     kept = margins_kept(found.robot, spread(robots[name], 2.0), SPEED_RAD_S)
     assert kept == found.kept
     assert kept.stable
@@ -58,17 +48,17 @@ def test_proposed_gains_keep_the_margins_that_are_asked_for_and_hardly_more(name
 @pytest.mark.long
 def test_the_nominal_robot_gets_a_stiff_drive_and_the_built_one_a_notch_filter(proposals):
     # COBYLA from the best of many starts got to 1063 with 44.7 deg and 5.9 dB, hill-climbing to 823
-    assert 1000.0 < proposals['delta3'].gains.stiffness < 1063.0
-    assert proposals['delta3'].gains.notch is None
-    built = proposals['rich'].gains
+    assert 1000.0 < proposals('delta3').gains.stiffness < 1063.0
+    assert proposals('delta3').gains.notch is None
+    built = proposals('rich').gains
     assert built.stiffness > 350.0  # 325 by hand
     assert 150.0 < built.notch.frequency_hz < 300.0
-    assert proposals['rich'].robot.drive.notch_1_frequency_hz == built.notch.frequency_hz
+    assert proposals('rich').robot.drive.notch_1_frequency_hz == built.notch.frequency_hz
 
 
 @pytest.mark.parametrize('name', some(['delta3', 'rich'], ['delta3']))
 def test_no_neighbour_of_proposed_gains_is_stiffer_and_keeps_the_margins(name, proposals, robots):
-    found, loads = proposals[name].gains, spread(robots[name], 2.0)
+    found, loads = proposals(name).gains, spread(robots[name], 2.0)
     for factors in itertools.product((0.97, 1.03), repeat=3):
         if factors[1] * factors[2] < 1.0:
             continue
@@ -86,7 +76,7 @@ def test_no_neighbour_of_proposed_gains_is_stiffer_and_keeps_the_margins(name, p
 @pytest.mark.long
 @pytest.mark.parametrize('name', ['delta3', 'rich'])
 def test_the_drive_on_the_bench_has_the_margins_that_are_promised(name, proposals):
-    robot = proposals[name].robot
+    robot = proposals(name).robot
     if name == 'rich':
         robot = robot.replace(rich__sensors=False, rich__ripple=False)
     for load in spread(robot, 2.0)[::2]:
@@ -131,12 +121,12 @@ def test_a_candidate_that_is_not_stable_is_known_as_such(robots):
 
 @pytest.mark.long
 def test_the_same_robot_gets_the_same_gains(robots, proposals):
-    assert propose(robots['delta3'], Targets(), SPEED_RAD_S).gains == proposals['delta3'].gains
+    assert propose(robots['delta3'], Targets(), SPEED_RAD_S).gains == proposals('delta3').gains
 
 
 @pytest.mark.long
 def test_larger_margins_and_a_larger_payload_cost_stiffness(robots, proposals):
-    usual = proposals['delta3'].gains.stiffness
+    usual = proposals('delta3').gains.stiffness
     assert propose(robots['delta3'], Targets(55.0, 8.0), SPEED_RAD_S).gains.stiffness < 0.6 * usual
     assert propose(robots['delta3'], Targets(), SPEED_RAD_S, 5.0).gains.stiffness < 0.8 * usual
     assert propose(robots['delta3'], Targets(), SPEED_RAD_S, 0.0).gains.stiffness > 1.2 * usual
@@ -165,8 +155,8 @@ def test_margins_out_of_range_are_refused(values, told):
 )
 def test_the_file_of_gains_joined_with_the_robot_is_the_proposal(name, joined, proposals, tmp_path):
     path = tmp_path / gains_file.FILE
-    gains_file.write(proposals[name], path, Provenance.of('tune --auto', proposals[name].robot, None, []))
-    assert parameters.load(f'{joined}{path}') == proposals[name].robot
+    gains_file.write(proposals(name), path, Provenance.of('tune --auto', proposals(name).robot, None, []))
+    assert parameters.load(f'{joined}{path}') == proposals(name).robot
     assert '45.0 deg and 6.0 dB' in path.read_text()
 
 
