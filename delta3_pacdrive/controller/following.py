@@ -8,7 +8,7 @@ from enum import Enum
 
 from delta3_pacdrive.controller.messages import EXTEND
 from delta3_pacdrive.controller.planner_actions import Ordered
-from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX, Behind, Result, begins_at_rest
+from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX, Behind, Result, unrounded
 from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX, LEAD_FACTOR
 from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
 from delta3_pacdrive.errors import ProgramError
@@ -196,7 +196,9 @@ class Following:
         self.happen(FollowEvent.END)
         corner = ''
         if known.open_from is not None and not seam.again:
-            why = 'they begin at rest' if begins_at_rest(wanted.program.statements) else 'it was too late'
+            why = (
+                unrounded(known.statements[known.open_from :], wanted.program.statements) or 'it was too late'
+            )
             corner = f'; the corner before them is not rounded: {why}'
         count = wanted.statements
         sentence = f'{count} statements follow, {_left_s(extension.timeline):.3f} s to go{corner}'

@@ -117,6 +117,15 @@ def begins_at_rest(statements: Sequence[Statement]) -> bool:
     return isinstance(first, Dwell | Cubic | Joints | Turn)
 
 
+def unrounded(before: Sequence[Statement], statements: Sequence[Statement]) -> str:
+    """Say why the corner between rounded ones and what follows is none of them; empty: it may be."""
+    if begins_at_rest(statements):
+        return 'they begin at rest'
+    if len(before) + len(statements) > FOLLOWING_MAX:
+        return f'a sequence has at most {FOLLOWING_MAX} statements'
+    return ''
+
+
 class CancelledError(ProgramError):
     """A job that was given up."""
 
@@ -170,7 +179,7 @@ def _follow(
             f'{FOLLOWING_MAX} are free'
         )
     program_planner.require_start(more, behind.end_m)
-    if seam.again and (begins_at_rest(statements) or len(seam.again) + len(statements) > FOLLOWING_MAX):
+    if seam.again and unrounded(seam.again, statements):
         return Result(job.number, None, None, UNROUNDED)
     count = len(seam.again)
     places = (None,) * count + more.places if more.places and more.repeat == 1 else ()
