@@ -26,7 +26,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 CANDIDATES = 200  # places of a move at which the plan may be joined, evenly over its time
-CLOSE_S = 1e-3  # at most between those just ahead: a sequence is slower in each of its corners
+CLOSE_S = 1e-3  # between those just ahead: in a corner of a sequence the speed changes within 25 ms
 CLOSE_OVER_S = 0.25  # how far ahead
 OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place
 ROUNDING = 1.0 + 1e-9  # room for ruckig, whose start and target must lie within the limits

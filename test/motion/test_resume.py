@@ -161,7 +161,7 @@ def test_a_stop_anywhere_in_a_long_sequence_of_corners_is_resumed(cycle, driven)
     driven.change(driven.stop(cycle))
     profile = resume(driven, driven.end_cycle, 1.0)
     driven.change(profile)
-    assert profile.table[-1, 0] < left + 0.1
+    assert profile.table[-1, 0] < left + 0.02  # it joins the plan in the corner that it comes to next
 
 
 @pytest.mark.parametrize('override', [0.3, 1.4])
