@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
-from delta3_pacdrive.cli.option_types import SEED, number_within
+from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
 from delta3_pacdrive.cli.studies import conduct
 
 
@@ -16,6 +16,12 @@ class Options(JsonOptions):
     parameters: str | None = option('parameter file of the model instead of the packaged one', 'FILE')
     robot: str = option('parameter file of the robot', 'FILE', default='rich')
     seed: int | None = option("of the robot's sensor noise, instead of the one in its file", type=SEED)
+    seeds: int = option(
+        'further seeds of the sensor noise, over which each verdict gets its range; 0: none',
+        'N',
+        default=8,
+        type=integer_within(0, 1000),
+    )
     no_attribution: bool = flag('do not look for what explains the difference')
     graph: bool = flag('run both as ROS nodes, recorded into bags in the folder')
     real_time_factor: float = option(
@@ -36,7 +42,12 @@ def run(options: Options) -> int:
     from delta3_pacdrive.cli import experiment_graph
 
     settings = study.Settings(
-        options.number, options.parameters, options.robot, options.seed, not options.no_attribution
+        options.number,
+        options.parameters,
+        options.robot,
+        options.seed,
+        not options.no_attribution,
+        options.seeds,
     )
     folder = Path(options.output or f'experiment_{options.number}').absolute()
     graph = None

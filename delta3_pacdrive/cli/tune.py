@@ -53,8 +53,14 @@ class Options(RobotOptions):
         'look for the gains of velocity and position loop, and for a notch filter where gears give, that keep the '
         'margins over the whole workspace; --payload is the largest one then'
     )
-    phase_margin: float = option('that --auto keeps', 'DEG', default=45.0, type=finite_number)
-    gain_margin: float = option('that --auto keeps, up and down', 'DB', default=6.0, type=finite_number)
+    phase_margin: float | None = option(
+        'phase margin that --auto keeps (default: 45, and gains only if they are better)',
+        'DEG',
+        type=finite_number,
+    )
+    gain_margin: float | None = option(
+        'gain margin that --auto keeps, up and down (default: 6, likewise)', 'DB', type=finite_number
+    )
     sweep: str | None = option('draw margins and errors over N values of a gain', 'NAME=LOW:HIGH:N')
     program: str | None = option(
         'whose following error is compared; experiment1, or with --axis 4 half a turn and back, if not given',

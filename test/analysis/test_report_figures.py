@@ -13,7 +13,7 @@ from delta3_pacdrive.analysis.estimation.solver import fit
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution, outcome_of
 from delta3_pacdrive.analysis.experiments.compared_signals import QUANTITIES, Run
 from delta3_pacdrive.analysis.experiments.comparison import Comparison
-from delta3_pacdrive.analysis.experiments.conclusions import Conclusion, conclusions, verdict
+from delta3_pacdrive.analysis.experiments.conclusions import conclusions
 from delta3_pacdrive.analysis.jacobian import report as jacobian_report
 from delta3_pacdrive.analysis.jacobian.deviation import THRESHOLD, Deviation, figures, peaks
 from delta3_pacdrive.analysis.jacobian.mapping import Pose
@@ -362,13 +362,6 @@ def test_alone_and_left_out_are_what_comes_with_and_what_goes_with_an_effect():
     assert outcome.left_out == dict(zip(names, (15.0, 10.0), strict=True))
     assert outcome.share == dict(zip(names, (11.0, 6.0), strict=True))
     assert Attribution(names, (), 4, {}).effects == names
-
-
-def test_the_verdict_is_good_only_if_every_claim_holds():
-    good, bad = Conclusion('a', True, ''), Conclusion('b', False, '')
-    assert verdict([good, good]).startswith('reproduced')
-    assert verdict([good, bad]) == 'not reproduced, this does not hold: b'
-    assert verdict([bad, bad]).endswith('b; b')
 
 
 @pytest.mark.parametrize(

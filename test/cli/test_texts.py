@@ -408,7 +408,6 @@ def test_the_signals_of_an_experiment_are_printed_model_first_with_what_explains
     document = {
         'program': 'experiment 1, pick and place',
         'signals': [row, row | {'column': 'x', 'model_max': 99.0}],
-        'verdict': 'reproduced: alike',
         'findings': [{'sentence': 'They are alike.'}],
         'truth': 'It is off.',
         'attribution': {'explanations': ['Gears explain it.']},
@@ -423,7 +422,7 @@ def test_the_signals_of_an_experiment_are_printed_model_first_with_what_explains
     assert printed[1] == 'model max rms robot max rms apart max rms % of peak'
     assert printed[2] == 'TCP position mm 1.5 2.5 3.5 4.5 5.5 6.5 7.5'
     assert not any('99' in line for line in printed)  # single columns are in the table
-    assert 'What the thesis found is reproduced: alike.' in printed
+    assert not any('reproduced' in line for line in printed)  # the claims have their own verdicts
     for line in ('- They are alike.', '- It is off.', '- Gears explain it.', 'note: a note', 'report.json'):
         assert line in printed
 

@@ -21,7 +21,12 @@ def test_nodes_give_the_report_of_the_simulation_but_for_what_no_topic_tells(
     )
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
-    assert document['reproduced'] is True
+    assert {claim['verdict'] for claim in document['claims']} <= {
+        'holds',
+        'does not hold',
+        'depends on the seed',
+        'cannot be known',
+    }
     assert document['missing'] == ['arm_angle_true', 'tcp_true', 'tcp_error_norm_true']
     assert document['truth'] == ''
     agreeing = [note for note in document['notes'] if 'agree to the last bit in 15 signals' in note]

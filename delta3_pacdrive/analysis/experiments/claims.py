@@ -1,11 +1,11 @@
-"""The claims of 11.1.1 to 11.1.4, one by one: whether this run bears each out, with the figure that says so.
+"""The claims of 11.1.1 to 11.1.4, one by one: the verdict of a run, its figure, and the interval over seeds.
 
-The thesis names no figures, only what one sees in its plots; what counts as seen is chosen here.
+The thesis gives no numbers, only plots; the limits from which on a difference counts are chosen here.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,11 +14,16 @@ from delta3_pacdrive.analysis.experiments.compared_signals import Run
 from delta3_pacdrive.analysis.experiments.comparison import Comparison, Statistics
 
 HOLDS, FAILS, UNKNOWN = 'holds', 'does not hold', 'cannot be known'
+DEPENDS = 'depends on the seed'
 ALIKE_PERCENT = 1.0  # rms of the deviation, of the peak: nobody sees it in a figure of a page
 APART_PERCENT = 10.0  # rms of the deviation, of the model's rms: nobody overlooks it
 FOLLOWS_PERCENT = 20.0  # rms of an acceleration from its reference, of the reference, that still follows it
 RIPPLE_RATIO = 1.5  # of the robot's ripple over the model's, from which on one sees it
+DYNAMICS_PERCENT = 50.0  # of the mean square of the deviation, from which on dynamics explain it
 RIPPLE_CYCLES = 5  # on either side, whose mean is taken off
+
+PLANE = 'the model is symmetric to the plane of the motion, so it has no error in y'
+NOISE = 'only the robot has sensor noise and cogging'
 
 
 @dataclass(frozen=True)
@@ -45,19 +50,51 @@ class ArmSpeeds:
 
 
 @dataclass(frozen=True)
+class Value:
+    """A number that decides a claim: below or above its limit the claim holds.
+
+    Attributes
+    ----------
+    number, unit
+        ``unit`` says also of what, such as ``% of the peak``.
+    limit, holds_above
+        The claim holds above the limit, or below it.
+    figure
+        The numbers in words.
+
+    """
+
+    number: float
+    unit: str
+    limit: float
+    holds_above: bool
+    figure: str
+
+    @property
+    def verdict(self) -> str:
+        """``HOLDS`` or ``FAILS``."""
+        holds = self.number > self.limit if self.holds_above else self.number < self.limit
+        return HOLDS if holds else FAILS
+
+
+@dataclass(frozen=True)
 class Claim:
     """A claim of the thesis.
 
     Attributes
     ----------
-    section
-        Where it stands.
-    text
-        What it says, in our words.
+    section, text
+        Section of the thesis, and the claim in our words.
     verdict
-        ``HOLDS``, ``FAILS`` or ``UNKNOWN``.
+        ``HOLDS``, ``FAILS``, ``DEPENDS`` or ``UNKNOWN``.
     figure
-        The numbers, in words; of what cannot be known the reason.
+        The numbers in words; for ``UNKNOWN`` the reason.
+    value
+        The number that decides; None for ``UNKNOWN``.
+    low, high, seeds
+        Range of the number over this run and ``seeds`` further seeds of the robot's sensor noise; None without seeds.
+    by_construction
+        Reason why the claim holds whatever the values of the parameters are; empty for all others.
 
     """
 
@@ -65,11 +102,48 @@ class Claim:
     text: str
     verdict: str
     figure: str
+    value: Value | None = None
+    low: float | None = None
+    high: float | None = None
+    seeds: int = 0
+    by_construction: str = ''
+
+    @classmethod
+    def of(cls, section: str, text: str, found: 'Value | str', by_construction: str = '') -> 'Claim':
+        """Return the claim that a number decides, or the one that cannot be known for a reason."""
+        if isinstance(found, str):
+            return cls(section, text, UNKNOWN, found)
+        reason = by_construction if found.verdict == HOLDS else ''
+        return cls(section, text, found.verdict, found.figure, found, by_construction=reason)
 
     @property
     def sentence(self) -> str:
         """One line for people."""
-        return f'{self.section}: {self.text}: {self.verdict.upper()}: {self.figure}'
+        line = f'{self.section}: {self.text}: {self.verdict.upper()}: {self.figure}'
+        if self.value is not None and self.low != self.high:
+            line += f'; {self.low:.3g} to {self.high:.3g} {self.value.unit} over {self.seeds + 1} seeds'
+        return line + (f'; true by construction: {self.by_construction}' if self.by_construction else '')
+
+    def over(self, others: Sequence['Claim']) -> 'Claim':
+        """Return the claim with the range over the same claim of runs with other seeds."""
+        values = [one.value for one in (self, *others) if one.value is not None]
+        if self.value is None or len(values) < 2:
+            return self
+        verdicts = {value.verdict for value in values}
+        numbers = [value.number for value in values]
+        return replace(
+            self,
+            verdict=self.verdict if len(verdicts) == 1 else DEPENDS,
+            low=min(numbers),
+            high=max(numbers),
+            seeds=len(values) - 1,
+            by_construction=self.by_construction if len(verdicts) == 1 else '',
+        )
+
+
+def claims_over_seeds(own: Sequence[Claim], seeded: Iterable[Sequence[Claim]]) -> list[Claim]:
+    """Return the claims of a run with their ranges over runs of the same robot with other seeds."""
+    return [claim.over(others) for claim, *others in zip(own, *seeded, strict=True)]
 
 
 def claims(
@@ -96,122 +170,113 @@ def claims(
         return []
     rows = {(row.signal, row.column): row for row in comparison.statistics()}
     section = f'11.1.{number}'
+    whole = '11.1.4'
+
+    def row(
+        where: str, text: str, signal: str, column: str, judge: Judge, by_construction: str = ''
+    ) -> Claim:
+        statistics = rows.get((signal, column))
+        found = f'a run lacks {signal}' if statistics is None else judge(statistics)
+        return Claim.of(where, text, found, by_construction)
+
     found = [
-        _row(section, 'arm velocities match', rows, 'arm_speed', 'all', _alike),
+        row(section, 'arm velocities match', 'arm_speed', 'all', _alike),
         _ripple(section, number, comparison, elsewhere or {}),
-        _row(
-            section,
-            'the acceleration follows its reference in the mean',
-            rows,
-            'arm_acceleration',
-            'all',
-            _follows,
+        row(
+            section, 'the acceleration follows its reference in the mean', 'arm_acceleration', 'all', _follows
         ),
     ]
     if number == 1:
         found += [
-            _row(section, 'the robot leaves its reference in y more than the model', rows, 'tcp', 'y', _robot_more),
-            _row(section, 'the model leaves its reference in x more than the robot', rows, 'tcp', 'x', _model_more),
-            _row(section, 'the model leaves its reference in z more than the robot', rows, 'tcp', 'z', _model_more),
-            _row(section, 'the error norm of the model is larger than that of the robot', rows, 'tcp_error_norm', '',
-                 _larger_norm),
-        ]  # fmt: skip
+            row(
+                section,
+                'the robot leaves its reference in y more than the model',
+                'tcp',
+                'y',
+                _robot_more,
+                PLANE,
+            ),
+            row(section, 'the model leaves its reference in x more than the robot', 'tcp', 'x', _model_more),
+            row(section, 'the model leaves its reference in z more than the robot', 'tcp', 'z', _model_more),
+            row(
+                section,
+                'the error norm of the model is larger than that of the robot',
+                'tcp_error_norm',
+                '',
+                _larger_norm,
+            ),
+        ]
     if number == 3:
         found.insert(1, _better(section, rows, elsewhere or {}))
     if number == 2:
-        found.append(_row(section, 'the error norms do not agree', rows, 'tcp_error_norm', '', _apart))
+        found.append(row(section, 'the error norms do not agree', 'tcp_error_norm', '', _apart))
     return [
         *found,
-        _row(
-            '11.1.4', 'the arm angles of the model follow what is desired', rows, 'arm_angle', 'all', _reached
-        ),
-        _row('11.1.4', 'the TCP of the model follows what is desired', rows, 'tcp', 'all', _reached),
-        _row('11.1.4', 'arm angles of model and robot are alike', rows, 'arm_angle', 'all', _alike),
-        _row('11.1.4', 'TCP positions of model and robot are alike', rows, 'tcp', 'all', _alike),
-        _row('11.1.4', 'the error norms deviate clearly', rows, 'tcp_error_norm', '', _apart),
-        _row('11.1.4', 'the currents deviate clearly', rows, 'current', 'all', _apart),
+        row(whole, 'the arm angles of the model follow the command', 'arm_angle', 'all', _reached),
+        row(whole, 'the TCP of the model follows the command', 'tcp', 'all', _reached),
+        row(whole, 'arm angles of model and robot are alike', 'arm_angle', 'all', _alike),
+        row(whole, 'TCP positions of model and robot are alike', 'tcp', 'all', _alike),
+        row(whole, 'the error norms deviate clearly', 'tcp_error_norm', '', _apart),
+        row(whole, 'the currents deviate clearly', 'current', 'all', _apart),
         _dynamics(attribution),
     ]
 
 
-Judge = Callable[[Statistics], tuple[str, str]]
+Judge = Callable[[Statistics], Value | str]
 
 
-def _row(
-    section: str,
-    text: str,
-    rows: dict[tuple[str, str], Statistics],
-    signal: str,
-    column: str,
-    judge: Judge,
-) -> Claim:
-    row = rows.get((signal, column))
-    if row is None:
-        return Claim(section, text, UNKNOWN, f'the runs do not both tell {signal}')
-    return Claim(section, text, *judge(row))
-
-
-def _answer(holds: bool) -> str:
-    return HOLDS if holds else FAILS
-
-
-def _alike(row: Statistics) -> tuple[str, str]:
+def _alike(row: Statistics) -> Value | str:
     percent = row.deviation_rms_percent
     if percent is None:
-        return UNKNOWN, 'the model does not move'
+        return 'the model does not move'
     figure = f'{row.deviation_rms:.2g} {row.unit} rms apart, {percent:.2g} % of the peak'
-    return _answer(percent < ALIKE_PERCENT), figure
+    return Value(percent, '% of the peak', ALIKE_PERCENT, False, figure)
 
 
-def _apart(row: Statistics) -> tuple[str, str]:
+def _apart(row: Statistics) -> Value | str:
     share = 100.0 * row.deviation_rms / row.model_rms if row.model_rms > 0.0 else math.inf
     figure = f'{row.deviation_rms:.3g} {row.unit} rms apart, {share:.2g} % of the rms of the model'
-    return _answer(share > APART_PERCENT), figure
+    return Value(share, '% of the rms of the model', APART_PERCENT, True, figure)
 
 
-def _follows(row: Statistics) -> tuple[str, str]:
+def _follows(row: Statistics) -> Value | str:
     if row.model_from_reference_rms is None or not row.model_rms:
-        return UNKNOWN, 'the run tells no reference'
+        return 'the run has no reference'
     share = 100.0 * row.model_from_reference_rms / row.model_rms
     figure = f'model {row.model_from_reference_rms:.3g} {row.unit} rms from its reference, {share:.2g} % of its rms'
-    return _answer(share < FOLLOWS_PERCENT), figure
+    return Value(share, '% of its rms', FOLLOWS_PERCENT, False, figure)
 
 
-def _reached(row: Statistics) -> tuple[str, str]:
+def _reached(row: Statistics) -> Value | str:
     if row.model_from_reference_rms is None or not row.peak:
-        return UNKNOWN, 'the run tells no reference'
+        return 'the run has no reference'
     share = 100.0 * row.model_from_reference_rms / row.peak
     figure = f'model {row.model_from_reference_rms:.2g} {row.unit} rms from its reference, {share:.2g} % of the peak'
-    return _answer(share < ALIKE_PERCENT), figure
+    return Value(share, '% of the peak', ALIKE_PERCENT, False, figure)
 
 
-def _from_reference(row: Statistics) -> tuple[float, float, str] | None:
+def _robot_more(row: Statistics) -> Value | str:
+    return _from_reference(row, -1.0, 'robot minus model')
+
+
+def _model_more(row: Statistics) -> Value | str:
+    return _from_reference(row, 1.0, 'model minus robot')
+
+
+def _from_reference(row: Statistics, sign: float, what: str) -> Value | str:
     model, robot = row.model_from_reference_rms, row.robot_from_reference_rms
     if model is None or robot is None:
-        return None
-    return model, robot, f'model {model:.3g}, robot {robot:.3g} {row.unit} rms from the reference'
+        return 'a run has no reference'
+    figure = f'model {model:.3g}, robot {robot:.3g} {row.unit} rms from the reference'
+    return Value(sign * (model - robot), f'{row.unit} ({what})', 0.0, True, figure)
 
 
-def _robot_more(row: Statistics) -> tuple[str, str]:
-    found = _from_reference(row)
-    return (
-        (UNKNOWN, 'the runs tell no reference') if found is None else (_answer(found[1] > found[0]), found[2])
-    )
-
-
-def _model_more(row: Statistics) -> tuple[str, str]:
-    found = _from_reference(row)
-    return (
-        (UNKNOWN, 'the runs tell no reference') if found is None else (_answer(found[0] > found[1]), found[2])
-    )
-
-
-def _larger_norm(row: Statistics) -> tuple[str, str]:
+def _larger_norm(row: Statistics) -> Value | str:
     figure = (
         f'rms {row.model_rms:.3g} of the model, {row.robot_rms:.3g} {row.unit} of the robot; '
         f'at most {row.model_max:.3g} and {row.robot_max:.3g}'
     )
-    return _answer(row.model_rms > row.robot_rms), figure
+    return Value(row.model_rms - row.robot_rms, f'{row.unit} (model minus robot)', 0.0, True, figure)
 
 
 def _better(
@@ -220,34 +285,38 @@ def _better(
     text = 'the model follows the velocities of the robot better than in experiments 1 and 2'
     row = rows.get(('arm_speed', 'all'))
     if row is None or row.deviation_rms_percent is None:
-        return Claim(section, text, UNKNOWN, 'the runs do not both tell how the arms move')
+        return Claim.of(section, text, 'a run lacks the arm velocities')
     own = row.deviation_rms_percent
     figure = f'{own:.2g} % of the peak apart, rms'
     others = {n: elsewhere[n].apart_percent for n in (1, 2) if n in elsewhere}
     known = {n: percent for n, percent in others.items() if percent is not None}
     if len(known) < 2:
-        return Claim(section, text, UNKNOWN, f'{figure}; that of experiments 1 and 2 is not known')
-    told = ', '.join(f'{percent:.2g} % in experiment {n}' for n, percent in known.items())
-    return Claim(section, text, _answer(own < min(known.values())), f'{figure}; {told}')
+        return Claim.of(section, text, f'{figure}; experiments 1 and 2 were not run')
+    listed = ', '.join(f'{percent:.2g} % in experiment {n}' for n, percent in known.items())
+    unit = '% of the peak (this one minus the better of the others)'
+    return Claim.of(section, text, Value(own - min(known.values()), unit, 0.0, False, f'{figure}; {listed}'))
 
 
 def _ripple(section: str, number: int, comparison: Comparison, elsewhere: Mapping[int, ArmSpeeds]) -> Claim:
     text = (
         'the robot has a smaller ripple of its velocities than in experiments 1 and 2'
         if number == 3
-        else 'the robot has a ripple of its velocities that the model has not'
+        else 'the robot has a ripple of its velocities that the model lacks'
     )
     if 'arm_speed' not in comparison.names:
-        return Claim(section, text, UNKNOWN, 'the runs do not both tell arm_speed')
+        return Claim.of(section, text, 'a run lacks arm_speed')
     model, robot = (ripple_deg_s(comparison, run) for run in (comparison.model, comparison.robot))
     figure = f'robot {robot:.3g}, model {model:.3g} deg/s rms'
     if number == 3:
         others = {n: elsewhere[n].ripple_deg_s for n in (1, 2) if n in elsewhere}
         if len(others) < 2:
-            return Claim(section, text, UNKNOWN, f'{figure}; that of experiments 1 and 2 is not known')
-        told = ', '.join(f'{other:.3g} in experiment {n}' for n, other in others.items())
-        return Claim(section, text, _answer(robot < min(others.values())), f'{figure}; robot {told}')
-    return Claim(section, text, _answer(robot > RIPPLE_RATIO * model), figure)
+            return Claim.of(section, text, f'{figure}; experiments 1 and 2 were not run')
+        listed = ', '.join(f'{other:.3g} in experiment {n}' for n, other in others.items())
+        unit = 'deg/s (this one minus the smaller of the others)'
+        value = Value(robot - min(others.values()), unit, 0.0, False, f'{figure}; robot {listed}')
+        return Claim.of(section, text, value)
+    ratio = robot / model if model > 0.0 else math.inf
+    return Claim.of(section, text, Value(ratio, 'times that of the model', RIPPLE_RATIO, True, figure), NOISE)
 
 
 def ripple_deg_s(comparison: Comparison, run: Run) -> float:
@@ -263,13 +332,13 @@ def ripple_deg_s(comparison: Comparison, run: Run) -> float:
 
 
 def _dynamics(attribution: Attribution | None) -> Claim:
-    text = 'what the model lacks of the dynamics makes the error norm deviate'
+    text = 'dynamics that the model lacks make the error norm deviate'
     if attribution is None:
-        return Claim('11.1.4', text, UNKNOWN, 'no attribution was made')
+        return Claim.of('11.1.4', text, 'no attribution was made')
     outcome = attribution.outcomes.get(('tcp_error_norm', 'deviation'))
     if outcome is None or outcome.total <= 0.0:
-        return Claim('11.1.4', text, UNKNOWN, 'there is nothing to explain')
+        return Claim.of('11.1.4', text, 'there is nothing to explain')
     dynamic = ('forearm_rods', 'gear', 'friction', 'cogging', 'torque_ripple')
     share = 100.0 * sum(outcome.share.get(name, 0.0) for name in dynamic) / outcome.total
-    rest = f'the rest are sensors, geometry and parameters ({100.0 - share:.0f} %)'
-    return Claim('11.1.4', text, _answer(share > 50.0), f'{share:.0f} % of the mean square; {rest}')
+    figure = f'{share:.0f} % of the mean square; the rest are sensors, geometry and parameters ({100.0 - share:.0f} %)'
+    return Claim.of('11.1.4', text, Value(share, '% of the mean square', DYNAMICS_PERCENT, True, figure))

@@ -43,14 +43,6 @@ def conclusions(rows: list[Statistics]) -> list[Conclusion]:
     ]
 
 
-def verdict(found: list[Conclusion]) -> str:
-    """Return one sentence: whether the thesis' finding is reproduced."""
-    if all(f.holds for f in found):
-        return 'reproduced: arm angles and TCP of model and robot are alike, error norm and current clearly are not'
-    failing = '; '.join(f.claim for f in found if not f.holds)
-    return f'not reproduced, this does not hold: {failing}'
-
-
 def truth(rows: list[Statistics]) -> str:
     """Return what the controller does not see, in one sentence; empty if the runs do not tell."""
     whole = {row.signal: row for row in rows if row.column in ('', 'all')}

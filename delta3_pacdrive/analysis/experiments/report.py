@@ -5,10 +5,10 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attribution
-from delta3_pacdrive.analysis.experiments.claims import Claim, claims
+from delta3_pacdrive.analysis.experiments.claims import Claim, claims, claims_over_seeds
 from delta3_pacdrive.analysis.experiments.compared_signals import OF_SAMPLES, QUANTITIES
 from delta3_pacdrive.analysis.experiments.comparison import Comparison, Statistics
-from delta3_pacdrive.analysis.experiments.conclusions import OTHER, conclusions, explanations, truth, verdict
+from delta3_pacdrive.analysis.experiments.conclusions import OTHER, conclusions, explanations, truth
 from delta3_pacdrive.analysis.experiments.study import Results
 from delta3_pacdrive.analysis.report_folder import Table, columns_of
 
@@ -25,13 +25,30 @@ def tables(found: Results) -> list[Table]:
     if found.attribution is not None:
         made.append(_attribution(found.attribution))
     if told := _claims(found):
-        header = ['section', 'claim', 'verdict', 'figure']
-        made.append(Table(TABLES[3], header, [[c.section, c.text, c.verdict, c.figure] for c in told]))
+        made.append(Table.of_rows(TABLES[3], [_claim_row(claim) for claim in told]))
     return made
 
 
 def _claims(found: Results) -> list[Claim]:
-    return claims(found.number, found.comparison, found.attribution, found.elsewhere)
+    own = claims(found.number, found.comparison, found.attribution, found.elsewhere)
+    return claims_over_seeds(own, [claims(found.number, other, None, where) for other, where in found.seeded])
+
+
+def _claim_row(claim: Claim) -> dict[str, Any]:
+    value = claim.value
+    return {
+        'section': claim.section,
+        'claim': claim.text,
+        'verdict': claim.verdict,
+        'figure': claim.figure,
+        'value [unit]': value.number if value else None,
+        'lowest over seeds [unit]': claim.low,
+        'highest over seeds [unit]': claim.high,
+        'limit [unit]': value.limit if value else None,
+        'unit': value.unit if value else '',
+        'seeds [1]': claim.seeds + 1,
+        'by construction': claim.by_construction,
+    }
 
 
 def _signals(comparison: Comparison) -> Table:
@@ -88,7 +105,6 @@ def summary(found: Results) -> dict[str, Any]:
         )
     if absent := [name for name in missing if name not in unseen]:
         notes.append(f'not both runs tell these signals: {", ".join(absent)}')
-    of_experiment = found.number is not None
     return {
         'experiment': found.number,
         'program': found.program,
@@ -97,8 +113,6 @@ def summary(found: Results) -> dict[str, Any]:
         'acceleration': ACCELERATION,
         'references_apart_mm': apart if math.isfinite(apart) else None,
         'missing': missing,
-        'reproduced': all(conclusion.holds for conclusion in concluded) if of_experiment else None,
-        'verdict': verdict(concluded) if of_experiment else None,
         'findings': [asdict(conclusion) for conclusion in concluded],
         'claims': [asdict(claim) | {'sentence': claim.sentence} for claim in _claims(found)],
         'truth': truth(rows),
@@ -135,8 +149,6 @@ def text(document: dict[str, Any]) -> list[str]:
     sentences = [conclusion['sentence'] for conclusion in document['findings']]
     sentences += [document['truth']] if document['truth'] else []
     lines.append('')
-    if document['verdict'] is not None:
-        lines.append(f'What the thesis found is {document["verdict"]}.')
     lines += [f'- {sentence}' for sentence in sentences]
     if told := document.get('claims'):
         lines += ['', 'Claim by claim:', *(f'- {claim["sentence"]}' for claim in told)]

@@ -29,6 +29,8 @@ from delta3_pacdrive.recording.trace import Trace
 LAST = 3  # of the experiments: 11.1.3 compares its arm speeds with those of the others
 FILES = {'model': 'model.yaml', 'robot': 'robot.yaml'}  # their parameters
 
+SEED_LIMIT = 2**31  # of rich.sensor_seed
+
 Graph = Callable[
     [Path, Mapping[str, Path], Mapping[str, Trace], OnProgress], tuple[dict[str, Trace], list[str]]
 ]
@@ -78,8 +80,11 @@ class Study(studies.Study):
         if self.settings.attributed:
             run = Run.of(simulated['model'], model)
             explained = attribution.attribute(self._program, run, model, robot, self.on_progress)
-        elsewhere = self._arm_speeds_elsewhere() if number == LAST else {}
-        found = Results(number, self._program.name, comparison, explained, self._notes, elsewhere=elsewhere)
+        elsewhere = self._arm_speeds_elsewhere(robot) if number == LAST else {}
+        seeded = self._with_other_seeds(Run.of(simulated['model'], model))
+        found = Results(
+            number, self._program.name, comparison, explained, self._notes, elsewhere=elsewhere, seeded=seeded
+        )
         self.on_progress('tables and figures', 0, 0)
         for path in files.values():
             folder.add(path)
@@ -101,16 +106,30 @@ class Study(studies.Study):
             f'robot: both are compared every {1e3 * max(cycle_s.values()):g} ms'
         )
 
-    def _arm_speeds_elsewhere(self) -> dict[int, ArmSpeeds]:
-        """Return the arm speeds of both in the experiments before, which are simulated on the spot."""
+    def _with_other_seeds(self, model: Run) -> list[tuple[Comparison, dict[int, ArmSpeeds]]]:
+        """Return the simulated comparison, and the other experiments, with further seeds of the robot."""
+        robot, number = self.robots['robot'], self.settings.number
+        if not robot.rich.effects.sensors:
+            return []
+        found = []
+        for count in range(self.settings.seeds):
+            self.on_progress('other seeds', count, self.settings.seeds)
+            own = robot.replace(rich__sensor_seed=(robot.rich.sensor_seed + 1 + count) % SEED_LIMIT)
+            run = Run.of(simulation.run(self._program, own), own)
+            elsewhere = self._arm_speeds_elsewhere(own) if number == LAST else {}
+            found.append((Comparison.of(model, run), elsewhere))
+        return found
+
+    def _arm_speeds_elsewhere(self, robot: core.Parameters) -> dict[int, ArmSpeeds]:
+        """Return the arm speeds of model and robot in the experiments before, which are simulated for it."""
         found = {}
         for number in range(1, LAST):
             path = self._path.with_stem(f'experiment{number}')
-            model, robot = (
+            model, other = (
                 Run.of(simulation.run(programs.load(path, own.motion), own), own)
-                for own in self.robots.values()
+                for own in (self.robots['model'], robot)
             )
-            found[number] = ArmSpeeds.of(Comparison.of(model, robot))
+            found[number] = ArmSpeeds.of(Comparison.of(model, other))
         return found
 
     def _provenance(self) -> Provenance:

@@ -1,6 +1,6 @@
 """What an experiment, or the comparison of any two runs, depends on, and what it finds."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from delta3_pacdrive.analysis import alignment, runs
@@ -8,6 +8,8 @@ from delta3_pacdrive.analysis.alignment import Alignment
 from delta3_pacdrive.analysis.experiments.attribution import Attribution
 from delta3_pacdrive.analysis.experiments.claims import ArmSpeeds
 from delta3_pacdrive.analysis.experiments.comparison import Comparison
+
+SEEDS = 8  # further seeds, by default
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class Settings:
         Of the robot's sensor noise; None: the one in its file.
     attributed
         Whether to look for what explains the difference.
+    seeds
+        Number of further seeds of the robot's sensor noise, over which each verdict gets its range.
 
     """
 
@@ -34,6 +38,7 @@ class Settings:
     robot: str = 'rich'
     seed: int | None = None
     attributed: bool = True
+    seeds: int = SEEDS
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,8 @@ class Results:
         How any two runs were brought to one time.
     elsewhere
         Arm speeds of the same two in other experiments, by their numbers.
+    seeded
+        Comparison and ``elsewhere`` of the same two with other seeds of the robot.
 
     """
 
@@ -87,6 +94,7 @@ class Results:
     notes: list[str]
     alignment: Alignment | None = None
     elsewhere: Mapping[int, ArmSpeeds] = field(default_factory=dict)
+    seeded: Sequence[tuple[Comparison, Mapping[int, ArmSpeeds]]] = ()
 
     @property
     def title(self) -> str:

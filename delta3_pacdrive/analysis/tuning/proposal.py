@@ -166,11 +166,18 @@ def propose(
         f'no gains keep {targets.phase_deg:g} deg and {targets.gain_db:g} dB over the workspace '
         f'with 0 to {largest:g} kg: '
         + (
-            f'the nearest keep {kept.phase_deg:.1f} deg and {kept.gain_db:.1f} dB'
+            f'the nearest keep {_apart(kept.phase_deg, targets.phase_deg)} deg and '
+            f'{_apart(kept.gain_db, targets.gain_db)} dB'
             if kept.stable
             else 'the nearest are not stable'
         )
     )
+
+
+def _apart(value: float, target: float) -> str:
+    """Return a margin with as many digits as tell it from its target: one at least, six at most."""
+    texts = (f'{value:.{digits}f}' for digits in range(1, 7))
+    return next((text for text in texts if float(text) != target), f'{value:.1f}')
 
 
 def spread(parameters: Parameters, payload_kg: float) -> list[Load]:

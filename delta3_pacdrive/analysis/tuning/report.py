@@ -16,7 +16,13 @@ from delta3_pacdrive.analysis.tuning.measured_response import MeasuredResponse
 from delta3_pacdrive.analysis.tuning.proposal import Proposal
 from delta3_pacdrive.analysis.tuning.response import Complex, decibels, degrees, margins
 from delta3_pacdrive.analysis.tuning.study import Results, SweepPoint, Variant
-from delta3_pacdrive.analysis.tuning.words import changes_in_words, proposal_lines, rejection_line
+from delta3_pacdrive.analysis.tuning.words import (
+    changes_in_words,
+    is_worthwhile,
+    judged_figures,
+    proposal_lines,
+    rejection_line,
+)
 from delta3_pacdrive.numerics.types import Floats
 
 OPEN = 'velocity', 'position', 'cascade', 'exchanged'
@@ -68,9 +74,14 @@ def summary(found: Results) -> dict[str, Any]:
             for one in found.measured
         ],
     }
-    document['proposal'] = None if found.proposal is None else _proposal(found.proposal)
     both = list(document['variants'].values())
     document['changed'] = changes_in_words(*both) if len(both) == 2 else []
+    document['proposal'] = None
+    if (proposal := found.proposal) is not None:
+        figures = _proposal(proposal)
+        judged = judged_figures(both[0], both[1], figures)
+        proposed = found.margins_given or is_worthwhile(judged)
+        document['proposal'] = figures | {'judged': judged, 'proposed': proposed}
     return document
 
 

@@ -61,7 +61,9 @@ class Study(studies.Study):
         self.operation = OperatingPoint(
             self._drive.load(chosen.pose_m, self.robot), chosen.speed_rad_s, chosen.amplitude
         )
-        self._targets = Targets(chosen.phase_margin_deg, chosen.gain_margin_db) if chosen.auto else None
+        margins = {'phase_deg': chosen.phase_margin_deg, 'gain_db': chosen.gain_margin_db}
+        self._asked = {name: value for name, value in margins.items() if value is not None}
+        self._targets = Targets(**self._asked) if chosen.auto else None
         of_tool = chosen.axis == TOOL_AXIS
         self._changes = [settings.parse(text, of_tool) for text in chosen.changes]
         self._changed = settings.apply(self._changes, self.robot)
@@ -86,8 +88,7 @@ class Study(studies.Study):
                 self.robot, self._targets, chosen.speed_rad_s, chosen.payload_kg, self.on_progress
             )
             self._changed = proposal.robot
-            gains.write(proposal, folder.path / gains.FILE, folder.provenance)
-            folder.add(folder.path / gains.FILE)
+            folder.clear([gains.FILE])
         compared = bool(self._changes or proposal)
         robots = {'before': self.robot, 'after': self._changed} if compared else {'now': self.robot}
         variants = {name: self.variant(robot, name if compared else '') for name, robot in robots.items()}
@@ -99,9 +100,20 @@ class Study(studies.Study):
             for loop in variant.loops:
                 by_loop.setdefault(loop.name, {})[name] = loop
         found = Results(
-            self.operation, self.program.name, variants, by_loop, swept, points, measured, proposal
+            self.operation,
+            self.program.name,
+            variants,
+            by_loop,
+            swept,
+            points,
+            measured,
+            proposal,
+            bool(self._asked),
         )
         document, drawings = report.summary(found), figures.by_name(found)
+        if proposal is not None and document['proposal']['proposed']:
+            gains.write(proposal, folder.path / gains.FILE, folder.provenance)
+            folder.add(folder.path / gains.FILE)
         text, tables = report.text(document), report.tables(found)
         return folder.results('Tuning of the drives', document, text, tables, drawings)
 

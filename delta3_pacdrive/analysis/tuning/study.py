@@ -58,8 +58,8 @@ class Settings:
     recording: str | None = None
     exchange_period_s: float | None = None
     auto: bool = False
-    phase_margin_deg: float = 45.0
-    gain_margin_db: float = 6.0
+    phase_margin_deg: float | None = None
+    gain_margin_db: float | None = None
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,9 @@ class Results:
     measured
         Responses of a recording.
     proposal
-        Gains that were looked for; None: none were.
+        Gains that were searched; None without a search.
+    margins_given
+        Whether the user asked for its margins, so that it is proposed even if it is worse in all other figures.
 
     """
 
@@ -145,3 +147,4 @@ class Results:
     points: list[SweepPoint]
     measured: list[MeasuredResponse]
     proposal: Proposal | None = None
+    margins_given: bool = False

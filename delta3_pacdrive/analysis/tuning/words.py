@@ -1,9 +1,11 @@
-"""A tuning in sentences: what other gains have changed, what a proposal keeps, what disturbs a drive."""
+"""A tuning in sentences: the effect of other gains, each figure marked better or worse; the margins of a proposal."""
 
 import math
+from functools import partial
 from typing import Any
 
-ALIKE = 0.005  # of a figure, by which it may differ and still be told as unchanged
+ALIKE = 0.005  # relative difference below which a figure counts as unchanged
+BETTER, WORSE = 'better', 'worse'
 
 
 def changes_in_words(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
@@ -16,16 +18,64 @@ def changes_in_words(before: dict[str, Any], after: dict[str, Any]) -> list[str]
     ]
 
 
+def judged_figures(before: dict[str, Any], after: dict[str, Any], proposal: dict[str, Any]) -> dict[str, str]:
+    """Return ``better`` or ``worse`` by figure, for the figures by which a proposal differs from the present gains.
+
+    Both margins are the least ones over the workspace. A figure that one variant lacks is left out, one that differs
+    by less than 0.5 % as well.
+    """
+    pairs = {
+        'phase margin': (proposal['before']['phase_deg'], proposal['kept']['phase_deg'], True),
+        'gain margin': (proposal['before']['gain_db'], proposal['kept']['gain_db'], True),
+    }
+    loops = before['loops'].get('position'), after['loops'].get('position')
+    if all(loops):
+        pairs['bandwidth of the position loop'] = *(loop['bandwidth_hz'] for loop in loops), True
+    groups = (
+        (
+            'rejection',
+            {'deviation under load': 'peak_rad', 'recovery from load': 'back_s', 'noise': 'noise_a'},
+        ),
+        ('effect', {'following error': 'following_error_max_rad', 'TCP error': 'tcp_error_max_m'}),
+    )
+    for group, names in groups:
+        if before[group] is not None and after[group] is not None:
+            pairs |= {name: (before[group][key], after[group][key], False) for name, key in names.items()}
+    judged = {name: _judgement(*pair) for name, pair in pairs.items()}
+    return {name: judgement for name, judgement in judged.items() if judgement}
+
+
+def is_worthwhile(judged: dict[str, str]) -> bool:
+    """Return whether gains are better than the present ones in more than one figure, or worse in none."""
+    found = list(judged.values())
+    return found.count(BETTER) > 1 or WORSE not in found
+
+
 def _alike(old: float | None, new: float | None) -> bool:
     if old is None or new is None:
         return old is new
     return math.isclose(old, new, rel_tol=ALIKE, abs_tol=1e-12)
 
 
-def _went(old: float | None, new: float | None, form: str, factor: float = 1.0) -> str:
-    """How a figure went, such as `91 Hz to 120 Hz`."""
-    told = [form.format(factor * value) if value is not None else 'none' for value in (old, new)]
-    return told[0] if told[0] == told[1] else f'{told[0]} to {told[1]}'
+def _judgement(old: float | None, new: float | None, larger_is_better: bool) -> str:
+    """Return ``better``, ``worse``, or nothing for figures that are alike or not known."""
+    if old is None or new is None or _alike(old, new):
+        return ''
+    return BETTER if (new > old) == larger_is_better else WORSE
+
+
+def _went(
+    old: float | None, new: float | None, form: str, factor: float = 1.0, *, larger_is_better: bool
+) -> str:
+    """Return both values of a figure and their judgement, such as ``91 Hz to 120 Hz (better)``."""
+    shown = [form.format(factor * value) if value is not None else 'none' for value in (old, new)]
+    if shown[0] == shown[1]:
+        return shown[0]
+    judgement = _judgement(old, new, larger_is_better)
+    return f'{shown[0]} to {shown[1]}' + (f' ({judgement})' if judgement else '')
+
+
+_higher, _lower = partial(_went, larger_is_better=True), partial(_went, larger_is_better=False)
 
 
 def _loops(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
@@ -39,9 +89,9 @@ def _loops(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
             same.append(name)
         else:
             sentences.append(
-                f'{name}: crossover {_went(old["crossover_hz"], new["crossover_hz"], "{:.3g} Hz")}, '
-                f'phase margin {_went(old["phase_margin_deg"], new["phase_margin_deg"], "{:.0f} deg")}, '
-                f'gain margin {_went(old["gain_margin_db"], new["gain_margin_db"], "{:.1f} dB")}'
+                f'{name}: crossover {_higher(old["crossover_hz"], new["crossover_hz"], "{:.3g} Hz")}, '
+                f'phase margin {_higher(old["phase_margin_deg"], new["phase_margin_deg"], "{:.0f} deg")}, '
+                f'gain margin {_higher(old["gain_margin_db"], new["gain_margin_db"], "{:.1f} dB")}'
             )
     if same:
         sentences.append(f'{", ".join(same)}: as before')
@@ -58,8 +108,8 @@ def _workspace(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> lis
     if _alike(old_db, new_db) and _alike(old_deg, new_deg):
         return []
     return [
-        f'least margins of the cascade, as it exchanges with its plant: {_went(old_db, new_db, "{:.1f} dB")}, '
-        f'{_went(old_deg, new_deg, "{:.0f} deg")}'
+        f'least margins of the cascade, as it exchanges with its plant: {_higher(old_db, new_db, "{:.1f} dB")}, '
+        f'{_higher(old_deg, new_deg, "{:.0f} deg")}'
     ]
 
 
@@ -70,13 +120,13 @@ def _rejection(before: dict[str, Any] | None, after: dict[str, Any] | None) -> l
     if not _alike(before['peak_rad'], after['peak_rad']) or not _alike(before['back_s'], after['back_s']):
         sentences.append(
             f'a load of 1 N m moves the shaft by '
-            f'{_went(math.degrees(before["peak_rad"]), math.degrees(after["peak_rad"]), "{:.3f} deg")}, for '
-            f'{_went(before["back_s"], after["back_s"], "{:.0f} ms", 1e3)}'
+            f'{_lower(math.degrees(before["peak_rad"]), math.degrees(after["peak_rad"]), "{:.3f} deg")}, for '
+            f'{_lower(before["back_s"], after["back_s"], "{:.0f} ms", 1e3)}'
         )
     if not _alike(before['noise_a'], after['noise_a']):
         sentences.append(
             'noise of the encoder makes a current of '
-            f'{_went(before["noise_a"], after["noise_a"], "{:.1f} mA", 1e3)} rms'
+            f'{_lower(before["noise_a"], after["noise_a"], "{:.1f} mA", 1e3)} rms'
         )
     return sentences
 
@@ -89,22 +139,32 @@ def _effect(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
         return ['the program is followed as before']
     old, new = (math.degrees(effect['following_error_max_rad']) for effect in (before, after))
     return [
-        f'largest following error in the program {_went(old, new, "{:.2f}e-3 deg", 1e3)}, '
-        f'TCP error {_went(before["tcp_error_max_m"], after["tcp_error_max_m"], "{:.1f} um", 1e6)}'
+        f'largest following error in the program {_lower(old, new, "{:.2f}e-3 deg", 1e3)}, '
+        f'TCP error {_lower(before["tcp_error_max_m"], after["tcp_error_max_m"], "{:.1f} um", 1e6)}'
     ]
 
 
 def proposal_lines(proposal: dict[str, Any]) -> list[str]:
-    """Return what a proposal keeps, and what was before."""
+    """Return the margins of a proposal and of the present gains; of a proposal that is not made, the reason."""
     wanted = proposal['targets']
     lines = [
         f'gains for {wanted["phase_deg"]:g} deg and {wanted["gain_db"]:g} dB over the workspace, '
         f'with 0 to {proposal["payload_kg"]:g} kg:'
     ]
-    for name in ('before', 'kept'):
+    for name, title in (('before', 'before'), ('kept', 'after')):
         kept = proposal[name]
-        told = f'{kept["phase_deg"]:.1f} deg ({kept["phase_where"]}), {kept["gain_db"]:.1f} dB ({kept["gain_where"]})'
-        lines.append(f'  least margins {"before" if name == "before" else "after"}: {told}')
+        lines.append(
+            f'  least margins {title}: {kept["phase_deg"]:.1f} deg ({kept["phase_where"]}), '
+            f'{kept["gain_db"]:.1f} dB ({kept["gain_where"]})'
+        )
+    judged = proposal['judged']
+    better, worse = ([name for name, j in judged.items() if j == which] for which in (BETTER, WORSE))
+    lines.append(f'  better: {", ".join(better) or "nothing"}; worse: {", ".join(worse) or "nothing"}')
+    if not proposal['proposed']:
+        lines.append(
+            '  not proposed: they are better in one figure at most. Keep the present gains, or ask for these margins '
+            'with --phase-margin or --gain-margin'
+        )
     return lines
 
 

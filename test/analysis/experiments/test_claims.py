@@ -8,7 +8,18 @@ import pytest
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis.experiments import run
 from delta3_pacdrive.analysis.experiments.attribution import Attribution, outcome_of
-from delta3_pacdrive.analysis.experiments.claims import FAILS, HOLDS, UNKNOWN, ArmSpeeds, claims, ripple_deg_s
+from delta3_pacdrive.analysis.experiments.claims import (
+    DEPENDS,
+    FAILS,
+    HOLDS,
+    UNKNOWN,
+    ArmSpeeds,
+    Claim,
+    Value,
+    claims,
+    claims_over_seeds,
+    ripple_deg_s,
+)
 from delta3_pacdrive.analysis.experiments.compared_signals import Run
 from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.experiments.study import Settings
@@ -48,7 +59,7 @@ def test_every_claim_of_an_experiment_gets_a_verdict_and_a_figure(first):
     assert norm.verdict == FAILS
     assert norm.figure.startswith('rms 0.0466 of the model, 0.0469 mm of the robot')
     assert norm.sentence.startswith('11.1.1: the error norm of the model is larger')
-    assert by_text(found, 'lacks of the dynamics').verdict == UNKNOWN
+    assert by_text(found, 'dynamics that the model lacks').verdict == UNKNOWN
     assert claims(None, first, None) == []
 
 
@@ -65,7 +76,7 @@ def test_dynamics_explain_a_deviation_if_more_than_half_of_it_is_theirs(first, f
     values = np.array([0.0, friction, 1.0 - friction, 1.0])
     outcome = outcome_of(('tcp_error_norm', 'deviation'), ('friction', 'geometry'), 0.0, values)
     attribution = Attribution(('friction', 'geometry'), (), 4, {('tcp_error_norm', 'deviation'): outcome})
-    claim = by_text(claims(1, first, attribution), 'lacks of the dynamics')
+    claim = by_text(claims(1, first, attribution), 'dynamics that the model lacks')
     assert claim.verdict == verdict
     assert claim.figure.startswith(f'{100 * friction:.0f} % of the mean square')
 
@@ -133,3 +144,51 @@ def test_an_experiment_3_simulates_the_others_to_judge_its_arm_speeds(undrawn, t
     (claim,) = [claim for claim in report['claims'] if 'velocities of the robot better' in claim['text']]
     assert claim['figure'].endswith('0.23 % in experiment 1, 0.34 % in experiment 2')
     assert claim['verdict'] == HOLDS
+
+
+def claim_of(number, limit=1.0, by_construction=''):
+    return Claim.of(
+        '11.1.1', 'it is small', Value(number, '% of the peak', limit, False, f'{number} %'), by_construction
+    )
+
+
+def test_a_verdict_has_the_range_over_seeds_and_depends_on_the_seed_if_one_seed_decides_otherwise():
+    (same,) = claims_over_seeds([claim_of(0.5)], [[claim_of(0.4)], [claim_of(0.75)]])
+    assert (same.verdict, same.low, same.high, same.seeds) == (HOLDS, 0.4, 0.75, 2)
+    assert same.sentence == '11.1.1: it is small: HOLDS: 0.5 %; 0.4 to 0.75 % of the peak over 3 seeds'
+    (mixed,) = claims_over_seeds([claim_of(0.5)], [[claim_of(1.0)]])  # the limit itself does not hold
+    assert (mixed.verdict, mixed.high) == (DEPENDS, 1.0)
+    (none,) = claims_over_seeds([claim_of(1.5)], [[claim_of(2.0)]])
+    assert none.verdict == FAILS
+
+
+def test_a_number_that_no_seed_changes_has_no_range_in_words():
+    (same,) = claims_over_seeds([claim_of(0.5)], [[claim_of(0.5)]])
+    assert same.sentence == '11.1.1: it is small: HOLDS: 0.5 %'
+
+
+def test_a_claim_that_holds_by_construction_is_marked_and_one_that_fails_is_not():
+    assert claim_of(0.5, by_construction='symmetry').sentence.endswith('; true by construction: symmetry')
+    assert claim_of(1.5, by_construction='symmetry').by_construction == ''
+    (mixed,) = claims_over_seeds([claim_of(0.5, by_construction='symmetry')], [[claim_of(1.5)]])
+    assert mixed.by_construction == ''
+
+
+def test_the_claims_of_experiment_1_that_hold_by_construction_are_those_about_y_and_the_ripple(first):
+    marked = [claim.text for claim in claims(1, first, None) if claim.by_construction]
+    assert marked == [
+        'the robot has a ripple of its velocities that the model lacks',
+        'the robot leaves its reference in y more than the model',
+    ]
+
+
+def test_an_experiment_runs_the_robot_with_as_many_further_seeds_as_asked_for(tmp_path):
+    study = run.Study(Settings(1, attributed=False, seeds=2), tmp_path, '', silent)
+    document = study.run()
+    by_claim = {claim['text']: claim for claim in document['claims']}
+    norm = by_claim['the error norm of the model is larger than that of the robot']
+    assert norm['seeds'] == 2
+    # the sensor noise moves the rms of the robot by some 0.1 um
+    assert norm['low'] < norm['high'] < 0.0
+    assert norm['low'] <= norm['value']['number'] <= norm['high']
+    assert by_claim['dynamics that the model lacks make the error norm deviate']['low'] is None

@@ -9,7 +9,12 @@ import pytest
 from delta3_pacdrive.analysis.tuning import figures
 from delta3_pacdrive.analysis.tuning.analysis import LOOPS, OperatingPoint, linear_loop
 from delta3_pacdrive.analysis.tuning.load import load_at
-from delta3_pacdrive.analysis.tuning.words import changes_in_words
+from delta3_pacdrive.analysis.tuning.words import (
+    changes_in_words,
+    is_worthwhile,
+    judged_figures,
+    proposal_lines,
+)
 
 LOOP = {
     'stable': True, 'crossover_hz': 91.0, 'phase_margin_deg': 71.0, 'gain_margin_db': 17.3,
@@ -41,12 +46,14 @@ def test_each_figure_that_has_changed_is_told_with_both_values(after):
     after['rejection'] = {'peak_rad': 0.008, 'back_s': 0.03, 'noise_a': 0.027}
     after['effect'] = {'following_error_max_rad': 0.8e-4, 'tcp_error_max_m': 0.9e-4}
     assert changes_in_words(BEFORE, after) == [
-        'velocity: crossover 91 Hz to 120 Hz, phase margin 71 deg to 65 deg, gain margin 17.3 dB to 14.9 dB',
+        'velocity: crossover 91 Hz to 120 Hz (better), phase margin 71 deg to 65 deg (worse), '
+        'gain margin 17.3 dB to 14.9 dB (worse)',
         'current: as before',
-        'least margins of the cascade, as it exchanges with its plant: 7.6 dB to 6.1 dB, 71 deg',
-        'a load of 1 N m moves the shaft by 0.573 deg to 0.458 deg, for 40 ms to 30 ms',
-        'noise of the encoder makes a current of 20.0 mA to 27.0 mA rms',
-        'largest following error in the program 5.73e-3 deg to 4.58e-3 deg, TCP error 100.0 um to 90.0 um',
+        'least margins of the cascade, as it exchanges with its plant: 7.6 dB to 6.1 dB (worse), 71 deg',
+        'a load of 1 N m moves the shaft by 0.573 deg to 0.458 deg (better), for 40 ms to 30 ms (better)',
+        'noise of the encoder makes a current of 20.0 mA to 27.0 mA (worse) rms',
+        'largest following error in the program 5.73e-3 deg to 4.58e-3 deg (better), '
+        'TCP error 100.0 um to 90.0 um (better)',
     ]
 
 
@@ -55,6 +62,36 @@ def test_a_loop_that_is_lost_is_told_and_what_is_not_known_is_not(after):
     after['rejection'] = None
     after['effect']['tcp_error_max_m'] = None
     assert changes_in_words(BEFORE, after) == ['velocity: not stable any more', 'current: as before']
+
+
+PROPOSAL = {
+    'targets': {'phase_deg': 45.0, 'gain_db': 6.0},
+    'payload_kg': 2.0,
+    'before': {'phase_deg': 37.1, 'phase_where': 'heavy', 'gain_db': 7.0, 'gain_where': 'light'},
+    'kept': {'phase_deg': 45.0, 'phase_where': 'heavy', 'gain_db': 6.0, 'gain_where': 'light'},
+}
+
+
+def test_gains_that_are_better_in_one_margin_only_are_not_worthwhile(after):
+    after['rejection'] = {'peak_rad': 0.01, 'back_s': 0.05, 'noise_a': 0.027}
+    judged = judged_figures(BEFORE, after, PROPOSAL)
+    assert judged == {
+        'phase margin': 'better', 'gain margin': 'worse', 'recovery from load': 'worse', 'noise': 'worse',
+    }  # fmt: skip
+    assert not is_worthwhile(judged)
+    assert proposal_lines(PROPOSAL | {'judged': judged, 'proposed': False})[3:] == [
+        '  better: phase margin; worse: gain margin, recovery from load, noise',
+        '  not proposed: they are better in one figure at most. Keep the present gains, or ask for these margins '
+        'with --phase-margin or --gain-margin',
+    ]
+
+
+def test_gains_that_are_better_in_two_figures_or_worse_in_none_are_worthwhile(after):
+    after['rejection']['noise_a'] = 0.01
+    assert is_worthwhile(judged_figures(BEFORE, after, PROPOSAL))
+    better = PROPOSAL | {'kept': PROPOSAL['kept'] | {'gain_db': 7.0}}
+    assert judged_figures(BEFORE, BEFORE, better) == {'phase margin': 'better'}
+    assert is_worthwhile(judged_figures(BEFORE, BEFORE, better))
 
 
 def test_curves_that_are_the_same_are_drawn_once_under_both_names(robot):
