@@ -3,16 +3,16 @@
 Light, so that a second bring-up is refused at once.
 """
 
-import fcntl
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import psutil
 
+from delta3_pacdrive import private_files
 from delta3_pacdrive.errors import RunError, shown
 
 NAME = 'robot'  # of several robots, their number follows
@@ -37,23 +37,19 @@ def bag_of(folder: Path, namespace: str) -> Path:
 
 @contextmanager
 def only_one(namespace: str) -> Iterator[None]:
-    """Hold the lock; raises RunError if another process of this user does, or if there can be none of that name."""
+    """Hold the lock of a namespace; raises RunError if another process of this user holds it, or if it has no file."""
     domain = os.environ.get('ROS_DOMAIN_ID', '0')
-    name = f'delta3_pacdrive_{os.getuid()}_domain{domain}_{namespace.strip("/").replace("/", ".")}.lock'
-    path = Path(tempfile.gettempdir()) / name
-    try:
-        file = path.open('w')
-    except OSError as error:
-        raise RunError(f'namespace {shown(namespace)} is not valid: {error.strerror}') from error
-    with file:
+    name = f'domain{domain}_{namespace.strip("/").replace("/", ".")}.lock'
+    with ExitStack() as stack:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            stack.enter_context(private_files.lock(private_files.temporary_folder('locks') / name))
         except BlockingIOError:
             raise RunError(f'a robot is already up in namespace {namespace} of domain {domain}') from None
-        try:
-            yield
-        finally:
-            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise RunError(
+                f'cannot lock namespace {shown(namespace)} of domain {domain}: {error.filename}: {error.strerror}'
+            ) from None
+        yield
 
 
 def _remove_left_logs() -> None:

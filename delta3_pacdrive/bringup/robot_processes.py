@@ -17,7 +17,7 @@ from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
 from delta3_pacdrive.controller.script_gate import first_decision
-from delta3_pacdrive.ros import node_process, preload
+from delta3_pacdrive.ros import discovery, node_process, preload
 from delta3_pacdrive.ros.interfaces import VISUALIZATION
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
@@ -57,7 +57,7 @@ class RobotProcesses:
     def __init__(self, options: Options, robot: core.Parameters, program: str, logs: Path) -> None:
         self._options, self._robot, self._program, self._logs = options, robot, program, logs
         self.running: list[ManagedProcess] = []
-        self.notes: list[str] = []
+        self.notes = list(filter(None, [discovery.exposure()]))
         # how one is started again, by name
         self._restarts: dict[str, Callable[[Schedule], ManagedProcess]] = {}
         self._restarted: list[float] = []  # when [s]

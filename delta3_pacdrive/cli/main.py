@@ -6,7 +6,7 @@ import os
 import sys
 
 from delta3_pacdrive import interrupts, memory
-from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.errors import Delta3Error, RunError
 
 # matrices here are small: threads of BLAS only wait for each other, for a quarter of the processor. Who asks for
 # threads gets them. It has to be said before numpy is imported.
@@ -138,7 +138,9 @@ def _run(arguments: list[str], own: bool) -> int:
 
 
 def _cannot_write(error: OSError) -> int:
-    if not isinstance(error, BrokenPipeError):
+    if isinstance(error, Delta3Error):  # kernels that have no folder, while a command is imported
+        print(f'error: {error}', file=sys.stderr)
+    elif not isinstance(error, BrokenPipeError):
         print(f'error: cannot write the output: {error.strerror or error}', file=sys.stderr)
     from delta3_pacdrive.cli.output import discard_output
 

@@ -23,7 +23,6 @@ import os
 import re
 import shutil
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -38,6 +37,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLoca
 from numba.core.registry import cpu_target
 
 from delta3_pacdrive.errors import KernelError
+from delta3_pacdrive.private_files import private_folder, temporary_path
 
 
 def _import_arrays_of_numba() -> None:
@@ -130,12 +130,13 @@ def _maker() -> str:
 def cache_directory() -> Path:
     """Return the writable folder of the kernels that this interpreter compiles for this processor.
 
-    It lies in ``$NUMBA_CACHE_DIR``, else in the user's cache folder, else in the folder for temporary files.
+    It is in ``$NUMBA_CACHE_DIR``, else in the user's cache folder, else among the temporary files. Kernels are
+    executed, so only folders that no other user can change count.
 
     Raises
     ------
     KernelError
-        Nothing of this can be written.
+        None of these folders can be used.
 
     """
     roots = []
@@ -146,15 +147,17 @@ def cache_directory() -> Path:
     else:
         with suppress(RuntimeError):  # a user without a home
             roots.append(Path.home() / '.cache' / _NAME)
-    roots.append(Path(tempfile.gettempdir()) / f'{_NAME}_{os.getuid()}')
-    for root in roots:
-        folder = root / _maker()
-        with suppress(OSError):
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            # what lies in there is executed: nobody else may have put it there
-            if os.access(folder, os.W_OK) and folder.stat().st_uid == os.getuid():
+    reasons = []
+    for root in (*roots, temporary_path('kernels')):
+        try:
+            folder = private_folder(root / _maker())
+        except OSError as error:
+            reasons.append(f'{error.filename}: {error.strerror}')
+        else:
+            if os.access(folder, os.W_OK):
                 return folder
-    raise KernelError(f'no folder for compiled kernels can be written: tried {", ".join(map(str, roots))}')
+            reasons.append(f'{folder}: it cannot be written')
+    raise KernelError(f'compiled kernels need a folder that only this user can write: {"; ".join(reasons)}')
 
 
 CACHE_DIRECTORY = cache_directory()

@@ -5,20 +5,20 @@ A robot keeps to this machine, or to this one and those that ``ROS_STATIC_PEERS`
 
 import os
 import socket
-import stat
-import tempfile
+import sys
 import zlib
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 
-from delta3_pacdrive import whole_file
+from delta3_pacdrive import private_files, whole_file
 from delta3_pacdrive.errors import RunError, shown
 from delta3_pacdrive.parameters import config_directory
 
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 PEERS = 'ROS_STATIC_PEERS'
-PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+RANGES = ('LOCALHOST', 'SUBNET', 'SYSTEM_DEFAULT')  # with OFF the nodes of a robot would not find each other
+LOCALHOST_ONLY = 'ROS_LOCALHOST_ONLY'
+PROFILE, LATER_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
 MIDDLEWARE = 'RMW_IMPLEMENTATION'
 LOGS = 'ROS_LOG_DIR'
 FAST_DDS = ('', 'rmw_fastrtps_cpp', 'rmw_fastrtps_dynamic_cpp')  # nothing: what Jazzy takes
@@ -30,23 +30,25 @@ INTERFACE, PEER = '<address>{}</address>', '<locator><udpv4><address>{}</address
 
 
 def keep_to_this_machine() -> None:
-    """Choose the loopback profile, unless the environment asks for a profile of its own or for the network.
+    """Choose the loopback profile, unless the environment names a profile or asks for the network.
 
-    With ``ROS_STATIC_PEERS`` the profile has these machines as well, and the addresses from which they are reached; on
-    no other address anybody listens. ``LOCALHOST`` alone would use the middleware's shared memory: a process that is
-    killed leaves files behind, and may take a lock with it on which the others hang. Where there is no home, logs go to
-    a temporary folder.
+    With ``ROS_STATIC_PEERS`` the profile has these machines as well, and the addresses from which they are reached;
+    nothing listens on any other address. ``LOCALHOST`` alone would use the middleware's shared memory: a process that
+    is killed leaves files behind, and may take a lock with it on which the others hang. Where there is no home, logs go
+    to a temporary folder.
 
     Raises
     ------
     RunError
-        The middleware does not keep to a machine, or a peer is none.
+        The middleware does not keep to a machine, or a variable has a value that no robot can follow.
 
     """
     if not os.environ.get(LOGS) and not _ros_finds_a_log_folder():  # it would end with an error
-        os.environ[LOGS] = f'{tempfile.gettempdir()}/delta3_pacdrive_{os.getuid()}_log'
-    own_profile = PROFILE in os.environ or 'FASTDDS_DEFAULT_PROFILES_FILE' in os.environ
-    if own_profile or os.environ.get(RANGE, 'LOCALHOST') != 'LOCALHOST':
+        os.environ[LOGS] = str(_temporary_folder('log'))
+    _clear_environment()
+    if PROFILE in os.environ or os.environ.get(RANGE, 'LOCALHOST') != 'LOCALHOST':
+        # with any other range the middleware would add its own transports to those of a profile
+        os.environ.setdefault(RANGE, 'SYSTEM_DEFAULT')
         return
     middleware = os.environ.get(MIDDLEWARE, '')
     if middleware not in FAST_DDS:
@@ -59,16 +61,40 @@ def keep_to_this_machine() -> None:
         return
     peers = peers_of(os.environ.get(PEERS, ''))
     os.environ[PROFILE] = str(_profile_with(peers) if peers else _profile())
-    # with any other range the middleware would add its own transports to the profile's
     os.environ[RANGE] = 'SYSTEM_DEFAULT'
 
 
-def is_on_network() -> bool:
-    """Whether what this process publishes may leave the machine."""
-    own = os.environ.get(PROFILE) or os.environ.get('FASTDDS_DEFAULT_PROFILES_FILE')
-    if own:
-        return Path(own) != _profile()
-    return os.environ.get(RANGE, 'SUBNET') != 'LOCALHOST' or bool(os.environ.get(PEERS))
+def _clear_environment() -> None:
+    """Remove variables that are empty or deprecated; raise RunError if a range or a profile cannot be used."""
+    for name in (RANGE, PEERS, PROFILE, LATER_PROFILE, MIDDLEWARE):
+        if not os.environ.get(name, '').strip():
+            os.environ.pop(name, None)
+    if (only := os.environ.pop(LOCALHOST_ONLY, None)) is not None:
+        ignored = [name for name in (RANGE, PEERS) if only == '1' and os.environ.pop(name, '')]
+        sentence = f'{LOCALHOST_ONLY} is deprecated and ignored, as a robot keeps to this machine by itself'
+        sys.stderr.write(f'warning: {sentence}{"".join(f"; so is {name}" for name in ignored)}\n')
+    if LATER_PROFILE in os.environ:  # the Fast DDS of Jazzy does not read it, and would listen everywhere
+        os.environ.setdefault(PROFILE, os.environ[LATER_PROFILE])
+    reach = os.environ.get(RANGE, 'LOCALHOST')
+    if reach not in RANGES:
+        raise RunError(f'{RANGE} is {shown(reach)}, but must be one of {", ".join(RANGES)}')
+    profile = os.environ.get(PROFILE)
+    if profile and not (Path(profile).is_file() and os.access(profile, os.R_OK)):
+        raise RunError(f'{PROFILE} names {shown(profile)}, which is not a file that can be read')
+
+
+def exposure() -> str:
+    """Return why other machines may reach this robot, empty if they cannot."""
+    profile, reach = os.environ.get(PROFILE), os.environ.get(RANGE, 'SUBNET')
+    if os.environ.get(PEERS):
+        why = f'{PEERS} is {os.environ[PEERS]}'
+    elif profile and Path(profile) != _profile():
+        why = f'{PROFILE} is {profile}'
+    elif reach == 'LOCALHOST' or (profile and reach == 'SYSTEM_DEFAULT'):
+        return ''
+    else:
+        why = f'{RANGE} is {reach}'
+    return f'other machines may reach this robot: {why}'
 
 
 def peers_of(text: str) -> list[str]:
@@ -114,21 +140,21 @@ def _profile_with(peers: Sequence[str]) -> Path:
     """Write the profile of some peers where every process of a robot finds it; raises RunError."""
     ways = sorted({way_to(address) for address in peers} - {HERE})
     text = profile_text([address for address in peers if address != HERE], ways)
-    folder = Path(tempfile.gettempdir(), f'delta3_pacdrive_{os.getuid()}_network')
-    path = folder / f'{zlib.crc32(text.encode()):08x}.xml'
+    path = _temporary_folder('network') / f'{zlib.crc32(text.encode()):08x}.xml'
     try:
-        with suppress(FileExistsError):
-            folder.mkdir(mode=0o700)
-        own = folder.lstat()
-        if own.st_uid != os.getuid() or not stat.S_ISDIR(own.st_mode) or own.st_mode & 0o022:
-            raise RunError(
-                f'{folder} is not a folder that only this user can write: no network profile goes there'
-            )
         if not path.exists():
             whole_file.write_text(text, path)
     except OSError as error:
         raise RunError(f'cannot write the network profile {path}: {error.strerror}') from None
     return path
+
+
+def _temporary_folder(name: str) -> Path:
+    """Return a folder for temporary files that only this user can change; raises RunError."""
+    try:
+        return private_files.temporary_folder(name)
+    except OSError as error:
+        raise RunError(f'no folder for the {name} can be used: {error.filename}: {error.strerror}') from None
 
 
 def _ros_finds_a_log_folder() -> bool:

@@ -61,7 +61,7 @@ class Delivery:
     @property
     def robot(self) -> QoSProfile:
         """What the robot asks for, from this machine or from others."""
-        return qos.CYCLIC_FROM_AFAR if self is CYCLIC and discovery.is_on_network() else self.subscription
+        return qos.CYCLIC_FROM_AFAR if self is CYCLIC and discovery.exposure() else self.subscription
 
     @property
     def recorder(self) -> QoSProfile:

@@ -143,6 +143,8 @@ def run_single(factory: Callable[[], Node]) -> int:
 
     def prepare() -> None:
         discovery.keep_to_this_machine()
+        if exposure := discovery.exposure():
+            print(f'note: {exposure}', file=sys.stderr)
         # nodes started together compile once, not each for itself
         simulation.compile_kernels(show=Lines().show)
         simulation.rehearse(parameters.load())

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -154,16 +155,20 @@ def test_a_damaged_binary_is_made_again(first, tmp_path):
     assert output_of(FORWARD, tmp_path / 'cache')['compiled'] == 0
 
 
-def test_a_folder_of_somebody_else_is_not_used(monkeypatch, tmp_path):
-    monkeypatch.setenv('NUMBA_CACHE_DIR', str(tmp_path / 'mine'))
-    monkeypatch.setattr(kernel.tempfile, 'gettempdir', lambda: str(tmp_path))
-    assert kernel.cache_directory().is_relative_to(tmp_path / 'mine')
+def test_a_folder_that_others_can_write_holds_no_kernels(monkeypatch, tmp_path):
+    cache, temporary = tmp_path / 'mine', tmp_path / f'delta3_pacdrive_{os.getuid()}'
+    monkeypatch.setenv('NUMBA_CACHE_DIR', str(cache))
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    assert kernel.cache_directory().is_relative_to(cache)
     assert kernel.cache_directory().stat().st_mode & 0o077 == 0
-    monkeypatch.setattr(
-        kernel.os, 'getuid', lambda: 54321
-    )  # what lies there belongs to the one who runs this test
-    with pytest.raises(kernel.KernelError, match='no folder for compiled kernels can be written: tried'):
+    cache.chmod(0o777)
+    assert kernel.cache_directory().is_relative_to(temporary)
+    temporary.chmod(0o777)  # as if another user had created it first
+    with pytest.raises(
+        kernel.KernelError, match='compiled kernels need a folder that only this user can write'
+    ) as error:
         kernel.cache_directory()
+    assert f'{cache}: other users can write to it; {temporary}: other users' in str(error.value)
 
 
 NODE = [

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -17,6 +18,7 @@ JOIN = (
     'from delta3_pacdrive.ros import discovery; discovery.keep_to_this_machine(); '
     'import rclpy; rclpy.init(); rclpy.create_node("somebody").get_logger().info("here")'
 )
+VARIABLES = (discovery.PROFILE, discovery.LATER_PROFILE, discovery.RANGE, discovery.PEERS)
 PLACES = ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')
 
 
@@ -27,7 +29,7 @@ def test_a_node_starts_where_nobody_has_a_home(home, tmp_path):
     command = [sys.executable, '-P', '-c', JOIN]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=120)
     assert (done.returncode, 'here' in done.stderr) == (0, True), done.stderr
-    assert list(tmp_path.glob('delta3_pacdrive_*_log/*.log'))
+    assert list(tmp_path.glob('delta3_pacdrive_*/log/*.log'))
 
 
 def test_a_folder_that_is_asked_for_stays(monkeypatch, tmp_path):
@@ -41,10 +43,10 @@ def test_a_folder_that_is_asked_for_stays(monkeypatch, tmp_path):
 @pytest.fixture
 def alone(monkeypatch, tmp_path):
     """Take away what says how far the tests' robots go."""
-    for name in (discovery.PROFILE, 'FASTDDS_DEFAULT_PROFILES_FILE', discovery.RANGE, discovery.PEERS):
+    for name in VARIABLES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(discovery.MIDDLEWARE, 'rmw_fastrtps_cpp')
-    monkeypatch.setattr(discovery.tempfile, 'gettempdir', lambda: str(tmp_path))
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
     return tmp_path
 
 
@@ -52,7 +54,7 @@ def test_without_a_word_a_robot_keeps_to_this_machine(alone):
     discovery.keep_to_this_machine()
     assert os.environ[discovery.PROFILE].endswith('config/localhost.xml')
     assert os.environ[discovery.RANGE] == 'SYSTEM_DEFAULT'
-    assert not discovery.is_on_network()
+    assert not discovery.exposure()
     assert interfaces.MDT.delivery.robot.reliability == ReliabilityPolicy.BEST_EFFORT
 
 
@@ -73,12 +75,12 @@ def test_peers_are_looked_for_and_listened_to_where_they_are_reached_and_nowhere
     )
     discovery.keep_to_this_machine()
     path = Path(os.environ[discovery.PROFILE])
-    assert path.parent == alone / f'delta3_pacdrive_{os.getuid()}_network'
+    assert path.parent == alone / f'delta3_pacdrive_{os.getuid()}' / 'network'
     assert path.stat().st_mode & 0o022 == path.parent.stat().st_mode & 0o077 == 0
     text = path.read_text(encoding='utf-8')
     assert addresses(text, 'interfaceWhiteList') == ['127.0.0.1', '192.0.2.1']
     assert addresses(text, 'initialPeersList') == ['127.0.0.1', '192.0.2.5', '192.0.2.7']
-    assert discovery.is_on_network()
+    assert discovery.exposure()
     # what a network loses is repeated
     assert interfaces.MDT.delivery.robot.reliability == ReliabilityPolicy.RELIABLE
     discovery.keep_to_this_machine()  # as every process of the robot does
@@ -108,16 +110,71 @@ def test_a_way_to_this_machine_begins_here():
 
 
 def test_a_folder_that_others_can_write_takes_no_profile(alone, monkeypatch):
-    folder = alone / f'delta3_pacdrive_{os.getuid()}_network'
-    folder.mkdir()
+    folder = alone / f'delta3_pacdrive_{os.getuid()}' / 'network'
+    folder.mkdir(parents=True, mode=0o700)
     folder.chmod(0o777)
     monkeypatch.setenv(discovery.PEERS, '127.0.0.1')
-    with pytest.raises(RunError, match='is not a folder that only this user can write'):
+    with pytest.raises(
+        RunError, match=f'no folder for the network can be used: {folder}: other users can write'
+    ):
         discovery.keep_to_this_machine()
-    folder.rmdir()
-    folder.symlink_to(alone)
-    with pytest.raises(RunError, match='is not a folder that only this user can write'):
+
+
+@pytest.mark.parametrize('empty', ['', ' '])
+@pytest.mark.parametrize('name', [*VARIABLES, discovery.MIDDLEWARE])
+def test_an_empty_variable_counts_as_unset(name, empty, alone, monkeypatch):
+    monkeypatch.setenv(name, empty)
+    discovery.keep_to_this_machine()
+    assert os.environ[discovery.PROFILE].endswith('config/localhost.xml')
+    assert os.environ[discovery.RANGE] == 'SYSTEM_DEFAULT'
+    assert not discovery.exposure()
+
+
+@pytest.mark.parametrize(('value', 'reach'), [('1', 'SUBNET'), ('1', None), ('0', None), ('', None)])
+def test_the_deprecated_variable_is_removed_with_a_warning(value, reach, alone, monkeypatch, capfd):
+    monkeypatch.setenv(discovery.LOCALHOST_ONLY, value)
+    if reach:
+        monkeypatch.setenv(discovery.RANGE, reach)
+        monkeypatch.setenv(discovery.PEERS, '192.0.2.7')
+    discovery.keep_to_this_machine()
+    assert discovery.LOCALHOST_ONLY not in os.environ
+    assert not discovery.exposure()
+    ignored = '; so is ROS_AUTOMATIC_DISCOVERY_RANGE; so is ROS_STATIC_PEERS' if reach else ''
+    assert capfd.readouterr().err == (
+        'warning: ROS_LOCALHOST_ONLY is deprecated and ignored, as a robot keeps to this machine by itself'
+        f'{ignored}\n'
+    )
+
+
+@pytest.mark.parametrize('reach', ['OFF', 'localhost', 'EVERYWHERE'])
+def test_a_range_that_no_robot_can_have_is_rejected(reach, alone, monkeypatch):
+    monkeypatch.setenv(discovery.RANGE, reach)
+    with pytest.raises(
+        RunError, match=f"^ROS_AUTOMATIC_DISCOVERY_RANGE is '{reach}', but must be one of LOCALHOST,"
+    ):
         discovery.keep_to_this_machine()
+
+
+@pytest.mark.parametrize('name', [discovery.PROFILE, discovery.LATER_PROFILE])
+def test_a_profile_of_ones_own_alone_says_where_the_robot_listens(name, alone, monkeypatch):
+    own = alone / 'own.xml'
+    monkeypatch.setenv(name, str(own))
+    with pytest.raises(
+        RunError, match=r'^FASTRTPS_DEFAULT_PROFILES_FILE names [^,]*, which is not a file that can be read$'
+    ):
+        discovery.keep_to_this_machine()
+    own.write_text(discovery.profile_text([], []), encoding='utf-8')
+    discovery.keep_to_this_machine()
+    assert os.environ[discovery.PROFILE] == str(own)
+    assert os.environ[discovery.RANGE] == 'SYSTEM_DEFAULT'
+    assert discovery.exposure() == f'other machines may reach this robot: {discovery.PROFILE} is {own}'
+
+
+@pytest.mark.parametrize('reach', ['SUBNET', 'SYSTEM_DEFAULT'])
+def test_a_robot_that_others_can_reach_says_why(reach, alone, monkeypatch):
+    monkeypatch.setenv(discovery.RANGE, reach)
+    discovery.keep_to_this_machine()
+    assert discovery.exposure() == f'other machines may reach this robot: {discovery.RANGE} is {reach}'
 
 
 def test_a_middleware_that_keeps_to_a_machine_by_itself_is_told_to(alone, monkeypatch):
@@ -125,9 +182,9 @@ def test_a_middleware_that_keeps_to_a_machine_by_itself_is_told_to(alone, monkey
     discovery.keep_to_this_machine()
     assert os.environ[discovery.RANGE] == 'LOCALHOST'
     assert discovery.PROFILE not in os.environ
-    assert not discovery.is_on_network()
+    assert not discovery.exposure()
     monkeypatch.setenv(discovery.PEERS, '192.0.2.7')
-    assert discovery.is_on_network()
+    assert discovery.exposure()
 
 
 def test_one_of_which_nobody_knows_that_is_refused_unless_it_may_go_beyond(alone, monkeypatch):
@@ -136,7 +193,7 @@ def test_one_of_which_nobody_knows_that_is_refused_unless_it_may_go_beyond(alone
         discovery.keep_to_this_machine()
     monkeypatch.setenv(discovery.RANGE, 'SUBNET')
     discovery.keep_to_this_machine()
-    assert discovery.is_on_network()
+    assert discovery.exposure()
 
 
 def test_a_node_says_in_one_sentence_that_its_peer_is_none(tmp_path):

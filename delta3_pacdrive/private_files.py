@@ -1,0 +1,109 @@
+"""Folders and lock files that no other user of the machine can replace, in folders that all users share.
+
+Compiled kernels are executed and network profiles decide where a robot listens, so every folder on their path counts:
+its owner could exchange all folders below.
+"""
+
+import errno
+import fcntl
+import grp
+import os
+import pwd
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+def temporary_path(name: str) -> Path:
+    """Return where a private folder of this user belongs among the temporary files."""
+    return Path(tempfile.gettempdir(), f'delta3_pacdrive_{os.getuid()}', name)
+
+
+def temporary_folder(name: str) -> Path:
+    """Return a private folder of this user among the temporary files; raises OSError."""
+    return private_folder(temporary_path(name))
+
+
+def private_folder(path: Path) -> Path:
+    """Return a folder, without links in its path, that only this user can change; create it if it is missing.
+
+    Raises
+    ------
+    OSError
+        Another user owns or can write a folder or a link of its path, or it cannot be created.
+
+    """
+    path = Path(os.path.abspath(path))
+    for folder in (*reversed(path.parents), path):
+        _require_safe(folder, created=True)
+    real = Path(os.path.realpath(path))
+    for folder in (*reversed(real.parents), real):
+        _require_safe(folder)
+    found = real.stat()
+    if found.st_uid != os.getuid() or _others_write(found):
+        raise _refusal('other users can write to it', path)
+    return real
+
+
+def _require_safe(path: Path, created: bool = False) -> None:
+    """Raise OSError if another user could exchange what is at a path."""
+    if created:
+        with suppress(FileExistsError):
+            path.mkdir(mode=0o700)
+    found = path.lstat()
+    # the owner of the root folder can exchange everything; in a container this need not be user 0
+    if found.st_uid not in (0, os.getuid(), Path('/').stat().st_uid):
+        raise _refusal(f'it belongs to user {found.st_uid}', path)
+    if stat.S_ISLNK(found.st_mode):
+        return
+    if not stat.S_ISDIR(found.st_mode):
+        raise _refusal('it is not a folder', path)
+    if _others_write(found) and not found.st_mode & stat.S_ISVTX:
+        raise _refusal('other users can write to it', path)
+
+
+def _others_write(found: os.stat_result) -> bool:
+    """Whether other users can write to a folder; members of the group of this user alone are not others."""
+    if found.st_mode & stat.S_IWOTH:
+        return True
+    return bool(found.st_mode & stat.S_IWGRP) and found.st_gid != 0 and not _is_own_group(found.st_gid)
+
+
+def _is_own_group(number: int) -> bool:
+    """Whether a group has the name of this user and no other member, as most distributions create it."""
+    try:
+        user, group = pwd.getpwuid(os.getuid()), grp.getgrgid(number)
+    except KeyError:
+        return False
+    return user.pw_gid == number and group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}
+
+
+def _refusal(reason: str, path: Path) -> PermissionError:
+    return PermissionError(errno.EPERM, reason, str(path))
+
+
+@contextmanager
+def lock(path: Path) -> Iterator[None]:
+    """Hold an exclusive lock on a file in a private folder; the file stays, so that every process locks the same one.
+
+    Raises
+    ------
+    BlockingIOError
+        Another process holds it.
+    OSError
+        The file cannot be created, or is a link, a pipe or a device.
+
+    """
+    number = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
+    try:
+        if not stat.S_ISREG(os.fstat(number).st_mode):
+            raise _refusal('it is not a regular file', path)
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            yield
+        finally:
+            fcntl.flock(number, fcntl.LOCK_UN)  # children that were forked meanwhile have it open, too
+    finally:
+        os.close(number)
