@@ -6,7 +6,7 @@ quintics without curvature at their ends; with half of the way each the arch has
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ SHARE_MIN, SHARE_MAX = 0.05, 0.5  # of the way across, of each bend
 RISE_FIRST_M, SHARE_FIRST = 0.02, 0.4  # where the search begins: how far above the lowest top
 RISE_STEP_M, SHARE_STEP = 0.02, 0.1  # its first steps
 STEPS_SMALLER = 4  # how often the steps are halved
+CORNER_SHARES = (1.0, 0.75, 0.5)  # bends of plain corners, of the widest
 KEEP_OUT_SAMPLES = 257
 ACROSS_MIN_M = 1e-2  # shortest way across
 UP = np.array([0.0, 0.0, 1.0])
@@ -69,10 +70,11 @@ def arch(room: Clearances, top_m: float, share: float) -> Curve:
     return curves.joined([piece for piece in pieces if piece.length_m > COINCIDENT_M])
 
 
-def best_arch(room: Clearances, cost: Callable[[Curve], float]) -> Curve:
+def best_arch(room: Clearances, cost: Callable[[Curve], float], corners: bool = False) -> Curve:
     """Return the arch with the lowest cost, by a pattern search from an arch of medium height on.
 
-    ``cost`` may raise ProgramError for an arch that the robot cannot drive.
+    ``cost`` may raise ProgramError for an arch that the robot cannot drive. With ``corners`` the search also compares
+    the plain corners that the clearances allow: straight up, across and down again, with bends as high as wide.
 
     Raises
     ------
@@ -88,16 +90,18 @@ def best_arch(room: Clearances, cost: Callable[[Curve], float]) -> Curve:
     known: dict[tuple[float, float], float] = {}
     why: list[ProgramError | UnreachableError] = []
 
+    def cost_of(curve: Curve) -> float:
+        try:
+            _require_kept_out(room, curve)
+            return cost(curve)
+        except (ProgramError, UnreachableError) as error:
+            why.append(error)
+            return math.inf
+
     def tried(rise: float, share: float) -> float:
         key = (round(rise, 9), round(share, 9))
         if key not in known:
-            known[key] = math.inf
-            try:
-                curve = arch(room, lowest + rise, share)
-                _require_kept_out(room, curve)
-                known[key] = cost(curve)
-            except (ProgramError, UnreachableError) as error:
-                why.append(error)
+            known[key] = cost_of(arch(room, lowest + rise, share))
         return known[key]
 
     here = _first(tried)
@@ -114,7 +118,22 @@ def best_arch(room: Clearances, cost: Callable[[Curve], float]) -> Curve:
                 if tried(rise, share) < tried(*here):
                     here, moved = (rise, share), True
         steps = (0.5 * steps[0], 0.5 * steps[1])
-    return arch(room, lowest + here[0], here[1])
+    found = [(tried(*here), arch(room, lowest + here[0], here[1]))]
+    if corners:
+        tops = dict.fromkeys((lowest, lowest + here[0]))
+        found += [(cost_of(curve), curve) for top_m in tops for curve in plain_corners(room, top_m)]
+    return min(found, key=lambda one: one[0])[1]
+
+
+def plain_corners(room: Clearances, top_m: float) -> list[Curve]:
+    """Return plain corners whose top is at a height z [m], with the widest bends that the clearances allow and less."""
+    start_z, end_z = float(room.start_m[2]), float(room.end_m[2])
+    way = float(np.linalg.norm((room.end_m - room.start_m)[:2]))
+    widest = min(top_m - max(start_z + room.up_m, end_z + room.down_m), SHARE_MAX * way)
+    return [
+        arch(replace(room, up_m=top_m - start_z - bend, down_m=top_m - end_z - bend), top_m, bend / way)
+        for bend in (share * widest for share in CORNER_SHARES)
+    ]
 
 
 def _first(tried: Callable[[float, float], float]) -> tuple[float, float] | None:

@@ -9,6 +9,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 PHASES = 3
+MOTORS = 3
 
 
 @dataclass(frozen=True)
@@ -73,3 +74,18 @@ def sampled_energy(
     lost = (friction * speed_rad_s).sum(axis=1)
     powers = np.stack([copper, lost, np.maximum(power, 0.0), np.maximum(-power, 0.0)])
     return Energy(*np.trapezoid(powers, time_s).tolist())
+
+
+def price_of_time_w(parameters: Parameters) -> float:
+    """Return the losses [W] at which a motion for the least energy saves time: three motors at nominal current."""
+    motor = parameters.motor
+    return MOTORS * PHASES * motor.winding_resistance_ohm / 2.0 * motor.nominal_current_a**2
+
+
+def heat_weight(parameters: Parameters) -> float:
+    """Return the weight, next to the time, of the squared shares of the peak torques in motions for the least energy.
+
+    It is the copper loss of a motor at its peak current over ``price_of_time_w``.
+    """
+    motor = parameters.motor
+    return (motor.peak_current_a / motor.nominal_current_a) ** 2 / MOTORS

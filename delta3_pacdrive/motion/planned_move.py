@@ -162,7 +162,7 @@ def plan_move(
         rate = min(segment.torque_rate_n_m_s for segment in segments)
         fastest = TimeOptimalPlanner(curve, stretches, payloads, parameters, rate, returning)
         planner: MovePlanner = fastest
-        phases = fastest.fastest_of_third_order(heat)
+        phases = fastest.fastest_of_third_order(heat + max(segment.heat for segment in segments))
     else:
         planner = MovePlanner(curve, stretches, payloads, parameters, returning)
         phases, notices = _as_asked(planner, segments)

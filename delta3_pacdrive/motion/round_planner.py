@@ -16,6 +16,7 @@ from delta3_pacdrive.motion.arch import Clearances, best_arch
 from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_on, blended, name_of
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.due_outputs import Due, DueOutputs
+from delta3_pacdrive.motion.energy import heat_weight, price_of_time_w
 from delta3_pacdrive.motion.joint_trajectory import plan_joints
 from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.move_planner import Stretches
@@ -240,6 +241,7 @@ class RoundPlanner:
                 statement.time_optimal,
                 statement.torque_rate_n_m_s,
                 turn,
+                self._heat_weight(statement),
             )
         )
         self.here = curve.at(curve.length_m)[0]
@@ -295,13 +297,21 @@ class RoundPlanner:
                     name,
                     statement.time_optimal,
                     statement.torque_rate_n_m_s,
+                    heat=self._heat_weight(statement),
                 )
                 stretches = [(curve.length_m, statement.limits)]
                 planned = plan_move([segment], curve, stretches, [], self.payload, self._parameters)
-                return planned.move.duration_s if statement.aim == Aim.TIME else planned.energy.lost_j
+                if statement.aim == Aim.TIME:
+                    return planned.move.duration_s
+                return planned.energy.lost_j + price_of_time_w(self._parameters) * planned.move.duration_s
 
-            self._arches[key] = best_arch(room, cost)
+            self._arches[key] = best_arch(room, cost, corners=statement.aim == Aim.ENERGY)
         return self._arches[key]
+
+    def _heat_weight(self, statement: PathMove) -> float:
+        """Return the weight of the motors' heat in a time-optimal move."""
+        saves = isinstance(statement, Arch) and statement.aim == Aim.ENERGY
+        return heat_weight(self._parameters) if saves else 0.0
 
     def _take_cubic(self, statement: Cubic, number: int, name: str) -> None:
         end = resolve(statement.to, self.here)
