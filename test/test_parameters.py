@@ -451,7 +451,7 @@ BOMB = 'a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\n'
         (b'/**: {ros__parameters: {motor: 5}}', 'missing parameter group'),
         (b'/**: {ros__parameters: {1: 2}}', 'unknown parameter group 1'),
         (BOMB.encode(), 'aliases are not allowed'),
-        (b'a: 1\nb: {c: 1, c: 2}', "the key 'c' stands twice at line 2"),
+        (b'a: 1\nb: {c: 1, c: 2}', ":2:11: parameter file is not valid YAML: the key 'c' occurs twice"),
         (b'{[a]: 1, [a]: 2}', 'is not valid YAML'),
         (b'a: {<<: {b: 1}}', 'is not valid YAML'),
         (b'a: !!python/object/apply:os.getcwd []', 'is not valid YAML'),

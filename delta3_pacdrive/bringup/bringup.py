@@ -10,10 +10,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
@@ -183,7 +181,7 @@ class Bringup:
         gc.freeze()  # who looks for garbage touches all there is: each child would get a copy of its own
         self._processes.start()
         prefer(self._schedule)  # before there are threads of the transport, which inherit it
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        node_process.join()
         self._process = node_process.Process()
         self._monitor = _Monitor(self.options.namespace)
         self._process.add(self._monitor)

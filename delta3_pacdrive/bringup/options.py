@@ -3,9 +3,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from rclpy.exceptions import InvalidNamespaceException
-from rclpy.validate_namespace import validate_namespace
-
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.bringup.processes import ManagedProcess
@@ -18,6 +15,7 @@ from delta3_pacdrive.motion.output_names import OWN
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.plant.decoupled import require_stable
+from delta3_pacdrive.ros import domain
 
 
 @dataclass(frozen=True)
@@ -55,12 +53,7 @@ def check_options(
         robot = robot.replace(bus__exchange_period_s=options.exchange_period_s)
     if robot.motion.enable_cycle < 0 or robot.motion.start_cycle < 0:
         raise ParameterError('a bring-up needs motion.enable_cycle and motion.start_cycle of at least 0')
-    try:
-        validate_namespace(options.namespace)
-    except InvalidNamespaceException as error:
-        raise RunError(
-            f'namespace {options.namespace!r} is not valid: {str(error).splitlines()[0]}'
-        ) from None
+    domain.namespace(options.namespace)
     if options.bag is not None and options.bag.exists():
         raise RunError(f'cannot record into {options.bag}: it exists already')
     outputs = OWN

@@ -32,13 +32,14 @@ def run(options: Options) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.bringup.scheduling import Schedule, prefer
     from delta3_pacdrive.errors import RunError
+    from delta3_pacdrive.ros import domain
     from delta3_pacdrive.ros.nodes.recorder import record
 
     folder = Path(options.bag).absolute()
     if folder.exists():
         raise RunError(f'cannot record into {folder}: it exists already')
     robot = None if options.parameters is None else core.load(core.of_run(options.parameters))
-    namespace = '/' + options.namespace.strip('/')
+    namespace = domain.namespace(options.namespace)
     bags = _bags_of_all(folder, namespace) if options.all else {namespace: folder}
     prefer(Schedule.PREFERRED)  # what comes while others have the processor would be lost
     return record(bags, robot)

@@ -100,10 +100,11 @@ def bring_up(
     ``shown`` returns what shows how it goes. Raises RunError.
     """
     started_s = time.monotonic()
-    namespace = '/' + options.namespace.strip('/')
     from delta3_pacdrive.bringup.environment import log_folder, only_one
     from delta3_pacdrive.bringup.page import started
+    from delta3_pacdrive.ros import domain
 
+    namespace = domain.namespace(options.namespace)
     with only_one(namespace):  # a second robot is refused before anything that takes long is loaded
         pass
     with ExitStack() as stack:

@@ -85,11 +85,13 @@ def _watch(options: Options, place: serving.Place) -> int:
     import os
 
     from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.ros import domain
 
+    namespace = domain.namespace(options.namespace)
     _announce(options, place)
     parameters = core.load()
-    with _served(options, parameters, f'Delta-3 in {options.namespace}', place) as page:
-        page.wait(f'waiting for a robot in namespace {options.namespace}')
+    with _served(options, parameters, f'Delta-3 in {namespace}', place) as page:
+        page.wait(f'waiting for a robot in namespace {namespace}')
         if serving.is_here(options.host) or options.control:
             page.add_controls()
         else:
@@ -102,7 +104,7 @@ def _watch(options: Options, place: serving.Place) -> int:
 
         os.nice(NICENESS)  # not before: people wait for the first picture
         patience_s = float('inf') if options.wait else live_view.APPEAR_S
-        live_view.run(page, parameters, options.namespace, patience_s)
+        live_view.run(page, parameters, namespace, patience_s)
     return 0
 
 

@@ -1,5 +1,6 @@
 """The one reader of YAML files: bounded in size and depth, no aliases (no bombs), one sentence for every failure."""
 
+import codecs
 import math
 import re
 from collections.abc import Iterable
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.reader import ReaderError
 
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.configuration.located import Fields, Items, Place
@@ -34,13 +36,20 @@ _FAILURES = (yaml.YAMLError, RecursionError, ValueError)
 LOADER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
+def _place(mark: Any) -> Place:
+    return Place(mark.line + 1, mark.column + 1)
+
+
+def _broken(problem: str, event: Any) -> yaml.MarkedYAMLError:
+    """Return the error of an event that YAML allows and this reader does not."""
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+
+
 def _scalar(event: Any) -> Any:
     text: str = event.value
     if not event.implicit[0]:  # in quotes, in a block, or with a tag
         if event.tag not in _TEXT_TAGS:
-            raise yaml.YAMLError(
-                f'tags are not allowed ({shown(event.tag)}) at line {event.start_mark.line + 1}'
-            )
+            raise _broken(f'tags are not allowed ({shown(event.tag)})', event)
         return text
     if text in _WORDS:
         return _WORDS[text]
@@ -74,29 +83,25 @@ class _Builder:
             self._keys.pop()
             self._key_places.pop()
         elif kind is yaml.AliasEvent:
-            raise yaml.YAMLError(f'aliases are not allowed: line {event.start_mark.line + 1}')
+            raise _broken('aliases are not allowed', event)
         elif kind is yaml.DocumentStartEvent:
             self._documents += 1
             if self._documents > 1:
-                raise yaml.YAMLError(f'a second document begins at line {event.start_mark.line + 1}')
+                raise _broken('a second document begins', event)
 
     def _begin(self, event: Any, kind: type[Fields] | type[Items]) -> None:
-        line = event.start_mark.line + 1
         if not event.implicit:
-            raise yaml.YAMLError(f'tags are not allowed ({shown(event.tag)}) at line {line}')
+            raise _broken(f'tags are not allowed ({shown(event.tag)})', event)
         if len(self._open) >= DEPTH_MAX:
-            raise yaml.YAMLError(
-                f'lists and mappings stand more than {DEPTH_MAX} deep in each other at line {line}'
-            )
-        container = kind(Place(line, event.start_mark.column + 1))
+            raise _broken(f'lists and mappings are nested more than {DEPTH_MAX} deep', event)
+        container = kind(_place(event.start_mark))
         self._put(container, event)
         self._open.append(container)
         self._keys.append(_NONE)
         self._key_places.append(container.place)
 
     def _put(self, value: Any, event: Any) -> None:
-        mark = event.start_mark
-        place = Place(mark.line + 1, mark.column + 1)
+        place = _place(event.start_mark)
         if not self._open:
             self.root = value
             return
@@ -106,11 +111,11 @@ class _Builder:
             parent.places.append(place)
         elif self._keys[-1] is _NONE:
             if isinstance(value, (Fields, Items)):
-                raise yaml.YAMLError(f'a key must not be a list or a mapping: line {place.line}')
+                raise _broken('a key must not be a list or a mapping', event)
             if value == '<<':
-                raise yaml.YAMLError(f'a mapping must not be merged into another: line {place.line}')
+                raise _broken('a mapping must not be merged into another', event)
             if value in parent:
-                raise yaml.YAMLError(f'the key {shown(value)} stands twice at line {place.line}')
+                raise _broken(f'the key {shown(value)} occurs twice', event)
             self._keys[-1], self._key_places[-1] = value, place
         else:
             key = self._keys[-1]
@@ -134,30 +139,70 @@ def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
         raise error(f'cannot read {what} {path}: {reason}') from failure
     if len(content) > SIZE_MAX_BYTES:
         raise error(f'{what} {path} is larger than {SIZE_MAX_BYTES // 1024**2} MiB')
-    document = parse(content, f'{what} {path}', error)
+    document = parse(content, what, error, str(path))
     if isinstance(document, (Fields, Items)):
         document.source = str(path)
     return document
 
 
-def parse(content: bytes | str, what: str, error: type[Delta3Error]) -> Any:
-    """Return the document in a text; its mappings and lists know where they stand."""
+def parse(content: bytes | str, what: str, error: type[Delta3Error], file: str = '') -> Any:
+    """Return the document in a text (of a ``file``); its mappings and lists know where they stand.
+
+    The message of an error begins with file, line and column, as far as they are known.
+    """
     if len(content) > SIZE_MAX_BYTES:
         raise error(f'{what} is larger than {SIZE_MAX_BYTES // 1024**2} MiB')
     builder = _Builder()
-    loader = None
+    loader = event = None
     try:
-        text = content.decode('utf-8') if isinstance(content, bytes) else content
+        text = content.decode('utf-8-sig') if isinstance(content, bytes) else content
         loader = LOADER(text)
         while not isinstance(event := loader.get_event(), yaml.StreamEndEvent):
             builder.take(event)
     except _FAILURES as failure:
-        reason = ' '.join(str(failure).split()) or type(failure).__name__
-        raise error(f'{what} is not valid YAML: {reason}') from failure
+        place = _place_of(failure, content, event)
+        where = f'line {place.line}, column {place.column}' if place else ''
+        if file:
+            where = f'{file}:{place.line}:{place.column}' if place else file
+        raise error(
+            f'{where}{where and ": "}{what} is not valid YAML: {_reason(failure, content)}'
+        ) from failure
     finally:
         if loader is not None:
             loader.dispose()
     return builder.root
+
+
+def _place_of(failure: Exception, content: bytes | str, event: Any) -> Place | None:
+    """Return where a text breaks the rules of YAML; None if that is unknown."""
+    if isinstance(failure, yaml.MarkedYAMLError):
+        mark = failure.problem_mark or failure.context_mark
+        return _place(mark) if mark else None
+    if isinstance(failure, UnicodeDecodeError):
+        before = failure.object[: failure.start].decode(errors='replace')
+    elif isinstance(failure, ReaderError):
+        text = content if isinstance(content, str) else content.decode(errors='replace')
+        if failure.encoding == 'unicode':  # the parser in Python counts characters, that in C bytes
+            before = text[: failure.position]
+        else:
+            before = text.encode()[: failure.position].decode(errors='replace')
+    else:
+        return _place(event.start_mark) if event is not None else None
+    return Place(before.count('\n') + 1, len(before) - before.rfind('\n'))
+
+
+def _reason(failure: Exception, content: bytes | str) -> str:
+    """Return which rule of YAML a text breaks, in one line."""
+    if isinstance(failure, UnicodeDecodeError):
+        if isinstance(content, bytes) and content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return 'the encoding is UTF-16, but must be UTF-8'
+        return f'the byte 0x{failure.object[failure.start]:02x} is not UTF-8'
+    if isinstance(failure, yaml.MarkedYAMLError):
+        told = filter(None, (failure.context, failure.problem, failure.note))
+        return ' '.join(', '.join(told).split())
+    if isinstance(failure, ReaderError):
+        return f'the character U+{failure.character:04X} is not allowed'
+    return ' '.join(str(failure).split()) or type(failure).__name__
 
 
 def write(path: Path, document: Any, head: Iterable[str] = ()) -> None:

@@ -3,6 +3,7 @@
 A robot keeps to this machine, or to this one and those that ``ROS_STATIC_PEERS`` names.
 """
 
+import errno
 import os
 import socket
 import sys
@@ -40,10 +41,14 @@ def keep_to_this_machine() -> None:
     Raises
     ------
     RunError
-        The middleware does not keep to a machine, or a variable has a value that no robot can follow.
+        The middleware does not keep to a machine, a variable has a value that no robot can follow, or logs have no
+        place.
 
     """
-    if not os.environ.get(LOGS) and not _ros_finds_a_log_folder():  # it would end with an error
+    if logs := os.environ.get(LOGS):
+        if reason := _reason_against_logs(Path(logs).expanduser()):
+            raise RunError(f'{LOGS} is {shown(logs)}, where ROS 2 cannot write its logs: {reason}')
+    elif not _ros_finds_a_log_folder():  # it would end with an error
         os.environ[LOGS] = str(_temporary_folder('log'))
     _clear_environment()
     if PROFILE in os.environ or os.environ.get(RANGE, 'LOCALHOST') != 'LOCALHOST':
@@ -162,8 +167,13 @@ def _ros_finds_a_log_folder() -> bool:
     own, home = os.environ.get('ROS_HOME'), os.environ.get('HOME')
     if not own and not home:
         return False
+    return not _reason_against_logs(Path(own or f'{home}/.ros', 'log'))
+
+
+def _reason_against_logs(folder: Path) -> str:
+    """Return why no file can be written into a folder that may have to be made; empty if one can."""
     try:
-        Path(own or f'{home}/.ros', 'log').mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return True
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        return error.strerror or str(error)
+    return '' if os.access(folder, os.W_OK | os.X_OK) else os.strerror(errno.EACCES)

@@ -7,14 +7,11 @@ import signal
 import time
 from contextlib import suppress
 
-import rclpy
-from rclpy.signals import SignalHandlerOptions
-
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.controller.messages import STOPS
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RunError, RunInterruptedError
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.ros import discovery, node_process
+from delta3_pacdrive.ros import discovery, domain, node_process
 from delta3_pacdrive.ros.page_scope import PageScope
 from delta3_pacdrive.ros.page_wishes import IN_MOTION, PageWishes
 from delta3_pacdrive.ros.robot_client import OperatorNode
@@ -217,10 +214,11 @@ def run(page: Page, parameters: Parameters, namespace: str, patience_s: float = 
         No robot is found.
 
     """
+    absolute = domain.namespace(namespace)
     discovery.keep_to_this_machine()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node_process.join()
     process = node_process.Process()
-    operator = OperatorNode(process.spin_for, namespace='/' + namespace.strip('/'))
+    operator = OperatorNode(process.spin_for, namespace=absolute)
     process.add(operator)
     view = LiveView(page, RobotReader(operator, parameters), process)
     operator.spin_for = view.spin_for

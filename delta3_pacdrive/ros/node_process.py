@@ -2,21 +2,25 @@
 
 import faulthandler
 import gc
+import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
 
 from delta3_pacdrive import interrupts, memory
-from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.errors import Delta3Error, RunError, shown
 from delta3_pacdrive.ros import domain, preload
 
 _separate = False
@@ -91,6 +95,42 @@ def leave(process: Process | None, context: rclpy.Context | None = None, patienc
     faulthandler.cancel_dump_traceback_later()
 
 
+def join(arguments: Sequence[str] | None = None, context: rclpy.Context | None = None) -> None:
+    """Join the ROS domain; signals remain with this process.
+
+    Raises
+    ------
+    RunError
+        ROS 2 cannot read the arguments or a parameter file, or cannot write its log.
+
+    """
+    with _rcl_errors('cannot join the ROS domain'):
+        given = None if arguments is None else list(arguments)
+        rclpy.init(args=given, context=context, signal_handler_options=SignalHandlerOptions.NO)
+
+
+def require_ros_arguments() -> None:
+    """Raise RunError if the command line of a node has other words than ROS arguments, or some that are not valid."""
+    with _rcl_errors('the ROS arguments cannot be read'):
+        if others := remove_ros_args(sys.argv)[1:]:
+            raise RunError(
+                f'{shown(others[0])} is not a ROS argument (--ros-args ...), and a node takes no others; '
+                '--help lists its parameters'
+            )
+
+
+@contextmanager
+def _rcl_errors(failed: str) -> Iterator[None]:
+    try:
+        yield
+    except UnknownROSArgsError as error:
+        raise RunError(f'{failed}: ROS 2 does not know {error}') from None
+    except RCLError as error:  # the reason, then files and lines of its own sources
+        reason = re.sub(r', at [^ ]*:\d+', '', ' '.join(str(error).split()))
+        reason = re.sub('^(Failed to parse ROS arguments|failed to initialize rcl): ', '', reason)
+        raise RunError(f'{failed}: {reason}') from None
+
+
 def run(
     factories: Sequence[Callable[[], Node]],
     arguments: list[str] | None = None,
@@ -104,7 +144,7 @@ def run(
         domain.check()
         prepare()
         preload.know_modules()
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        join(arguments)
         process = Process()
         for stopping in interrupts.NUMBERS:
             # a bring-up in the background, or under nohup, ignores signals but sends them to its children
@@ -142,6 +182,7 @@ def run_single(factory: Callable[[], Node]) -> int:
     interrupts.install()
 
     def prepare() -> None:
+        require_ros_arguments()
         discovery.keep_to_this_machine()
         if exposure := discovery.exposure():
             print(f'note: {exposure}', file=sys.stderr)

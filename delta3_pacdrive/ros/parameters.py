@@ -4,7 +4,7 @@ import dataclasses
 import math
 from array import array
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
@@ -13,6 +13,8 @@ from rclpy.parameter import Parameter
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import ParameterError
+from delta3_pacdrive.motion.move import MOVES_MAX
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
 
 GEAR = ('dynamics.gear_in', 'dynamics.gear_out')
 SHOWN = {
@@ -50,9 +52,84 @@ def descriptor(
     return result
 
 
-def declare(node: Node, name: str, default: Any, description: ParameterDescriptor) -> Any:
-    """Declare a parameter and return its value; raises ParameterError for a wrong type or value."""
-    return _declare_all(node, [(name, default, description)])[0]
+class Own(NamedTuple):
+    """A parameter that a node has besides those of the robot."""
+
+    name: str
+    default: Any
+    description: str
+    low: float = 0.0
+    high: float = 0.0  # equal to ``low``: a text
+
+    @property
+    def entry(self) -> tuple[str, Any, ParameterDescriptor]:
+        """The parameter as rclpy declares it."""
+        return self.name, self.default, descriptor(self.description, self.low, self.high, type(self.default))
+
+
+PLANT = Own('plant', '', 'plain or rich, instead of rich.enabled')
+_ERROR_MAX_RAD = 1.0
+OWN: dict[str, tuple[Own, ...]] = {
+    'unit_robot': (
+        Own('program', '', 'program file, or the name of a packaged program; empty: none'),
+        Own('first_statement', 0, 'statement of the program with which it begins', 0, MOVES_MAX),
+        # as the joint_trajectory_controller names them
+        *(
+            Own(
+                f'constraints.{axis}.{name}', 0.0, f'limit of the arm error {where} [rad]; 0: no limit',
+                0.0, _ERROR_MAX_RAD,
+            )
+            for name, where in (('trajectory', 'on a trajectory'), ('goal', 'at the end of a trajectory'))
+            for axis in DRIVES
+        ),
+        Own(
+            'constraints.goal_time', 0.0,
+            'time in which the arms come to rest at the end of a trajectory [s]; 0: no limit', 0.0, 3600.0,
+        ),
+        Own(
+            'constraints.stopped_velocity_tolerance', 0.01, 'speed below which an arm is at rest [rad/s]',
+            0.0, 10.0,
+        ),
+        Own('cell', '', 'cell file: programs may name its outputs; empty: none'),
+    ),
+    'transformation_task': (
+        Own('real_time_factor', 1.0, 'bus time over wall time; 0 = as fast as possible', 0.0, 1e3),
+        Own(
+            'wait_for_program', False,
+            'stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1,
+        ),
+        Own('joint_motion', False, 'also publish joint_motion and jacobian in every cycle', 0, 1),
+        Own('learned', '', 'file of learned torques, for the program that they belong to; empty: none'),
+        Own(
+            'script_cycle', -1,
+            'bus cycle on whose answers a script begins; without a clock the bus waits for it', -1, 2**53,
+        ),
+        Own('shared_clock', '', 'file of the bus clock that several robots share; empty: a clock of its own'),
+        Own('clock_member', 0, 'number of this robot on that clock', 0, 9),
+    ),
+    'mc4_drive': (Own('axis', 0, 'number of the axis: 1 to 3, or 4 for a rotary axis', 0, len(ALL_DRIVES)),),
+    'plant': (
+        Own('cell', '', 'cell file: gripper, parts, sensors and belts of the robot; empty: none'),
+        Own(
+            'cell_start_cycle', -1,
+            'bus cycle from which times of the cell file count; -1: motion.start_cycle', -1, 2**53,
+        ),
+    ),
+    'recorder': (
+        Own('bag', '', 'folder of the new bag'),
+        Own('program', '', 'name of the program, for the metadata'),
+    ),
+    'robot_visualization': (
+        Own('error_magnification', 100.0, 'factor by which the line of the TCP error is magnified', 1.0, 1e4),
+    ),
+}  # fmt: skip
+"""Parameters that each node has besides those of the robot."""
+
+
+def declare_own(node: Node, kind: str) -> dict[str, Any]:
+    """Declare what a node has besides the robot; return the values. Raises ParameterError for a wrong type or value."""
+    entries = [own.entry for own in OWN[kind]]
+    return dict(zip((name for name, _, _ in entries), _declare_all(node, entries), strict=True))
 
 
 def _declare_all(node: Node, entries: list[Any]) -> list[Any]:
@@ -89,7 +166,7 @@ def declare_robot(
     """
     defaults = core.flatten(core.load())
     name = node.get_fully_qualified_name()
-    if plant := declare(node, 'plant', '', descriptor('plain or rich, instead of rich.enabled', 0, 0, str)):
+    if plant := _declare_all(node, [PLANT.entry])[0]:
         defaults['rich.enabled'] = core.is_rich(plant, name)
     entries = []
     for group, cls in core.groups().items():

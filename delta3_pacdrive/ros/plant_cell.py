@@ -8,7 +8,7 @@ Service: ``input``; the same by topic: ``cell/set_input``.
 import json
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import KeyValue
@@ -32,7 +32,6 @@ from delta3_pacdrive.plant.bus_plant import BusPlant
 from delta3_pacdrive.ros import cdr
 from delta3_pacdrive.ros.belt_receiver import parts_of
 from delta3_pacdrive.ros.interfaces import BELTS, INPUT, INPUTS, MDT, PARTS, SCENE, SEEN, SET_INPUT, STATUS
-from delta3_pacdrive.ros.parameters import declare, descriptor
 from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
@@ -41,10 +40,6 @@ from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.sercos.telegrams import BASE_FRAME, NO_SESSION
 from delta3_pacdrive.simulation.belts import axes_of, readings
 
-CELL = descriptor('cell file: what stands around the robot; empty: nothing', 0, 0, str)
-CELL_START = descriptor(
-    'bus cycle from which times of the cell file count; -1: motion.start_cycle', -1, 2**53, int
-)
 REQUEST_MAX = 10_000  # characters
 AUTO = 'auto'
 VALUES = {'on': True, 'off': False, AUTO: None}  # of a message
@@ -251,10 +246,3 @@ def read_request(document: Any) -> tuple[str, bool | None]:
     if not isinstance(value, bool):
         raise ProgramError(f'the value of an input must be true, false or auto, not {shown(value)}')
     return name, value
-
-
-def plant_cell(node: RobotNode) -> Callable[[Parameters], PlantCell | None]:
-    """Declare what says which cell a plant has; return what makes it once the robot is known."""
-    path = declare(node, 'cell', '', CELL)
-    start_cycle = declare(node, 'cell_start_cycle', -1, CELL_START)
-    return lambda parameters: PlantCell(node, path, start_cycle, parameters) if path else None

@@ -11,10 +11,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.client import Client
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import Header, String
 
@@ -31,7 +29,7 @@ from delta3_pacdrive.errors import (
     TelegramError,
 )
 from delta3_pacdrive.motion.adaptation import AS_IT_IS, Adaptation
-from delta3_pacdrive.ros import discovery, interfaces, node_process
+from delta3_pacdrive.ros import discovery, domain, interfaces, node_process
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.progress_report import read_progress
 
@@ -346,6 +344,7 @@ def operating(namespace: str) -> Iterator[OperatorNode]:
 
     A signal that asks for the end raises RunInterruptedError where the operator waits, once; he can still act after it.
     """
+    absolute = domain.namespace(namespace)
     discovery.keep_to_this_machine()
     signals: list[int] = []
     before = {
@@ -353,7 +352,7 @@ def operating(namespace: str) -> Iterator[OperatorNode]:
         for number in interrupts.NUMBERS
         if signal.getsignal(number) != signal.SIG_IGN
     }
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node_process.join()
     process = node_process.Process()
 
     def spin_for(seconds: float) -> None:
@@ -364,7 +363,7 @@ def operating(namespace: str) -> Iterator[OperatorNode]:
             interrupts.note(number)
             raise RunInterruptedError(interrupts.sentence(number))
 
-    operator = OperatorNode(spin_for, namespace='/' + namespace.strip('/'))
+    operator = OperatorNode(spin_for, namespace=absolute)
     process.add(operator)
     try:
         yield operator

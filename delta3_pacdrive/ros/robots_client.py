@@ -8,14 +8,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-import rclpy
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.errors import Delta3Error, RunError, RunInterruptedError
-from delta3_pacdrive.ros import discovery, node_process
-from delta3_pacdrive.ros.domain import VARIABLE
+from delta3_pacdrive.ros import discovery, domain, node_process
 from delta3_pacdrive.ros.robot_client import LOOK_S, OperatorNode
 
 SETTLED_S = 1.5  # without a robot that was not known before, after which all are
@@ -48,7 +45,7 @@ def ask_all(act: Callable[[OperatorNode], Answered], prefix: str = '/') -> list[
         A signal asked for the end.
 
     """
-    below = '/' + prefix.strip('/')
+    below = domain.namespace(prefix)
     with _finder() as (process, finder, asked):
         outcomes = _ask_found(process, finder, act, below, asked)
     _require_some(outcomes, below)
@@ -66,7 +63,7 @@ def find_all(prefix: str = '/') -> list[str]:
         A signal asked for the end.
 
     """
-    below = '/' + prefix.strip('/')
+    below = domain.namespace(prefix)
     found: set[str] = set()
     with _finder() as (process, finder, asked):
         patient_until = time.monotonic() + FIRST_S
@@ -87,7 +84,7 @@ def _finder() -> Iterator[tuple[node_process.Process, Node, interrupts.Flag]]:
     discovery.keep_to_this_machine()
     asked = interrupts.Flag()
     with interrupts.answered_by(asked.set):
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        node_process.join()
         process = node_process.Process()
         try:
             finder = Node('find_robots')
@@ -101,7 +98,7 @@ def _finder() -> Iterator[tuple[node_process.Process, Node, interrupts.Flag]]:
 def _require_some(found: Collection[object], below: str) -> None:
     if not found:
         where = '' if below == '/' else f' below namespace {below}'
-        raise RunError(f'no robot is up{where} in domain {os.environ.get(VARIABLE) or 0}')
+        raise RunError(f'no robot is up{where} in domain {os.environ.get(domain.VARIABLE) or 0}')
 
 
 def _ask_found(

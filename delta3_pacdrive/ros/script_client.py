@@ -11,7 +11,6 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import rclpy
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import String
 
 from delta3_pacdrive.controller.belt_knowledge import TrackOrder
@@ -36,7 +35,7 @@ from delta3_pacdrive.motion.extension import Extension
 from delta3_pacdrive.motion.output_names import OWN, NamedOutput, OutputNames
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.ros import discovery, interfaces, node_process
+from delta3_pacdrive.ros import discovery, domain, interfaces, node_process
 from delta3_pacdrive.ros.numbers import numbers
 from delta3_pacdrive.ros.robot_client import LOOK_S, PATIENCE_S, OperatorNode
 from delta3_pacdrive.ros.told_parameters import ToldParameters
@@ -217,12 +216,13 @@ def scripting(namespace: str) -> Iterator[ScriptNode]:
 
     What else the process does with ROS, such as another script, is not touched.
     """
+    absolute = domain.namespace(namespace)
     discovery.keep_to_this_machine()
     context = rclpy.Context()
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node_process.join(context=context)
     process = node_process.Process(context)
     # of two nodes of one name in a process, rcl would have one tell /rosout for both, and warn
-    node = ScriptNode(namespace='/' + namespace.strip('/'), context=context, enable_rosout=False)
+    node = ScriptNode(namespace=absolute, context=context, enable_rosout=False)
     process.add(node)
     listener = threading.Thread(target=process.spin, name='script listener', daemon=True)
     listener.start()

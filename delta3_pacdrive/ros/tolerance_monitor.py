@@ -1,5 +1,6 @@
 """The tolerances of trajectories as parameters of the planner's node, and the joint states beside them."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,37 +11,24 @@ from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.joint_states import JointStatesReader
-from delta3_pacdrive.ros.parameters import declare, descriptor
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
-ERROR_MAX_RAD, TIME_MAX_S, SPEED_MAX_RAD_S = 1.0, 3600.0, 10.0
 QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)  # between two looks
 
 
-def declare_tolerances(node: PollingNode) -> Tolerances:
-    """Declare the parameters, which have the names of the joint_trajectory_controller; raises ParameterError."""
+def tolerances_of(own: Mapping[str, float]) -> Tolerances:
+    """Return the tolerances that the parameters of the planner's node describe."""
 
-    def number(name: str, what: str, most: float, default: float = 0.0) -> float:
-        return float(declare(node, f'constraints.{name}', default, descriptor(what, 0.0, most, float)))
-
-    def each(name: str, what: str) -> tuple[float, float, float]:
-        first, second, third = (number(f'{axis}.{name}', what, ERROR_MAX_RAD) for axis in DRIVES)
+    def each(name: str) -> tuple[float, float, float]:
+        first, second, third = (own[f'constraints.{axis}.{name}'] for axis in DRIVES)
         return first, second, third
 
-    return Tolerances(
-        each('trajectory', 'how far the arm may be off on a trajectory [rad]; 0: not watched'),
-        each('goal', 'how far the arm may be off at the end of a trajectory [rad]; 0: not watched'),
-        number(
-            'goal_time', 'in which the arms stand at the end of a trajectory [s]; 0: not watched', TIME_MAX_S
-        ),
-        number(
-            'stopped_velocity_tolerance', 'speed below which an arm stands [rad/s]', SPEED_MAX_RAD_S, 0.01
-        ),
-    )
+    rest = own['constraints.goal_time'], own['constraints.stopped_velocity_tolerance']
+    return Tolerances(each('trajectory'), each('goal'), *rest)
 
 
 class ToleranceMonitor:

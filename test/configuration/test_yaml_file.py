@@ -4,6 +4,7 @@ import json
 import math
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -53,13 +54,44 @@ def test_scalars_are_what_they_look_like(text, value):
         ('a: !!float 5', 'tags are not allowed'),
         ('a: !!set {b}', 'tags are not allowed'),
         ('{[1]: 2}', 'a key must not be a list or a mapping'),
-        ('a: 1\n---\nb: 2', 'a second document begins at line 2'),
+        ('a: 1\n---\nb: 2', 'line 2, column 1: it is not valid YAML: a second document begins'),
         ('[' * 51 + ']' * 51, 'more than 50 deep'),
         ('a: ' + '9' * 5000, 'is not valid YAML'),
     ],
 )
 def test_what_yaml_has_and_programs_do_not_need_is_refused(text, reason):
     assert reason in refusal(yaml_file.parse, text, 'it', ProgramError)
+
+
+BROKEN = [
+    (b'a: 1\n b: 2\n', '2:3', 'mapping values are not allowed'),
+    (b'a:\n  - 1\n  - @x', '3:5', 'found character'),
+    (b'moves:\n  - {l: 1, l: 2}', '2:12', "the key 'l' occurs twice"),
+    (b'a: 1\nb: *c', '2:4', 'aliases are not allowed'),
+    (b'# \xc3\xa4\nb: \xff', '2:4', 'the byte 0xff is not UTF-8'),
+    ('ä: \x07'.encode(), '1:4', 'the character U+0007 is not allowed'),
+    ('a: 1'.encode('utf-16'), '1:1', 'the encoding is UTF-16, but must be UTF-8'),
+    (b'a: [' + b'9' * 5000, '1:5', 'Exceeds the limit'),
+]
+LOADERS = [yaml.SafeLoader, yaml_file.LOADER]
+
+
+@pytest.mark.parametrize('loader', LOADERS, ids=['python', 'fast'])
+@pytest.mark.parametrize(('content', 'place', 'reason'), BROKEN, ids=[place for _, place, _ in BROKEN])
+def test_broken_yaml_names_file_line_and_column(content, place, reason, loader, tmp_path, monkeypatch):
+    monkeypatch.setattr(yaml_file, 'LOADER', loader)
+    path = tmp_path / 'file.yaml'
+    path.write_bytes(content)
+    sentence = refusal(yaml_file.read, path, 'cell file', ProgramError)
+    assert sentence.startswith(f'{path}:{place}: cell file is not valid YAML: ')
+    assert reason in sentence
+
+
+@pytest.mark.parametrize('loader', LOADERS, ids=['python', 'fast'])
+def test_the_column_of_a_broken_text_counts_characters(loader, monkeypatch):
+    monkeypatch.setattr(yaml_file, 'LOADER', loader)
+    sentence = refusal(yaml_file.parse, 'ü: ü\näöü: *b', 'the fault', ProgramError)
+    assert sentence == 'line 2, column 6: the fault is not valid YAML: aliases are not allowed'
 
 
 JSON_TEXTS = st.text(

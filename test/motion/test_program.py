@@ -342,7 +342,10 @@ BOMB = 'a: &a [x, x]\n' + '\n'.join(
         ('moves: &a [*a]', 'aliases are not allowed'),
         (BOMB, 'aliases are not allowed'),
         ('moves: [', 'is not valid YAML'),
-        ('moves: []\nmoves: []', "the key 'moves' stands twice at line 2"),
+        (
+            'moves: []\nmoves: []',
+            "line 2, column 1: the program is not valid YAML: the key 'moves' occurs twice",
+        ),
         ('[' * 100_000, 'is not valid YAML'),
         ('x' * (4 * 1024 * 1024 + 1), 'is larger than 4 MiB'),
         ('moves: !!python/object/apply:os.system ["true"]', 'is not valid YAML'),

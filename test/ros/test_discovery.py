@@ -22,6 +22,28 @@ VARIABLES = (discovery.PROFILE, discovery.LATER_PROFILE, discovery.RANGE, discov
 PLACES = ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')
 
 
+def test_a_log_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
+    (tmp_path / 'file').touch()
+    for folder in (tmp_path / 'file', tmp_path / 'file' / 'log'):
+        monkeypatch.setenv('ROS_LOG_DIR', str(folder))
+        with pytest.raises(
+            RunError,
+            match=r"ROS_LOG_DIR is '/.*, where ROS 2 cannot write its logs: (File exists|Not a directory)",
+        ):
+            discovery.keep_to_this_machine()
+
+
+@pytest.mark.skipif(os.getuid() == 0, reason='root may write everywhere')
+def test_logs_go_elsewhere_if_the_folder_at_home_is_read_only(tmp_path, monkeypatch):
+    (tmp_path / '.ros' / 'log').mkdir(parents=True)
+    (tmp_path / '.ros' / 'log').chmod(0o555)
+    monkeypatch.setenv('HOME', str(tmp_path))
+    for name in ('ROS_HOME', 'ROS_LOG_DIR'):
+        monkeypatch.delenv(name, raising=False)
+    discovery.keep_to_this_machine()
+    assert os.environ['ROS_LOG_DIR'] != str(tmp_path / '.ros' / 'log')
+
+
 @pytest.mark.parametrize('home', [{}, {'HOME': ''}, {'HOME': '/proc'}, {'ROS_HOME': '/proc/1'}])
 def test_a_node_starts_where_nobody_has_a_home(home, tmp_path):
     environment = {key: value for key, value in os.environ.items() if key not in PLACES}

@@ -23,14 +23,14 @@ from delta3_pacdrive.ros.drive_scope import DriveScopeServer
 from delta3_pacdrive.ros.drive_telegrams import DriveTelegrams
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.interfaces import PHASE
-from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES, drives_of
 from delta3_pacdrive.sercos.participants import Occasion
 
+KIND = 'mc4_drive'
 HOUSEKEEPING_S = 0.25
-AXIS = descriptor('number of the axis: 1 to 3, or 4 for a rotary axis', 0, len(ALL_DRIVES), int)
 
 
 class MC4DriveNode(RobotNode):
@@ -48,14 +48,14 @@ class MC4DriveNode(RobotNode):
     """
 
     def __init__(self, **node_options: Any) -> None:
-        super().__init__('mc4_drive', **node_options)
-        number = declare(self, 'axis', 0, AXIS)
+        super().__init__(KIND, **node_options)
+        number = declare_own(self, KIND)['axis']
         name = self.get_fully_qualified_name()
         if not number:
             raise ParameterError(f'{name} needs the parameter axis: 1, 2 or 3, or 4 for a rotary axis')
         index, axis = number - 1, ALL_DRIVES[number - 1]
         own = of_tool_axis if index >= len(DRIVES) else None
-        parameters = declare_robot(self, 'mc4_drive', frozenset(WRITABLE), own)
+        parameters = declare_robot(self, KIND, frozenset(WRITABLE), own)
         if axis not in drives_of(parameters):
             raise ParameterError(
                 f'{name}: axis is 4, but the robot has no rotary axis (rotary.present is false)'
@@ -91,12 +91,12 @@ class MC4DriveNode(RobotNode):
         alone = self.count_publishers('sercos/phase') <= 1
         self._bus_drive.announced(phase, session, self._cycles.count(*stamp), alone)
 
-    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set what a ROS service asks for."""
-        accepted = self._settings.accepted(parameter_list)
+    def set_changed(self, changed: list[Parameter]) -> SetParametersResult:
+        """Set what a ROS service asks for, as the service channel would."""
+        accepted = self._settings.accepted(changed)
         if isinstance(accepted, Reason):
             return SetParametersResult(successful=False, reason=accepted.sentence)
-        return super().set_parameters_atomically(accepted)
+        return super().set_changed(accepted)
 
     def _housekeeping(self) -> None:
         self.report.look()
@@ -122,7 +122,3 @@ class MC4DriveNode(RobotNode):
 def main() -> int:
     """Run one drive process."""
     return node_process.run_single(MC4DriveNode)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -19,14 +19,15 @@ from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import Participant
 from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.interfaces import MOTOR_CURRENT, MOTOR_SHAFTS, PHASE
-from delta3_pacdrive.ros.parameters import declare_robot
-from delta3_pacdrive.ros.plant_cell import InputRequests, plant_cell
+from delta3_pacdrive.ros.parameters import declare_own, declare_robot
+from delta3_pacdrive.ros.plant_cell import InputRequests, PlantCell
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, drives_of
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
+KIND = 'plant'
 GREETING_S = 0.02
 HOUSEKEEPING_S = 0.1
 REPORT_EVERY = 3  # looks between two reports of who is missing
@@ -36,10 +37,11 @@ class PlantNode(RobotNode):
     """The node lets the machine behind the drives take part in the bus."""
 
     def __init__(self, **node_options: Any) -> None:
-        super().__init__('plant', **node_options)
-        cell_of = plant_cell(self)
-        parameters = declare_robot(self, 'plant')
-        self._cell = cell = cell_of(parameters)
+        super().__init__(KIND, **node_options)
+        own = declare_own(self, KIND)
+        parameters = declare_robot(self, KIND)
+        path, start_cycle = own['cell'], own['cell_start_cycle']
+        self._cell = cell = PlantCell(self, path, start_cycle, parameters) if path else None
         self._exchanges = Clock(parameters.bus.exchange_period_s)
         self._frame = NO_SESSION  # of the shafts
         self._frames: dict[bytes, tuple[bool, float]] = {}  # of currents, the newest that were read
@@ -157,7 +159,3 @@ class PlantNode(RobotNode):
 def main() -> int:
     """Run the plant process."""
     return node_process.run_single(PlantNode)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

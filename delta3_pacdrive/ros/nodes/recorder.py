@@ -21,7 +21,7 @@ from delta3_pacdrive.recording.bag_writer import FLUSH_S
 from delta3_pacdrive.recording.recording import Recording
 from delta3_pacdrive.ros import discovery, node_process
 from delta3_pacdrive.ros.interfaces import PHASE, PLAN, RECORDED, RECORDER_STATE, Topic
-from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor, overrides
+from delta3_pacdrive.ros.parameters import declare_own, declare_robot, overrides
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.told_parameters import ToldParameters
 
@@ -37,8 +37,8 @@ class RecorderNode(PollingNode):
 
     def __init__(self, asks: bool = False, **node_options: Any) -> None:
         super().__init__('recorder', **node_options)
-        folder = declare(self, 'bag', '', descriptor('folder of the new bag', 0, 0, str))
-        program = declare(self, 'program', '', descriptor('name of the program, for the metadata', 0, 0, str))
+        own = declare_own(self, 'recorder')
+        folder, program = own['bag'], own['program']
         parameters = declare_robot(self, 'recorder')
         if not folder:
             raise RunError('the recorder needs a folder: parameter bag')

@@ -38,7 +38,7 @@ from delta3_pacdrive.ros.interfaces import (
     Topic,
 )
 from delta3_pacdrive.ros.numbers import row_of
-from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.planner_link import ROW_BYTES_MAX
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.publishers import Output
@@ -49,6 +49,7 @@ from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.sercos.telegram_codec import Decoded
 from delta3_pacdrive.sercos.telegrams import Telegram, joint_states
 
+KIND = 'robot_visualization'
 LOOK_S = 0.25  # between two looks at who listens
 TICK_S = 0.01  # while somebody does
 ROBOT_EVERY, TRAVELLED_EVERY, STILL_EVERY = 5, 25, 100  # ticks: 20, 4 and 1 Hz
@@ -95,14 +96,9 @@ class RobotVisualizationNode(PollingNode):
     """The node shows one robot."""
 
     def __init__(self, **node_options: Any) -> None:
-        super().__init__('robot_visualization', **node_options)
-        magnification = declare(
-            self,
-            'error_magnification',
-            100.0,
-            descriptor('by which the line of the TCP error is longer than the error', 1.0, 1e4, float),
-        )
-        self._robot = declare_robot(self, 'robot_visualization')
+        super().__init__(KIND, **node_options)
+        magnification = declare_own(self, KIND)['error_magnification']
+        self._robot = declare_robot(self, KIND)
         self._markers = RobotMarkers(self._robot, magnification)
         self._planned = PlannedPath(self._robot.kinematics)
         self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
@@ -202,7 +198,3 @@ class RobotVisualizationNode(PollingNode):
 def main() -> int:
     """Run the process of the visualization."""
     return node_process.run_single(RobotVisualizationNode)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

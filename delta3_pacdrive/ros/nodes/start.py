@@ -1,6 +1,10 @@
-"""Main functions of the executables: Ctrl-C is answered before ROS and numba are loaded, which takes a second."""
+"""Main functions of the executables of nodes: help, and what must be right before a node is started.
+
+Ctrl-C is answered before ROS and numba are loaded, which takes a second.
+"""
 
 import importlib
+import signal
 import sys
 
 from delta3_pacdrive import interrupts, memory
@@ -33,13 +37,19 @@ def robot_visualization() -> int:
     return _start('robot_visualization')
 
 
-def _start(module: str) -> int:
+def _start(kind: str) -> int:
     interrupts.install()
     memory.collect_seldom()
+    if {'-h', '--help'}.intersection(sys.argv[1:]):
+        from delta3_pacdrive.ros import node_help
+
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a pager may end before the text does
+        print(node_help.text(kind), end='')  # noqa: T201 (a command line prints)
+        return 0
     try:
         memory.require(in_a_graph=True)
         domain.check()
     except RunError as error:
         sys.stderr.write(f'error: {error}\n')
         return 1
-    return int(importlib.import_module(f'delta3_pacdrive.ros.nodes.{module}').main())
+    return int(importlib.import_module(f'delta3_pacdrive.ros.nodes.{kind}').main())

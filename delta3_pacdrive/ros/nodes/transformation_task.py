@@ -26,7 +26,7 @@ from delta3_pacdrive.ros.fault_injection import FaultInjection, Faults
 from delta3_pacdrive.ros.input_receiver import InputReceiver
 from delta3_pacdrive.ros.interfaces import PHASE, second_writer
 from delta3_pacdrive.ros.operator_services import OperatorServices
-from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.planner_link import PlannerLink
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.progress_report import ProgressReport
@@ -40,25 +40,10 @@ from delta3_pacdrive.sercos.shared_clock import SharedClock
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.sercos.words import Phase
 
+KIND = 'transformation_task'
 STARTUP_S = 0.02
 PROGRESS_S, QUICK_PROGRESS_S = 0.2, 0.04  # with a clock, without one
 FACTOR_MIN = 0.01  # of real time: slower cycles would be taken for silence
-FACTOR = descriptor('bus time over wall time; 0 = as fast as possible', 0.0, 1e3, float)
-WAIT = descriptor(
-    'stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1, bool
-)
-JOINT_MOTION = descriptor('also publish joint_motion and jacobian in every cycle', 0, 1, bool)
-SCRIPT = descriptor(
-    'bus cycle on whose answers a script begins; without a clock the bus waits for it', -1, 2**53, int
-)
-SHARED_CLOCK = descriptor(
-    'file of the bus clock by which other robots go as well; empty: a clock of its own',
-    0,
-    0,
-    str,
-)
-CLOCK_MEMBER = descriptor('number of this robot on that clock', 0, 9, int)
-LEARNED = descriptor('file of learned torques, for the program that they belong to; empty: none', 0, 0, str)
 
 
 class TransformationTaskNode(PollingNode):
@@ -74,17 +59,12 @@ class TransformationTaskNode(PollingNode):
     """
 
     def __init__(self, **node_options: Any) -> None:
-        super().__init__('transformation_task', **node_options)
-        factor = declare(self, 'real_time_factor', 1.0, FACTOR)
+        super().__init__(KIND, **node_options)
+        own = declare_own(self, KIND)
+        factor, clock_path = own['real_time_factor'], own['shared_clock']
         if 0.0 < factor < FACTOR_MIN:
             raise ParameterError(f'real_time_factor is {factor:g}, but must be 0 or at least {FACTOR_MIN:g}')
-        wait_for_program = declare(self, 'wait_for_program', False, WAIT)
-        joint_motion = declare(self, 'joint_motion', False, JOINT_MOTION)
-        path = declare(self, 'learned', '', LEARNED)
-        script_cycle = declare(self, 'script_cycle', -1, SCRIPT)
-        clock_path = declare(self, 'shared_clock', '', SHARED_CLOCK)
-        member = declare(self, 'clock_member', 0, CLOCK_MEMBER)
-        parameters = declare_robot(self, 'transformation_task')
+        parameters = declare_robot(self, KIND)
         cycle_time_s = parameters.bus.cycle_time_s
         period_s = cycle_time_s / factor if factor else 0.0
         report_s = PROGRESS_S if factor else QUICK_PROGRESS_S
@@ -94,21 +74,21 @@ class TransformationTaskNode(PollingNode):
             parameters,
             period_s,
             report_s,
-            wait_for_program,
+            own['wait_for_program'],
             faults,
             self,
             time.monotonic,
             time.time_ns,
-            learned.load(path) if path else None,
-            SharedClock(clock_path, member) if clock_path else None,
+            learned.load(own['learned']) if own['learned'] else None,
+            SharedClock(clock_path, own['clock_member']) if clock_path else None,
         )
-        if script_cycle >= 0:
-            controller.gate.begins = script_cycle
+        if own['script_cycle'] >= 0:
+            controller.gate.begins = own['script_cycle']
         self.stamp, self._cycles = clock.stamp, controller.cycles
         self.progress, self.statistics = controller.progress, controller.totals
         self.commands = CommandSender(self, parameters.sends_torque, controller.services)
         self._phases = PHASE.publisher(self)
-        self._outputs = TaskOutputs(self, parameters, controller, joint_motion)
+        self._outputs = TaskOutputs(self, parameters, controller, own['joint_motion'])
         self._receiver = AtReceiver(
             self,
             clock,
@@ -212,7 +192,3 @@ class TransformationTaskNode(PollingNode):
 def main() -> int:
     """Run the transformation task process."""
     return node_process.run_single(TransformationTaskNode)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

@@ -19,7 +19,6 @@ from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.faults.fault import UNIT_ROBOT
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.adapted_program import rest_of
-from delta3_pacdrive.motion.move import MOVES_MAX
 from delta3_pacdrive.motion.output_names import OWN
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.ros import interfaces, node_process
@@ -28,20 +27,20 @@ from delta3_pacdrive.ros.fault_injection import Faults
 from delta3_pacdrive.ros.follow_joint_trajectory import FollowJointTrajectory, action_type
 from delta3_pacdrive.ros.newest_cycle import NewestCycle
 from delta3_pacdrive.ros.numbers import row_of
-from delta3_pacdrive.ros.parameters import declare, declare_robot, descriptor
+from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.planner_link import ROW_BYTES_MAX
 from delta3_pacdrive.ros.planner_outputs import PlannerOutputs
 from delta3_pacdrive.ros.planner_services import PlannerServices
 from delta3_pacdrive.ros.planning_thread import PlanningThread
 from delta3_pacdrive.ros.polling import PollingNode
-from delta3_pacdrive.ros.tolerance_monitor import ToleranceMonitor, declare_tolerances
+from delta3_pacdrive.ros.tolerance_monitor import ToleranceMonitor, tolerances_of
 from delta3_pacdrive.scene.urdf import urdf
 from delta3_pacdrive.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
+KIND = 'unit_robot'
 LOOK_S = 0.05  # between two looks at time limits and injected faults
 FETCH_S = 0.005  # between two looks at what the planning thread has done, while it has something to do
-CELL = descriptor('cell file: programs may name its outputs; empty: none', 0, 0, str)
 ALIVE_EVERY = 4  # looks between two heartbeats
 PROGRESS_EVERY = 10  # looks between two words about a request that takes long
 ANNOUNCE_EVERY = 20  # looks between two announcements, as long as the task does not listen
@@ -51,18 +50,14 @@ class UnitRobotNode(PollingNode):
     """The non-cyclic part of the controller."""
 
     def __init__(self, **node_options: Any) -> None:
-        super().__init__('unit_robot', **node_options)
-        text = descriptor('program file, or the name of a packaged program; empty: none', 0, 0, str)
-        path = declare(self, 'program', '', text)
-        begins = descriptor('statement of the program with which it begins', 0, MOVES_MAX, int)
-        first = declare(self, 'first_statement', 0, begins)
-        tolerances = declare_tolerances(self)
-        around = declare(self, 'cell', '', CELL)
-        robot = declare_robot(self, 'unit_robot')
+        super().__init__(KIND, **node_options)
+        own = declare_own(self, KIND)
+        path, around, tolerances = own['program'], own['cell'], tolerances_of(own)
+        robot = declare_robot(self, KIND)
         program = None
         outputs = cell_file.load(around).output_names if around else OWN
         if path:
-            program = rest_of(programs.load(path, robot.motion, outputs), first, robot)
+            program = rest_of(programs.load(path, robot.motion, outputs), own['first_statement'], robot)
         self._participant = Participant(self, UNIT_ROBOT, robot)
         self._identity = identity = self._participant.instance
         cycles = Clock(robot.bus.cycle_time_s)
@@ -181,7 +176,3 @@ class UnitRobotNode(PollingNode):
 def main() -> int:
     """Run the planner process."""
     return node_process.run_single(UnitRobotNode)
-
-
-if __name__ == '__main__':
-    raise SystemExit(main())

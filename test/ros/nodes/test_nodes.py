@@ -1,13 +1,17 @@
 """Nodes in one process over real DDS: start in any order, parameters, phases, bad telegrams."""
 
 import itertools
+import math
+from array import array
 from typing import Any
 
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PointStamped
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from std_srvs.srv import SetBool, Trigger
@@ -19,10 +23,12 @@ from delta3_pacdrive.parameters import flatten, load
 from delta3_pacdrive.ros.drive_parameters import WRITABLE
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
+from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.parameters import SHOWN, shows
 from delta3_pacdrive.ros.qos import LATCHED
+from delta3_pacdrive.ros.robot_node import RobotNode
 
 
 @pytest.mark.parametrize(
@@ -112,6 +118,96 @@ def test_a_dump_of_a_node_loads_again(kind: type[Node], graph: Any) -> None:
     again = graph.add(kind, **dump)
     loaded = {name: parameter.value for name, parameter in again.get_parameters_by_prefix('').items()}
     assert {name: loaded[name.replace('__', '.')] for name in dump} == dump
+
+
+def loaded_by_ros2(node: Node, path: Any) -> dict[str, SetParametersResult]:
+    """Return the answers to ``ros2 param load``, which sets one parameter of a file after the other."""
+    found = parameter_dict_from_yaml_file(str(path), target_nodes=[node.get_fully_qualified_name()])
+    asked = [Parameter.from_parameter_msg(one) for one in found.values()]
+    return {one.name: node.set_parameters_atomically([one]) for one in asked}
+
+
+def dumped_by_ros2(node: Node, path: Any, **changed: Any) -> dict[str, Any]:
+    """Write what ``ros2 param dump`` writes of a node, with some values changed; return all values."""
+    values = {name: one.value for name, one in node.get_parameters_by_prefix('').items()} | changed
+    plain = {name: list(one) if isinstance(one, array) else one for name, one in values.items()}
+    path.write_text(yaml.dump({node.get_fully_qualified_name(): {'ros__parameters': plain}}))
+    return plain
+
+
+@pytest.mark.parametrize(
+    'kind', [PlantNode, MC4DriveNode, TransformationTaskNode, UnitRobotNode, RobotVisualizationNode]
+)
+def test_the_own_dump_of_a_node_is_loaded_and_another_value_is_rejected_by_name(
+    kind: type[Node], graph: Any, tmp_path: Any
+) -> None:
+    node, path = graph.add(kind), tmp_path / 'dump.yaml'
+    values = dumped_by_ros2(node, path)
+    answers = loaded_by_ros2(node, path)
+    assert answers.keys() == values.keys()
+    assert {name: one.reason for name, one in answers.items() if not one.successful} == {}
+    dumped_by_ros2(node, path, **{'kinematics.upper_arm_length_m': 0.3, 'dynamics.gear_in': 16.0})
+    rejected = {name: one.reason for name, one in loaded_by_ros2(node, path).items() if not one.successful}
+    shown_here = {'kinematics.upper_arm_length_m', 'dynamics.gear_in'} & values.keys()
+    assert shown_here <= rejected.keys()
+    assert all(name in reason for name, reason in rejected.items())
+    assert node.get_parameter('dynamics.gear_in').value == values['dynamics.gear_in']
+
+
+def test_a_number_that_ros_2_sends_as_a_text_is_taken_for_a_number(graph: Any) -> None:
+    drive = graph.add(MC4DriveNode, axis=2)
+
+    def taken(name: str, text: Any) -> bool:
+        return bool(drive.set_parameters_atomically([Parameter(name, value=text)]).successful)
+
+    assert taken('drive.current_filter_s', '5e-05')
+    assert drive.get_parameter('drive.current_filter_s').value == 5e-5
+    assert not taken('drive.current_filter_s', '5e-05 s')
+    assert not taken('drive.current_filter_s', 'nan')
+    assert taken('drive.current_period_s', '6.25e-05')
+    assert not taken('drive.current_period_s', '6.24e-05')
+    assert taken('kinematics.arm_angle_correction_deg', '[0.0, 0, 0e-5]')
+    assert taken('kinematics.arm_angle_correction_deg', ['0', '0e-5', '0'])
+    assert not taken('kinematics.arm_angle_correction_deg', ['0', '1e-5', '0'])
+
+
+def test_parameters_are_set_all_or_not_at_all_and_their_types_count(graph: Any) -> None:
+    drive = graph.add(MC4DriveNode, axis=2)
+
+    def rejected(*asked: tuple[str, Any]) -> str:
+        result = drive.set_parameters_atomically([Parameter(name, value=value) for name, value in asked])
+        assert result.successful == (not result.reason)
+        return str(result.reason)
+
+    gain, axis = 'drive.position_gain_rad_s_rad', ('axis', 2)
+    assert rejected(axis, (gain, 70.0)) == ''
+    assert 'axis' in rejected((gain, 80.0), ('axis', 3))
+    assert 'axis' in rejected((gain, 80.0), ('axis', 2.0))
+    assert 'axis' in rejected((gain, 80.0), ('axis', True))
+    assert drive.get_parameter(gain).value == 70.0
+
+
+@pytest.mark.parametrize(
+    ('present', 'same', 'others'),
+    [
+        (math.nan, math.nan, [0.0, 1]),
+        ([1.0, math.nan], [1.0, math.nan], [[1.0], [1.0, 2.0], [math.nan, 1.0], [1, 2]]),
+        ([True, False], [True, False], [[True], [1, 0]]),
+        (['a', 'b'], ['a', 'b'], [['b', 'a'], 'ab']),
+        (5, 5, [6, 5.0, '5']),
+        ('', '', ['x', False]),
+    ],
+)
+def test_a_read_only_parameter_keeps_its_type_and_value(
+    present: Any, same: Any, others: list[Any], graph: Any
+) -> None:
+    node = graph.add(RobotNode, 'some_node')
+    node.declare_parameter('it', present, ParameterDescriptor(read_only=True))
+    assert node.set_parameters_atomically([Parameter('it', value=same)]).successful
+    for other in others:
+        result = node.set_parameters_atomically([Parameter('it', value=other)])
+        assert not result.successful
+        assert 'it' in result.reason
 
 
 @pytest.mark.parametrize(
