@@ -41,7 +41,7 @@ class Override:
 
     def must_wait(self, motion: MotionState) -> bool:
         """Whether a change is still to take effect, on which the next one builds."""
-        return motion == MotionState.MOVING and self._newest_cycle() < self._run.changes_from()
+        return motion == MotionState.MOVING and self._newest_cycle() <= self._run.changes_from()
 
     def ask(self, text: str, motion: MotionState, now_s: float) -> Changed | str:
         """Go over to an override in percent; raises ProgramError if that cannot be."""
