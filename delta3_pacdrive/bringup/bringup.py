@@ -3,6 +3,7 @@
 import gc
 import json
 import signal
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -20,7 +21,7 @@ from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.bringup.braking import brake
 from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.options import Options, check_options
-from delta3_pacdrive.bringup.processes import ManagedProcess
+from delta3_pacdrive.bringup.processes import ManagedProcess, killed_sentence
 from delta3_pacdrive.bringup.robot_processes import RECORDER, SPARE, RobotProcesses
 from delta3_pacdrive.bringup.scheduling import Schedule, prefer
 from delta3_pacdrive.controller.messages import QueueReport
@@ -289,7 +290,9 @@ class Bringup:
         if hasattr(self, '_monitor'):
             self._brake()
         if hasattr(self, '_processes'):
-            self._processes.end()
+            killed = self._processes.end()
+            if killed:
+                sys.stderr.write(f'note: {killed_sentence(killed)}\n')
         node_process.leave(getattr(self, '_process', None))
 
     def _brake(self) -> None:
