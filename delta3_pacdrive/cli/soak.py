@@ -122,6 +122,12 @@ def _soak(options: Options, pace: str) -> dict[str, Any]:
 
 
 def _print(name: str, row: dict[str, Any]) -> None:
+    slope, half = row['growth_mb'], row['growth_half_width_mb']
+    grows = (
+        'too few programs to say how fast their own memory grows'
+        if slope is None
+        else f'their own memory grows by {slope:.2f} +- {half:.2f} MB in 100,000 cycles'
+    )
     kinds = ', '.join(f'{kind} {count}' for kind, count in sorted(row['kinds'].items()))
     print(f"""{name}:
     {row['programs']} programs in {row['cycles']} cycles, {row['refused']} refused by the planner; {row['unseen']} \
@@ -132,9 +138,12 @@ ends within {row['end_max_m'] * 1e3:.4f} mm
     {row['lost_at']} AT lost of at most {row['lost_at_injected']} injected, \
 {row['lost_mdt']} MDT of {row['lost_mdt_injected']}
     RSS of the processes that lived on: {row['rss_start_mb']:.1f} MB, \
-{row['rss_cycles']} cycles later {row['rss_end_mb']:.1f} MB; their own memory grew by {row['grown_mb']:.1f} MB
+{row['rss_cycles']} cycles later {row['rss_end_mb']:.1f} MB; {grows}
     {kinds or 'no faults'}""")
     for violation in row['violations']:
+        if not violation['number']:
+            print(f'    VIOLATED by bus cycle {violation["cycle"]}: {violation["sentence"]}')
+            continue
         program = violation['program'].rstrip('\n').replace('\n', '\n        ')
         print(f"""    VIOLATED in bus cycle {violation['cycle']}: {violation['sentence']}
         program {violation['number']}: delta3 soak --seed {violation['seed']} --pace {violation['pace']} \

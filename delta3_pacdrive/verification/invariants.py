@@ -1,8 +1,11 @@
 """What must hold in every cycle of a robot, whatever happens to it, and what holds while nothing disturbs it."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
@@ -20,7 +23,34 @@ TCP_ERROR_M = 1.5e-3
 END_M = 0.01e-3
 # by which the own memory of a robot's processes may grow in 100,000 cycles, mostly the planner's
 MEMORY_MB = 5.0
-MEMORY_CYCLES = 100_000  # below which a growth says nothing
+MEMORY_CYCLES = 100_000  # after warming up, below which a growth says nothing
+BLOCKS = 8  # of samples: within one, memory grows in steps, so that single samples are not independent
+CONFIDENCE = 0.99
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Memory grows by so much in 100,000 cycles [MB], with its interval; ``cycles`` are those that were measured."""
+
+    slope_mb: float = 0.0
+    half_width_mb: float = math.inf
+    cycles: int = 0
+
+
+def growth_of(cycles: Sequence[int], memory_mb: Sequence[float]) -> Growth:
+    """Estimate how fast memory grows, by a line through the means of blocks of samples."""
+    if len(cycles) < 2 * BLOCKS or cycles[-1] == cycles[0]:
+        return Growth()
+    blocks = np.array_split(np.arange(len(cycles)), BLOCKS)
+    x = np.array([np.mean(np.take(cycles, block)) for block in blocks]) / 1e5
+    y = np.array([np.mean(np.take(memory_mb, block)) for block in blocks])
+    offset = x - x.mean()
+    square = float(offset @ offset)
+    slope = float(offset @ y) / square
+    residuals = y - y.mean() - slope * offset
+    deviation = math.sqrt(float(residuals @ residuals) / (BLOCKS - 2) / square)
+    quantile = float(special.stdtrit(BLOCKS - 2, 0.5 + 0.5 * CONFIDENCE))
+    return Growth(slope, quantile * deviation, cycles[-1] - cycles[0])
 
 
 class Invariants:
@@ -158,10 +188,11 @@ class Invariants:
         if lost > injected or (complete and lost < injected):
             self._violate(f'{what}: {lost} lost, {injected} were injected', cycle)
 
-    def check_memory(self, growth_mb: float, cycles: int, now: int) -> None:
-        """Judge by how much the processes' own memory has grown within some cycles."""
-        limit = MEMORY_MB * cycles / 1e5
-        if cycles >= MEMORY_CYCLES and growth_mb > limit:
+    def check_memory(self, growth: Growth, now: int) -> None:
+        """Judge how fast the processes' own memory grows: the whole interval has to exceed the limit."""
+        if growth.cycles >= MEMORY_CYCLES and growth.slope_mb - growth.half_width_mb > MEMORY_MB:
             self._violate(
-                f'memory grew by {growth_mb:.1f} MB in {cycles} cycles, the limit is {limit:.1f} MB', now
+                f'memory grows by {growth.slope_mb:.2f} +- {growth.half_width_mb:.2f} MB in 100,000 cycles '
+                f'({growth.cycles} cycles after warming up), the limit is {MEMORY_MB:.2f} MB',
+                now,
             )

@@ -21,7 +21,7 @@ from delta3_pacdrive.verification.fault_catalogue.signatures import (
     misread,
     sagged,
 )
-from delta3_pacdrive.verification.invariants import Invariants
+from delta3_pacdrive.verification.invariants import Growth, Invariants, growth_of
 from delta3_pacdrive.verification.operator import AutomatedOperator
 from delta3_pacdrive.verification.soak.runner import Figures, Violation
 from delta3_pacdrive.verification.telegram_log import AT, MDT, SHAFTS, Telegrams
@@ -270,18 +270,38 @@ def test_losses_are_those_that_were_injected(lost, injected, complete, violated,
 
 
 @pytest.mark.parametrize(
-    ('growth', 'cycles', 'violated'),
+    ('slope', 'half_width', 'cycles', 'violated'),
     [
-        (4.9, 100_000, False),
-        (5.1, 100_000, True),
-        (9.9, 200_000, False),
-        (10.1, 200_000, True),
-        (50.0, 99_999, False),
+        (5.0, 0.0, 100_000, False),
+        (5.01, 0.0, 100_000, True),
+        (5.9, 1.0, 100_000, False),
+        (5.9, 0.89, 100_000, True),
+        (50.0, 0.0, 99_999, False),
+        (50.0, float('inf'), 200_000, False),
     ],
 )
-def test_memory_may_grow_by_5_mb_in_100_000_cycles(growth, cycles, violated, invariants, said):
-    invariants.check_memory(growth, cycles, 3)
+def test_memory_grows_too_fast_when_the_whole_interval_exceeds_5_mb_in_100_000_cycles(
+    slope, half_width, cycles, violated, invariants, said
+):
+    invariants.check_memory(Growth(slope, half_width, cycles), 3)
     assert bool(said) == violated
+
+
+def test_the_growth_of_memory_is_that_of_a_line_whatever_single_samples_say():
+    chance = np.random.default_rng(7)
+    cycles = np.arange(0, 400_000, 2_000)
+    for slope in (0.0, 3.0, 8.0):
+        noise = np.repeat(chance.normal(0.0, 0.5, 40), 5)  # memory grows in steps
+        growth = growth_of(cycles.tolist(), (500.0 + slope * cycles / 1e5 + noise).tolist())
+        assert abs(growth.slope_mb - slope) < growth.half_width_mb < 1.0
+        assert growth.cycles == 398_000
+
+
+def test_too_few_samples_say_nothing_about_the_growth_of_memory():
+    assert growth_of([], []).cycles == 0
+    assert growth_of(list(range(15)), [1.0] * 15).cycles == 0
+    assert growth_of([7] * 20, [1.0] * 20).cycles == 0
+    assert growth_of(list(range(16)), [1.0] * 16).cycles == 15
 
 
 def test_a_soak_holds_every_telegram_that_comes_against_the_invariants(robot):

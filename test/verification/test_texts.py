@@ -98,7 +98,8 @@ FIGURES = {
     'rss_start_mb': 500.5,
     'rss_end_mb': 510.25,
     'rss_cycles': 3333,
-    'grown_mb': 1.25,
+    'growth_mb': 1.25,
+    'growth_half_width_mb': 0.375,
     'kinds': {'drop_at': 2, 'kill': 3},
 }
 
@@ -128,9 +129,24 @@ def test_a_soak_prints_what_it_did_and_found(soaked, capsys):
         '5 faults injected, 5 survived; 4 programs stopped by them',
         '3 undisturbed programs: true TCP within 0.410 mm of the command, ends within 0.0005 mm',
         '6 AT lost of at most 7 injected, 8 MDT of 9',
-        'RSS of the processes that lived on: 500.5 MB, 3333 cycles later 510.2 MB; their own memory grew by 1.2 MB',
+        'RSS of the processes that lived on: 500.5 MB, 3333 cycles later 510.2 MB; their own memory '
+        'grows by 1.25 +- 0.38 MB in 100,000 cycles',
         'drop_at 2, kill 3',
     ]
+
+
+def test_a_short_soak_says_nothing_about_the_growth_of_memory(soaked, capsys):
+    pace = soaked(growth_mb=None, growth_half_width_mb=None)
+    assert soak.main(['--pace', pace]) == 0
+    assert '; too few programs to say how fast their own memory grows' in capsys.readouterr().out
+
+
+def test_memory_that_grows_is_blamed_on_no_single_program(soaked, capsys):
+    pace = soaked(violations=[Violation('memory grows', 11, 'fast', 0, 99, '')])
+    assert soak.main(['--pace', pace]) == 1
+    out = capsys.readouterr().out
+    assert 'VIOLATED by bus cycle 99: memory grows\n' in out
+    assert '--replay' not in out
 
 
 FOUND = Violation('AT: 3 lost, 1 were injected', 11, 'fast', 7, 99, 'moves: []\n')
