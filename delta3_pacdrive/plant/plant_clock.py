@@ -65,7 +65,8 @@ class PlantClock:
     repeated
         Currents that came a second time, as those of a drive do whose bus waits.
     powerless
-        Drives that have sent no current: their motors are without power until cyclic operation begins anew.
+        Drives that have sent no current: their motors are without power until cyclic operation begins anew, or until
+        they send that of the present exchange again.
 
     """
 
@@ -137,6 +138,9 @@ class PlantClock:
         self.repeated += exchange < self.exchange
         if exchange >= self.exchange and exchange not in waiting:
             waiting[exchange] = released, payload, values
+            if exchange == self.exchange:
+                # otherwise a drive that goes on would push against its brake until its I2t monitoring trips
+                self.powerless.discard(index)
             if self.powerless or self._is_there(exchange):
                 self._advance()
         return True

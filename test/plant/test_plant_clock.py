@@ -116,6 +116,20 @@ def test_without_a_drive_the_others_go_on_and_its_currents_count_no_more(rig: Ri
     assert rig.clock.powerless == {1}
 
 
+def test_a_drive_that_was_held_up_has_power_again_when_it_has_caught_up(rig: Rig) -> None:
+    rig.run(3)
+    rig.run(1, drives=(0, 2))
+    assert rig.clock.drop([1])
+    rig.run(2, drives=(0, 2))
+    assert rig.take(1, 5)  # of an exchange that is over
+    assert rig.take(1, 7)  # of one that is not there yet
+    assert (rig.clock.exchange, rig.clock.powerless) == (6, {1})
+    assert rig.take(1, 6)
+    assert rig.clock.powerless == set()
+    rig.run(1, drives=(0, 2))
+    assert rig.clock.exchange == 7  # its currents of this exchange are there
+
+
 def test_when_no_drive_has_power_any_more_bus_time_stands(rig: Rig) -> None:
     assert not rig.clock.drop([0, 1, 2])
     assert rig.clock.exchange == 0
