@@ -8,6 +8,7 @@ NEWS = 2  # times it has to tell how it is after it has answered: the first may 
 FRESH_S = 0.5  # for the next progress of a robot that comes up
 SILENCE_S = 0.8  # after which a robot that brakes is left, if it tells nothing any more
 STOP_TIMEOUT_S = 5.0  # for the drives to brake, before the processes end: they are slow where their clock is
+STOP_WALL_S = 15.0  # all in all: on a machine that is busy a look takes much longer than it should
 
 
 class Driven(Protocol):
@@ -24,7 +25,12 @@ class Driven(Protocol):
         """Ask it to disable its drives; return what says whether it has answered that it will."""
 
 
-def brake(robot: Driven, spin_for: Callable[[float], None], look_s: float) -> None:
+def brake(
+    robot: Driven,
+    spin_for: Callable[[float], None],
+    look_s: float,
+    is_over: Callable[[], bool] = lambda: False,
+) -> None:
     """Disable the drives of a robot and wait, for a bounded time, until it says that they are without torque.
 
     What it has told last may be older than that: a robot that has just come up may have been enabled since, and moved.
@@ -36,12 +42,14 @@ def brake(robot: Driven, spin_for: Callable[[float], None], look_s: float) -> No
     spin_for, look_s
         Lets it tell what it has to tell for some seconds; how long at a time. Patience counts these seconds: they are
         longer on a machine that is busy.
+    is_over
+        Returns whether there is no more time to wait.
 
     """
 
     def spin_until(done: Callable[[], bool], patience_s: float, silence_s: float = math.inf) -> None:
         waited_s, silent_s, newest = 0.0, 0.0, robot.progress
-        while not done() and waited_s < patience_s and silent_s < silence_s:
+        while not (done() or is_over()) and waited_s < patience_s and silent_s < silence_s:
             spin_for(look_s)
             waited_s, silent_s = waited_s + look_s, silent_s + look_s
             if robot.progress is not newest:

@@ -2,81 +2,43 @@
 
 import gc
 import json
-import signal
-import sys
+import os
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.node import Node
-from std_msgs.msg import String
-from std_srvs.srv import SetBool
 
 from delta3_pacdrive import interrupts, simulation
 from delta3_pacdrive.analysis.run_energy import energy_of_round
-from delta3_pacdrive.bringup.braking import brake
+from delta3_pacdrive.bringup.braking import STOP_WALL_S, brake
 from delta3_pacdrive.bringup.environment import log_folder, only_one
+from delta3_pacdrive.bringup.monitor import LOOK_S, RobotMonitor
 from delta3_pacdrive.bringup.options import Options, check_options
-from delta3_pacdrive.bringup.processes import ManagedProcess, killed_sentence
-from delta3_pacdrive.bringup.robot_processes import RECORDER, SPARE, RobotProcesses
+from delta3_pacdrive.bringup.processes import ManagedProcess, end_all
+from delta3_pacdrive.bringup.robot_processes import (
+    PROCESS_OF,
+    RECORDER,
+    SPARE,
+    STUCK_MAX_S,
+    STUCK_S,
+    PhaseWatch,
+    RobotProcesses,
+)
 from delta3_pacdrive.bringup.scheduling import Schedule, prefer
-from delta3_pacdrive.controller.messages import QueueReport
-from delta3_pacdrive.errors import RunError, RunInterruptedError, TelegramError, TraceError
+from delta3_pacdrive.errors import RunError, RunInterruptedError, TraceError
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.program_planner import Planned
-from delta3_pacdrive.peripherals.parts_report import PartsLog
 from delta3_pacdrive.recording import bag_trace
-from delta3_pacdrive.ros import discovery, interfaces, node_process
-from delta3_pacdrive.ros.progress_report import read_progress
+from delta3_pacdrive.ros import discovery, domain, interfaces, node_process
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.watchdog import BOUND_S
+from delta3_pacdrive.sercos.configuration_check import drives_of
+from delta3_pacdrive.sercos.watchdog import BOUND_S, Watchdog
 
-LOOK_S = 0.05
 ENERGY_CYCLES_MAX = 600_000  # of a recording that is read for it
-
-
-class _Monitor(Node):
-    """Follows the progress of the run from the parent process."""
-
-    def __init__(self, namespace: str) -> None:
-        super().__init__('bringup', namespace=namespace)
-        self.progress: dict[str, Any] = {}
-        self.refusal = ''  # of the newest request to the planner
-        self.recorder = ''
-        self.parts = PartsLog()
-        interfaces.PROGRESS.subscription(self, self._on_progress)
-        interfaces.QUEUE.subscription(self, self._on_queue)
-        interfaces.RECORDER_STATE.subscription(self, self._on_recorder)
-        interfaces.PARTS.subscription(self, self._on_parts)
-        self._enable = interfaces.ENABLE.client(self)
-        self.input = interfaces.INPUT.client(self)
-        self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
-
-    def can_disable(self) -> bool:
-        """Whether a request to disable the drives would reach the robot."""
-        return self._enable.service_is_ready()
-
-    def disable(self) -> Callable[[], bool]:
-        """Ask the robot to disable its drives; return what says whether it has answered."""
-        return self._enable.call_async(SetBool.Request(data=False)).done
-
-    def _on_progress(self, message: String) -> None:
-        self.progress = read_progress(message.data) or self.progress
-
-    def _on_queue(self, message: String) -> None:
-        with suppress(TelegramError):
-            self.refusal = QueueReport.from_json(message.data).refusal
-
-    def _on_recorder(self, message: String) -> None:
-        self.recorder = message.data
-
-    def _on_parts(self, message: String) -> None:
-        with suppress(TelegramError):
-            self.parts.add(message.data)
 
 
 def waits_for_others(options: Options, progress: dict[str, Any]) -> bool:
@@ -114,10 +76,16 @@ class Bringup:
         self._started_s = time.monotonic() if started_s is None else started_s
         self.options = options
         self.robot, self._program, self._planned = check_options(options)
-        self.interrupted = False
+        self.interrupted = self._is_in_haste = False
+        self._interrupted_s = 0.0
         self._processes: RobotProcesses
-        self._monitor: _Monitor
+        self._monitor: RobotMonitor
         self._process: node_process.Process
+        self._phases = PhaseWatch(drives_of(self.robot))
+        self._heard = Watchdog(LOOK_S)  # the transformation task
+        self._deaf_s = STUCK_S  # that it may be silent, before this process joins the domain anew
+        self._has_guests = False  # nodes of others, which could not follow
+        self._deadline_s = 0.0
         self.ready_s = 0.0
 
     def run(
@@ -139,14 +107,16 @@ class Bringup:
         with only_one(self.options.namespace), log_folder(self.options.logs) as logs:
             simulation.compile_kernels(self.robot)
             simulation.load_cyclic_kernels(self.robot)  # once for all processes, and not in a bus cycle
-            try:
-                self._start(logs)
-                self._watch(show, rising)
-                if self.options.cell is not None:
-                    self._ask_for_parts()
-                result = self._result()
-            finally:
-                self._stop()
+            # afterwards signals end the process as before: reading a long recording takes its time
+            with interrupts.answered_by(self._interrupt):
+                try:
+                    self._start(logs)
+                    self._watch(show, rising)
+                    if self.options.cell is not None:
+                        self._ask_for_parts()
+                    result = self._result()
+                finally:
+                    self._stop()
         if self.options.bag:
             result |= self._recorded(self.options.bag, result['cycles'])
         return result
@@ -174,21 +144,29 @@ class Bringup:
         return {} if found is None else {'energy': asdict(found)}
 
     def _start(self, logs: Path) -> None:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, self._interrupt)
         self._processes = RobotProcesses(
             self.options, self.robot, self._program.name if self._program else 'moves', logs
         )
         gc.freeze()  # who looks for garbage touches all there is: each child would get a copy of its own
         self._processes.start()
         prefer(self._schedule)  # before there are threads of the transport, which inherit it
+        self._join()
+
+    def _join(self) -> None:
+        """Join the domain."""
         node_process.join()
         self._process = node_process.Process()
-        self._monitor = _Monitor(self.options.namespace)
+        self._monitor = RobotMonitor(self.options.namespace, getattr(self, '_monitor', None))
         self._process.add(self._monitor)
+        self._heard.received(time.monotonic())
 
-    def _interrupt(self, number: int, _: Any) -> None:
-        interrupts.note(number)
+    def _interrupt(self) -> None:
+        """End; who asks again after a while does not want to wait for the drives to brake."""
+        now_s = time.monotonic()
+        if self.interrupted and now_s - self._interrupted_s > interrupts.PATIENCE_S:
+            self._is_in_haste = True
+        if not self.interrupted:
+            self._interrupted_s = now_s
         self.interrupted = True
 
     def _watch(
@@ -196,7 +174,7 @@ class Bringup:
     ) -> None:
         """Look after the run until the program has ended."""
         monitor = self._monitor
-        deadline = time.monotonic() + self.options.patience_s
+        self._deadline_s = time.monotonic() + self.options.patience_s
         released = False
         while not (progress := self.look()).get('finished') or self._program is None:
             if not released and (monitor.recorder or not self.options.bag):
@@ -208,7 +186,7 @@ class Bringup:
                 show(progress)
                 if self._program is None and self.interrupted:
                     return
-            elif time.monotonic() > deadline and not waits_for_others(self.options, progress):
+            elif time.monotonic() > self._deadline_s and not waits_for_others(self.options, progress):
                 waiting = progress.get('waiting') or monitor.refusal or 'the transformation task to appear'
                 raise RunError(
                     f'the bus is not in cyclic operation after {self.options.patience_s:g} s: {waiting}'
@@ -242,7 +220,7 @@ class Bringup:
 
     def look(self, seconds: float = LOOK_S) -> dict[str, Any]:
         """Spin a little, then raise if something went wrong; return the newest progress."""
-        monitor = self._monitor
+        monitor, before = self._monitor, self._monitor.progress
         self._process.spin_for(seconds)
         if self.interrupted and (self._program is not None or not self.ready_s):
             raise RunInterruptedError('interrupted')
@@ -250,6 +228,9 @@ class Bringup:
             # who ends all processes at once, as a service manager does, wants none of them back
             if process.poll() is not None and not self.interrupted:
                 self._replace(process)
+        if not self.interrupted:
+            self._look_for_the_deaf(monitor.progress is not before)
+            monitor = self._monitor
         if monitor.progress.get('phase') == 'CP4':
             self._processes.check_load(monitor.progress.get('cycles', 0))
         if monitor.progress.get('fault') and (self._program is not None or not self.ready_s):
@@ -263,13 +244,15 @@ class Bringup:
     def _replace(self, process: ManagedProcess) -> None:
         """Start a process again that has died, if the robot is to stay up; raises RunError if it is not."""
         sentence = f'{process.ending()} in bus cycle {self._monitor.progress.get("cycles", 0)}'
+        self._dispose(process)
         if process.name == RECORDER and self.ready_s:
             self._processes.running.remove(process)
             self.notes.append(f'{sentence}; nothing is recorded any more, the robot goes on')
         elif process.name == 'view':
             self._processes.running.remove(process)
             self.notes.append(f'{sentence}; there is no page any more, the robot goes on')
-        elif self._processes.restart(process):
+        elif self._stays_up and self._processes.restart(process):
+            self._phases.restart(time.monotonic())
             self.notes.append(f'{sentence}; started again')
         elif process.name == interfaces.VISUALIZATION:
             self._processes.running.remove(process)
@@ -278,6 +261,45 @@ class Bringup:
             if process.name not in ('robot', 'transformation_task', 'unit_robot'):
                 self._await_standstill()
             raise RunError(sentence)
+
+    @property
+    def _stays_up(self) -> bool:
+        """Whether the robot is there for requests; a program or a script ends with a process that dies."""
+        return self._program is None and not self.options.script
+
+    def _dispose(self, process: ManagedProcess) -> None:
+        """Let a dead process leave the domain; otherwise its publishers count until its lease expires."""
+        if os.environ.get(discovery.MIDDLEWARE, '') not in discovery.FAST_DDS:
+            return
+        hosts = [discovery.HERE, *discovery.peers_of(os.environ.get(discovery.PEERS, ''))]
+        for prefix in self._monitor.participants_of(process):
+            domain.dispose(prefix, hosts)
+
+    def _look_for_the_deaf(self, heard: bool) -> None:
+        """Replace participants for which the bus waits in vain; join the domain anew if the task is not heard."""
+        now_s = time.monotonic()
+        if heard:
+            self._heard.received(now_s)
+            self._deaf_s = STUCK_S
+        elif self._heard.silence_s(now_s) > self._deaf_s and not self._has_guests:
+            node_process.leave(self._process)
+            self._join()
+            self._deaf_s = min(2.0 * self._deaf_s, STUCK_MAX_S)
+            self.notes.append('no report of transformation_task: joined the domain anew')
+        for name in self._phases.look(self._monitor.progress, now_s):
+            processes = [one for one in self._processes.running if one.name == PROCESS_OF.get(name)]
+            for process in processes:
+                end_all([process])
+                self._dispose(process)
+                if not self._processes.restart(process):
+                    self._replace(process)
+                    continue
+                self._phases.restart(time.monotonic())
+                self._deadline_s += STUCK_S
+                self.notes.append(
+                    f'the bus was in {self._monitor.progress["phase"]} for too long '
+                    f'({self._monitor.progress["waiting"]}): started {process.name} again'
+                )
 
     def _await_standstill(self) -> None:
         """Let a robot with a fault come to its stop, so that it is on record."""
@@ -290,9 +312,7 @@ class Bringup:
         if hasattr(self, '_monitor'):
             self._brake()
         if hasattr(self, '_processes'):
-            killed = self._processes.end()
-            if killed:
-                sys.stderr.write(f'note: {killed_sentence(killed)}\n')
+            self._processes.end()
         node_process.leave(getattr(self, '_process', None))
 
     def _brake(self) -> None:
@@ -300,7 +320,13 @@ class Bringup:
         monitor = self._monitor
         running = self._processes.running
         if not any(one.poll() is not None and one.name not in SPARE for one in running):
-            brake(monitor, self._process.spin_for, LOOK_S)
+            deadline = time.monotonic() + STOP_WALL_S
+            brake(
+                monitor,
+                self._process.spin_for,
+                LOOK_S,
+                lambda: self._is_in_haste or time.monotonic() > deadline,
+            )
 
     def _result(self) -> dict[str, Any]:
         progress = self._monitor.progress
@@ -318,6 +344,7 @@ class Bringup:
             'ready_s': round(self.ready_s, 3),
             **{key: progress[key] for key in ('cycles', 'bus_time_s', 'wall_time_s', 'overruns')},
             'lost_telegrams': progress['lost_telegrams'],
+            'restarts': self._processes.restarts,
             **figures,
             **{key: progress[key] for key in statistics if key in progress},
             **({} if parts is None else {'cell': parts}),
@@ -325,11 +352,13 @@ class Bringup:
 
     def add(self, node: Node) -> None:
         """Take a node into this process."""
+        self._has_guests = True
         self._process.add(node)
 
     @property
     def node(self) -> Node:
         """The node of this process, for whoever wants to take part."""
+        self._has_guests = True
         return self._monitor
 
     def stop(self) -> None:

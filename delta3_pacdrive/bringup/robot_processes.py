@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
 from delta3_pacdrive.controller.script_gate import first_decision
+from delta3_pacdrive.faults.fault import TASK, UNIT_ROBOT
 from delta3_pacdrive.ros import discovery, node_process, preload
 from delta3_pacdrive.ros.interfaces import VISUALIZATION
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
@@ -26,13 +27,71 @@ from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.parameters import overrides
-from delta3_pacdrive.sercos.configuration_check import drives_of
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, PLANT, drives_of
+from delta3_pacdrive.sercos.watchdog import Watchdog
 
 RESTARTS_MAX, RESTARTS_S = 20, 60.0  # of processes that die, within that time
+STUCK_S, STUCK_MAX_S = (
+    15.0,
+    120.0,
+)  # that the bus waits for a participant; doubled each time until the bus is up
+REPORT_S = 0.2  # between two reports of the transformation task
 CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
 Nodes = dict[str, tuple[type[Node], dict[str, Any]]]  # kind and own parameters, by name
 RECORDER = 'recorder'
 SPARE = (RECORDER, 'view', VISUALIZATION)  # the robot goes on without them
+PROCESS_OF = {name: name for name in (PLANT, TASK, UNIT_ROBOT)} | {
+    axis: f'mc4_drive_{number}' for number, axis in enumerate(ALL_DRIVES, 1)
+}
+
+
+class PhaseWatch:
+    """Decides which participants are replaced because the bus waits for them in vain.
+
+    Processes that are alive may stay deaf to each other, as after a long lack of processor time. Only time in which the
+    transformation task reports counts: while it is suspended nothing can be said about the others.
+
+    Parameters
+    ----------
+    drives
+        Names of the drives of the robot.
+
+    """
+
+    def __init__(self, drives: Sequence[str]) -> None:
+        self._drives = set(drives)
+        self._stuck = Watchdog(REPORT_S)
+        self._patience_s = STUCK_S
+        self._in_vain = 0  # replacements since the bus was up
+        self._newest: dict[str, Any] = {}
+
+    def look(self, progress: dict[str, Any], now_s: float) -> tuple[str, ...]:
+        """Return the participants to replace, given the newest report of the transformation task."""
+        if progress is self._newest:
+            return ()
+        is_first, self._newest = not self._newest, progress
+        missing = set(progress.get('missing', ()))
+        if progress.get('phase') == 'CP4':
+            self._patience_s, self._in_vain = STUCK_S, 0
+        if not missing or is_first:
+            self._stuck.received(now_s)
+        elif self._stuck.silence_s(now_s) > self._patience_s:
+            self.restart(now_s)
+            self._patience_s, self._in_vain = min(2.0 * self._patience_s, STUCK_MAX_S), self._in_vain + 1
+            return self._cause(missing, progress['phase'])
+        return ()
+
+    def restart(self, now_s: float) -> None:
+        """Begin anew: a process has been started, which takes its time."""
+        self._stuck.received(now_s)
+
+    def _cause(self, missing: set[str], phase: str) -> tuple[str, ...]:
+        """Return the participants whose replacement lets all of the missing ones be heard."""
+        if missing >= self._drives | {PLANT} or self._in_vain % 2 == 0:
+            return (TASK,)
+        if missing >= self._drives and phase != 'CP0':
+            return (PLANT,)  # whose shafts the drives answer with
+        return tuple(sorted(missing))
 
 
 class RobotProcesses:
@@ -51,6 +110,8 @@ class RobotProcesses:
         All of them, those that have ended unnoticed as well.
     notes
         What people should know about how they run.
+    restarts
+        How many were started again.
 
     """
 
@@ -58,6 +119,7 @@ class RobotProcesses:
         self._options, self._robot, self._program, self._logs = options, robot, program, logs
         self.running: list[ManagedProcess] = []
         self.notes = list(filter(None, [discovery.exposure()]))
+        self.restarts = 0
         # how one is started again, by name
         self._restarts: dict[str, Callable[[Schedule], ManagedProcess]] = {}
         self._restarted: list[float] = []  # when [s]
@@ -134,7 +196,7 @@ class RobotProcesses:
         for name, own in cyclic.items():
             self._spawn(name, own, self._schedule)
             self._cyclic.append(self.running[-1].pid)
-        if not options.single_process and program is None and not options.script:
+        if not options.single_process:
             self._prepare_restarts(nodes | {'unit_robot': planner, **shown})
         if options.markers:
             self._spawn(VISUALIZATION, shown)
@@ -185,7 +247,8 @@ class RobotProcesses:
         for name, (node, values) in nodes.items():
             arguments = [*common, '-r', f'__node:={name}']
             for key, value in values.items():
-                if key != 'learned':  # dropped after a fault, such as a process that dies
+                # dropped after a fault, such as a process that dies; a program has not begun yet
+                if key != 'learned' or self._options.program:
                     arguments += ['-p', f'{key}:={value}']
             self._restarts[name] = partial(respawn, name, node.__module__, arguments, self._log(name))
 
@@ -196,6 +259,7 @@ class RobotProcesses:
         if process.name not in self._restarts or len(self._restarted) >= RESTARTS_MAX:
             return False
         self._restarted.append(now)
+        self.restarts += 1
         own = {'unit_robot': self._planner_schedule, VISUALIZATION: Schedule.ORDINARY}
         schedule = own.get(process.name, self._schedule)
         self.running[self.running.index(process)] = self._restarts[process.name](schedule)

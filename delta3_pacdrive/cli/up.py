@@ -89,7 +89,7 @@ def run(options: Options) -> int:
     else:
         done = (
             f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '
-            f'{result["lost_telegrams"]} lost AT'
+            f'{result["lost_telegrams"]} lost AT, {result["restarts"]} processes started again'
         )
         print('\n'.join([done, *lacking(result, options.bag)]))
     return 0

@@ -104,6 +104,8 @@ KINDS = {
     'payload_lost': Kind(_ROBOT, 'payload that falls off', once=True, **_OF_PLANT),
     'emergency_stop': Kind(_ROBOT, 'emergency stop of the operator', once=True, injected_by=TASK),
     'clear': Kind(_ROBOT, 'end of all injected faults', once=True, injected_by=EVERYBODY),
+    # the last one, so that the others keep their numbers in messages
+    'deaf': Kind(_NODE, 'process that works, but receives nothing any more', once=True),
 }
 NAMES = tuple(KINDS)
 MDT_FAULTS = frozenset(name for name, kind in KINDS.items() if kind.telegram == 'mdt')
@@ -111,7 +113,7 @@ AT_FAULTS = frozenset(name for name, kind in KINDS.items() if kind.telegram == '
 DUPLICATES = frozenset({'duplicate_mdt', 'duplicate_at'})
 # a telegram that comes later than its cycle is as good as lost
 MDT_LOSSES, AT_LOSSES = MDT_FAULTS - DUPLICATES, AT_FAULTS - DUPLICATES
-PROCESS_FAULTS = frozenset({'freeze', 'kill'})
+PROCESS_FAULTS = frozenset({'freeze', 'kill', 'deaf'})
 _PLACES = ('', *NODES, TOOL_DRIVE)  # by number, in messages
 
 

@@ -2,19 +2,38 @@
 
 import os
 import re
+import socket
+import struct
+from collections.abc import Sequence
+from contextlib import suppress
 
 from delta3_pacdrive.errors import RunError, shown
 
 VARIABLE = 'ROS_DOMAIN_ID'
 NAMESPACE_MAX = 245  # of the middleware
 DOMAIN_MAX = 232  # ports of the last one are the last that there are
+PREFIX_BYTES = 12  # of a global identifier: they are those of its participant
+# of RTPS (OMG DDSI-RTPS 2.3): ports of discovery, identifiers, and the last sequence number that 32 bits can hold
+DISCOVERY_PORT, DOMAIN_PORTS, PARTICIPANT_PORTS, PARTICIPANTS = 7410, 250, 2, 32
+HEADER = b'RTPS\x02\x03\x01\x0f'
+PARTICIPANT, ANNOUNCER = b'\0\0\x01\xc1', b'\0\x01\0\xc2'
+LAST_NUMBER = 2**31 - 1
+DATA, LITTLE_ENDIAN_WITH_QOS = 0x15, 0x03
+KEY_HASH, STATUS_INFO, END = 0x70, 0x71, 0x01
+DISPOSED_AND_UNREGISTERED = b'\0\0\0\x03'
+
+
+def number() -> int:
+    """Return the number of the domain; raises RunError if the environment asks for one that there cannot be."""
+    text = os.environ.get(VARIABLE, '')
+    if text and not (text.isascii() and text.isdecimal() and int(text[:9]) <= DOMAIN_MAX):
+        raise RunError(f'{VARIABLE} is {shown(text)}, but must be a whole number from 0 to {DOMAIN_MAX}')
+    return int(text or '0')
 
 
 def check() -> None:
     """Raise RunError if the environment asks for a domain that there cannot be."""
-    text = os.environ.get(VARIABLE, '')
-    if text and not (text.isascii() and text.isdecimal() and int(text[:9]) <= DOMAIN_MAX):
-        raise RunError(f'{VARIABLE} is {shown(text)}, but must be a whole number from 0 to {DOMAIN_MAX}')
+    number()
 
 
 def namespace(text: str) -> str:
@@ -30,3 +49,27 @@ def namespace(text: str) -> str:
             f'namespace {shown(text)} has {len(absolute)} characters, at most {NAMESPACE_MAX} are possible'
         )
     return absolute
+
+
+def farewell(prefix: bytes) -> bytes:
+    """Return the RTPS message by which the participant with this identifier leaves its domain."""
+    qos = struct.pack('<HH', KEY_HASH, 16) + prefix + PARTICIPANT
+    qos += struct.pack('<HH', STATUS_INFO, 4) + DISPOSED_AND_UNREGISTERED + struct.pack('<HH', END, 0)
+    to_all, octets_to_qos = b'\0\0\0\0', 16
+    body = (
+        struct.pack('<HH', 0, octets_to_qos) + to_all + ANNOUNCER + struct.pack('<iI', 0, LAST_NUMBER) + qos
+    )
+    return HEADER + prefix + struct.pack('<BBH', DATA, LITTLE_ENDIAN_WITH_QOS, len(body)) + body
+
+
+def dispose(prefix: bytes, hosts: Sequence[str]) -> None:
+    """Let every participant on these hosts remove a participant whose process has died.
+
+    A killed process cannot leave by itself: others would count its publishers until its lease expires.
+    """
+    first = DISCOVERY_PORT + DOMAIN_PORTS * number()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+        for host in hosts:
+            for port in range(first, min(first + PARTICIPANT_PORTS * PARTICIPANTS, 65536), PARTICIPANT_PORTS):
+                with suppress(OSError):  # nobody listens at this port
+                    link.sendto(farewell(prefix), (host, port))

@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from delta3_pacdrive.drive.bus_drive import BusDrive
 from delta3_pacdrive.drive.diagnostics import DriveFault, fault_text
 from delta3_pacdrive.drive.report import report
+from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.diagnostics import Health
 from delta3_pacdrive.ros.drive_telegrams import DriveTelegrams
 from delta3_pacdrive.ros.robot_node import RobotNode
@@ -65,6 +66,7 @@ class DriveReport:
         counted = {
             'late_telegrams': self._bus_drive.clock.late,
             'refused_telegrams': self._telegrams.refused,
+            'rejoins': node_process.rejoins(),
         }
         return report(self._bus_drive.drive) | counted
 

@@ -51,6 +51,7 @@ class DriveTelegrams:
         self._samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
         self._bus_drive: BusDrive
         self.refused = 0
+        self._greeted = False
         self._frame = b''  # of the last MDT: it rarely changes
         self._words = (0, 0, 0.0)  # its control word, word of the service channel and payload
         self._newest_current = b''
@@ -74,6 +75,11 @@ class DriveTelegrams:
         """Count and say that a telegram was refused."""
         self.refused += 1
         self._node.get_logger().warning(reason, throttle_duration_sec=1.0)
+
+    def greeted_by_plant(self) -> bool:
+        """Whether the plant has greeted this drive since the last call."""
+        greeted, self._greeted = self._greeted, False
+        return greeted
 
     def forget(self) -> None:
         """Forget frames of the session before."""
@@ -125,6 +131,7 @@ class DriveTelegrams:
         if exchange >= 0:
             bus_drive.clock.take_shaft(exchange, (values[i], values[count + i], values[2 * count + i]))
         elif not bus_drive.slave.cyclic:
+            self._greeted = True
             bus_drive.stand(values[i])
             frame = telegrams.current_frame(False, 0.0, session)
             self._publish_current(self._current.encode(ACYCLIC, frame, (0.0,) * self._samples))

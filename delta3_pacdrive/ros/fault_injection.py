@@ -174,4 +174,6 @@ class Faults(Schedule):
                 os.kill(os.getpid(), signal.SIGKILL)
             elif fault.kind == 'freeze':
                 time.sleep(fault.value)
+            elif fault.kind == 'deaf':
+                self._node.deafen()
         return changes

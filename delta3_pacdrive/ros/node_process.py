@@ -22,8 +22,12 @@ from rclpy.utilities import remove_ros_args
 from delta3_pacdrive import interrupts, memory
 from delta3_pacdrive.errors import Delta3Error, RunError, shown
 from delta3_pacdrive.ros import domain, preload
+from delta3_pacdrive.sercos.watchdog import Watchdog
 
+REJOIN_S, REJOIN_MAX_S = 20.0, 300.0  # without a word of a partner; doubled each time until it is heard
 _separate = False
+_current: 'Process | None' = None  # that ``run`` spins
+_rejoins = _rejoins_in_vain = 0
 
 
 def is_separate() -> bool:
@@ -31,9 +35,56 @@ def is_separate() -> bool:
     return _separate
 
 
+def rejoins() -> int:
+    """Return how many times the node of this process has left the domain and joined it anew."""
+    return _rejoins
+
+
+class PartnerWatch:
+    """Notices that a node hears nothing from a partner that it needs, and lets its process join the domain anew.
+
+    Processes that are alive may stay deaf to each other, as after a long lack of processor time; another participant,
+    with an identity that the others do not know yet, is heard again. Time in which the process itself does not run does
+    not count. A process of several nodes stays as it is.
+
+    Parameters
+    ----------
+    node
+        Says so.
+    period_s
+        Time between two looks [s].
+
+    """
+
+    def __init__(self, node: Node, period_s: float) -> None:
+        self._node, self._period_s = node, period_s
+        self._silent: dict[str, Watchdog] = {}  # by partner
+
+    def heard(self, partner: str) -> None:
+        """Note that a partner was heard."""
+        global _rejoins_in_vain  # noqa: PLW0603 (the node that counts on is another one)
+        _rejoins_in_vain = 0
+        self._silent.pop(partner, None)
+
+    def look(self, needed: Sequence[str], now_s: float) -> None:
+        """Look which of the partners that are needed now are silent for too long."""
+        self._silent = {name: silent for name, silent in self._silent.items() if name in needed}
+        patience_s = min(REJOIN_S * 2**_rejoins_in_vain, REJOIN_MAX_S)
+        for partner in needed:
+            if partner not in self._silent:
+                self._silent[partner] = Watchdog(self._period_s)
+                self._silent[partner].received(now_s)
+            elif self._silent[partner].silence_s(now_s) > patience_s and _separate and _current is not None:
+                self._node.get_logger().warning(
+                    f'no word of {partner} for {patience_s:g} s: leaves the domain and joins it anew'
+                )
+                _current.rejoin()
+
+
 SPIN_S = 0.1  # how long a signal may wait for the main thread
 LEAVE_S = 20.0  # for the nodes of a client to leave the graph
-NODES_LEAVE_S = 60.0  # for those of a robot, of which one may have a bag to complete
+NODES_LEAVE_S = 20.0  # for those of a robot
+BAG_LEAVE_S = 60.0  # for a recorder, which has a bag to complete
 
 
 class _Stop(Future):
@@ -50,6 +101,7 @@ class Process:
     def __init__(self, context: rclpy.Context | None = None) -> None:
         self._stop = _Stop()
         self._is_stopping = False
+        self.rejoins = False
         self._executor = EventsExecutor(context=context)
         self._nodes: list[Node] = []
 
@@ -58,6 +110,11 @@ class Process:
         if not self._is_stopping:  # not done yet where another signal interrupts this one
             self._is_stopping = True
             self._stop.set_result(None)
+
+    def rejoin(self) -> None:
+        """End ``spin`` for another process of the same nodes to begin."""
+        self.rejoins = True
+        self.stop()
 
     def add(self, node: Node) -> None:
         """Take a node in."""
@@ -135,35 +192,50 @@ def run(
     factories: Sequence[Callable[[], Node]],
     arguments: list[str] | None = None,
     prepare: Callable[[], None] = lambda: None,
+    leave_s: float | None = None,
 ) -> int:
     """Be the main function of a process: prepare, build the nodes, spin, clean up; return the exit status."""
-    global _separate  # noqa: PLW0603 (a fact about the process)
+    global _separate, _current, _rejoins, _rejoins_in_vain  # noqa: PLW0603 (facts about the process)
     _separate = len(factories) == 1
-    process: Process | None = None
+    _current = None
+    asked_to_end = interrupts.Flag()
+
+    def end(*_: Any) -> None:
+        asked_to_end.set()
+        if _current is not None:
+            _current.stop()
+
     try:
         domain.check()
         prepare()
         preload.know_modules()
-        join(arguments)
-        process = Process()
         for stopping in interrupts.NUMBERS:
             # a bring-up in the background, or under nohup, ignores signals but sends them to its children
             if stopping != signal.SIGHUP or signal.getsignal(stopping) is not signal.SIG_IGN:
-                signal.signal(stopping, process.stop)
-        for factory in factories:
-            process.add(factory())
-        # long-lived objects need not be walked again by the collector in the middle of a cycle
-        gc.collect()
-        gc.freeze()
-        memory.collect_often()
-        process.spin()
+                signal.signal(stopping, end)
+        while not asked_to_end:
+            join(arguments)
+            _current = process = Process()
+            for factory in factories:
+                process.add(factory())
+            # long-lived objects need not be walked again by the collector in the middle of a cycle
+            gc.collect()
+            gc.freeze()
+            memory.collect_often()
+            if not asked_to_end:
+                process.spin()
+            if not process.rejoins:
+                break
+            leave(process, patience_s=leave_s or NODES_LEAVE_S)
+            _current = None
+            _rejoins, _rejoins_in_vain = _rejoins + 1, _rejoins_in_vain + 1
     except Delta3Error as error:
         print(f'error: {error}', file=sys.stderr)
         return 1
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        leave(process, patience_s=NODES_LEAVE_S)
+        leave(_current, patience_s=leave_s or NODES_LEAVE_S)
     return 0
 
 

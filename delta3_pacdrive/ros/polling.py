@@ -33,6 +33,8 @@ class PollingNode(RobotNode):
         subscription = self.create_subscription(message_type, topic, _unused, qos, raw=True)
 
         def take() -> Taken | None:
+            if self.is_deaf:
+                return None
             taken: Taken | None = subscription.handle.take_message(message_type, True)
             return taken
 

@@ -1,6 +1,6 @@
 """What all nodes of a robot have in common: timers without simulation time, and parameters that load from a dump."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -8,12 +8,33 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
 
 Type = Parameter.Type
 
 
 class RobotNode(Node):
-    """A node whose timers run on the steady clock, whatever ``use_sim_time`` and ``/clock`` say."""
+    """A node whose timers run on the steady clock, whatever ``use_sim_time`` and ``/clock`` say.
+
+    Attributes
+    ----------
+    is_deaf
+        Whether it receives no messages any more.
+
+    """
+
+    is_deaf = False
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Subscriptions that the executor looks after."""
+        return iter(()) if self.is_deaf else super().subscriptions
+
+    def deafen(self) -> None:
+        """Receive no messages any more, as a participant that others have lost; timers and services go on."""
+        self.is_deaf = True
+        if self.executor is not None:
+            self.executor.wake()
 
     def create_timer(
         self,

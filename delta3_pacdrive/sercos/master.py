@@ -148,6 +148,8 @@ class BusMaster:
         Whether the bus is in cyclic operation.
     waiting
         What the present phase waits for, if it waits.
+    missing
+        Names of the participants that it waits for.
 
     """
 
@@ -164,6 +166,7 @@ class BusMaster:
         self.phase = Phase.CP0
         self.cyclic = False
         self.waiting: Reason | None = None
+        self.missing: tuple[str, ...] = ()
         self._call()
 
     def _call(self) -> None:
@@ -207,6 +210,7 @@ class BusMaster:
 
         """
         actions: list[Action] = []
+        self.missing = ()
         if self._looks % CALL_EVERY == 0:
             # a participant does not obey while the last master may still be there
             actions.append(Announce(self.phase, self.session, next_cycle, entered=False))
@@ -248,10 +252,12 @@ class BusMaster:
         if self.phase == Phase.CP0:
             if doubled is not None:
                 return Reason(Code.BUS, f'waiting until one of them ends: {doubled}')
-            absent = missing(self._participants.identities, self.names)
-            return Reason(Code.BUS, f'waiting for {", ".join(absent)}') if absent else None
+            self.missing = tuple(missing(self._participants.identities, self.names))
+            return Reason(Code.BUS, f'waiting for {", ".join(self.missing)}') if self.missing else None
         if self.phase == Phase.CP1:
-            silent = [axis for index, axis in enumerate(self._drives) if index not in self._resting]
+            self.missing = silent = tuple(
+                axis for index, axis in enumerate(self._drives) if index not in self._resting
+            )
             # a drive answers with the shaft position that the plant tells it
             doubtful = len(silent) == len(self._drives) and self._looks_in_vain > PATIENCE
             doubt = ': is the plant running?' if doubtful else ''
@@ -260,7 +266,7 @@ class BusMaster:
             )
         if self.phase == Phase.CP2:
             linked = self._participants.links[PLANT]
-            unlinked = [axis for axis in self._drives if axis not in linked]
+            self.missing = unlinked = tuple(axis for axis in self._drives if axis not in linked)
             return (
                 Reason(Code.BUS, f'waiting for the plant to hear {", ".join(unlinked)}') if unlinked else None
             )

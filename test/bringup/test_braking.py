@@ -85,5 +85,11 @@ def test_a_robot_that_goes_on_and_on_is_left_in_the_end():
     assert robot.looks == pytest.approx(looks_in(STOP_TIMEOUT_S), abs=1)  # sums of 0.05 are rounded
 
 
+def test_a_robot_is_not_waited_for_when_the_time_is_over():
+    robot = Robot([dict(ENABLED) for _ in range(100)])
+    brake(robot, robot.spin_for, LOOK_S, lambda: robot.looks >= 7)
+    assert (robot.asked_at, robot.looks) == (0, 7)
+
+
 def test_nobody_waits_long_for_the_end_of_a_robot_that_says_nothing():
     assert 2.0 * FRESH_S + SILENCE_S <= 2.0

@@ -21,7 +21,7 @@ from delta3_pacdrive.bringup.cpu_load import in_turn
 from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all
-from delta3_pacdrive.bringup.robot_processes import RobotProcesses
+from delta3_pacdrive.bringup.robot_processes import REPORT_S, STUCK_S, PhaseWatch, RobotProcesses
 from delta3_pacdrive.errors import ParameterError, RunError
 
 
@@ -128,26 +128,6 @@ def test_end_all_gives_everybody_his_time_and_names_whom_it_had_to_kill(tmp_path
             process.communicate()
 
 
-PARENT = """
-import os, signal, subprocess, sys
-os.setpgid(0, 0)
-subprocess.Popen([sys.executable, '-c', 'import signal; signal.pause()'])
-print('up', flush=True)
-signal.sigwait([signal.SIGINT])
-os._exit(0)
-"""
-
-
-def test_end_all_kills_what_a_child_has_started_and_left_behind(tmp_path):
-    parent = subprocess.Popen(
-        [sys.executable, '-c', f'import signal; signal.pthread_sigmask(0, [2]); {PARENT}'],
-        stdout=subprocess.PIPE,
-    )
-    assert parent.stdout.readline() == b'up\n'
-    assert end_all([child_of(parent, tmp_path, 'view', 30.0)]) == ['view']
-    assert parent.stdout.read() == b''  # the end of it is open in no process any more
-
-
 def test_the_recorder_is_asked_to_end_when_all_others_have_ended(tmp_path):
     code = CHILD.replace(
         'time.sleep(float(sys.argv[1]))', 'print(time.monotonic()); time.sleep(0.2); print(time.monotonic())'
@@ -181,6 +161,84 @@ def test_the_recorder_is_asked_to_end_when_all_others_have_ended(tmp_path):
 def test_an_ending_is_told_with_the_last_error(status, printed, sentence, tmp_path):
     (tmp_path / 'log').write_text(printed)
     assert ManagedProcess('plant', 0, tmp_path / 'log', status=status).ending() == sentence
+
+
+# participants that are alive, but are not heard
+
+DRIVES = ('axis1', 'axis2', 'axis3')
+
+
+class Bus:
+    """A transformation task that reports its phase every 0.2 s, and a watch that follows it."""
+
+    def __init__(self):
+        self.watch, self.now_s = PhaseWatch(DRIVES), 100.0
+
+    def replaced(self, phase, missing, seconds):
+        """Return (seconds after the first report, replaced participants) of each replacement."""
+        found = []
+        for n in range(round(seconds / REPORT_S) + 1):
+            if names := self.watch.look({'phase': phase, 'missing': list(missing)}, self.now_s):
+                found.append((round(n * REPORT_S, 3), names))
+            self.now_s += REPORT_S
+        return found
+
+
+@pytest.mark.parametrize(
+    ('phase', 'missing', 'replaced'),
+    [
+        ('CP0', ['axis3'], ('axis3',)),
+        ('CP0', ['plant'], ('plant',)),
+        ('CP0', ['axis3', 'axis1'], ('axis1', 'axis3')),
+        ('CP0', [*DRIVES], DRIVES),
+        ('CP0', [*DRIVES, 'plant'], ('transformation_task',)),
+        ('CP1', ['axis2'], ('axis2',)),
+        ('CP1', [*DRIVES], ('plant',)),  # the drives answer with the shafts of the plant
+        ('CP2', ['axis2'], ('axis2',)),
+        ('CP2', [*DRIVES], ('plant',)),
+    ],
+)
+def test_a_participant_that_the_bus_waits_for_more_than_15_s_is_replaced(phase, missing, replaced):
+    bus = Bus()
+    bus.watch.look({'phase': 'CP4', 'missing': []}, bus.now_s)
+    ((after_s, names),) = bus.replaced(phase, missing, 2.0 * STUCK_S)
+    assert names == replaced
+    assert STUCK_S - REPORT_S <= after_s <= STUCK_S + 2.0 * REPORT_S
+
+
+def test_the_time_between_two_replacements_doubles_and_every_other_one_is_that_of_the_task():
+    bus = Bus()
+    times, names = zip(*bus.replaced('CP0', ['axis3'], 600.0), strict=True)
+    gaps = [later - earlier for earlier, later in zip((0.0, *times), times, strict=False)]
+    assert gaps == pytest.approx([15.0, 30.0, 60.0, 120.0, 120.0, 120.0, 120.0], abs=2.0 * REPORT_S)
+    assert names[:4] == (('axis3',), ('transformation_task',), ('axis3',), ('transformation_task',))
+    assert bus.replaced('CP4', [], 1.0) == []
+    assert bus.replaced('CP0', ['axis3'], 20.0)[0][1] == ('axis3',)
+
+
+def test_nothing_is_replaced_while_the_bus_gets_on_or_waits_for_no_participant():
+    bus = Bus()
+    for _ in range(10):
+        assert bus.replaced('CP0', ['axis3'], STUCK_S - 1.0) == []
+        assert bus.replaced('CP1', [], 0.0) == []
+    assert bus.replaced('CP3', [], 100.0) == []  # for a program, or for other robots
+    assert bus.replaced('CP2', [], 100.0) == []  # for equal parameters
+
+
+def test_time_in_which_the_task_reports_nothing_does_not_count():
+    bus = Bus()
+    stale = {'phase': 'CP0', 'missing': ['axis3']}
+    for _ in range(1000):
+        assert bus.watch.look(stale, bus.now_s) == ()
+        bus.now_s += REPORT_S
+    assert bus.watch.look(dict(stale), bus.now_s) == ()  # all were suspended for 200 s
+
+
+def test_a_process_that_was_started_again_has_its_time():
+    bus = Bus()
+    for _ in range(5):
+        assert bus.replaced('CP0', ['axis3'], STUCK_S - 1.0) == []
+        bus.watch.restart(bus.now_s)
 
 
 # scheduling

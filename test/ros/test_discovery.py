@@ -20,6 +20,7 @@ JOIN = (
 )
 VARIABLES = (discovery.PROFILE, discovery.LATER_PROFILE, discovery.RANGE, discovery.PEERS)
 PLACES = ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')
+PROFILES = 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles'
 
 
 def test_a_log_folder_that_cannot_be_written_is_named(tmp_path, monkeypatch):
@@ -70,6 +71,46 @@ def alone(monkeypatch, tmp_path):
     monkeypatch.setenv(discovery.MIDDLEWARE, 'rmw_fastrtps_cpp')
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
     return tmp_path
+
+
+def test_the_lease_outlasts_the_silence_of_a_busy_machine(alone):
+    discovery.keep_to_this_machine()
+    lease = next(ET.parse(os.environ[discovery.PROFILE]).iter(f'{{{PROFILES}}}leaseDuration'))
+    assert [(item.tag.rpartition('}')[2], float(item.text)) for item in lease] == [('sec', 20.0)]
+
+
+PEER = """
+import os, signal, sys
+from delta3_pacdrive.ros import discovery
+discovery.keep_to_this_machine()
+import rclpy
+rclpy.init()
+node = rclpy.create_node('peer')
+print('here', flush=True)
+signal.pause()
+"""
+
+
+def test_a_killed_process_that_is_disposed_of_leaves_the_domain_at_once_and_others_stay(graph):
+    from delta3_pacdrive.ros import domain
+
+    def prefixes():
+        infos = graph.listener.get_publishers_info_by_topic('/parameter_events')
+        return {bytes(info.endpoint_gid[: domain.PREFIX_BYTES]) for info in infos if info.node_name == 'peer'}
+
+    peers = [subprocess.Popen([sys.executable, '-P', '-c', PEER], stdout=subprocess.PIPE) for _ in range(2)]
+    try:
+        graph.spin_until(lambda: len(prefixes()) == 2, 'both peers')
+        killed, other = peers
+        killed.kill()
+        killed.wait()
+        of_pid = {int.from_bytes(prefix[4:6], 'little'): prefix for prefix in prefixes()}
+        domain.dispose(of_pid[killed.pid & 0xFFFF], [discovery.HERE])
+        graph.spin_until(lambda: prefixes() == {of_pid[other.pid & 0xFFFF]}, 'one peer', 5.0)
+    finally:
+        for peer in peers:
+            peer.kill()
+            peer.communicate()
 
 
 def test_without_a_word_a_robot_keeps_to_this_machine(alone):

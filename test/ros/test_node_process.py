@@ -1,6 +1,7 @@
 """Facts about the process of a node."""
 
 import json
+import signal
 import subprocess
 import sys
 
@@ -75,3 +76,46 @@ def test_a_node_that_cannot_leave_the_graph_tells_where_it_stands_and_ends() -> 
     assert done.stdout == 'spins\n'
     assert done.stderr.startswith('Timeout (0:00:00.5')
     assert ' in close\n' in done.stderr
+
+
+# with a patience of a fraction of a second; each node says which participant it is
+DEAF = """
+import sys
+from delta3_pacdrive.ros import discovery, node_process
+from delta3_pacdrive.ros.robot_node import RobotNode
+node_process.REJOIN_S = 0.2
+discovery.keep_to_this_machine()
+
+class Deaf(RobotNode):
+    def __init__(self):
+        super().__init__('deaf')
+        self.partners = node_process.PartnerWatch(self, 0.01)
+        self.now_s = 0.0
+        self.create_timer(0.01, self.look)
+        info, = self.get_publishers_info_by_topic('/parameter_events')
+        print(bytes(info.endpoint_gid[:12]).hex(), node_process.rejoins(), flush=True)
+
+    def look(self):
+        self.now_s += 0.05
+        if node_process.rejoins() == 2:
+            self.partners.heard('master')
+        self.partners.look(('master',), self.now_s)
+
+factories = [Deaf] * int(sys.argv[1])
+raise SystemExit(node_process.run(factories, []))
+"""
+
+
+def test_a_node_that_hears_nobody_joins_the_domain_anew_until_it_hears_its_partner(graph: object) -> None:
+    process = subprocess.Popen(
+        [sys.executable, '-P', '-c', DEAF, '1'], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    joined = [process.stdout.readline().split() for _ in range(3)]
+    process.send_signal(signal.SIGTERM)
+    rest, errors = process.communicate(timeout=60.0)
+    assert (process.returncode, rest) == (0, '')
+    assert len({identity for identity, _ in joined}) == 3
+    assert [int(count) for _, count in joined] == [0, 1, 2]
+    assert errors.count('no word of master for 0.2 s') == 1
+    assert errors.count('no word of master for 0.4 s') == 1  # twice as long

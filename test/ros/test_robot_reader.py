@@ -124,7 +124,8 @@ def progress(**values: Any) -> String:
     facts |= dict.fromkeys(('bus_time_s', 'wall_time_s', 'end_s', 'remaining_s', 'master_m', 'slip_s'), 0.0)
     facts |= dict.fromkeys(('master_speed_m_s', 'rate', 'payload_kg', 'following_error_rad'), 0.0)
     facts |= dict.fromkeys(('overruns', 'lost_telegrams', 'repeated_telegrams'), 0)
-    return String(data=json.dumps(facts | {'tcp_m': [0.0, 0.0, -0.75], 'operator_identity': ''} | values))
+    facts |= {'tcp_m': [0.0, 0.0, -0.75], 'missing': [], 'operator_identity': ''}
+    return String(data=json.dumps(facts | values))
 
 
 def test_diagnostics_of_strangers_are_not_believed(graph: Any, reader: RobotReader) -> None:

@@ -106,6 +106,34 @@ def test_a_phase_that_waits_for_nothing_goes_over_to_the_next(phase: Phase, bus:
     assert bus.master.cyclic == (goal == Phase.CP4)
 
 
+def test_the_participants_that_a_phase_waits_for_are_named(bus: Bus) -> None:
+    assert bus.master.missing == ()
+    bus.look()
+    assert bus.master.missing == PARTICIPANTS
+    for name in PARTICIPANTS[1:]:
+        bus.announce(name, links=())
+    bus.look()
+    assert bus.master.missing == PARTICIPANTS[:1]
+    bus.look(doubled=Reason(Code.BUS, 'two plants'))
+    assert bus.master.missing == ()  # others have to end first
+    bus.announce(PARTICIPANTS[0])
+    bus.look()
+    bus.master.positioned(1, 0.0)
+    bus.look()
+    assert (bus.master.phase, bus.master.missing) == (Phase.CP1, ('axis1', 'axis3'))
+    for index in (0, 2):
+        bus.master.positioned(index, 0.0)
+    bus.look()
+    bus.announce('plant', links=('axis1', 'axis2'))
+    bus.look()
+    assert (bus.master.phase, bus.master.missing) == (Phase.CP2, ('axis3',))
+    bus.announce('plant')
+    bus.look()
+    assert (bus.master.phase, bus.master.missing) == (Phase.CP3, ())
+    bus.look(ready=False)
+    assert bus.master.missing == ()
+
+
 BURNS = RobotFault(FaultCode.PARTICIPANT_LEFT, 'the plant burns', 'plant')
 
 

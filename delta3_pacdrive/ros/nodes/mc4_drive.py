@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 
 from delta3_pacdrive.drive.bus_drive import BusDrive
 from delta3_pacdrive.errors import ParameterError, Reason
+from delta3_pacdrive.faults.fault import TASK
 from delta3_pacdrive.parameters import Parameters, of_tool_axis
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import Participant
@@ -26,8 +27,10 @@ from delta3_pacdrive.ros.interfaces import PHASE
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.bus_time import Clock
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES, drives_of
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT, drives_of
 from delta3_pacdrive.sercos.participants import Occasion
+from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.sercos.words import Phase
 
 KIND = 'mc4_drive'
 HOUSEKEEPING_S = 0.25
@@ -73,6 +76,8 @@ class MC4DriveNode(RobotNode):
         self.drive = bus_drive.drive
         self._settings = DriveParameters(self, axis, bus_drive.register)
         self._participant = Participant(self, axis, parameters)
+        self._partners = node_process.PartnerWatch(self, HOUSEKEEPING_S)
+        self._is_stranger = False
         self._scope = DriveScopeServer(self, axis, bus_drive, drives_of(parameters))
         self.report = DriveReport(self, axis, bus_drive, telegrams)
         PHASE.bounded_subscription(self, self._on_phase, refuse=self.refuse)
@@ -90,6 +95,8 @@ class MC4DriveNode(RobotNode):
         phase, session, stamp = cdr.parse_phase(message)
         alone = self.count_publishers('sercos/phase') <= 1
         self._bus_drive.announced(phase, session, self._cycles.count(*stamp), alone)
+        self._partners.heard(TASK)
+        self._is_stranger = phase == Phase.CP4 and not self._bus_drive.slave.cyclic
 
     def set_changed(self, changed: list[Parameter]) -> SetParametersResult:
         """Set what a ROS service asks for, as the service channel would."""
@@ -101,8 +108,16 @@ class MC4DriveNode(RobotNode):
     def _housekeeping(self) -> None:
         self.report.look()
         self._scope.look()
-        if self._bus_drive.slave.cyclic:
+        slave = self._bus_drive.slave
+        if slave.cyclic:
             self._bus_drive.look()
+        if self.telegrams.greeted_by_plant():
+            self._partners.heard(PLANT)
+        # in cyclic operation others watch, and a bus that runs without this drive does not call it
+        away = slave.cyclic or self._is_stranger
+        self._partners.look(
+            () if away else (TASK, PLANT) if slave.session != NO_SESSION else (TASK,), time.monotonic()
+        )
 
     # what the drive does ----------------------------------------------------------------------------------------------
 

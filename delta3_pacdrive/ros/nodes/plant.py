@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 
 from delta3_pacdrive.drive.bus_drive import own_parameters
 from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.faults.fault import TASK
 from delta3_pacdrive.plant.bus_plant import BusPlant, current_max_a
 from delta3_pacdrive.ros import cdr, node_process
 from delta3_pacdrive.ros.announcements import Participant
@@ -26,6 +27,7 @@ from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, drives_of
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.sercos.words import Phase
 
 KIND = 'plant'
 GREETING_S = 0.02
@@ -50,6 +52,8 @@ class PlantNode(RobotNode):
         around = (cell.inputs, cell.belts) if cell else ()
         self._participant = Participant(self, PLANT, parameters, *around)
         self.announce = self._participant.announce
+        self._partners = node_process.PartnerWatch(self, HOUSEKEEPING_S)
+        self._is_stranger = False
         faults = Faults(self, PLANT, lambda: plant.clock.cycle, lambda: plant.slave.session)
         self._bus_plant = plant = BusPlant(
             parameters, faults, self, HOUSEKEEPING_S, time.monotonic, cell.around if cell else None
@@ -79,6 +83,8 @@ class PlantNode(RobotNode):
         phase, session, stamp = cdr.parse_phase(message)
         alone = self.count_publishers('sercos/phase') <= 1
         self._bus_plant.announced(phase, session, self._exchanges.count(*stamp), alone)
+        self._partners.heard(TASK)
+        self._is_stranger = phase == Phase.CP4 and not self._bus_plant.slave.cyclic
 
     def _on_current(self, index: int) -> Callable[[bytes], None]:
         codec, known, bus, plant = self._codecs[index], self._frames, self._bus_plant.slave, self._bus_plant
@@ -144,7 +150,10 @@ class PlantNode(RobotNode):
             self._publish(self._shafts.encode((ACYCLIC_SEC, 0), self._frame, shafts))
 
     def _housekeeping(self) -> None:
-        if self._bus_plant.slave.cyclic:
+        # in cyclic operation others watch, and a bus that runs without this plant does not call it
+        cyclic = self._bus_plant.slave.cyclic
+        self._partners.look(() if cyclic or self._is_stranger else (TASK,), time.monotonic())
+        if cyclic:
             self._bus_plant.look()
             return
         self._looks += 1

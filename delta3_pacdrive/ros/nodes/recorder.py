@@ -190,7 +190,8 @@ def record(bags: Mapping[str, Path], robot: core.Parameters | None) -> int:
         made.append(RecorderNode(robot is None, namespace=namespace, parameter_overrides=told))
         return made[-1]
 
-    status = node_process.run([partial(recorder_of, *bag) for bag in bags.items()], [])
+    factories = [partial(recorder_of, *bag) for bag in bags.items()]
+    status = node_process.run(factories, [], leave_s=node_process.BAG_LEAVE_S)
     stopped = [
         f'the recording into {folder} ended before the robot did: {node.stopped}'
         for folder, node in zip(bags.values(), made, strict=False)  # fewer if one could not begin

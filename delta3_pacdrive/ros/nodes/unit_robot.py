@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray, Header, String
 from delta3_pacdrive.controller.messages import Origin, Status, Verdict
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.controller.tolerances import Tolerances
-from delta3_pacdrive.faults.fault import UNIT_ROBOT
+from delta3_pacdrive.faults.fault import TASK, UNIT_ROBOT
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion.adapted_program import rest_of
 from delta3_pacdrive.motion.output_names import OWN
@@ -59,6 +59,7 @@ class UnitRobotNode(PollingNode):
         if path:
             program = rest_of(programs.load(path, robot.motion, outputs), own['first_statement'], robot)
         self._participant = Participant(self, UNIT_ROBOT, robot)
+        self._partners = node_process.PartnerWatch(self, LOOK_S)
         self._identity = identity = self._participant.instance
         cycles = Clock(robot.bus.cycle_time_s)
         self._newest = NewestCycle(self, cycles, self._known_cycle)
@@ -126,6 +127,7 @@ class UnitRobotNode(PollingNode):
         if self._faults.next_cycle < NEVER:
             self._faults.due(self._newest())
         self._planner.look(time.monotonic())
+        self._partners.look((TASK,), time.monotonic())
         self._monitor.look()
         self._carry_out()  # what the monitor has found ends goals before anybody takes them for reached
         if self._trajectories is not None:
@@ -155,6 +157,7 @@ class UnitRobotNode(PollingNode):
     # what the transformation task tells -------------------------------------------------------------------------------
 
     def _on_status(self, message: String) -> None:
+        self._partners.heard(TASK)
         before = self._session()
         if not self._planner.receive_status(Status.from_json(message.data), time.monotonic()):
             return

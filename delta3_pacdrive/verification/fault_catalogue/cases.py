@@ -247,6 +247,16 @@ _ROWS_OF_TOOL = [
 ]
 # a load that is over before the brake, which could not hold it, is applied
 I2T = Case({'fault': 'overload', 'axis': 'axis2', 'torque_n_m': 9.0, 'for_s': 0.8}, State.STANDING, '8902')
+# Processes that work and stay deaf: delta3 up replaces them when the bus has waited for too long. Which message comes
+# first of a deaf plant, or of a deaf task in motion, depends on the machine.
+DEAF = [
+    Case({'fault': 'deaf', 'node': node}, state, '8506')
+    for node, state in (
+        ('axis2', State.STANDING),
+        ('axis2', State.MOVING),
+        (TASK, State.STANDING),
+    )
+]
 # too much for long, and more than the motor has
 OF_LOADED_TOOL = [
     Case({'fault': 'overload', 'axis': TOOL_DRIVE, 'torque_n_m': 3.0, 'for_s': 0.6}, State.STANDING, '8902'),
@@ -284,7 +294,7 @@ def cases(short: bool = False, only: str = '', rotary: bool = False) -> list[Cas
 
     ``rotary``: with those of a rotary axis. Raises RunError if there are none.
     """
-    everything = [case for row in _ROWS for case in _of_row(row)] + [I2T]
+    everything = [case for row in _ROWS for case in _of_row(row)] + [I2T, *DEAF]
     if rotary:
         everything += [case for row in _ROWS_OF_TOOL for case in _of_row(row)] + OF_LOADED_TOOL
     lines = (*SHORT, *SHORT_OF_TOOL)

@@ -10,21 +10,18 @@ from std_msgs.msg import Float64MultiArray, String
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.processes import ManagedProcess
-from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, TASK, UNIT_ROBOT
+from delta3_pacdrive.bringup.robot_processes import PROCESS_OF
+from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.ros.fault_injection import read_schedule
 from delta3_pacdrive.ros.interfaces import COURSE, DIAGNOSTICS, FAULT_SCHEDULE
 from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.qos import REPORT
 from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, PLANT, drives_of
+from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, drives_of
 from delta3_pacdrive.verification.fault_catalogue.cases import Case
 from delta3_pacdrive.verification.operator import AutomatedOperator
 from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS, TelegramLog, enabled_from
-
-CHILDREN = {PLANT: 'plant', TASK: 'transformation_task', UNIT_ROBOT: 'unit_robot'} | {
-    axis: f'mc4_drive_{number}' for number, axis in enumerate(ALL_DRIVES, 1)
-}
 
 
 class FaultObserver(AutomatedOperator):
@@ -111,7 +108,7 @@ class FaultObserver(AutomatedOperator):
         self.wait(lambda: not self.fresh()['in_torque'], 'brakes')
 
     def _child(self, target: str) -> ManagedProcess:
-        return next(child for child in self._bringup.processes() if child.name == CHILDREN[target])
+        return next(child for child in self._bringup.processes() if child.name == PROCESS_OF[target])
 
     def _counters(self, case: Case) -> tuple[int, int]:
         """Return how many telegrams of the axis have been lost and how many were late or repeated so far."""

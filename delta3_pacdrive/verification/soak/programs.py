@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from delta3_pacdrive.faults.fault import KINDS, NODES, PROCESS_FAULTS, Target
+from delta3_pacdrive.faults.fault import KINDS, NODES, Target
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 RADIUS_M, TOP_M, BOTTOM_M = 0.35, -0.74, -0.92
 MOVES_MAX = 5
 DISTURBED = 0.7  # share of the programs that are disturbed
+QUICK = ('freeze', 'kill')  # of the faults of processes, those that are soon overcome
 PROCESSES = 0.1  # share of the faults that concern a process
 HANGING = 0.2  # share of the freezes that last longer than some partners wait
 OF_THE_ROBOT = [name for name, kind in KINDS.items() if kind.target != Target.NODE and name != 'clear']
@@ -104,7 +105,7 @@ def _fault(chance: random.Random) -> dict[str, Any]:
         'by_cycles': chance.randint(1, 8),
         'seconds': chance.uniform(0.4, 4.0) if hangs else chance.uniform(0.01, 0.4),
     }
-    name = chance.choice(sorted(PROCESS_FAULTS) if chance.random() < PROCESSES else OF_THE_ROBOT)
+    name = chance.choice(QUICK if chance.random() < PROCESSES else OF_THE_ROBOT)
     kind = KINDS[name]
     fault: dict[str, Any] = {'fault': name, 'after_s': chance.uniform(0.0, 0.8)}
     if kind.target == Target.AXIS:

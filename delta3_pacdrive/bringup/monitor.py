@@ -1,0 +1,78 @@
+"""The node by which a bring-up follows its robot."""
+
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from delta3_pacdrive.bringup.processes import ManagedProcess
+from delta3_pacdrive.controller.messages import QueueReport
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.peripherals.parts_report import PartsLog
+from delta3_pacdrive.ros import domain, interfaces
+from delta3_pacdrive.ros.progress_report import read_progress
+
+LOOK_S = 0.05
+
+
+class RobotMonitor(Node):
+    """Follows a robot from the process that has brought it up.
+
+    Attributes
+    ----------
+    progress, refusal, recorder, parts
+        Newest report of the task, newest refusal of the planner, state of the recorder, the parts so far.
+    input
+        Client of the cell.
+
+    """
+
+    def __init__(self, namespace: str, before: 'RobotMonitor | None' = None) -> None:
+        super().__init__('bringup', namespace=namespace)
+        self.progress: dict[str, Any] = before.progress if before else {}
+        self.refusal = ''
+        self.recorder = ''
+        self.parts: PartsLog = before.parts if before else PartsLog()
+        interfaces.PROGRESS.subscription(self, self._on_progress)
+        interfaces.QUEUE.subscription(self, self._on_queue)
+        interfaces.RECORDER_STATE.subscription(self, self._on_recorder)
+        interfaces.PARTS.subscription(self, self._on_parts)
+        self._enable = interfaces.ENABLE.client(self)
+        self.input = interfaces.INPUT.client(self)
+        self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
+
+    def can_disable(self) -> bool:
+        """Whether a request to disable the drives would reach the robot."""
+        return self._enable.service_is_ready()
+
+    def participants_of(self, process: ManagedProcess) -> set[bytes]:
+        """Return the identifiers that a process of this robot has, or had, in the domain, as Fast DDS forms them."""
+        mine = process.name, self.get_namespace(), struct.pack('<H', process.pid & 0xFFFF)
+        found = set()
+        for info in self.get_publishers_info_by_topic('/parameter_events'):
+            prefix = bytes(info.endpoint_gid[: domain.PREFIX_BYTES])
+            if (info.node_name, info.node_namespace, prefix[4:6]) == mine:
+                found.add(prefix)
+        return found
+
+    def disable(self) -> Callable[[], bool]:
+        """Ask the robot to disable its drives; return what says whether it has answered."""
+        return self._enable.call_async(SetBool.Request(data=False)).done
+
+    def _on_progress(self, message: String) -> None:
+        self.progress = read_progress(message.data) or self.progress
+
+    def _on_queue(self, message: String) -> None:
+        with suppress(TelegramError):
+            self.refusal = QueueReport.from_json(message.data).refusal
+
+    def _on_recorder(self, message: String) -> None:
+        self.recorder = message.data
+
+    def _on_parts(self, message: String) -> None:
+        with suppress(TelegramError):
+            self.parts.add(message.data)
