@@ -11,6 +11,8 @@ from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move import MoveKind
 
+ROUNDING_M = 1e-9  # what is left of a segment between its blends and is not driven: less than a path may jump
+
 
 class StatementError(ProgramError):
     """A statement of a program cannot be planned.
@@ -77,7 +79,7 @@ def blended(segments: list[PathSegment]) -> tuple[Curve, list[float], list[tuple
                 raise ProgramError(
                     f'blend_m is {radius:g}, but the next move is only {segments[n + 1].curve.length_m:.4g} m long'
                 )
-        if free > COINCIDENT_M:
+        if free > ROUNDING_M or len(segments) == 1:
             pieces.append(segment.curve.part(cut, segment.curve.length_m - radius))
             length += pieces[-1].length_m
             stretches.append((length, segment.limits))

@@ -13,8 +13,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves
-from delta3_pacdrive.motion.blending import PathSegment
-from delta3_pacdrive.motion.curves import COINCIDENT_M
+from delta3_pacdrive.motion.blending import ROUNDING_M, PathSegment
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import BETWEEN_SAMPLES, Limits, phase_voltage_max
 from delta3_pacdrive.motion.move import STANDING, Move, MoveKind
@@ -197,7 +196,7 @@ def turn_rows(segments: Sequence[PathSegment], ends_m: Sequence[float], length_m
         own_m, radius = segment.curve.length_m, 0.0 if last else segment.blend_m
         slope, free = (end - start) / own_m, own_m - cut - radius
         corner = 0.0 if last or radius == 0.0 else 2.0 * (ends_m[n] - here - max(free, 0.0))
-        if free > COINCIDENT_M or not rows:
+        if free > ROUNDING_M or not rows:
             rows.append([here, start + slope * cut, slope, 0.0, 0.0, 0.0, 0.0])
             here = length_m if last else here + max(free, 0.0)
         if corner > 0.0:

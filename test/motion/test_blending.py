@@ -5,6 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion.blending import ROUNDING_M
+from delta3_pacdrive.motion.curves import UNEVEN
 from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.virtual_master import master_at_distances
@@ -110,3 +113,39 @@ def test_each_leg_of_a_blended_move_keeps_its_own_speed(robot):
     second = p[:, 0] > 0.2 - 0.01
     assert v[second].max() <= 0.3 * SPEED
     assert v[~second].max() > 1.0
+
+
+def jump_m(move):
+    """Return by how much two places of a move are farther apart than the way between them."""
+    s = np.linspace(0.0, move.length_m, 1001)
+    chords = np.linalg.norm(np.diff(sample_path(s, move.segments)[:, 0], axis=0), axis=1)
+    return float((chords - np.diff(s) * (1.0 + UNEVEN)).max())
+
+
+@pytest.mark.parametrize('steps', [-3, -2, -1, 0, 1, 2, 3])
+@pytest.mark.parametrize('by', [(0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
+def test_a_move_of_one_micrometre_is_driven_or_refused_on_either_side_of_the_threshold(by, steps, robot):
+    length = 1e-6 * (1.0 + steps * np.finfo(float).eps)
+    tiny = {'move_l': {'to_m': {'by_m': [part * length for part in by]}}}
+    try:
+        planned = plan(robot, [tiny, dwell(0.01), tiny, to(0.1, 0.0, -0.75), tiny]).plan
+    except ProgramError as error:
+        assert 'the robot already stands at' in str(error)  # noqa: PT017
+    else:
+        moves = [move for move in planned.moves if move.kind == MoveKind.LINE]
+        assert len(moves) == 4
+        assert all(jump_m(move) < ROUNDING_M for move in moves)
+
+
+@pytest.mark.parametrize('left_m', [0.0, 1e-15, 1e-12, 1e-9, 1.1e-9, 1e-7, 1e-6, 1.1e-6, 1e-5])
+def test_what_two_blends_leave_of_a_line_is_driven_without_a_jump(left_m, robot):
+    radius = 1e-3
+    between = {'move_l': {'to_m': {'by_m': [0.0, 2.0 * radius + left_m, 0.0]}, 'blend_m': radius}}
+    last = {'move_l': {'to_m': {'by_m': [0.0, radius + left_m, 0.0]}}}
+    for moves in (
+        [to(0.1, 0.0, -0.75, blend_m=radius), between, to(0.2, 0.05, -0.75)],
+        [to(0.1, 0.0, -0.75, blend_m=radius), last],
+    ):
+        move = plan(robot, moves).plan.move(0)
+        assert jump_m(move) <= ROUNDING_M
+    assert move.end_m() == pytest.approx((0.1, radius + left_m, -0.75), abs=1e-9)
