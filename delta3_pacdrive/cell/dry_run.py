@@ -9,6 +9,7 @@ from delta3_pacdrive.analysis.planning.study import MoveRow
 from delta3_pacdrive.cell.moves import Batch
 from delta3_pacdrive.cell.script import Script
 from delta3_pacdrive.cell.simulation import simulate
+from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.errors import ScriptError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.peripherals.cell import Cell
@@ -84,7 +85,7 @@ def document(found: DryRun, with_limits: bool = False) -> dict[str, Any]:
 def text(found: DryRun) -> list[str]:
     """Return a dry run as lines for people: a table of the moves, and what was slowed down."""
     moved_s = sum(row.duration_s for row in found.rows)
-    lines = [f'{found.name}: {len(found.rows)} moves', *report.table_of_moves(found.rows)]
+    lines = [f'{found.name}: {counted(len(found.rows), "move")}', *report.table_of_moves(found.rows)]
     notes = [('whole', f'{found.time_s:.3f} s, {found.time_s - moved_s:.3f} s of it between moves')]
     notes += [('note', notice) for notice in found.notices]
     return [*lines, *(f'{name:>12}  {line}' for name, line in notes)]

@@ -94,29 +94,29 @@ class Robot:
 
     # calls that move --------------------------------------------------------------------------------------------------
 
-    def move_l(self, **keys: Any) -> None:
+    def move_l(self, *values: Any, **keys: Any) -> None:
         """Move along a straight line to ``to_m`` or ``to_mm``; limits, ``blend_m``, ... are those of programs."""
-        self._write('move_l', keys)
+        self._write('move_l', keys, values)
 
-    def move_c(self, **keys: Any) -> None:
+    def move_c(self, *values: Any, **keys: Any) -> None:
         """Move along a circle through ``via_m`` to ``to_m``."""
-        self._write('move_c', keys)
+        self._write('move_c', keys, values)
 
-    def move_sb(self, **keys: Any) -> None:
+    def move_sb(self, *values: Any, **keys: Any) -> None:
         """Move along a spline through the points ``through_m``."""
-        self._write('move_sb', keys)
+        self._write('move_sb', keys, values)
 
-    def arch(self, **keys: Any) -> None:
+    def arch(self, *values: Any, **keys: Any) -> None:
         """Move over an arch to ``to_m``, straight up by ``up_m`` first and straight down by ``down_m`` in the end."""
-        self._write('arch', keys)
+        self._write('arch', keys, values)
 
     def turn(self, **keys: Any) -> None:
         """Turn the tool to ``to_deg`` or ``to_rad`` while the robot stands; a move does so on its way: ``turn_deg``."""
         self._write('turn', keys)
 
-    def cubic(self, **keys: Any) -> None:
+    def cubic(self, *values: Any, **keys: Any) -> None:
         """Move along a cubic polynomial in time to ``to_m`` within ``duration_s``, there with ``end_velocity_m_s``."""
-        self._write('cubic', keys)
+        self._write('cubic', keys, values)
 
     def joints(self, points: Any) -> None:
         """Move the arms through points, each with ``time_s`` and ``angles_rad``, ``speeds_rad_s``, ... ."""
@@ -133,10 +133,16 @@ class Robot:
         """
         self._write('output', {'name': name, 'value': value, **keys})
 
-    def _write(self, kind: str, keys: dict[str, Any]) -> None:
+    def _write(self, kind: str, keys: dict[str, Any], values: tuple[Any, ...] = ()) -> None:
         place = of_caller()
         with self._told(place):
             self._count()
+            if values:
+                name = 'through' if kind == 'move_sb' else 'to'
+                raise ProgramError(
+                    f'{kind}: {shown(values[0])} has no unit: name it, {name}_m=... in metres or {name}_mm=... in '
+                    'millimetres'
+                )
             statement, waits = without_wait(self._read(kind, keys))
             if self._ask is not None and is_move(statement) and not self._together:
                 statement, waits = alone(statement)

@@ -8,6 +8,7 @@ from delta3_pacdrive.cell.link import Link, Seen
 from delta3_pacdrive.cell.moves import Moves, Start, Written
 from delta3_pacdrive.cell.values import TIME_MAX_S
 from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError, ScriptError
 from delta3_pacdrive.motion.execution import OVERRIDE_MIN
@@ -174,7 +175,7 @@ class ScriptOrders:
         """Stop on the path, unless the robot is held already."""
         seen = self.ready()
         if self.moves.timeline is None:
-            raise ScriptError(Reason(Code.STATE, f'hold: the robot is {seen.motion}'))
+            raise ScriptError(Reason(Code.STATE, f'hold: {motion_sentence(seen.motion)}'))
         if self.held:
             return
         profile = self._link.hold(seen.cycle + self.parameters.decision_cycles)

@@ -1,6 +1,7 @@
 """``delta3 arm``: the two-link arm of chapter 3 at one point, and its figures."""
 
 import argparse
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,6 +82,7 @@ def _solution(options: Options, arm: Any, branch: Any) -> dict[str, Any]:
         'jacobian_m_rad': core.jacobian(theta, arm).tolist(),
         'determinant_m2': float(core.determinant(theta, arm)),
         'singular': singular,
+        'any_theta_1': bool(arm.inner_reach_m == 0.0 and math.hypot(*options.point) == 0.0),
         'jacobian_inverse_rad_m': None if singular else core.jacobian_inverse(theta, arm).tolist(),
     }
     if options.velocity is not None:
@@ -89,8 +91,6 @@ def _solution(options: Options, arm: Any, branch: Any) -> dict[str, Any]:
 
 
 def _text(result: dict[str, Any]) -> str:
-    import math
-
     (a, b), (inner, outer), (x, y) = (result[key] for key in ('lengths_m', 'reach_m', 'point_m'))
     rows = [
         ('arm', f'a = {a:g} m, b = {b:g} m, reaches from {inner:g} to {outer:g} m'),
@@ -108,6 +108,13 @@ def _text(result: dict[str, Any]) -> str:
         ]
         if solution['singular']:
             rows.append(('inverse', 'none: this pose is singular'))
+            if solution['any_theta_1']:
+                rows.append(
+                    (
+                        '',
+                        'infinitely many solutions: with equal lengths the tool is at the base for any theta_1',
+                    )
+                )
         else:
             rows += _matrix_rows('inverse', solution['jacobian_inverse_rad_m'], 'rad/m')
         if 'joint_speeds_rad_s' in solution:

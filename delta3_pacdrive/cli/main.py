@@ -162,8 +162,11 @@ def _dispatch(arguments: list[str]) -> int:
         return 0
     command, *rest = arguments
     if command not in COMMANDS:
-        names = ', '.join(COMMANDS)
-        print(f'delta3: error: unknown command {command!r}, expected one of {names}', file=sys.stderr)
+        from difflib import get_close_matches
+
+        near = get_close_matches(command, COMMANDS, 1)
+        hint = f'did you mean {near[0]}?' if near else f'expected one of {", ".join(COMMANDS)}'
+        print(f'delta3: error: unknown command {command!r}: {hint}', file=sys.stderr)
         return 2
     try:
         _check_surroundings(command, rest)

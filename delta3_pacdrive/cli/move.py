@@ -20,6 +20,7 @@ from delta3_pacdrive.cli.command import (
     option,
 )
 from delta3_pacdrive.cli.option_types import finite_number
+from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.controller.messages import STOPS
 from delta3_pacdrive.controller.motion_state import UNDER_WAY
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
@@ -309,7 +310,7 @@ def _state_text(facts: dict[str, Any]) -> str:
     if TURN in facts:
         parts.append(f'tool at {math.degrees(facts[TURN]):.2f} deg')
     if facts['queue'] is not None:
-        parts.append(f'{facts["queue"]} moves in the queue')
+        parts.append(f'{counted(facts["queue"], "move")} in the queue')
     if facts['planning']:
         parts.append(str(facts['planning']))
     outputs = [str(n) for n in range(8) if int(facts['outputs']) >> n & 1]
@@ -361,7 +362,9 @@ def _set_off(ask: Callable[[], str], options: Options, operator: Any, tell: Call
         seen = operator.progress
         operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
         tell(followed_text(operator.progress['unlearned']))
-    tell('the robot stands' if operator.state == 'idle' else f'the robot is {operator.state}')
+    from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
+
+    tell('the robot stands' if operator.state == 'idle' else motion_sentence(operator.state))
 
 
 main = Command(

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn, TypeVar
 
-from delta3_pacdrive.configuration.key_units import base_key, base_unit, in_base_unit
+from delta3_pacdrive.configuration.key_units import base_key, base_unit, in_base_unit, with_units
 from delta3_pacdrive.configuration.located import Place, place_in, place_of, place_of_key
 from delta3_pacdrive.errors import Delta3Error, shown
 
@@ -96,8 +96,9 @@ class Section:
                 if base in self._given:
                     raise Refusal(f'{where} holds {self._given[base]} and {key}: give one of them')
                 self._given[base] = key
+        meant = {name for key in value for name in with_units(key, allowed)}
         for key in required:
-            if key not in self._given:
+            if key not in self._given and key not in meant:
                 with errors.noted(place_of(value)):
                     raise Refusal(f'{where}: missing key {key}')
 
@@ -128,9 +129,12 @@ class Section:
 
 
 def expected(value: Any, allowed: Iterable[str]) -> str:
-    """Say what may stand there, and what is nearest to what stands there."""
+    """List the allowed values and suggest the closest match."""
     names = list(allowed)
-    return f'expected one of {", ".join(names)}{nearest_of(value, names)}'
+    units = with_units(value, names)
+    return f'expected one of {", ".join(names)}' + (
+        f': did you mean {" or ".join(units)}?' if units else nearest_of(value, names)
+    )
 
 
 def nearest_of(value: Any, names: Iterable[str]) -> str:
@@ -139,6 +143,11 @@ def nearest_of(value: Any, names: Iterable[str]) -> str:
         return ''
     nearest = difflib.get_close_matches(value, [name for name in names if len(name) <= NAME_MAX], 1)
     return f': did you mean {nearest[0]}?' if nearest else ''
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a count with its noun, such as ``1 move`` and ``2 moves``."""
+    return f'{count} {noun}' if count == 1 else f'{count} {noun}s'
 
 
 def refuse(sentence: str, place: Place | None = None) -> NoReturn:

@@ -22,6 +22,17 @@ def base_key(key: Any, allowed: Iterable[str]) -> str:
     return base if base in allowed else ''
 
 
+def with_units(key: Any, allowed: Iterable[str]) -> list[str]:
+    """Return the allowed keys, with their converted units, that a key without a unit may mean: ``to`` for ``to_m``."""
+    names = set(allowed)
+    return [
+        f'{key}_{unit}'
+        for base, units in (('m', ('m', 'mm')), ('rad', ('rad', 'deg')))
+        for unit in units
+        if f'{key}_{base}' in names
+    ]
+
+
 def base_unit(key: str) -> str:
     """Return the unit that the values of a key are read in."""
     found = _KEY.fullmatch(key)

@@ -7,6 +7,7 @@ import numpy as np
 from delta3_pacdrive.controller.following import Following
 from delta3_pacdrive.controller.messages import Request
 from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
+from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 from delta3_pacdrive.controller.planner_actions import Action
 from delta3_pacdrive.controller.planning import Planning
 from delta3_pacdrive.controller.program_run import ProgramRun, RunState
@@ -113,5 +114,5 @@ class FollowUp:
             tracker.give_up(self._readiness.refusal or Reason(Code.STATE, 'the program was given up'))
         motion = self._readiness.motion
         if motion != MotionState.MOVING:
-            sentence += f'; the robot is {motion}: resume goes on'
+            sentence += f'; {motion_sentence(motion)}: resume goes on'
         self._requests.reply(sentence)

@@ -13,6 +13,11 @@ class MotionState(StrEnum):
     ERROR = 'error'
 
 
+def sentence(state: str) -> str:
+    """Return a motion state as a sentence, such as ``the robot is moving``."""
+    return 'the robot is in the error state' if state == MotionState.ERROR else f'the robot is {state}'
+
+
 UNDER_WAY = (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)  # a program is driven, or held
 
 

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.controller import planner_actions
 from delta3_pacdrive.controller.follow_up import LOST_CONTROL, FollowUp
 from delta3_pacdrive.controller.following import Following
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
+from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 from delta3_pacdrive.controller.override import Override
 from delta3_pacdrive.controller.planning import Planning
 from delta3_pacdrive.controller.planning_job import UNROUNDED, Result
@@ -428,7 +430,9 @@ class Planner:
         self._reply(self._planned_sentence(planned))
 
     def _planned_sentence(self, planned: Planned) -> str:
-        sentence = f'planned "{planned.name}": {len(planned.plan)} moves, {planned.plan.duration_s:.3f} s'
+        sentence = (
+            f'planned "{planned.name}": {counted(len(planned.plan), "move")}, {planned.plan.duration_s:.3f} s'
+        )
         sentence += ''.join(f'; {notice}' for notice in planned.notices)
         if self._readiness.refusal is not None:
             sentence += f'; it cannot start yet: {self._readiness.refusal}'
@@ -565,7 +569,9 @@ class Planner:
             return
         cut_off = self._run.cut_off
         if self.motion != MotionState.IDLE or cut_off is None or self._run.state is not RunState.NONE:
-            raise refused(Code.STATE, f'the robot is {self.motion}: only a stopped program can be resumed')
+            raise refused(
+                Code.STATE, f'{motion_sentence(self.motion)}: only a stopped program can be resumed'
+            )
         # back to the path, then on along it; whoever was told to restart may still do so
         here = self._readiness.require_rest()
         self._readiness.require_orders()

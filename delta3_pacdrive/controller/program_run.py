@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.controller.messages import EXACT, ORDER
 from delta3_pacdrive.controller.planner_actions import Ordered, Revoked
 from delta3_pacdrive.controller.tolerances import Tolerances
@@ -133,7 +134,7 @@ class Order:
     ) -> 'Order':
         """Return the order of a program that is planned, with an override or less if the motors bear less."""
         override = min(override, planned.override_max)
-        moves = f'{len(planned.plan)} moves, {planned.plan.duration_s / override:.3f} s'
+        moves = f'{counted(len(planned.plan), "move")}, {planned.plan.duration_s / override:.3f} s'
         sentence = f'started "{planned.name}": {moves}'
         if own:
             sentence += ''.join(f'; {notice}' for notice in planned.notices)
@@ -164,7 +165,9 @@ class Order:
 
         """
         plan, override = way_back(cut_off, here, robot), min(override, run.override_max)
-        sentence = f'resumed after the fault: {len(plan)} moves, {plan.duration_s / override:.3f} s'
+        sentence = (
+            f'resumed after the fault: {counted(len(plan), "move")}, {plan.duration_s / override:.3f} s'
+        )
         return Order(plan, (), -1, override, run.override_max, run.program, sentence)
 
 

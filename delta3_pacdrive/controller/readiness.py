@@ -2,6 +2,7 @@
 
 from delta3_pacdrive.controller.messages import Status
 from delta3_pacdrive.controller.motion_state import MotionState
+from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 from delta3_pacdrive.controller.program_run import ProgramRun, RunState
 from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.errors import Code, Reason, RefusedError
@@ -60,7 +61,7 @@ class Readiness:
             if refusal is not None and refusal.code == Code.FAULT:
                 raise RefusedError(refusal)
             motion = MotionState.MOVING if self.motion == MotionState.IDLE else self.motion
-            raise refused(Code.STATE, f'the robot is {motion}: moves are taken when it is idle')
+            raise refused(Code.STATE, f'{motion_sentence(motion)}: moves are taken when it is idle')
         return self.here
 
     def require_orders(self) -> None:

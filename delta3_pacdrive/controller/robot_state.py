@@ -10,9 +10,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Protocol
 
+from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.controller import robot_actions
 from delta3_pacdrive.controller.cycle import Stop, emergency_stop
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, UNDER_WAY, Event, MotionState
+from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, fault_text
@@ -150,7 +152,7 @@ class RobotState:
                 Code.BUS, f'the robot is not ready: {self._bus.closed() or "it is starting"}{waiting}'
             )
         if (self.motion, Event.START) not in TRANSITIONS or self.starts != NEVER:
-            return Reason(Code.STATE, f'the robot is {self.motion}')
+            return Reason(Code.STATE, motion_sentence(self.motion))
         if not self.enabled:
             return Reason(Code.DISABLED, ENABLE_FIRST)
         return None
@@ -159,7 +161,7 @@ class RobotState:
         """Say why an event cannot happen now, None if it can."""
         if (self.motion, event) in TRANSITIONS:
             return None
-        return self._faulty(self.fault) if self.fault else Reason(Code.STATE, f'the robot is {self.motion}')
+        return self._faulty(self.fault) if self.fault else Reason(Code.STATE, motion_sentence(self.motion))
 
     def _faulty(self, fault: RobotFault) -> Reason:
         return Reason(Code.FAULT, f'there is a fault: {fault}', fault)
@@ -194,7 +196,9 @@ class RobotState:
         if order.faults:
             self.actions.append(robot_actions.Injected(order.faults, self.starts))
         self.actions.append(
-            robot_actions.Said(f'program of {len(order.plan)} moves starts in bus cycle {self.starts}')
+            robot_actions.Said(
+                f'program of {counted(len(order.plan), "move")} starts in bus cycle {self.starts}'
+            )
         )
         if self._task.learned.exist:
             self.actions.append(robot_actions.Said(followed_text(self._task.learned.reason)))

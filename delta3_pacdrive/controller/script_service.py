@@ -15,6 +15,7 @@ from delta3_pacdrive.controller.control import Control
 from delta3_pacdrive.controller.cyclic_operation import CyclicOperation
 from delta3_pacdrive.controller.messages import Request
 from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
+from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.robot_state import STOPPED_BESIDE, RobotState
 from delta3_pacdrive.controller.script_gate import GateEvent, GateState, ScriptGate
@@ -198,7 +199,8 @@ class ScriptService:
             return Reason(Code.STATE, 'the robot is on no belt')
         if self._state.motion is not MotionState.STOPPED:
             return Reason(
-                Code.STATE, f'the robot is {self._state.motion}: who stands beside a belt gets on again'
+                Code.STATE,
+                f'{motion_sentence(self._state.motion)}: only one that stopped next to a belt gets on again',
             )
         if cycle < self._cycles.next_cycle:
             return Reason(Code.LATE, f'bus cycle {cycle} is over, the next one is {self._cycles.next_cycle}')

@@ -40,7 +40,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.configuration import packaged, yaml_file
-from delta3_pacdrive.configuration.checked import Errors, Section, refuse
+from delta3_pacdrive.configuration.checked import Errors, Section, nearest_of, refuse
 from delta3_pacdrive.configuration.located import place_of
 from delta3_pacdrive.configuration.readers import flag, number_between, whole_number_between
 from delta3_pacdrive.errors import ProgramError
@@ -90,7 +90,14 @@ def load(path: str | Path, motion: Motion, outputs: OutputNames = OWN) -> Progra
         The file cannot be read or breaks a rule; names the place and the rule.
 
     """
-    document = yaml_file.read(find(path), 'program file', ProgramError)
+    file = find(path)
+    if file.parent == Path() and not file.exists():
+        names = packaged_names()
+        raise ProgramError(
+            f'cannot read program file {path}: No such file or directory; packaged programs are {", ".join(names)}'
+            f'{nearest_of(file.name.removesuffix(".yaml"), names)}'
+        )
+    document = yaml_file.read(file, 'program file', ProgramError)
     return parse(document, motion, Path(path).stem, str(path), outputs)
 
 

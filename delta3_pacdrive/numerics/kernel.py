@@ -236,17 +236,17 @@ LINE_S = 5.0
 
 
 class Lines:
-    """Lines on standard error tell how far the compilation is, at its begin and now and then."""
+    """Lines on standard error that report the progress of the compilation, at its start and every few seconds."""
 
     def __init__(self) -> None:
         self._next_s = -math.inf
 
     def show(self, done: int, total: int) -> None:
-        """Tell it if the last time is long ago; without a total it is of those for a kind of robot."""
+        """Write a line if the last one is old enough; without a total it counts kernels for one kind of robot."""
         if time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + LINE_S
-            counted = f'{done} of {total}' if total else f'{done} for this kind of robot'
-            sys.stderr.write(f'{COMPILING}: {counted}\n')
+            counted = f'{done} of {total}' if total else f'{done} done, more for this kind of robot'
+            sys.stderr.write(f'{COMPILING}: {counted if total or done else "started"}\n')
             sys.stderr.flush()
 
 

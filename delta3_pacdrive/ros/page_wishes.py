@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import (
     Code,
@@ -198,7 +199,7 @@ class PageWishes:
         """Send a slow straight line that ends softly wherever it is stopped."""
         queue = self._operator.queue
         if queue is not None and queue.moves:
-            raise ProgramError(f'there are {queue.moves} moves in the queue: clear it before you jog')
+            raise ProgramError(f'{counted(queue.moves, "move")} in the queue: clear it before you jog')
         limits = {
             'speed_m_s': speed_m_s,
             'acceleration_m_s2': JOG_ACCELERATION_M_S2,

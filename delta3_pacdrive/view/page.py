@@ -106,8 +106,8 @@ class Page:
     def _aim(self, client: Any) -> None:
         """Let the robot stand in the upper half of a phone, whose lower half is covered by what is read."""
         if client.camera.image_width < client.camera.image_height:
-            client.camera.position = self._size_m * np.array([1.25, -1.95, 0.1])
-            client.camera.look_at = self._size_m * np.array([0.0, 0.0, -0.84])
+            client.camera.position = self._size_m * np.array([1.7, -2.65, 0.1])
+            client.camera.look_at = self._size_m * np.array([0.0, 0.0, -1.08])
 
     def use(self, parameters: Parameters) -> None:
         """Show a robot with these parameters."""

@@ -82,7 +82,10 @@ def status(facts: Facts, tcp_m: Floats | None, turn: TurnInstant | None = None) 
     if facts.controller:
         rows.append(f'<span style="opacity:.65">controller</span> <b>{html.escape(facts.controller)}</b>')
     if facts.operator:
-        rows.append(_pairs(('control', html.escape(facts.operator))))
+        operator = html.escape(facts.operator)
+        rows.append(
+            f'<span style="opacity:.65">control</span>&nbsp;<b style="overflow-wrap:anywhere">{operator}</b>'
+        )
     rows += [html.escape(text) for text in (facts.working, facts.waiting) if text]
     if facts.fault:
         rows.append(alarm(facts.fault))
@@ -185,8 +188,8 @@ def _bar(name: str, share: float, text: str, signed: bool = True) -> str:
     else:
         width, left, middle = 100.0 * size, 0.0, ''
     return (
-        f'<div><div style="display:flex;justify-content:space-between;font-size:11px;line-height:1.25">'
-        f'<span style="opacity:.65;{CUT}">{name}</span><span style="white-space:nowrap">{text}</span></div>'
+        f'<div><div style="display:flex;justify-content:space-between;gap:8px;font-size:11px;line-height:1.25">'
+        f'<span style="opacity:.65;min-width:0;{CUT}">{name}</span><span style="white-space:nowrap">{text}</span></div>'
         '<div style="position:relative;height:7px;border-radius:3px;overflow:hidden;'
         'background:rgba(128,128,128,.25)">'
         f'<div style="position:absolute;left:{left:.1f}%;width:{width:.1f}%;height:100%;background:{colour}"></div>'

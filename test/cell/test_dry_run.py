@@ -62,7 +62,7 @@ def test_a_script_that_is_given_up_tells_its_moves_and_why(folder, capsys):
     )
     assert plan.main(['own.py']) == 1
     told = capsys.readouterr()
-    assert told.out.splitlines()[0] == 'own: 1 moves'
+    assert told.out.splitlines()[0] == 'own: 1 move'
     assert told.err.strip() == "error: own.py:4: unknown input 'x', the inputs are: none"
 
 

@@ -15,6 +15,16 @@ WRONG = {
         Code.CONTENT,
         r"move_l: unknown key 'to_mmm', .*did you mean to_m\?",
     ),
+    'a point without a unit': (
+        lambda robot: robot.move_l([0, 0, -800]),
+        Code.CONTENT,
+        r'move_l: \[0, 0, -800\] has no unit: name it, to_m=... in metres or to_mm=... in millimetres',
+    ),
+    'points of a spline without a unit': (
+        lambda robot: robot.move_sb([[0, 0, -800]]),
+        Code.CONTENT,
+        'through_mm=... in millimetres',
+    ),
     'a key that is missing': (
         lambda robot: robot.move_c(to_m=[0, 0, -0.8]),
         Code.CONTENT,

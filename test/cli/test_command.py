@@ -134,7 +134,7 @@ def test_that_kernels_of_a_kind_of_robot_compile_is_told(kind, monkeypatch, caps
     progress.announce_compilation()
     assert not compiled
     progress.announce_compilation(kind)
-    assert capsys.readouterr().err == f'{kernel.COMPILING}: 0 for this kind of robot\n'
+    assert capsys.readouterr().err == f'{kernel.COMPILING}: started\n'
     assert compiled == [parameters.load(kind)]
     progress.announce_compilation(kind)
     assert len(compiled) == 1

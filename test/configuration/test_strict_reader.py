@@ -7,7 +7,7 @@ import pytest
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.configuration.checked import ERRORS_MAX
+from delta3_pacdrive.configuration.checked import ERRORS_MAX, counted
 from delta3_pacdrive.errors import Delta3Error, ProgramError
 from delta3_pacdrive.faults import fault as faults
 from delta3_pacdrive.motion import program_file
@@ -105,3 +105,14 @@ def test_the_search_ends_after_ten_mistakes(robot: Any) -> None:
     told = mistakes(lambda: program_file.parse(document, robot.motion))
     assert len(told) == ERRORS_MAX + 1
     assert told[-1] == f'the search ended after {ERRORS_MAX} errors'
+
+
+def test_a_key_without_a_unit_is_answered_with_the_keys_that_have_one_and_not_as_missing(robot):
+    with pytest.raises(ProgramError) as refused:
+        program_file.parse({'moves': [{'move_l': {'to': [0, 0, -0.8]}}]}, robot.motion)
+    assert str(refused.value).endswith(': did you mean to_m or to_mm?')
+    assert 'missing key' not in str(refused.value)
+
+
+def test_one_move_is_counted_in_the_singular():
+    assert [counted(number, 'move') for number in (0, 1, 2)] == ['0 moves', '1 move', '2 moves']

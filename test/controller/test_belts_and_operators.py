@@ -163,7 +163,7 @@ def test_who_asks_to_get_on_again_and_does_not_go_on_stands(node, called):
     called.dwell(0.8)
     called.wait_time(0.1)
     reason, _ = node.ask(GET_ON_AGAIN, '5000')
-    assert str(reason) == 'the robot is moving: who stands beside a belt gets on again'
+    assert str(reason) == 'the robot is moving: only one that stopped next to a belt gets on again'
     called.hold()
     called.wait_time(0.1)
     reason, answer = node.ask(GET_ON_AGAIN, str(node.controller.next_cycle + 2))

@@ -33,7 +33,7 @@ def test_a_start_is_answered_when_its_verdict_comes_and_not_before(client: Clien
     assert client.none(Replied)
     assert client.verdict(ordered.number)
     reason, sentence = client.answer()
-    assert (reason, sentence.startswith('started "program": 1 moves')) == (None, True)
+    assert (reason, sentence.startswith('started "program": 1 move')) == (None, True)
 
 
 def test_a_refused_start_puts_the_queue_back_and_the_next_one_may_succeed(client: Client) -> None:

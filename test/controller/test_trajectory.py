@@ -113,7 +113,7 @@ def test_a_trajectory_is_planned_and_ordered_by_itself_for_its_bus_cycle(client,
     assert (ordered.kind, ordered.row[0]) == (EXACT, 10_000.0)
     assert [move.kind for move in ordered.moves] == [MoveKind.JOINTS]
     client.verdict(ordered.number)
-    assert client.answer() == (None, 'started "joint_trajectory": 1 moves, 1.000 s')
+    assert client.answer() == (None, 'started "joint_trajectory": 1 move, 1.000 s')
 
 
 def test_a_trajectory_without_a_stamp_begins_whenever_it_can(client, robot):

@@ -207,7 +207,7 @@ def test_a_request_that_nobody_waits_for_any_more_is_withdrawn(cell: Cell, graph
     with pytest.raises(KeyboardInterrupt):
         cell.anna.send_program(f'moves: [{moves}]')
     cell.anna.spin_for = graph.spin_for
-    assert 'planned "program": 1 moves' in cell.bert.send_program(POSSIBLE)
+    assert 'planned "program": 1 move' in cell.bert.send_program(POSSIBLE)
 
 
 def asked_as_anna(

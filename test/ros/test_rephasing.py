@@ -268,7 +268,7 @@ def test_a_drive_that_stays_deaf_is_missing_until_another_one_takes_its_place(ce
 def test_a_program_is_restarted_after_a_fault(cell: Cell, graph: Any) -> None:
     stopped_by_a_fault(cell, graph)
     changes = cell.operator.state_changes
-    assert cell.operator.call('start').startswith('started "program": 1 moves')
+    assert cell.operator.call('start').startswith('started "program": 1 move')
     graph.spin_until(lambda: cell.operator.state_changes >= changes + 2, 'the motion')
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)

@@ -53,7 +53,7 @@ def test_own_node_drives_a_square(up: Callable) -> None:
 def test_arms_swing_along_a_trajectory_and_back(up: Callable) -> None:
     up()
     answer, end = run('swing_the_arms')
-    assert answer == 'accepted: started "joint_trajectory": 1 moves, 2.000 s'
+    assert answer == 'accepted: started "joint_trajectory": 1 move, 2.000 s'
     assert float(end.split()[1]) < 1e-3
 
 
@@ -61,7 +61,7 @@ def test_arms_swing_along_a_trajectory_and_back(up: Callable) -> None:
 def test_moves_are_sent_while_the_robot_moves_and_each_is_told_to_its_end(up: Callable) -> None:
     up()
     *answers, states = run('stream_of_moves')
-    assert answers[0].startswith('started "program": 1 moves')
+    assert answers[0].startswith('started "program": 1 move')
     assert all(' statements follow, ' in answer or answer.startswith('started') for answer in answers[1:])
     assert states == ', '.join(['done'] * 5)
 

@@ -245,7 +245,7 @@ def test_options_are_obeyed_by_programs_too(robot: subprocess.Popen, delta3: Run
     blended = delta3('move', 'l', '0.1', '0', '-0.8', '--blend', '0.02', '--queue')
     assert 'blend_m waits for a move that follows' in blended.stdout
     exact = delta3('move', 'l', '0.1', '0.1', '-0.8', '--queue').stdout
-    assert exact.startswith('planned "program": 1 moves')  # both are one move now
+    assert exact.startswith('planned "program": 1 move')  # both are one move now
     assert delta3('move', 'clear').returncode == 0
 
 

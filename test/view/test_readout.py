@@ -91,3 +91,15 @@ def test_inputs_are_told_with_what_was_set_from_outside_and_without_a_cell_the_p
     assert shown.endswith('outputs 0 2 inputs start on part off door on, set')
     assert 'payload' not in shown
     assert [words(readout.input_row(one)) for one in inputs] == ['start on', 'part off', 'door on, set']
+
+
+def test_a_long_name_of_an_operator_wraps_inside_the_panel():
+    row = readout.status(Facts(state='idle', operator='x' * 200), None)
+    assert f'<b style="overflow-wrap:anywhere">{"x" * 200}</b>' in row
+
+
+def test_a_value_keeps_a_distance_from_its_name(robot):
+    bars = readout.bars(
+        Instant(0.0, np.zeros(3)), (DriveFacts('ENABLED', 'free', ()),) * 3, readout.Scales.of(robot)
+    )
+    assert bars.count('display:flex;justify-content:space-between;gap:8px') == 12

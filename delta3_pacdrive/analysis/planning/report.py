@@ -9,6 +9,7 @@ import numpy as np
 
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, TurnRow, Use
 from delta3_pacdrive.analysis.report_folder import Table
+from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.parameters import Parameters
 
 RPM, MM = 60.0 / math.tau, 1e3
@@ -134,7 +135,7 @@ def table_of_moves(rows: Sequence[MoveRow]) -> list[str]:
 def text(found: PlanStudy, parameters: Parameters) -> list[str]:
     """Return a plan as lines for people: a table of the moves, then what holds for all of it."""
     planned = found.planned
-    lines = [f'{planned.name}: {len(found.rows)} moves', *table_of_moves(found.rows)]
+    lines = [f'{planned.name}: {counted(len(found.rows), "move")}', *table_of_moves(found.rows)]
     rounds = f' in {planned.repeat} rounds' if planned.repeat > 1 else ''
     currents = ' / '.join(f'{value:.2f}' for value in planned.rms_current_a)
     used = sorted(((share, quantity) for quantity, share in used_max(found).items()), reverse=True)

@@ -15,6 +15,7 @@ from delta3_pacdrive.analysis.report_page.plots import PLOTS, quantity
 from delta3_pacdrive.analysis.run_comparison import Comparison, move_figures
 from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.analysis.runs import Run, named
+from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.recording.record_file import SavedRecord
 from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 
@@ -172,7 +173,7 @@ def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
             )
             attributes.append(f'data-from="{move.start_s:.6f}" data-to="{move.end_s:.6f}" data-run="{n}"')
     more = len(numbers) - MOVES_SHOWN
-    hint = 'Click a row to see the move.' + (f' {more} more moves are not listed.' if more > 0 else '')
+    hint = 'Click a row to see the move.' + (f' {counted(more, "more move")} not listed.' if more > 0 else '')
     table = _table(header, rows, attributes, 'wide tall')
     return _section('moves', 'Moves', f'<p class="hint">{hint}</p>{table}{_energies(runs, names)}')
 

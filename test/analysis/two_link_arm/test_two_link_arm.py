@@ -370,3 +370,15 @@ def test_the_command_takes_numbers_only(value, capsys):
         main(['arm', '--velocity', value, '0'])
     assert end.value.code == 2
     assert f"argument --velocity: '{value}' is no number from -1e+06 to 1e+06" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('lengths', 'point', 'infinite'), [
+    (['0.3', '0.3'], ['0', '0'], True),
+    (['0.3', '0.3'], ['1e-9', '0'], False),
+    (['0.3', '0.3'], ['0.6', '0'], False),
+])  # fmt: skip
+def test_an_arm_of_equal_lengths_has_infinitely_many_solutions_at_its_base_only(
+    lengths, point, infinite, capsys
+):
+    assert main(['arm', '--lengths', *lengths, '--point', *point]) == 0
+    assert ('infinitely many solutions' in capsys.readouterr().out) == infinite
