@@ -6,6 +6,9 @@ A limit under which numerical libraries hang, instead of failing, is refused bef
 import gc
 import os
 import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 from delta3_pacdrive.errors import RunError
 
@@ -25,6 +28,30 @@ def require(in_a_graph: bool) -> None:
         raise RunError(
             f'memory is limited to {limit // 10**6} MB, but at least {needed} MB are needed: see ulimit -v'
         )
+
+
+@contextmanager
+def bounded() -> Iterator[None]:
+    """Let this process take at most half of the memory of the machine in addition, meanwhile.
+
+    A small compressed file may unpack to more than that: then MemoryError is raised, instead of the machine standing
+    still.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    try:
+        status = Path('/proc/self/status').read_text(encoding='ascii', errors='replace')
+        used = 1024 * int(status.partition('VmData:')[2].split()[0])
+    except (OSError, ValueError, IndexError):  # no Linux
+        yield
+        return
+    limit = used + os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') // 2
+    if soft != resource.RLIM_INFINITY:
+        limit = min(limit, soft)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def collect_seldom() -> None:

@@ -1,13 +1,23 @@
-"""Files are there whole or not at all; and why one cannot be written is known before anything is computed for it."""
+"""Files are there whole or not at all; and why one cannot be written is known before anything is computed for it.
+
+What is read is a file, not a pipe that waits for ever, and of a size that is known before it is unpacked.
+"""
 
 import errno
 import os
 import shutil
+import stat
 import tempfile
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+UNPACKED_BYTES_MAX = 2 << 30  # of an input in memory: an hour of all signals of a robot
 NAME_LENGTH = 60  # of the file, in the name beside it, which must not become too long
 
 
@@ -75,3 +85,33 @@ def _closed(folder: Path) -> str:
             return ''
     except OSError as error:
         return f'the folder {folder} may not be written: {error.strerror or error}'
+
+
+def require_regular(path: Path) -> None:
+    """Raise OSError if an input is not there, or is a pipe, a socket or a device."""
+    mode = path.stat().st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise OSError(errno.EINVAL, 'it is a pipe or a device, not a file', str(path))
+
+
+def require_size(path: Path, unpacked_bytes: int) -> None:
+    """Raise OSError if an input would take too much memory."""
+    if unpacked_bytes > UNPACKED_BYTES_MAX:
+        limit = UNPACKED_BYTES_MAX >> 20
+        reason = f'it would take {unpacked_bytes >> 20} MiB of memory, the limit is {limit} MiB'
+        raise OSError(errno.EFBIG, reason, str(path))
+
+
+def arrays_of(path: Path) -> 'dict[str, NDArray[Any]]':
+    """Return the arrays of an ``.npz`` file; raises ValueError, OSError and what a damaged file makes of numpy."""
+    import numpy as np
+
+    require_regular(path)
+    with path.open('rb') as stream:
+        if not zipfile.is_zipfile(stream):  # numpy would speak of pickles
+            raise ValueError('it is no .npz archive, or its end is missing')
+        with zipfile.ZipFile(stream) as archive:
+            require_size(path, sum(entry.file_size for entry in archive.infolist()))
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}

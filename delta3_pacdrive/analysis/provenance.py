@@ -92,6 +92,7 @@ def digest(path: Path) -> str:
     with excused(f'cannot read {path}'):
         files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
         for file in files:
+            whole_file.require_regular(file)
             with file.open('rb') as stream:
                 total.update(hashlib.file_digest(stream, 'sha256').digest())
     return total.hexdigest()[:16]

@@ -7,9 +7,9 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.cli.command import (
     Command,
     JsonOptions,
@@ -149,7 +149,8 @@ def _program_text(values: list[str]) -> str:
         raise ProgramError(f'move program takes one file, not {len(values)}')
     path = programs.find(values[0])
     try:
-        return Path(path).read_text(encoding='utf-8')
+        whole_file.require_regular(path)
+        return path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError) as error:
         raise ProgramError(
             f'cannot read program file {path}: {getattr(error, "strerror", None) or error}'

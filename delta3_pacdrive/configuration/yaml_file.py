@@ -132,6 +132,7 @@ def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
     """Return the document in ``path``; ``what`` ("program file") names it in the message of the ``error`` raised."""
     path = Path(path)
     try:
+        whole_file.require_regular(path)
         with path.open('rb') as file:
             content = file.read(SIZE_MAX_BYTES + 1)
     except (OSError, ValueError) as failure:

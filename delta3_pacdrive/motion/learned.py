@@ -218,9 +218,9 @@ def write_refusal(path: Path) -> str:
 def load(path: str | Path) -> Learned:
     """Read learned torques; raises LearnedError."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            torques, kinds, *others = (_numbers(file[name]) for name in _ARRAYS)
-            told = json.loads(str(file['origin']))
+        file = whole_file.arrays_of(Path(path))
+        torques, kinds, *others = (_numbers(file[name]) for name in _ARRAYS)
+        told = json.loads(str(file['origin']))
         origin = Origin(_typed(told['program'], str), _typed(told['parameters'], dict), kinds, *others)
     except OSError as error:
         raise LearnedError(f'cannot read learned torques {path}: {error.strerror or error}') from None

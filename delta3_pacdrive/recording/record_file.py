@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.drive.channels import chosen
 from delta3_pacdrive.errors import ParameterError, TraceError
 from delta3_pacdrive.numerics.types import Floats
@@ -15,7 +16,7 @@ from delta3_pacdrive.recording import column_table, quantities, table_csv, table
 from delta3_pacdrive.recording.acquisition import Record
 from delta3_pacdrive.recording.column_table import ONE, ColumnTable
 from delta3_pacdrive.recording.table import Table
-from delta3_pacdrive.recording.trace import arrays_of, reason, told
+from delta3_pacdrive.recording.trace import reason, told
 
 WHAT = 'record'
 TIME = 'time [s]'
@@ -139,7 +140,7 @@ def _table(path: Path) -> Table:
 
 def _of_arrays(path: Path) -> Table:
     try:
-        arrays = arrays_of(path)
+        arrays = whole_file.arrays_of(path)
         units, meta = (json.loads(str(arrays.pop(name))) for name in ('units', 'meta'))
         columns = np.column_stack([np.asarray(column, dtype=np.float64) for column in arrays.values()])
         headings = [name if units[name] == ONE else f'{name} [{units[name]}]' for name in arrays]

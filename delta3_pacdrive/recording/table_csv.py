@@ -18,6 +18,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.column_file import Form
@@ -56,6 +57,7 @@ def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: 
 
     """
     try:
+        whole_file.require_regular(path)
         if path.stat().st_size > SIZE_MAX_BYTES:
             raise TraceError(f'{path} is larger than {SIZE_MAX_BYTES >> 20} MiB')
         with path.open('rb') as stream:

@@ -6,12 +6,14 @@ is a column of it. Version 7.3 is HDF5, which h5py reads, all others scipy.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.quantities import UNITS
@@ -21,6 +23,8 @@ from delta3_pacdrive.recording.trace import reason
 
 HDF5 = b'\x89HDF'
 OF_MATLAB_73 = b'MATLAB 7.3 MAT-file'
+NUMBER_BYTES = 8
+NUMBERS = ('double', 'single', *(f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)))
 TEXT, CLASS = b'char', 'MATLAB_class'  # what MATLAB calls a variable in HDF5, where texts are numbers as well
 NEEDED = (
     "MATLAB files of version 7.3 need h5py: pip install 'delta3_pacdrive[matlab]', or save them with '-v7'"
@@ -44,6 +48,8 @@ def read(path: Path) -> Table:
         variables = _of_hdf5(path) if begin.startswith((HDF5, OF_MATLAB_73)) else _of_matlab(path)
     except TraceError:
         raise
+    except OSError as error:
+        raise TraceError(f'cannot read trace {path}: {error.strerror or reason(error)}') from error
     except Exception as error:  # what scipy and h5py trip over in a damaged file is not bounded
         raise TraceError(f'cannot read trace {path}: {reason(error)}') from error
     headings: list[str] = []
@@ -68,10 +74,13 @@ def read(path: Path) -> Table:
 
 def _of_matlab(path: Path) -> dict[str, Any]:
     """Return the variables of a file up to version 7."""
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     with path.open('rb') as stream:
-        return dict(loadmat(stream))
+        shapes = {name: shape for name, shape, kind in whosmat(stream) if kind in NUMBERS}
+        whole_file.require_size(path, NUMBER_BYTES * sum(math.prod(shape) for shape in shapes.values()))
+        stream.seek(0)
+        return dict(loadmat(stream, variable_names=list(shapes)))
 
 
 def _of_hdf5(path: Path) -> dict[str, Any]:
@@ -81,7 +90,9 @@ def _of_hdf5(path: Path) -> dict[str, Any]:
     except ModuleNotFoundError:
         raise TraceError(f'cannot read {path}: {NEEDED}') from None
     with h5py.File(path, 'r') as file:
-        return {name: item[()].T for name, item in file.items() if _is_array(h5py, item)}
+        arrays = {name: item for name, item in file.items() if _is_array(h5py, item)}
+        whole_file.require_size(path, NUMBER_BYTES * sum(item.size for item in arrays.values()))
+        return {name: item[()].T for name, item in arrays.items()}
 
 
 def _is_array(h5py: Any, item: Any) -> bool:
@@ -89,6 +100,8 @@ def _is_array(h5py: Any, item: Any) -> bool:
     return (
         isinstance(item, h5py.Dataset)
         and item.ndim > 0
+        and not item.is_virtual  # nor elsewhere: what another file holds is not part of this one
+        and not item.external
         and told.get(CLASS, b'') != TEXT
         and not told.get('MATLAB_empty', 0)
     )

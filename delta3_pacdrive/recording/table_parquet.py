@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.table import Table
 from delta3_pacdrive.recording.trace import reason
 
 META, UNIT = b'delta3_pacdrive', b'unit'
+NUMBER_BYTES = 8
 NEEDED = "Parquet needs pyarrow: pip install 'delta3_pacdrive[parquet]'"
 
 
@@ -36,8 +38,13 @@ def read(path: Path) -> Table:
     except ModuleNotFoundError:
         raise TraceError(f'cannot read {path}: {NEEDED}') from None
     try:
-        with path.open('rb') as stream:
-            table = parquet.read_table(stream)
+        with path.open('rb') as stream, parquet.ParquetFile(stream) as file:
+            wanted = [own.name for own in file.schema_arrow if _is_number(own.type) or _is_time(own.type)]
+            # a column of one value many times takes next to nothing in the file
+            whole_file.require_size(path, NUMBER_BYTES * file.metadata.num_rows * len(wanted))
+            table = file.read(columns=wanted)
+    except OSError as error:
+        raise TraceError(f'cannot read trace {path}: {error.strerror or reason(error)}') from error
     except Exception as error:  # what pyarrow trips over in a damaged file is not bounded
         raise TraceError(f'cannot read trace {path}: {reason(error)}') from error
     headings, columns = [], []
@@ -74,16 +81,26 @@ def write(
 
 def _numbers(path: Path, name: str, column: Any) -> Floats | None:
     """Return a column as numbers, nan where there is none; None for texts and lists."""
-    import pyarrow.types as types
-
     kind = column.type
-    if types.is_timestamp(kind) or types.is_duration(kind) or types.is_time(kind):
+    if _is_time(kind):
         raise TraceError(
             f'{path}: column {shown(name)} holds {kind}, expected numbers with a unit like time [s]'
         )
-    if not (types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)):
+    if not _is_number(kind):
         return None
     return np.asarray(column.cast('double').to_numpy(zero_copy_only=False), dtype=np.float64)
+
+
+def _is_time(kind: Any) -> bool:
+    import pyarrow.types as types
+
+    return bool(types.is_timestamp(kind) or types.is_duration(kind) or types.is_time(kind))
+
+
+def _is_number(kind: Any) -> bool:
+    import pyarrow.types as types
+
+    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
 
 
 def _meta(path: Path, metadata: dict[bytes, bytes]) -> dict[str, Any]:

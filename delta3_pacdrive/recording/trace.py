@@ -2,7 +2,6 @@
 
 import json
 import textwrap
-import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -10,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.drive.channels import is_full_name
@@ -69,7 +67,7 @@ class Trace:
     def load(path: str | Path) -> 'Trace':
         """Read a ``.npz`` file; raises TraceError."""
         try:
-            columns = arrays_of(Path(path))
+            columns = whole_file.arrays_of(Path(path))
             if any(map(is_full_name, columns)):
                 raise ValueError(RECORD)
             if absent := {'time_s', 'meta'} - columns.keys():
@@ -94,16 +92,6 @@ class Trace:
                 raise ValueError(f'its {name} is of type {values.dtype} and shape {values.shape}')
         if not (np.isfinite(self.time_s).all() and (np.diff(self.time_s) > 0.0).all()):
             raise ValueError('its time_s does not increase')
-
-
-def arrays_of(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an ``.npz`` file; raises ValueError, OSError and what a damaged file makes of numpy."""
-    with path.open('rb') as stream:
-        if not zipfile.is_zipfile(stream):  # numpy would speak of pickles
-            raise ValueError('it is no .npz archive, or its end is missing')
-        stream.seek(0)
-        with np.load(stream, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from delta3_pacdrive import whole_file
+from delta3_pacdrive import memory, whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import quantities, table_mat, table_parquet, trace_csv
 from delta3_pacdrive.recording.bag_trace import read_bag
@@ -35,7 +35,8 @@ def load(path: str | Path, columns: ColumnFile | None = None, gaps: bool = False
         There is no such recording, it cannot be read, or it holds numbers that nothing could be computed from.
 
     """
-    trace = _read(Path(path), columns, gaps)
+    with memory.bounded():
+        trace = _read(Path(path), columns, gaps)
     for name, values in {'time_s': trace.time_s, **trace.signals}.items():
         largest = float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
         if largest > LARGEST:
@@ -46,6 +47,8 @@ def load(path: str | Path, columns: ColumnFile | None = None, gaps: bool = False
 def _read(path: Path, columns: ColumnFile | None, gaps: bool) -> Trace:
     with told(f'read recording {path}'):  # a name that is too long, a folder that may not be entered
         folder, there = path.is_dir(), path.exists()
+        for file in path.iterdir() if folder else [path] if there else []:
+            whole_file.require_regular(file)
     if not folder and not there:
         raise TraceError(f'there is no recording {path}')
     if not folder and path.suffix.lower() in TABLES:

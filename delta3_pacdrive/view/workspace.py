@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive import interrupts, kinematics
+from delta3_pacdrive import interrupts, kinematics, whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion.capability import REACHED
 from delta3_pacdrive.numerics.types import Floats
@@ -51,6 +51,7 @@ class Volume:
     def is_one(path: Path) -> bool:
         """Whether a file looks like a volume: a trace, the other kind of .npz, has no limits."""
         try:
+            whole_file.require_regular(path)
             with zipfile.ZipFile(path) as file:
                 return {f'{LIMIT}.npy', f'{COORDINATES[0]}.npy'} <= set(file.namelist())
         except (OSError, zipfile.BadZipFile):
@@ -60,8 +61,7 @@ class Volume:
     def load(path: Path) -> 'Volume':
         """Read what ``delta3 workspace --volume`` wrote; raises TraceError."""
         try:
-            with np.load(path, allow_pickle=False) as file:
-                found = {name: file[name] for name in file.files}
+            found = whole_file.arrays_of(path)
             json.loads(str(found.pop(ABOUT)))
             x, y, z = (found.pop(name).astype(np.float64) for name in COORDINATES)
             limit = found.pop(LIMIT)

@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import parameters as core
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.analysis.provenance import versions
 from delta3_pacdrive.analysis.sweep.design import (
     FUNCTION,
@@ -80,6 +81,7 @@ def document_of(path: Path, what: str) -> tuple[Any, str]:
     if path.suffix != '.py':
         return yaml_file.read(path, what, SweepError), ''
     try:
+        whole_file.require_regular(path)
         source = path.read_text(encoding='utf-8')
         names: dict[str, Any] = {'__name__': path.stem, '__file__': str(path)}
         exec(compile(source, str(path), 'exec'), names)  # noqa: S102 (the operator has named it)
@@ -170,6 +172,7 @@ def _source(value: Any, where: str, folder: Path) -> str:
     """Read the file of a function."""
     path = folder / line_of_text(1000)(value, where)
     try:
+        whole_file.require_regular(path)
         return path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError) as error:
         refuse(f'{where}: cannot read {path}: {error}')
