@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.numerics.types import Floats
 
 GAP_CYCLES = 1000  # longest gap that is bridged with numbers for every cycle
+LOST_MAX = 5  # cycles in a row that derivatives bridge; a longer gap stays one
 
 
 def added(trace: Trace) -> Trace:
@@ -47,7 +48,7 @@ def derived(trace: Trace) -> dict[str, Floats]:
         start = int(np.interp(noted_cycle(trace, 'start_cycle') or 0, cycles, rows))
         found['master'] = _master(_without_gaps(trace['tcp_command'], rows), period, start)[rows]
     if 'tcp_actual' in trace.signals:
-        place = _without_gaps(trace['tcp_actual'], rows)
+        place = _without_gaps(trace['tcp_actual'], rows, LOST_MAX)
         wide = max(1, round(SLOPE_S / period))
         found['tcp_velocity'] = _derivatives(place, period, 1)[0][rows]
         found['tcp_acceleration'] = _derivatives(place, period, wide)[1][rows]
@@ -111,10 +112,18 @@ def _master(command: Floats, period_s: float, start: int) -> Floats:
     return np.column_stack([distance, speed, acceleration])
 
 
-def _without_gaps(values: Floats, rows: NDArray[np.int64]) -> Floats:
-    """Put values on every cycle, straight through those that are missing."""
+def _without_gaps(values: Floats, rows: NDArray[np.int64], longest: int = GAP_CYCLES) -> Floats:
+    """Put values on every cycle, on straight lines over missing cycles; nan in gaps that are longer."""
     every = np.arange(rows[-1] + 1)
-    return np.column_stack([np.interp(every, rows, column) for column in values.T])
+    known = np.isfinite(values).all(axis=1)
+    rows, values = rows[known], values[known]
+    if not len(rows):
+        return np.full((len(every), values.shape[1]), np.nan)
+    found = np.column_stack([np.interp(every, rows, column) for column in values.T])
+    after = np.searchsorted(rows, every).clip(0, len(rows) - 1)
+    before = np.searchsorted(rows, every, side='right').clip(1) - 1
+    found[(rows[after] - rows[before] > longest + 1) & (every != rows[before])] = np.nan
+    return found
 
 
 def _derivatives(values: Floats, period_s: float, half: int) -> tuple[Floats, Floats]:

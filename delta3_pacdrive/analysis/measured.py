@@ -99,26 +99,37 @@ def completed(trace: Trace, robot: Parameters) -> Trace:
     A reference is taken for the command of that instant: until the arms are where it says the set-point delay of the
     robot goes by, which is removed from the TCP error as in a run.
     """
-    found, gear = dict(trace.signals), robot.dynamics.gear_ratio
-    pairs = (
-        ('arm_position', 'motor_position'),
-        ('arm_speed', 'motor_speed'),
-        ('arm_position_reference', 'motor_command'),
-    )
-    for of_arms, of_motors in pairs:
-        if of_arms in found and of_motors not in found:
-            found[of_motors] = found[of_arms] * gear
-    for of_motors, of_tcp in (('motor_position', 'tcp_actual'), ('motor_command', 'tcp_command')):
-        if of_motors in found and of_tcp not in found:
-            angles = found[of_motors] / gear
+    found, gear = of_motors(trace, robot), robot.dynamics.gear_ratio
+    for of_motor, of_tcp in (('motor_position', 'tcp_actual'), ('motor_command', 'tcp_command')):
+        if of_motor in found and of_tcp not in found:
+            angles = found[of_motor] / gear
             known = np.isfinite(angles).all(axis=1)
             tcp = np.full_like(angles, np.nan)
             if known.any():
                 tcp[known] = kinematics.forward(angles[known], robot.kinematics, unreachable='nan')
             found[of_tcp] = tcp
     if {'tcp_actual', 'tcp_command'} <= found.keys() and 'tcp_error' not in found:
-        found['tcp_error'] = delayed(found['tcp_command'], delay_cycles(trace, robot)) - found['tcp_actual']
+        rows = np.rint(trace.time_s / positive(trace, 'cycle_time_s')).astype(np.int64)
+        # the command of an instant that is missing is not known, also not to the one after it
+        command = np.full((rows[-1] - rows[0] + 1, 3), np.nan)
+        command[rows - rows[0]] = found['tcp_command']
+        late = delayed(command, delay_cycles(trace, robot))[rows - rows[0]]
+        found['tcp_error'] = late - found['tcp_actual']
     return Trace(trace.time_s, found, trace.meta)
+
+
+def of_motors(trace: Trace, robot: Parameters) -> dict[str, Floats]:
+    """Return the signals of a trace, and those of the motors that its signals of the arms give."""
+    found = dict(trace.signals)
+    pairs = (
+        ('arm_position', 'motor_position'),
+        ('arm_speed', 'motor_speed'),
+        ('arm_position_reference', 'motor_command'),
+    )
+    for of_arm, of_motor in pairs:
+        if of_arm in found and of_motor not in found:
+            found[of_motor] = found[of_arm] * robot.dynamics.gear_ratio
+    return found
 
 
 def delay_cycles(trace: Trace, robot: Parameters) -> float:

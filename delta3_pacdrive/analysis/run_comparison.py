@@ -7,11 +7,13 @@ first, is interpolated linearly.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.alignment import ON_GRID, START, Alignment, align, resampled
+from delta3_pacdrive.analysis.alignment import START, Alignment, align
+from delta3_pacdrive.analysis.clock_estimation import ON_GRID, resampled
 from delta3_pacdrive.analysis.run_signals import currents_of, derivatives
 from delta3_pacdrive.analysis.runs import DrivenMove, Run, differing
 from delta3_pacdrive.errors import TraceError
@@ -19,6 +21,13 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
+AXES = range(3)
+ROWS_MIN = 20  # of which a correlation says something
+QUIET = 1e-3  # of the largest axis: an axis below it does not move
+SAME = 0.95  # correlation of the same signal
+CLEARLY = 0.1  # better correlation from which on axes are exchanged
+OTHER_SCALE = 1.1  # ratio of two signals from which on it is mentioned
+NEAR = 0.01  # of a ratio with a known cause
 QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS
 
 
@@ -78,6 +87,8 @@ class Comparison:
         Values of both robots, by the names of those that differ.
     uncompared
         Cycles that only one of the two has, as a whole or of a signal.
+    doubts
+        Why the alignment, or an axis, sign or unit of a signal, may be wrong, in sentences.
 
     """
 
@@ -88,6 +99,7 @@ class Comparison:
     moves: tuple[tuple[DrivenMove, DrivenMove], ...]
     parameters: dict[str, tuple[Any, Any]]
     uncompared: int
+    doubts: tuple[str, ...] = ()
 
     @property
     def equal(self) -> bool:
@@ -120,6 +132,7 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
     if not common:
         raise TraceError(f'{first.name} and {second.name} have no signal in common')
     alignment = align(first, second, how)
+    second = alignment.clocked(second)
     time_s, shifted = first.part.time_s, second.part.time_s + alignment.shift_s
     slack = ON_GRID * first.period_s
     both = (time_s >= shifted[0] - slack) & (time_s <= shifted[-1] + slack)
@@ -133,9 +146,10 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
     time_s = time_s[both]
     held = {name: first.part[name] for name in common}
     differences = subtracted(first, second, held, second.part.signals, time_s, alignment)
-    lacking = np.zeros(len(time_s), dtype=bool)
+    lacking, notes = np.zeros(len(time_s), dtype=bool), []
     for name in common:
         one, other = first.part[name][both], resampled(shifted, second.part[name], time_s, second.period_s)
+        notes += mismatches(name, one, other, first.robot.dynamics.gear_ratio)
         lacking |= (np.isnan(one) != np.isnan(other)).any(axis=1)
     return Comparison(
         alignment,
@@ -145,7 +159,70 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
         tuple(_pairs(first, second)),
         differing(first.robot, second.robot),
         outside + int(lacking.sum()),
+        (*alignment.doubts, *notes),
     )
+
+
+def mismatches(name: str, one: Floats, other: Floats, gear_ratio: float) -> list[str]:
+    """Return sentences about axes of a signal that are exchanged, of opposite sign or in another unit.
+
+    Parameters
+    ----------
+    name
+        Of the signal.
+    one, other
+        Its values in both runs at the same times, shape (n, 3).
+    gear_ratio
+        Of the first robot.
+
+    """
+    known = np.isfinite(np.hstack([one, other])).all(axis=1)
+    if known.sum() < ROWS_MIN or one.shape[1] != len(AXES):
+        return []
+    names = 'xyz' if name.startswith('tcp_') else '123'
+    one, other = (values[known] - values[known].mean(axis=0) for values in (one, other))
+    sizes = np.sqrt((one**2).sum(axis=0)), np.sqrt((other**2).sum(axis=0))
+    # rows: axes of the first run; an axis that does not move correlates with nothing
+    scale = np.outer(*(np.where(size > QUIET * max(size.max(), 1e-300), size, np.inf) for size in sizes))
+    correlation = one.T @ other / scale
+    best = max(permutations(AXES), key=lambda order: sum(abs(correlation[i, j]) for i, j in enumerate(order)))
+    own = np.abs(np.diagonal(correlation))
+    moved = [i for i in AXES if best[i] != i and abs(correlation[i, best[i]]) > max(SAME, own[i] + CLEARLY)]
+    found = []
+    if moved:
+        pairs = ', '.join(f'{names[i]} is {names[best[i]]}' for i in moved)
+        found.append(f'{name}: axes are exchanged in the second run: {pairs}')
+    order = best if moved else tuple(AXES)
+    signed = np.array([correlation[i, j] for i, j in enumerate(order)])
+    opposite = [i for i in AXES if signed[i] < -SAME]
+    if opposite:
+        listed = ', '.join(f'{names[i]} {signed[i]:.3f}' for i in opposite)
+        found.append(f'{name}: the second run has the opposite sign (correlation of {listed})')
+    alike = [i for i in AXES if abs(signed[i]) > SAME]
+    if alike:
+        ratio = float(np.median([sizes[1][order[i]] / sizes[0][i] for i in alike]))
+        near = (text for value, text in _factors(gear_ratio) if abs(ratio / value - 1.0) < NEAR)
+        known_as = next(near, '')
+        # errors of two robots are seldom as large
+        if known_as or (abs(math.log(ratio)) > math.log(OTHER_SCALE) and 'error' not in name):
+            found.append(
+                f'{name}: values of the second run are {ratio:.4g} times those of the first{known_as}'
+            )
+    return found
+
+
+def _factors(gear_ratio: float) -> Iterator[tuple[float, str]]:
+    """Yield ratios with a known cause."""
+    pairs = (
+        (math.sqrt(2.0), 'amplitude', 'rms'),
+        (math.degrees(1.0), 'degrees', 'radians'),
+        (gear_ratio, 'motor side', 'arm side'),
+        (60.0 / math.tau, 'rpm', 'rad/s'),
+        (1e3, 'a unit with milli-', 'the unit without'),
+    )
+    for value, large, small in pairs:
+        yield value, f', as {large} instead of {small} would be'
+        yield 1.0 / value, f', as {small} instead of {large} would be'
 
 
 def subtracted(
@@ -230,7 +307,11 @@ def to_document(found: Comparison, first: Run, second: Run) -> dict[str, Any]:
             'uncertainty_s': _known(found.alignment.uncertainty_s),
             'rival_shift_s': _known(found.alignment.rival_shift_s),
             'rival_correlation': _known(found.alignment.rival_correlation),
-            'doubts': list(found.alignment.doubts),
+            'doubts': list(found.doubts),
+            'rate': found.alignment.rate,
+            'rate_uncertainty': _known(found.alignment.rate_uncertainty),
+            'at_s': found.alignment.at_s,
+            'axes': list(found.alignment.axes),
         },
         'from_s': float(found.time_s[0]),
         'to_s': float(found.time_s[-1]),

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.analysis.alignment import BY_CORRELATION, BY_NOTHING, CORRELATION, NONE, align
@@ -96,12 +97,20 @@ def test_times_are_left_alone_where_that_is_asked_for(one, tmp_path):
     assert compare(one, late, NONE).figures['current'].largest > 0.1
 
 
-def test_another_sign_is_doubted(one, tmp_path):
-    turned = replace(
-        one, part=replace(one.part, signals=one.part.signals | {'motor_speed': -one.part['motor_speed']})
+@pytest.mark.parametrize('name', ['motor_command', 'motor_position', 'motor_speed', 'current'])
+def test_another_sign_is_doubted(name, one):
+    turned = replace(one, part=replace(one.part, signals=one.part.signals | {name: -one.part[name]}))
+    assert any(
+        f'{name}: the second run has the opposite sign' in text for text in compare(one, turned).doubts
     )
-    found = align(one, turned)
-    assert any('axes, signs or units' in text for text in found.doubts)
+    assert compare(one, one).doubts == ()
+
+
+def test_motions_that_differ_are_doubted(one):
+    run, other = moving(one, 5.0, 1), moving(one, 5.0, 2)
+    meta = run.part.meta | {'start_cycle': None}
+    other = replace(other, part=Trace(other.part.time_s, other.part.signals, meta))
+    assert any('axes, signs or units' in text for text in align(run, other).doubts)
     assert align(one, one, CORRELATION).doubts == ()
 
 
@@ -122,3 +131,96 @@ def test_the_options_of_the_command_are_those_of_the_alignment():
 
     for name in ('START', 'CORRELATION', 'NONE'):
         assert getattr(run_options, name) == getattr(alignment, name)
+
+
+def logged(run, rate_hz, offset_s, clock_error, names, gap_s=None):
+    """Return a run as a table of a logger whose clock has an error and another zero; rows within ``gap_s`` are lost."""
+    part = run.part
+    true_s = np.arange(int((part.time_s[-1] - part.time_s[0]) * rate_hz)) / rate_hz + part.time_s[0]
+    signals = {
+        name: np.column_stack([CubicSpline(part.time_s, column)(true_s) for column in part[name].T])
+        for name in names
+    }
+    if gap_s is not None:
+        for values in signals.values():
+            values[(true_s > gap_s[0]) & (true_s < gap_s[1])] = np.nan
+    period = (1.0 + clock_error) / rate_hz
+    time_s = true_s[0] * (1.0 + clock_error) + offset_s + np.arange(len(true_s)) * period
+    meta = {'cycle_time_s': period, 'origin_s': float(time_s[0])}
+    return replace(run, kind=runs.TABLE, part=Trace(time_s, signals, meta))
+
+
+def moving(one, seconds, seed):
+    """Return a run of a smooth motion that does not repeat itself."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(round(1000.0 * seconds)) / 1000.0
+    steps = rng.uniform(-8.0, 8.0, (int(seconds / 0.15) + 4, 3)).cumsum(axis=0)
+    command = CubicSpline(np.arange(len(steps)) * 0.15, steps)(time_s)
+    signals = {'motor_command': command, 'motor_speed': np.gradient(command, 1e-3, axis=0)}
+    meta = {'cycle_time_s': 1e-3, 'gear_ratio': 32.0}
+    return replace(one, part=Trace(time_s, signals, meta))
+
+
+def apart_s(found, other, offset_s, clock_error):
+    """Return how far the alignment is from the truth at both ends of a log."""
+    edges = other.part.time_s[[0, -1]]
+    true = (edges - offset_s) / (1.0 + clock_error)
+    return np.abs(found.at_s + found.shift_s + found.rate * (edges - found.at_s) - true).max()
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_clock_of_any_offset_and_rate_is_found_over_gaps_by_the_commands(seed, one):
+    rng = np.random.default_rng(seed)
+    seconds = float(rng.choice([2.0, 5.0, 20.0]))
+    run = moving(one, seconds, seed)
+    offset, error = rng.uniform(-50.0, 50.0), rng.uniform(-0.015, 0.015)
+    begin = rng.uniform(0.1, 0.7) * seconds
+    gap = (begin, begin + rng.uniform(0.05, 0.2) * seconds)
+    other = logged(run, rng.choice([200.0, 333.0, 1000.0, 1600.0]), offset, error, ['motor_command'], gap)
+    found = align(run, other)
+    assert apart_s(found, other, offset, error) < 1e-5
+    assert found.correlation > 0.9999
+    assert compare(run, other).figures['motor_command'].largest < 0.02  # linear interpolation between 5 ms
+
+
+@pytest.mark.parametrize('error', [-5e-3, -2e-4, 0.0, 2e-4, 5e-3])
+def test_the_interval_of_the_rate_holds_the_error_of_the_clock(error, one):
+    run = moving(one, 5.0, 3)
+    held = {
+        name: run.part[name] + 0.3 * np.random.default_rng(5).standard_normal((5000, 3))
+        for name in ('motor_speed',)
+    }
+    noisy = replace(run, part=Trace(run.part.time_s, held, run.part.meta))
+    found = align(run, logged(noisy, 1000.0, 7.0, error, ['motor_speed']))
+    assert abs(1.0 / (1.0 + error) - found.rate) < 1.5 * found.rate_uncertainty < 1e-4
+    assert any('clock of the second run' in text for text in found.doubts) is (error != 0.0)
+
+
+def test_times_of_an_epoch_do_not_spoil_the_interval_of_the_shift(one):
+    run = moving(one, 5.0, 4)
+    other = logged(run, 500.0, 1.7958e9, 1e-3, ['motor_command'])
+    found = align(run, other)
+    assert found.uncertainty_s < 1e-5
+    assert apart_s(found, other, 1.7958e9, 1e-3) < 1e-5
+
+
+@pytest.mark.parametrize('order', [(1, 0, 2), (2, 0, 1), (0, 2, 1)])
+def test_exchanged_axes_are_named(order, one):
+    run = moving(one, 5.0, 6)
+    other = logged(run, 700.0, 3.0, 0.0, ['motor_command', 'motor_speed'])
+    turned = {name: values[:, order] for name, values in other.part.signals.items()}
+    other = replace(other, part=Trace(other.part.time_s, turned, other.part.meta))
+    found = compare(run, other)
+    assert apart_s(found.alignment, other, 3.0, 0.0) < 1e-5
+    assert tuple(np.argsort(order) + 1) == found.alignment.axes
+    assert any('axes are exchanged' in text for text in found.doubts)
+
+
+@pytest.mark.parametrize(
+    ('factor', 'cause'), [(2**0.5, 'amplitude instead of rms'), (1e-3, 'milli'), (1.3, '1.3 times')]
+)
+def test_another_unit_is_named(factor, cause, one):
+    part = replace(one.part, signals=one.part.signals | {'current': factor * one.part['current']})
+    doubts = compare(one, replace(one, part=part)).doubts
+    assert [text.partition(':')[0] for text in doubts] == ['current']
+    assert cause in doubts[0]

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.analysis.alignment import ON_GRID, resampled
+from delta3_pacdrive.analysis.clock_estimation import ON_GRID, resampled
 from delta3_pacdrive.analysis.measured import delay_cycles
 from delta3_pacdrive.analysis.run_signals import delayed, derivatives, positive, program_part, slope
 from delta3_pacdrive.numerics.types import Floats

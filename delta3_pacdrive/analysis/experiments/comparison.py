@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.analysis.alignment import ON_GRID
+from delta3_pacdrive.analysis.clock_estimation import ON_GRID
 from delta3_pacdrive.analysis.experiments.compared_signals import OF_SAMPLES, QUANTITIES, XYZ, Run, norm
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats

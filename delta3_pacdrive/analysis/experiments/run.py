@@ -13,7 +13,7 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.analysis import study as studies
-from delta3_pacdrive.analysis.alignment import BY_START, align
+from delta3_pacdrive.analysis.alignment import BY_START
 from delta3_pacdrive.analysis.experiments import attribution, figures, report
 from delta3_pacdrive.analysis.experiments.claims import ArmSpeeds
 from delta3_pacdrive.analysis.experiments.compared_signals import Run
@@ -21,6 +21,7 @@ from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.experiments.study import Pair, Results, Settings
 from delta3_pacdrive.analysis.provenance import Provenance, digest, excused
 from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.analysis.run_comparison import compare
 from delta3_pacdrive.analysis.runs import named
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.motion import program_file as programs
@@ -179,7 +180,9 @@ def compared(pair: Pair, on_progress: OnProgress = studies.silent) -> Results:
 
     """
     model, robot = pair.model, pair.robot
-    aligned = align(model, robot, pair.how)
+    found = compare(model, robot, pair.how)
+    aligned = found.alignment
+    robot = aligned.clocked(robot)
     comparison = Comparison.of(
         Run.of_part(model.part, model.robot), Run.of_part(robot.part, robot.robot), aligned.shift_s
     )
@@ -187,7 +190,7 @@ def compared(pair: Pair, on_progress: OnProgress = studies.silent) -> Results:
     notes = [
         f'{name}: {text}' for name, run in zip(names, (model, robot), strict=True) for text in _told(run)
     ]
-    notes += aligned.doubts
+    notes += found.doubts
     if not math.isclose(model.period_s, robot.period_s):
         notes.append(
             f'{names[0]} has a value every {1e3 * model.period_s:.6g} ms, {names[1]} every '

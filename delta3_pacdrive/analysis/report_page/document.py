@@ -50,6 +50,10 @@ def report_document(
         Of oscilloscopes, on the time of the first run.
 
     """
+    clocked = [
+        comparison.alignment.clocked(run) for run, comparison in zip(runs[1:], comparisons, strict=True)
+    ]
+    runs = [runs[0], *clocked]
     held = [signals_of(run) for run in runs]
     shifts = [0.0, *(comparison.alignment.shift_s for comparison in comparisons)]
     every = list(dict.fromkeys(name for signals in held for name in signals))

@@ -106,12 +106,13 @@ def _comparison(names: Sequence[str], number: int, found: Comparison) -> str:
         if how.by == BY_CORRELATION
         else f'aligned by {how.by}'
     )
-    correlation = '' if math.isnan(how.correlation) else f'; motor speeds correlate by {how.correlation:.6f}'
+    correlation = '' if math.isnan(how.correlation) else f'; {how.of} correlate by {how.correlation:.6f}'
     lead = f'<p><b>{second}</b> minus <b>{first}</b>, {told}{correlation}.</p>'
     if found.same:
         lead += '<p>No signal differs by a single bit.</p>'
     elif found.equal:
         lead += '<p>No signal differs by a single bit in the cycles that both have.</p>'
+    lead += ''.join(f'<p>Careful: {escape(text)}.</p>' for text in found.doubts)
     if found.uncompared:
         lead += f'<p>{found.uncompared} cycles were not compared: only one of the two has them.</p>'
     rows = []
