@@ -52,6 +52,7 @@ UNITS = {
     's': ('s', 1.0),
     'ms': ('s', 1e-3),
     'us': ('s', 1e-6),
+    'ns': ('s', 1e-9),
     'rad': ('rad', 1.0),
     'deg': ('rad', math.pi / 180.0),
     'rev': ('rad', math.tau),

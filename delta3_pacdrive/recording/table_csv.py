@@ -1,8 +1,9 @@
-"""Tables as text: our own CSV, and what others write: semicolons, decimal commas, byte order marks, empty cells.
+"""Tables as text: our own CSV, and those of other tools: semicolons, decimal commas, quotes, dates, empty cells.
 
-A line that begins with ``#`` is a comment; one that holds a JSON object tells the meta data of a trace. Then come the
-headings, perhaps a row of units, and rows of numbers. The file is read in pieces, so that ten million rows need little
-more memory than their numbers.
+A line that begins with ``#`` is a comment; one that holds a JSON object is the meta data of a trace. Then come the
+headings, perhaps a row of units, and rows of numbers. Separator and headings are found in the whole beginning of the
+file, outside quotes; lines above the headings are a preamble. The file is read in pieces, so that ten million rows need
+little more memory than their numbers.
 """
 
 from __future__ import annotations
@@ -10,9 +11,12 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import IO, Any
 
@@ -22,20 +26,36 @@ from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.column_file import Form
-from delta3_pacdrive.recording.quantities import UNITS, unit_named
+from delta3_pacdrive.recording.quantities import UNITS, parted, plain, unit_named
 from delta3_pacdrive.recording.table import Table
 from delta3_pacdrive.recording.trace import reason
 
 SIZE_MAX_BYTES = 1 << 31
 PIECE = 1 << 22  # characters that are read at once
+BEGIN = 1 << 16  # characters in which separator and headings are found
 LINE_MAX = 1 << 20  # characters of a line: longer ones are no table
+LINES_MAX = 400  # lines that are looked at for the separator
 MARKS = {b'\xef\xbb\xbf': 'utf-8-sig', b'\xff\xfe\x00\x00': 'utf-32', b'\x00\x00\xfe\xff': 'utf-32',
          b'\xff\xfe': 'utf-16', b'\xfe\xff': 'utf-16'}  # fmt: skip
 OF_WINDOWS = 'cp1252'
 # a cell that says that there is no number
-NO_NUMBER = re.compile(r'(?<![^;,\t|\n])[ ]*(?:null|n/a|na|#n/a|-{1,3})[ ]*(?![^;,\t|\n])', re.IGNORECASE)
+NO_NUMBER = re.compile(
+    r'(?<![^;,\t|\x1f\n])[ ]*(?:null|n/a|na|#n/a|-{1,3})[ ]*(?![^;,\t|\x1f\n])', re.IGNORECASE
+)
 COMMENT = re.compile('^#.*', re.MULTILINE)
-COMMA, POINT = ',', '.'
+COMMA, POINT, QUOTE, TAB = ',', '.', '"', '\t'
+CELL_END = '\x1f'  # the separator of ASCII, where cells held others
+WORDY = 0.5  # share of numbers up to which a row is one of words
+NAMES_OF_TIME = ('time', 'timestamp', 'date', 'datetime')
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+SEPARATORS = (';', TAB, '|', COMMA)
+DATE = re.compile(
+    r'(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?\s*(Z|[+-]\d\d:?\d\d)?'
+)  # ISO 8601
+LONG_NUMBER = re.compile(r'-?\d{16,19}')  # nanoseconds since 1970: more digits than a float has
+NUMBER = re.compile(
+    r'[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)|null|n/a|na|#n/a|-{0,3}', re.IGNORECASE
+)
 
 
 def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: str = 'trace') -> Table:
@@ -56,14 +76,39 @@ def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: 
         The file cannot be read, is no text, or a row holds something else than numbers; names the line.
 
     """
+    form = form or Form()
     try:
         whole_file.require_regular(path)
         if path.stat().st_size > SIZE_MAX_BYTES:
             raise TraceError(f'{path} is larger than {SIZE_MAX_BYTES >> 20} MiB')
-        with path.open('rb') as stream:
-            return _Reader(path, form or Form(), words).read(stream)
+        try:
+            with path.open('rb') as stream:
+                return _Reader(path, form, words).read(stream)
+        except UnicodeDecodeError as error:
+            if form.encoding or error.encoding not in ('utf-8', 'utf8'):
+                raise
+            with path.open('rb') as stream:  # a character of Windows beyond the beginning
+                return _Reader(path, replace(form, encoding=OF_WINDOWS), words, assumed=True).read(stream)
     except (OSError, UnicodeError, csv.Error) as error:
         raise TraceError(f'cannot read {what} {path}: {reason(error)}') from error
+
+
+def encoding_of(begin: bytes) -> str:
+    """Return the encoding of a text by its first bytes, UTF-16 also without a mark; '' for what is no text."""
+    for mark, encoding in MARKS.items():
+        if begin.startswith(mark):
+            return encoding
+    if b'\0' in begin:
+        zeros = [begin[n::2].count(0) for n in (0, 1)]
+        if min(zeros) == 0 and max(zeros) > 0.9 * (len(begin) // 2):  # characters of ASCII
+            return 'utf-16-be' if zeros[0] else 'utf-16-le'
+        return ''
+    try:
+        begin.decode('utf-8')
+    except UnicodeDecodeError as error:
+        if error.start < len(begin) - 4 or len(begin) < BEGIN:  # else a character was cut in two
+            return OF_WINDOWS
+    return 'utf-8'
 
 
 @dataclass
@@ -73,6 +118,7 @@ class _Reader:
     path: Path
     form: Form
     words: Sequence[str] = ()
+    assumed: bool = False  # the encoding
     separator: str = COMMA
     headings: list[str] = field(default_factory=list)
     meta: dict[str, Any] = field(default_factory=dict)
@@ -80,36 +126,43 @@ class _Reader:
     decimals: set[str] = field(default_factory=set)
     texts: dict[str, list[str]] = field(default_factory=dict)
     comments: list[str] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
+    exact: dict[int, int] = field(
+        default_factory=dict
+    )  # first value of columns of dates [ns] and of long numbers
 
     def read(self, stream: IO[bytes]) -> Table:
         """Read the whole file, and close it."""
         encoding = self.form.encoding or self._encoding(stream)
+        if self.assumed:
+            self.notices.append('Its text is not UTF-8; it is read as Windows-1252 (cp1252)')
         with io.TextIOWrapper(stream, encoding) as text:
             tables = [self._numbers(piece) for piece in self._behind_headings(self._pieces(text))]
         if not self.headings:
             raise TraceError(f'{self.path} is empty: it has no headings and no numbers')
         rows = [table for table in tables if len(table)]
         values = np.concatenate(rows) if rows else np.empty((0, len(self.headings)))
-        named = len(self.headings)
-        while named and not self.headings[named - 1] and np.isnan(values[:, named - 1]).all():
-            named -= 1  # every line ends in a separator
+        kept = [n for n, heading in enumerate(self.headings) if heading]
+        filled = [
+            n for n, heading in enumerate(self.headings) if not heading and not np.isnan(values[:, n]).all()
+        ]
+        if filled:
+            self.notices.append(
+                f'Columns without a heading are left out: {", ".join(str(n + 1) for n in filled)}'
+            )
+        if self.notices:
+            self.meta['notices'] = [*self.meta.get('notices', ()), *self.notices]
         about = self.meta, self.texts, self.comments
-        return Table(self.path, self.headings[:named], values[:, :named], *about)
+        return Table(self.path, [self.headings[n] for n in kept], values[:, kept], *about)
 
     def _encoding(self, stream: IO[bytes]) -> str:
-        begin = stream.read(1 << 16)
+        begin = stream.read(BEGIN)
         stream.seek(0)
-        for mark, encoding in MARKS.items():
-            if begin.startswith(mark):
-                return encoding
-        if b'\0' in begin:
+        found = encoding_of(begin)
+        if not found:
             raise TraceError(f'{self.path} is no text: it holds a zero byte, and no byte order mark')
-        try:
-            begin.decode('utf-8')
-        except UnicodeDecodeError as error:
-            if error.start < len(begin) - 4 or len(begin) < 1 << 16:  # else a character was cut in two
-                return OF_WINDOWS
-        return 'utf-8'
+        self.assumed = found == OF_WINDOWS
+        return found
 
     def _pieces(self, text: IO[str]) -> Iterator[str]:
         """Yield the text in pieces of whole lines."""
@@ -126,26 +179,49 @@ class _Reader:
             yield rest + '\n'
 
     def _behind_headings(self, pieces: Iterator[str]) -> Iterator[str]:
-        """Read comments and headings, and pass on what stands behind them."""
-        skip = self.form.skip_lines
+        """Read comments, preamble and headings, and pass on the lines below."""
+        begin = ''
         for piece in pieces:
-            lines = piece.splitlines(keepends=True)
-            for n, line in enumerate(lines):
-                if skip:
-                    skip -= 1
-                elif line.startswith('#'):
-                    self._comment(line)
-                elif line.strip():
-                    self.line += n + self.form.headings
-                    behind = lines[n + self.form.headings :] or next(pieces, '').splitlines(keepends=True)
-                    self._head(line, behind[0] if behind else '')
-                    if self._units(behind):
-                        self.line += 1
-                        behind = behind[1:]
-                    yield ''.join(behind)
-                    yield from pieces
-                    return
-            self.line += len(lines)
+            begin += piece
+            if len(begin) >= BEGIN:
+                break
+        lines, skip = list(io.StringIO(begin)), self.form.skip_lines
+        table = [n for n, line in enumerate(lines) if n >= skip and line.strip() and line[0] != '#']
+        first = self._found([lines[n] for n in table[:LINES_MAX]], table) if table else len(lines)
+        for line in lines[skip:first]:
+            if line[0] == '#':
+                self._comment(line)
+        if not table:
+            return
+        self.line = first + self.form.headings
+        self._head(lines[first], lines[self.line :])
+        self.line += self._units(lines[self.line :])
+        self._find_exact(lines[self.line :])
+        yield ''.join(lines[self.line :])
+        yield from pieces
+
+    def _found(self, lines: Sequence[str], places: Sequence[int]) -> int:
+        """Find the separator over the whole beginning, and return the place of the headings."""
+        cells = {mark: [_cells(line, mark) for line in lines] for mark in SEPARATORS}
+        scores = {mark: _score(rows) for mark, rows in cells.items()}
+        self.separator = self.form.separator or max(
+            SEPARATORS, key=lambda mark: (scores[mark], len(cells[mark][0]))
+        )
+        rows = cells[self.separator]
+        usual = _usual(rows)[0]
+        numbers = next((n for n, row in enumerate(rows) if len(row) == usual and _numeric(row) > WORDY), 0)
+        begins_with_table = len(rows[0]) in (usual, usual - 1) and usual > 2
+        if begins_with_table or not numbers or self.form.skip_lines or not self.form.headings:
+            return places[0]
+        above = numbers - 1
+        if above and all(unit_named(cell.strip(' []')) in UNITS for cell in rows[above] if cell):
+            above -= 1  # a row of units
+        if above:
+            line = places[above] + 1
+            self.notices.append(
+                f'Lines 1 to {line - 1} are left out as a preamble; the headings are in line {line}'
+            )
+        return places[above]
 
     def _comment(self, line: str) -> None:
         text = line[1:].strip()
@@ -157,18 +233,30 @@ class _Reader:
         else:
             self.comments.append(text)
 
-    def _head(self, line: str, below: str) -> None:
-        """Find out the separator, and part the headings."""
-        candidates = [mark for mark in (';', '\t', '|', ',') if mark in line]
-        found = candidates or [mark for mark in (';', '\t', '|') if mark in below]
-        self.separator = self.form.separator or (found or [COMMA])[0]
-        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=self.separator))]
-        if self.form.headings:
-            self.headings = cells
-            if all(_is_number(cell) for cell in cells):
-                raise TraceError(f'{self.path} begins with numbers, expected headings like time [s]')
-        else:
+    def _head(self, line: str, below: Sequence[str]) -> None:
+        """Part the headings."""
+        cells = _cells(line, self.separator)
+        if not self.form.headings:
             self.headings = [f'column {n}' for n in range(1, len(cells) + 1)]
+            return
+        if all(_is_number(cell) for cell in cells):
+            raise TraceError(f'{self.path} begins with numbers, expected headings like time [s]')
+        rows = [_cells(text, self.separator) for text in below[:LINES_MAX] if text.strip() and text[0] != '#']
+        indexed = rows and all(len(row) == len(cells) + 1 and row[0].isdecimal() for row in rows)
+        self.headings = ['', *cells] if indexed and all(cells) else cells
+
+    def _find_exact(self, lines: Sequence[str]) -> None:
+        """Find columns of dates, and of times with more digits than a float has: they count from the first value."""
+        row = next((line for line in lines if line.strip() and line[0] != '#'), '')
+        for n, cell in enumerate(_cells(row, self.separator)[: len(self.headings)]):
+            name, unit = parted(self.headings[n])
+            if DATE.fullmatch(cell):
+                if unit is None and plain(name) in NAMES_OF_TIME:
+                    self.headings[n] = 'time [s]'
+            elif not LONG_NUMBER.fullmatch(cell) or UNITS.get(unit or 's', ('', 0.0))[0] != 's':
+                continue
+            self.exact[n] = _exact(cell)
+            self.notices.append(f'Times count from {cell}')
 
     def _units(self, lines: list[str]) -> bool:
         """Take in a row of units below the headings; return whether there is one."""
@@ -193,44 +281,63 @@ class _Reader:
         text = COMMENT.sub('', text)
         if not text.strip():
             return np.empty((0, len(self.headings)))
-        text = self._without_words(text)
-        told = self._prepared(text)
+        text, mark = self._plain(text, first)
+        told = self._prepared(text, mark)
         try:
-            found = np.loadtxt(io.StringIO(told), delimiter=self.separator, comments=None, ndmin=2)
+            found = np.loadtxt(io.StringIO(told), delimiter=mark, comments=None, ndmin=2)
         except ValueError:
             told = NO_NUMBER.sub('nan', told)
             try:
-                found = np.loadtxt(io.StringIO(told), delimiter=self.separator, comments=None, ndmin=2)
+                found = np.loadtxt(io.StringIO(told), delimiter=mark, comments=None, ndmin=2)
             except ValueError:
-                self._refuse(told, text, first)
+                self._refuse(told, text, first, mark)
         if found.shape[1] != len(self.headings):
-            self._refuse(told, text, first)
-        return np.asarray(found, dtype=np.float64)
+            self._refuse(told, text, first, mark)
+        found = np.asarray(found, dtype=np.float64)
+        for n, values in self._exact_values.items():
+            found[:, n] = values
+        return found
 
-    def _without_words(self, text: str) -> str:
-        """Keep the cells that hold words, and return the lines without them."""
-        places = {n: name for n, name in enumerate(self.headings) if name in self.words}
-        if not places:
-            return text
+    def _plain(self, text: str, first: int) -> tuple[str, str]:
+        """Return lines without quotes, words, dates and long numbers, and the separator of their cells."""
+        words = {n: name for n, name in enumerate(self.headings) if name in self.words}
+        self._exact_values: dict[int, list[float]] = {n: [] for n in self.exact}
+        if not words and not self.exact and (QUOTE not in text):
+            return text, self.separator
         lines = []
-        for line in text.splitlines():
-            cells = next(csv.reader([line], delimiter=self.separator), [])
-            if len(cells) == len(self.headings):
-                for n, name in places.items():
-                    self.texts.setdefault(name, []).append(cells[n].strip())
+        for number, line in enumerate(text.split('\n')[:-1], start=first):
+            cells = _cells(line, self.separator) if line.strip() else []
+            if len(cells) == len(self.headings) or (cells and not any(cells[len(self.headings) :])):
+                for n, name in words.items():
+                    self.texts.setdefault(name, []).append(cells[n])
                     cells[n] = ''
-            lines.append(self.separator.join(cells))
-        return '\n'.join(lines) + '\n'
+                for n, begin in self.exact.items():
+                    self._exact_values[n].append(self._since(cells[n], begin, number))
+                    cells[n] = ''
+            lines.append(CELL_END.join(cells))
+        return '\n'.join(lines) + '\n', CELL_END
 
-    def _prepared(self, text: str) -> str:
-        """Return the text with decimal points, without quotes, and with nan in empty cells."""
-        separator = self.separator
-        text = text.replace('"', '').replace('\u202f', '').replace('\xa0', '')
+    def _since(self, cell: str, begin: int, number: int) -> float:
+        """Return the time since the first one, nan for an empty cell; raises TraceError."""
+        if not cell:
+            return math.nan
+        try:
+            passed = _exact(cell) - begin
+        except ValueError:
+            raise TraceError(
+                f'line {number} of {self.path} holds {shown(cell)}, expected a time like 2026-11-20 10:11:12.500, or a '
+                'whole number, as in the first row'
+            ) from None
+        return passed * 1e-9 if DATE.fullmatch(cell) else float(passed)
+
+    def _prepared(self, text: str, separator: str) -> str:
+        """Return the text with decimal points, and with nan in empty cells."""
+        text = text.replace('\u202f', '').replace('\xa0', '')
         if separator != COMMA:
             self.decimals.update(mark for mark in (COMMA, POINT) if mark in text)
             if len(self.decimals) > 1:
                 raise TraceError(
-                    f'{self.path} holds commas and points in its numbers: nobody knows which of them part thousands'
+                    f'{self.path} holds commas and points in its numbers: either could part the thousands'
                 )
             if self.form.decimal and self.decimals - {self.form.decimal}:
                 other = ''.join(self.decimals)
@@ -243,17 +350,17 @@ class _Reader:
         text = re.sub(f'(?<={mark})[ ]*(?={mark}|\n)', 'nan', text)
         return re.sub(f'^[ ]*(?={mark})', 'nan', text, flags=re.MULTILINE)
 
-    def _refuse(self, told: str, text: str, first: int) -> None:
+    def _refuse(self, told: str, text: str, first: int, mark: str) -> None:
         """Refuse the first row that is none; raises TraceError."""
         number = first
         for line, own in zip(told.splitlines(), text.splitlines(), strict=True):
-            cells = line.split(self.separator)
+            cells = line.split(mark)
             if line.strip():
                 if len(cells) != len(self.headings):
                     raise TraceError(
                         f'line {number} of {self.path} has {len(cells)} values, the header {len(self.headings)} columns'
                     )
-                for cell, typed in zip(cells, own.split(self.separator), strict=False):
+                for cell, typed in zip(cells, own.split(mark), strict=False):
                     if not _is_number(cell):
                         raise TraceError(
                             f'line {number} of {self.path} holds {shown(typed)}, not only numbers'
@@ -268,3 +375,41 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return '_' not in text
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
+
+
+def _usual(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
+    """Return the most frequent number of cells of the later rows, and how many of them have it."""
+    later = rows[len(rows) // 2 :]
+    return Counter(map(len, later)).most_common(1)[0] if later else (0, 0)
+
+
+def _score(rows: Sequence[Sequence[str]]) -> float:
+    """Return how much rows look like a table, from 0 to 1: equally long rows of numbers."""
+    later = rows[len(rows) // 2 :]
+    usual, often = _usual(rows)
+    if usual < 2:
+        return 0.0
+    return often / len(later) * sum(_numeric(row) for row in later if len(row) == usual) / often
+
+
+def _numeric(row: Sequence[str]) -> float:
+    """Return which share of the cells are numbers, dates or empty."""
+    return sum(bool(NUMBER.fullmatch(cell) or DATE.fullmatch(cell)) for cell in row) / max(len(row), 1)
+
+
+def _exact(text: str) -> int:
+    """Return a whole number, or the nanoseconds of a date; raises ValueError."""
+    found = DATE.fullmatch(text)
+    if not found:
+        return int(text)
+    numbers = [int(number or 0) for number in found.groups()[:6]]
+    whole = datetime(*numbers, tzinfo=UTC) - EPOCH  # type: ignore[arg-type, misc]
+    zone = found[8] or 'Z'
+    if zone != 'Z':
+        minutes = int(zone[1:3]) * 60 + int(zone[-2:])
+        whole -= timedelta(minutes=minutes if zone[0] == '+' else -minutes)
+    return whole // timedelta(seconds=1) * 10**9 + int((found[7] or '').ljust(9, '0'))

@@ -144,6 +144,110 @@ def test_names_of_the_thesis_are_read(tmp_path):
     assert trace['tcp_actual'][0] == pytest.approx([0.011, 0.012, 0.013])
 
 
+# forms of other tools -------------------------------------------------------------------------------------------------
+
+TIMES = {
+    's': ('time [s]', lambda t: f'{t:.3f}'),
+    'ms': ('time [ms]', lambda t: f'{1e3 * t:.0f}'),
+    'ns': ('time [ns]', lambda t: f'{round(1e9 * t)}'),
+    'epoch': ('time [ns]', lambda t: f'{1_795_800_000_123_456_789 + round(1e9 * t)}'),
+    'iso': ('time', lambda t: f'2026-03-29 01:59:{57 + t:06.3f}'),
+    'zone': ('Timestamp', lambda t: f'2026-03-29T01:59:{57 + t:06.3f}+02:00'),
+}
+FORMS = list(
+    itertools.product(
+        ',;\t|',
+        '.,',
+        TIMES,
+        ('utf-8', 'utf-8-sig', 'utf-16', 'utf-16-le', 'utf-16-be', 'cp1252'),
+        ('\n', '\r\n', '\r'),
+    )
+)
+
+
+@pytest.mark.parametrize('seed', range(60))
+def test_a_table_in_the_form_of_any_tool_keeps_its_numbers(seed, tmp_path):
+    rng = np.random.default_rng(seed)
+    separator, decimal, time, encoding, end = FORMS[rng.integers(len(FORMS))]
+    time_s = 0.002 * np.arange(1, 2 + rng.integers(2, 40)) + (0.25 if time not in ('iso', 'zone') else 0.0)
+    values = np.round(rng.normal(0.0, 3.0, (len(time_s), 3)), 6)
+    quoted = separator == decimal or rng.random() < 0.3
+    heading, stamp = TIMES[time]
+    headings = [heading, 'current_1 [A]', 'current_2 [A]', 'current_3 [A]']
+    index = rng.random() < 0.3
+    preamble = [f'Größe: Messung {seed}', 'Datum;2026-11-20 10:11:12', ''] if rng.random() < 0.3 else []
+
+    def line(cells):
+        cells = [f'"{cell}"' if quoted else cell for cell in cells]
+        return separator.join(cells)
+
+    body = [line(['', *headings] if index else headings)]
+    for n, row in enumerate(values):
+        cells = [stamp(time_s[n]) if time in ('iso', 'zone') else stamp(time_s[n]).replace('.', decimal)]
+        cells += [repr(float(value)).replace('.', decimal) for value in row]
+        body.append(line([str(n), *cells] if index else cells))
+    trace = load(tmp_path / 'a.csv', ''.join(text + end for text in preamble + body).encode(encoding))
+    assert trace['current'].tolist() == values.tolist()
+    np.testing.assert_allclose(trace.time_s - trace.time_s[0], time_s - time_s[0], rtol=0.0, atol=1e-9)
+    if time in ('s', 'ms', 'ns'):
+        np.testing.assert_allclose(trace.time_s, time_s, rtol=0.0, atol=1e-9)
+    told = ' '.join(trace.meta.get('notices', ()))
+    assert ('Times count from' in told) is (time in ('epoch', 'iso', 'zone'))
+    assert (f'headings are in line {len(preamble) + 1}' in told) is bool(preamble)
+    assert ('Columns without a heading are left out: 1' in told) is index
+
+
+@pytest.mark.parametrize('heading', ['"remark; free"', '|e|', '"a\tb; c|d"'])
+def test_a_separator_in_a_heading_does_not_part_the_table(heading, tmp_path):
+    text = lines().replace('\n', ',1\n').replace('[A],1\n', f'[A],{heading}\n', 1)
+    assert text.startswith('time [s],current_1 [A]')
+    with pytest.raises(TraceError, match='has an unknown column') as caught:
+        load(tmp_path / 'a.csv', text)
+    assert heading.strip('"')[:1] in str(caught.value)
+    trace = load(tmp_path / 'a.csv', text, chosen(tmp_path, NAMED))
+    assert np.column_stack([trace.time_s, trace['current']]).tolist() == ROWS
+
+
+NAMED = 'columns:\n- {column: time, signal: time, unit: s}\n' + ''.join(
+    f'- {{column: current_{n}, signal: current, axis: {n}, unit: A}}\n' for n in '123'
+)
+
+
+def test_an_index_column_whose_heading_is_missing_is_left_out(tmp_path):
+    first, *rows = lines().splitlines()
+    text = '\n'.join([first, *(f'{n},{row}' for n, row in enumerate(rows))]) + '\n'
+    trace = load(tmp_path / 'a.csv', text)
+    assert np.column_stack([trace.time_s, trace['current']]).tolist() == ROWS
+    assert trace.meta['notices'] == ['Columns without a heading are left out: 1']
+
+
+def test_nanoseconds_of_an_epoch_keep_every_digit(tmp_path):
+    begin = 1_795_800_000_000_000_001
+    text = 'time [ns],tcp_error_norm [mm]\n' + ''.join(f'{begin + 3 * n},{n}\n' for n in range(5))
+    trace = load(tmp_path / 'a.csv', text)
+    assert trace.time_s == pytest.approx([3e-9 * n for n in range(5)], rel=1e-12)
+    assert trace.meta['notices'] == [f'Times count from {begin}']
+
+
+def test_dates_over_the_end_of_a_day_and_in_a_time_zone(tmp_path):
+    times = ['2026-12-31T23:59:59,75Z', '2027-01-01T01:00:00,25+01:00', '2027-01-01T00:00:00,5Z']
+    text = 'time;tcp_error_norm [mm]\n' + ''.join(f'{time};{n}\n' for n, time in enumerate(times))
+    assert load(tmp_path / 'a.csv', text).time_s.tolist() == [0.0, 0.5, 0.75]
+    with pytest.raises(
+        TraceError, match=r"line 3 of .* holds '2027-02-30T01:00:00,25Z', expected a time like"
+    ):
+        load(tmp_path / 'a.csv', text.replace('01-01T01:00:00,25+01:00', '02-30T01:00:00,25Z'))
+
+
+def test_text_of_windows_is_mentioned_wherever_it_is(tmp_path):
+    text = '# Größe\n' + lines()
+    notice = 'Its text is not UTF-8; it is read as Windows-1252 (cp1252)'
+    assert load(tmp_path / 'a.csv', text.encode('cp1252')).meta['notices'] == [notice]
+    late = lines() + ''.join(f'{1 + n},1,2,3\n' for n in range(20_000)) + '# Größe\n'
+    assert load(tmp_path / 'b.csv', late.encode('cp1252')).meta['notices'] == [notice]
+    assert 'notices' not in load(tmp_path / 'c.csv', text.encode()).meta
+
+
 # column files ---------------------------------------------------------------------------------------------------------
 
 
