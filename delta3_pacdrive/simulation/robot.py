@@ -83,10 +83,15 @@ def run_commands(commands, torques, control, robot, built, currents, answers):
     robot, built, currents
         As in ``robot_cycle``.
     answers
-        Takes the AT, shape (cycles, 3, 3): position [rad], speed [rad/s] and torque [N m] by axis.
+        Takes the AT, shape (cycles, rows, 3): position [rad], speed [rad/s] and torque [N m] by axis; each further row
+        is the motor current [A] of a current-loop period, from that of the AT back.
 
     """
+    newest = currents.shape[0] - 1
     for k in range(commands.shape[0]):
+        for row in range(3, answers.shape[1]):
+            for i in range(3):
+                answers[k, row, i] = currents[newest - (row - 3), i]
         for i in range(3):
             robot[0].torques[i] = torques[k, i]
         robot_cycle(commands[k], control, robot[0].next_payload, robot, built, currents)
@@ -157,7 +162,7 @@ class Robot:
         positions = self.plant.shafts()[:3]
         return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
 
-    def run(self, commands: Floats, control: int, torques: ArrayLike = 0.0) -> Floats:
+    def run(self, commands: Floats, control: int, torques: ArrayLike = 0.0, earlier: int = 0) -> Floats:
         """Run a bus cycle for each row of commands.
 
         Parameters
@@ -168,15 +173,18 @@ class Robot:
             Control word S-0-0134 of all MDT.
         torques
             Of the MDT [N m], shape (cycles, 3).
+        earlier
+            Number of motor currents to return, from that of the AT back; at most the periods of an exchange.
 
         Returns
         -------
         Floats
-            The AT, shape (cycles, 3, 3): position [rad], speed [rad/s] and torque [N m] by axis.
+            The AT, shape (cycles, 3 + earlier, 3): position [rad], speed [rad/s] and torque [N m] by axis, then motor
+            currents [A].
 
         """
         self.received[:] = 1
-        answers = np.empty((len(commands), 3, 3))
+        answers = np.empty((len(commands), 3 + earlier, 3))
         commands = np.ascontiguousarray(commands, dtype=np.float64)
         beside = np.ascontiguousarray(np.broadcast_to(np.asarray(torques, dtype=np.float64), commands.shape))
         run_commands(commands, beside, control, self.record, self.plant.built, self.currents, answers)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from delta3_pacdrive import kinematics, simulation
-from delta3_pacdrive.analysis import oscilloscope_run
+from delta3_pacdrive.analysis import measured, oscilloscope_run
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion.program import Output, Program
@@ -54,6 +54,14 @@ def sample_time_s(trace: Trace) -> float:
             f'the trace is not evenly sampled: steps from {steps.min():g} to {steps.max():g} s'
         )
     return period
+
+
+def completed(trace: Trace, parameters: Parameters) -> Trace:
+    """Return a recording with the signals of the motors: from those of the arms, and speeds from positions."""
+    signals = measured.of_motors(trace, parameters)
+    if 'motor_speed' not in signals and 'motor_position' in signals:
+        signals['motor_speed'] = np.gradient(signals['motor_position'], sample_time_s(trace), axis=0)
+    return Trace(trace.time_s, signals, trace.meta)
 
 
 def moving_rows(trace: Trace) -> slice:

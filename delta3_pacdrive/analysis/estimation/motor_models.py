@@ -77,7 +77,7 @@ class TorqueModel:
     """
 
     step, accuracy = 1e-5, 1e-6
-    depends = frozenset(GROUPS['masses'].possible) - {'R', 'L'}
+    depends = frozenset(GROUPS['masses'].possible) - {'R', 'L', 't_I'}
 
     def __init__(self, trace: Trace, parameters: Parameters, band_hz: float = BAND_HZ) -> None:
         self._parameters = parameters

@@ -18,6 +18,7 @@ from delta3_pacdrive.parameters import ELASTIC_EXCHANGE_S, Parameters, flatten
 
 ANGLE_SCALE_RAD = math.pi / 3.0  # "all of it" for the azimuth of an arm: half of what lies between two arms
 SMALL_LENGTH_M, SMALL_ANGLE_RAD = 1e-2, 1e-2  # the same for offsets that should be zero
+CURRENT_DELAY_S = 62.5e-6  # and for the instant at which a logger samples the current
 SMALL_GAIN, SMALL_CURRENT_A = 0.02, 0.05  # and for errors of current sensors
 BUILT_EXCHANGE_S = 125e-6  # every step of the velocity loop of a model with elastic gears sees the true shaft
 
@@ -101,6 +102,8 @@ _TABLE = (
     Quantity('m_fb', 'kg', 'forearm, both rods', 'dynamics.forearm_mass_kg', typical=0.1),
     Quantity('m_n', 'kg', 'plate', 'dynamics.plate_mass_kg'),
     Quantity('m_payload', 'kg', 'payload', 'dynamics.payload_mass_kg', typical=0.1),
+    Quantity('t_I', 's', 'time from a sample of the current to the AT that holds it, beyond that of this robot',
+             scale=CURRENT_DELAY_S),
     Quantity('l_A', 'm', 'upper arm', 'kinematics.upper_arm_length_m'),
     Quantity('l_B', 'm', 'forearm', 'kinematics.forearm_length_m'),
     Quantity('R_A', 'm', 'circle of the motor axes', 'kinematics.base_radius_m'),
@@ -216,8 +219,10 @@ _ELECTRICAL = ('R', 'L', 'K_m')
 _FRICTION = ('F_v', 'F_s')
 _DRIVEN = tuple(q.symbol for q in _TABLE if q.effect and q.effect != 'geometry')
 GROUPS = {
-    'motor': Group('motor', (*_ELECTRICAL, *_FRICTION, 'I_m'), ('I_brake', 'w_s', *_MASSES), _DRIVEN),
-    'masses': Group('masses', (*_MASSES, *_FRICTION), ('w_s', 'I_m', 'I_brake', *_ELECTRICAL), _DRIVEN),
+    'motor': Group('motor', (*_ELECTRICAL, *_FRICTION, 'I_m'), ('I_brake', 'w_s', *_MASSES, 't_I'), _DRIVEN),
+    'masses': Group(
+        'masses', (*_MASSES, *_FRICTION), ('w_s', 'I_m', 'I_brake', *_ELECTRICAL, 't_I'), _DRIVEN
+    ),
     'geometry': Group(
         'geometry', (*_LENGTHS, *_AZIMUTHS), FRAME, (*OFFSETS, *(s for own in OF_ARMS for s in own))
     ),

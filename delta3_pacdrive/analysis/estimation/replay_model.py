@@ -84,7 +84,10 @@ class Replay:
         return self._noisy.rich.effects.sensors
 
     def run(self, values: Mapping[str, float]) -> dict[str, Floats]:
-        """Return motor_position [rad], motor_speed [rad/s] and current [A] of the cycles, shapes (n, 3)."""
+        """Return motor_position [rad], motor_speed [rad/s] and current [A] of the cycles, shapes (n, 3).
+
+        The current is that of the AT, or the one ``t_I`` before it.
+        """
         return self._run(values, self._parameters, self._ideal)
 
     def noise(self, values: Mapping[str, float], count: int) -> Floats:
@@ -106,9 +109,24 @@ class Replay:
             if ideal:
                 drive.constants['increments_per_rad'] = IDEAL_INCREMENTS / math.tau
         robot.run(np.tile(self._commands[0], (STANDING_CYCLES, 1)), CONTROL_ENABLE, self._torques[0])
-        out = robot.run(self._commands, CONTROL_ENABLE, self._torques)
+        out = robot.run(
+            self._commands, CONTROL_ENABLE, self._torques, len(robot.currents) if whole['t_I'] else 0
+        )
         out[:, 2] /= own.motor.torque_constant_n_m_a
+        out[:, 2] = _earlier(out, whole['t_I'] / own.drive.current_period_s)
         return {name: out[:, i] for i, name in enumerate(('motor_position', 'motor_speed', 'current'))}
+
+
+def _earlier(answers: Floats, periods: float) -> Floats:
+    """Return the current some periods of the current loop before that of the AT, on straight lines between periods."""
+    if not periods:
+        return answers[:, 2]
+    samples = answers[:, 3:]
+    begin = min(max(math.floor(periods), 0), samples.shape[1] - 2)
+    share = periods - begin
+    earlier = (1.0 - share) * samples[:, begin] + share * samples[:, begin + 1]
+    # what the sensor makes of a current changes slowly
+    return np.asarray(answers[:, 2] - samples[:, 0] + earlier)
 
 
 def _take_masses(robot: Robot, v: Mapping[str, float], parameters: Parameters) -> None:

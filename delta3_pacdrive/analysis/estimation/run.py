@@ -20,13 +20,14 @@ from delta3_pacdrive.analysis.estimation import (
     thesis_setup,
 )
 from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
-from delta3_pacdrive.analysis.estimation.measurement import sample_time_s, simulate, with_noise
+from delta3_pacdrive.analysis.estimation.measurement import completed, sample_time_s, simulate, with_noise
 from delta3_pacdrive.analysis.estimation.model_check import ModelCheck, check
 from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, WindingModel
 from delta3_pacdrive.analysis.estimation.problem import Model, Problem
 from delta3_pacdrive.analysis.estimation.quantities import (
     BUILT_EXCHANGE_S,
     GROUPS,
+    TABLE,
     Quantity,
     start_values,
     with_effects_of,
@@ -47,6 +48,15 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.recording.trace_file import load, save
 
 THESIS = 'thesis'
+TIMING = (
+    'one sample in a bus cycle shows it only together with the instant of sampling and the dead times of the current '
+    'loops, which the log does not show; phase_voltage would'
+)
+OF_TIMING = (
+    'R',
+    'L',
+    't_I',
+)  # what a log of another program shows only together with the timing inside its drives
 SETTINGS, ITERATE = 'session.json', 'iterate.json'
 
 
@@ -59,6 +69,7 @@ class Study(studies.Study):
     robot: Parameters = field(init=False)
     model_robot: Parameters = field(init=False)
     quantities: tuple[Quantity, ...] = field(init=False, default=())
+    timing: tuple[str, ...] = field(init=False, default=())  # free, but no numbers of the robot
 
     def __post_init__(self) -> None:
         """Read the parameters and refuse settings that contradict one another."""
@@ -133,6 +144,7 @@ class Study(studies.Study):
         if self.settings.group == THESIS:
             return self._run_thesis()
         traces = self._traces(self.settings.inputs, measurement)
+        self.allow_for_timing(traces)
 
         def build(robot: Parameters) -> list[Model]:
             return [model for trace in traces for model in self.models(trace, robot)]
@@ -142,7 +154,9 @@ class Study(studies.Study):
         if self.iterate is not None and len(self.iterate.x) != len(start):
             told = f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values'
             raise EstimationError(told)
-        found = built_fit.fit_built(problem, start, build, self._keep, self.iterate)
+        found = built_fit.fit_built(problem, start, build, self._keep, self.iterate).without(
+            self.timing, TIMING
+        )
         aside = [
             model
             for trace in self._traces(self.settings.validate)
@@ -162,6 +176,22 @@ class Study(studies.Study):
             drawings |= more
         title = f'Estimation: {self.settings.group}'
         return folder.results(title, document, report.text(document), tables, drawings)
+
+    def allow_for_timing(self, traces: Sequence[Trace]) -> None:
+        """Free the timing inside the drives, for logs that do not come from this robot's recorder.
+
+        Such a log does not show when within a bus cycle the current is sampled, nor how long its current loops take;
+        both look like inertia and inductance. The arms are coupled in every period of the current loop, as in reality.
+        """
+        group = GROUPS[self.settings.group]
+        if self._simulates or all({'parameters', 'checksum'} & trace.meta.keys() for trace in traces):
+            return
+        held = {*group.named(self.settings.known), *(quantity.symbol for quantity in self.quantities)}
+        if 't_I' not in group.possible or any('phase_voltage' in trace.signals for trace in traces):
+            return
+        self.quantities += tuple(TABLE[symbol] for symbol in OF_TIMING if symbol not in held)
+        self.timing = tuple(symbol for symbol in OF_TIMING if symbol not in self.settings.free)
+        self.model_robot = self.model_robot.replace(bus__exchange_period_s=BUILT_EXCHANGE_S)
 
     def _run_thesis(self) -> dict[str, Any]:
         chosen = self.settings
@@ -218,7 +248,10 @@ class Study(studies.Study):
         symbols = [q.symbol for q in self.quantities]
         before = with_values(self.model_robot, dict(zip(symbols, start.tolist(), strict=True)))
         if better is None:
-            after = with_values(self.model_robot, dict(zip(symbols, found.x.tolist(), strict=True)))
+            values = zip(symbols, found.x.tolist(), strict=True)
+            after = with_values(self.model_robot, {s: value for s, value in values if s not in self.timing})
+            if self.timing:
+                after = after.replace(bus__exchange_period_s=self.robot.bus.exchange_period_s)
         else:
             before = with_values(self.robot, dict(zip(symbols, start.tolist(), strict=True)))
             problem, found, verdict, after = better.problem, better.fit, better.check, better.robot
@@ -295,7 +328,7 @@ class Study(studies.Study):
         settings = self.settings
         if not self._simulates:
             self.on_progress('reading', 0, 0)
-            return [load(text) for text in inputs]
+            return [completed(load(text), self.robot) for text in inputs]
         sampling = settings.sampling
         if settings.group == 'geometry' or (sampling == 'auto' and self.robot.rich.enabled):
             sampling = 'bus'

@@ -1,7 +1,7 @@
 """Least squares with bounds and scales, covariance that holds for coloured residuals, confidence intervals."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -104,6 +104,17 @@ class Fit:
     iterations: int
     converged: bool
     message: str
+
+    def without(self, symbols: Sequence[str], reason: str) -> 'Fit':
+        """Return the fit with quantities that were free, but whose values mean nothing, and why."""
+        told = Verdict.CONFOUNDED
+        estimates = [replace(e, verdict=told) if e.symbol in symbols else e for e in self.estimates]
+        findings = [
+            replace(f, verdict=told, reason=reason) if f.symbol in symbols else f
+            for f in self.identifiability.findings
+        ]
+        analysed = replace(self.identifiability, findings=tuple(findings))
+        return replace(self, estimates=tuple(estimates), identifiability=analysed)
 
 
 def fit(
