@@ -5,15 +5,14 @@ from pathlib import Path
 
 from delta3_pacdrive.analysis.provenance import digest
 from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.recording.trace import BAG_FILES, is_bag
 from delta3_pacdrive.recording.trace_file import TABLES
-
-BAG_FILES = ('.mcap', '.db3')
 
 
 def is_recording(text: str) -> bool:
-    """Whether an input is a recording: a folder, or a file that is no program."""
+    """Whether an input is a recording: a bag, a trace file or a table."""
     path = Path(text)
-    return path.is_dir() or path.suffix.lower() == '.npz' or is_table(text)
+    return is_bag(path) or path.suffix.lower() == '.npz' or is_table(text)
 
 
 def is_table(text: str) -> bool:
@@ -33,7 +32,9 @@ def bags_in(text: str) -> list[str]:
 
 
 def _is_bag(folder: Path) -> bool:
-    return any(file.suffix in BAG_FILES or file.name == 'metadata.yaml' for file in folder.iterdir())
+    return any(
+        file.name.lower().endswith(BAG_FILES) or file.name == 'metadata.yaml' for file in folder.iterdir()
+    )
 
 
 def program_name(text: str) -> str:

@@ -18,7 +18,7 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording import column_file, trace_file
-from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.recording.trace import Trace, is_bag
 from delta3_pacdrive.sercos import words
 
 CONTINUED_S = 0.5  # how long after a stop a run is shown at most: brakes have closed then
@@ -181,7 +181,7 @@ def load(
     Parameters
     ----------
     text
-        A trace file, the folder of a bag, a program file or the name of a packaged program.
+        A trace file, a table, a bag, a program file or the name of a packaged program.
     source
         Parameter file for a program, and for a recording that does not tell its own.
     from_s, to_s
@@ -202,16 +202,11 @@ def load(
         trace, robot, program, note, kind = *_simulated(text, core.of_run(source, text)), '', PROGRAM
         story: Mapping[str, Any] = trace.meta
     else:
-        chosen = None if columns is None else column_file.read(columns)
-        trace = trace_file.load(text, chosen, gaps=True)
-        robot, note = _robot_of(trace, source)
-        kind = BAG if Path(text).is_dir() else TRACE
-        if is_table(text) and 'cycle_time_s' not in trace.meta:
-            trace, kind = measured.completed(measured.on_grid(trace, text), robot), TABLE
+        trace, kind, robot, note = recorded(text, source, columns)
         story = bag_events.read(Path(text), trace, None if note else robot) if kind == BAG else trace.meta
     part = _part(trace, from_s, to_s)
     try:
-        moves, marks, notes = _moves(story, part), _marks(story, part), _notes(trace)
+        moves, marks, notes = _moves(story, part), _marks(story, part), notes_of(trace)
         drives = _drives(trace)
         notes += tuple(story['notes']) if kind == BAG else ()
     except (KeyError, TypeError, ValueError):
@@ -223,6 +218,27 @@ def load(
     about = text, title, kind, robot, program, used or '', note
     cell = bag_cell.read(Path(text), trace) if kind == BAG else cell_story.of_trace(trace, text)
     return Run(*about, trace, part, moves, marks, outputs, drives, notes, origin, cell)
+
+
+def recorded(
+    text: str, source: str | None = None, columns: str | None = None
+) -> tuple[Trace, str, Parameters, str]:
+    """Return the trace of a recording, its kind, its robot, and a sentence if the robot is assumed.
+
+    A table of measurements is brought onto an even grid, and completed by the signals that its own give.
+
+    Raises
+    ------
+    Delta3Error
+        It cannot be read.
+
+    """
+    trace = trace_file.load(text, None if columns is None else column_file.read(columns), gaps=True)
+    robot, note = _robot_of(trace, source)
+    kind = BAG if is_bag(Path(text)) else TRACE
+    if is_table(text) and 'cycle_time_s' not in trace.meta:
+        trace, kind = measured.completed(measured.on_grid(trace, text), robot), TABLE
+    return trace, kind, robot, note
 
 
 def _part(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
@@ -372,7 +388,8 @@ def _output_text(row: Mapping[str, Any]) -> str:
     return f'{row["name"]} {state}{payload}'
 
 
-def _notes(trace: Trace) -> tuple[str, ...]:
+def notes_of(trace: Trace) -> tuple[str, ...]:
+    """Return sentences on what a recording lacks, or what was assumed to read it."""
     meta = trace.meta
     notes = [str(notice) for notice in meta.get('notices', ())]
     if meta.get('stopped'):

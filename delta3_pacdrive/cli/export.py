@@ -1,6 +1,7 @@
 """``delta3 export``: the robot as a model, the signals of a recording as a table, for other tools."""
 
 import json
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +24,7 @@ class Options(WindowOptions):
 
     format: str = argument('urdf, mjcf or trace', choices=tuple(FORMATS), metavar='FORMAT')
     recording: str | None = argument(
-        'for trace: trace (.npz), table (.csv, .parquet, .mat) or rosbag2 folder',
+        'for trace: trace (.npz), table (.csv, .parquet, .mat) or bag (folder, .mcap, .db3)',
         default=None,
         metavar='RECORDING',
     )
@@ -81,8 +82,10 @@ def _trace(options: Options) -> int:
     from delta3_pacdrive.analysis import trace_export
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.analysis.runs import notes_of
     from delta3_pacdrive.errors import TraceError
     from delta3_pacdrive.recording import trace_file as files
+    from delta3_pacdrive.recording.trace import is_bag
 
     name, output = str(options.recording), Path(str(options.output))
     files.require_writable_trace(output)
@@ -91,8 +94,9 @@ def _trace(options: Options) -> int:
     if options.signals:
         trace_export.require_known(options.signals)
     trace = files.load(name)
+    notes = notes_of(trace)
     origin = Provenance.of(options.command_line, inputs=noted([name]))
-    trace = trace_export.completed(trace, options.signals, Path(name) if Path(name).is_dir() else None)
+    trace = trace_export.completed(trace, options.signals, Path(name) if is_bag(Path(name)) else None)
     trace = trace_export.chosen(trace, options.signals, name)
     trace = trace_export.thinned(trace_export.part(trace, options.from_s, options.to_s), options.every)
     trace.meta['exported'] = origin.lines()
@@ -102,11 +106,14 @@ def _trace(options: Options) -> int:
         'file': str(output),
         'rows': len(trace.time_s),
         'signals': list(trace.signals),
+        'notes': list(notes),
         'provenance': origin.lines(),
     }
     if options.json:
         print(json.dumps(result))
     else:
+        for note in notes:
+            print(f'note: {note}', file=sys.stderr)
         print(f'{output}: {len(trace.time_s)} rows of {", ".join(trace.signals)}')
     return 0
 

@@ -49,28 +49,36 @@ def _signals(text: str) -> list[str]:
 class Options(WindowOptions):
     """Options of the command."""
 
-    recording: str = argument('rosbag2 folder or trace (.npz, .csv)')
+    recording: str = argument('bag (folder, .mcap, .db3), trace (.npz) or table (.csv, .parquet, .mat)')
     output: str = option('folder for the pictures and their data', 'DIR', default='figures')
     signals: list[str] | None = option(
         'draw and write these only, such as current,tcp_error: ' + ', '.join(KNOWN),
         'NAMES',
         type=_signals,
     )
+    parameters: str | None = option('parameter file for a table: its robot', 'FILE')
+    columns: str | None = option('column file: what the columns of a table are', 'FILE')
 
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis import derived_signals, run_figures, run_signals, trace_export
+    from delta3_pacdrive.analysis import derived_signals, run_figures, run_signals, runs, trace_export
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_folder import ReportFolder
     from delta3_pacdrive.recording import trace_csv, trace_file
+    from delta3_pacdrive.recording.trace import is_bag
 
     recording = Path(options.recording)
-    trace = derived_signals.added(trace_file.load(recording))
+    trace, kind, _, assumed = runs.recorded(options.recording, options.parameters, options.columns)
+    notes = [*runs.notes_of(trace), *([assumed] if kind == runs.TABLE else [])]
+    trace = derived_signals.added(trace)
+    origin_s = float(trace.meta.get('origin_s', 0.0))
+    if origin_s:
+        notes.append(f'Times of the figures count from the first row, at {origin_s:.9g} s')
     if options.signals:
         trace_export.require_known(options.signals)
-        trace = trace_export.completed(trace, options.signals, recording if recording.is_dir() else None)
+        trace = trace_export.completed(trace, options.signals, recording if is_bag(recording) else None)
     starts = trace.meta.get('starts')
     starts = [start for start in starts if isinstance(start, int)] if isinstance(starts, list) else []
     if len(starts) > 1 and 'cycle_time_s' in trace.meta:
@@ -80,7 +88,8 @@ def run(options: Options) -> int:
         print(f'note: programs started at {told} s; --from and --to choose what is shown', file=sys.stderr)
     windowed = options.from_s is not None or options.to_s is not None
     if windowed:
-        trace = run_signals.windowed(trace, options.from_s, options.to_s)
+        edges = (None if edge is None else edge - origin_s for edge in (options.from_s, options.to_s))
+        trace = run_signals.windowed(trace, *edges)
     # what was recorded knows its parameters itself
     origin = Provenance.of(options.command_line, inputs=noted([options.recording]))
     origin = replace(origin, parameters=str(trace.meta.get('checksum', 'unknown')))
@@ -93,8 +102,10 @@ def run(options: Options) -> int:
     folder.add(data)
     folder.page(f'Figures of {options.recording}')
     if options.json:
-        print(json.dumps({'ok': True, 'files': folder.files, 'provenance': origin.lines()}))
+        print(json.dumps({'ok': True, 'files': folder.files, 'notes': notes, 'provenance': origin.lines()}))
     else:
+        for note in notes:
+            print(f'note: {note}', file=sys.stderr)
         print('\n'.join(folder.files))
     return 0
 
@@ -109,7 +120,7 @@ def _written(trace: 'Trace', windowed: bool, signals: Sequence[str] | None) -> '
         half = trace.meta['cycle_time_s'] / 2.0
         rows = slice(*trace.time_s.searchsorted([first - half, last + half]).tolist())
     chosen = {name: trace[name][rows] for name in signals or trace.signals}
-    return type(trace)(trace.time_s[rows], chosen, trace.meta)
+    return type(trace)(trace.time_s[rows] + float(trace.meta.get('origin_s', 0.0)), chosen, trace.meta)
 
 
 main = Command(

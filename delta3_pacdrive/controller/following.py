@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from delta3_pacdrive.controller.messages import EXTEND
-from delta3_pacdrive.controller.motion_state import at_percent
 from delta3_pacdrive.controller.planner_actions import Ordered
 from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX, Behind, Result, unrounded
 from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX, LEAD_FACTOR
@@ -202,7 +201,7 @@ class Following:
             )
             corner = f'; the corner before them is not rounded: {why}'
         count = wanted.statements
-        sentence = f'{count} statements follow{_to_go(extension.timeline)}{corner}'
+        sentence = f'{count} statements follow, {_left_s(extension.timeline):.3f} s to go{corner}'
         sentence += ''.join(f'; {notice}' for notice in wanted.planned.notices)
         return count, sentence
 
@@ -212,11 +211,9 @@ class Following:
         return self._driven.ends if self._driven else ()
 
 
-def _to_go(timeline: Timeline) -> str:
-    """Return how long the rest of a plan takes; nothing while it is held, as that depends on the way to go on."""
+def _left_s(timeline: Timeline) -> float:
     profile = timeline.profile
-    if profile is None or profile.held:
-        return ''
+    if profile is None:
+        return 0.0
     later = timeline.plan.duration_s - float(timeline.plan.tables.starts[profile.number + 1])
-    left_s = float(profile.table[-1, 0]) + later / profile.override
-    return f', {left_s:.3f} s to go{at_percent(profile.override)}'
+    return float(profile.table[-1, 0]) + later / profile.override

@@ -9,27 +9,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
-from rosbags.rosbag2 import Reader
 
 from delta3_pacdrive.errors import Delta3Error, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.parameters import load as load_parameters
-from delta3_pacdrive.recording.bag_recovery import recover
+from delta3_pacdrive.recording.bag_files import damaged, files_of, opened
 from delta3_pacdrive.recording.bag_writer import METADATA_KEY, OPEN_KEY, STOPPED_KEY
 from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.recording.sessions import Sessions
-from delta3_pacdrive.recording.trace import reason
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegrams import JOINT_STATE, motor_current
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
-    from delta3_pacdrive.recording.bag_recovery import Channel, Recovered
+    from delta3_pacdrive.recording.bag_files import Store
+    from delta3_pacdrive.recording.bag_recovery import Channel
 
     Take = Callable[[bytes], None]
 
@@ -88,98 +87,61 @@ class Bag:
 
 
 def open_bag(path: Path) -> Bag:
-    """Look at the topics and the metadata of a bag, whole or cut; raises TraceError."""
-    if not path.is_dir():
-        raise TraceError('there is no such folder')
-    files = sorted(file for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
-    if not files and not (path / 'metadata.yaml').exists():
-        raise TraceError('it is no bag, metadata.yaml is missing')
-    try:
-        return _open_whole(path)
-    except TraceError:
-        raise
-    except Exception as error:  # what readers and decompressors trip over in a damaged file is not bounded
-        if any(file.suffix == '.db3' for file in files) or not files:
-            raise _damage(error) from error
-        return _open_cut(path, files, error)
+    """Look at the topics and the metadata of a bag: a folder or a single file, whole or in parts.
 
+    Whatever is there is read; ``meta['cut']`` names files, messages and metadata that are missing.
 
-def _damage(error: Exception) -> TraceError:
-    return TraceError(f'it was cut off or is damaged ({reason(error)})')
+    Raises
+    ------
+    TraceError
+        There is no such bag, or nothing in it can be read.
 
-
-class _NotClosedError(Exception):
-    """Nobody has closed the bag: what its metadata counts is not what it holds."""
-
-
-def _open_whole(path: Path) -> Bag:
-    """Look at a bag with index and metadata; raises TraceError, and whatever the readers trip over."""
-    with Reader(path) as reader:
-        custom = reader.storage.metadata.custom
-        if isinstance(custom, dict) and OPEN_KEY in custom:
-            raise _NotClosedError('nobody has closed it')
-        channels = list(reader.connections)
-        meta = _metadata(custom)
-        if isinstance(custom, dict) and STOPPED_KEY in custom:
-            meta['cut'] = f'the recorder stopped writing: {custom[STOPPED_KEY]}'
-
-    def read(add: Mapping[str, Take]) -> None:
-        try:
-            with Reader(path) as reader:
-                wanted = [connection for connection in reader.connections if connection.topic in add]
-                for connection, _, data in reader.messages(wanted) if wanted else ():
-                    add[connection.topic](data)
-        except TraceError:
-            raise
-        except Exception as error:
-            raise _damage(error) from error
-
-    return Bag.of(channels, meta, read)
-
-
-def _open_cut(path: Path, files: list[Path], error: Exception) -> Bag:
-    """Look at what is left of a bag; raises TraceError."""
-    try:
-        left = [recover(file) for file in files]
-    except (TraceError, ValueError):
-        raise _damage(error) from error
-    channels = [channel for file in left for channel in file.channels.values()]
-    counted = sum(channel.msgcount for channel in channels)
-    if not counted:
-        raise _damage(error) from error
-    information = _information(path, left)
+    """
+    information = _information((_text_of(path / 'metadata.yaml'),)) if path.is_dir() else {}
+    files, notes = files_of(path, information)
+    stores = [opened(file) for file in files]
+    left = [store for store in stores if store.channels]
+    notes += [
+        f'{store.path.name} cannot be read ({store.damage})' for store in stores if store not in left and left
+    ]
+    if not left:
+        raise damaged(next((store.damage for store in stores if store.damage), 'it is empty'))
+    information = information or _information(store.metadata for store in left)
     custom = information.get('custom_data')
     if isinstance(custom, dict) and METADATA_KEY in custom:
-        meta, borrowed = _metadata(custom), ''
+        meta = _metadata(custom)
+        if STOPPED_KEY in custom:
+            notes.append(f'the recorder stopped writing: {custom[STOPPED_KEY]}')
     else:
         robot = load_parameters()
         meta = {
             'gear_ratio': robot.dynamics.gear_ratio,
             'torque_constant_n_m_a': robot.motor.torque_constant_n_m_a,
         }
-        borrowed = (
+        notes.append(
             'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
         )
-    missing = '' if all(file.ended for file in left) else _missing(information, counted, left)
-    if missing or borrowed:
-        meta['cut'] = '; '.join(filter(None, [missing, borrowed]))
+    channels = [channel for store in left for channel in store.channels]
+    missing = _missing(information, sum(channel.msgcount for channel in channels), left)
+    if notes or missing:
+        meta['cut'] = '; '.join(filter(None, [missing, *notes]))
 
     def read(add: Mapping[str, Take]) -> None:
-        def take(channel: Channel, data: bytes) -> None:
-            if channel.topic in add:
-                add[channel.topic](data)
-
-        for file in files:
-            recover(file, take)
+        for store in left:
+            store.read(add)
 
     return Bag.of(channels, meta, read)
 
 
-def _missing(information: Mapping[str, Any], counted: int, left: Iterable[Recovered]) -> str:
-    """Say what a bag lacks of which ``counted`` messages are left; '' if that is its index only."""
+def _missing(information: Mapping[str, Any], counted: int, stores: Sequence[Store]) -> str:
+    """Name the messages that a bag lacks of which ``counted`` are left; '' if that is its index only."""
     total, custom = information.get('message_count'), information.get('custom_data')
-    if isinstance(total, int) and total >= counted and OPEN_KEY not in (custom or {}):
+    left = [store.recovered for store in stores if store.recovered is not None]
+    is_open = isinstance(custom, dict) and OPEN_KEY in custom
+    if isinstance(total, int) and total >= counted and not is_open:
         return f'it was cut off: {total - counted} of {total} messages are missing' if total > counted else ''
+    if not is_open and all(file.ended for file in left):
+        return ''
     lost = sum(file.lost_bytes for file in left)
     return (
         f'it was cut off: {counted} messages are left, what was not yet on the disk is missing, '
@@ -187,20 +149,23 @@ def _missing(information: Mapping[str, Any], counted: int, left: Iterable[Recove
     )
 
 
-def _information(path: Path, left: Iterable[Recovered]) -> dict[str, Any]:
-    """Return the first metadata of rosbag2 that can be read: of the folder, or what a file keeps of it."""
+def _text_of(path: Path) -> str:
     try:
-        texts = [(path / 'metadata.yaml').read_text(encoding='utf-8')]
+        return path.read_text(encoding='utf-8')
     except (OSError, UnicodeDecodeError):
-        texts = []
-    for text in (*texts, *(file.metadata for file in left)):
+        return ''
+
+
+def _information(texts: Iterable[str]) -> dict[str, Any]:
+    """Return the first metadata of rosbag2 that can be read."""
+    for text in texts:
         try:
             document = yaml.safe_load(text)
         except (yaml.YAMLError, RecursionError, ValueError):
             continue
         if isinstance(document, dict):
             document = document.get('rosbag2_bagfile_information', document)
-        if isinstance(document, dict) and isinstance(document.get('custom_data'), dict):
+        if isinstance(document, dict) and document:
             return document
     return {}
 

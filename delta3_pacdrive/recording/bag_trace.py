@@ -171,7 +171,7 @@ def _read_bag(path: Path) -> Trace:
         # who joined in the middle of a program knows when it began
         meta['start_cycle'] = within[0] if within else profiles.starts[-1]
     if 'cut' in meta:
-        meta['cut'] += f'; it ends at bus time {cycles[-1] * meta["cycle_time_s"]:.3f} s'
+        meta['cut'] += _extent(cycles, meta['cycle_time_s'])
         _LOG.warning('note: recording %s: %s', path, meta['cut'])
     signals = _signals(tables, cycles, {name: CARRIED[column.telegram] for name, column in columns.items()})
     if 'current' in signals:
@@ -181,6 +181,12 @@ def _read_bag(path: Path) -> Trace:
         rows = np.searchsorted(sampled, cycles)
         signals |= {name: currents[name][rows] for name in CURRENT_SIGNALS}
     return Trace(cycles * meta['cycle_time_s'], signals, meta)
+
+
+def _extent(cycles: NDArray[np.int64], period_s: float) -> str:
+    """Return where a recording that is not whole begins and ends."""
+    begin = f'; it begins at bus time {cycles[0] * period_s:.3f} s' if cycles[0] > 0 else ''
+    return f'{begin}; it ends at bus time {cycles[-1] * period_s:.3f} s'
 
 
 def _cycle_time(stamps: Iterable[NDArray[np.int64]]) -> float:

@@ -16,6 +16,8 @@ from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import columns_of
 
+PACKED = '.zstd'  # behind the name of a file that rosbag2 compressed
+BAG_FILES = ('.mcap', '.db3', f'.mcap{PACKED}', f'.db3{PACKED}')
 # told of a file that holds channels of drives where signals of a run are expected
 RECORD = 'it is a record of an oscilloscope, which delta3 report RUN --scope FILE shows'
 
@@ -92,6 +94,11 @@ class Trace:
                 raise ValueError(f'its {name} is of type {values.dtype} and shape {values.shape}')
         if not (np.isfinite(self.time_s).all() and (np.diff(self.time_s) > 0.0).all()):
             raise ValueError('its time_s does not increase')
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a folder, or a single file of a bag, by its name."""
+    return path.is_dir() or path.name.lower().endswith(BAG_FILES)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from delta3_pacdrive.recording import quantities, table_mat, table_parquet, trac
 from delta3_pacdrive.recording.bag_trace import read_bag
 from delta3_pacdrive.recording.column_file import ColumnFile
 from delta3_pacdrive.recording.table import Table, trace_of
-from delta3_pacdrive.recording.trace import Trace, told
+from delta3_pacdrive.recording.trace import Trace, is_bag, told
 
 SUFFIXES = ('.npz', '.csv', '.parquet')  # of trace files that are written
 TABLES = ('.csv', '.parquet', '.mat')
@@ -18,7 +18,7 @@ LARGEST = 1e12  # of a signal: far beyond every robot, and its squares are still
 
 
 def load(path: str | Path, columns: ColumnFile | None = None, gaps: bool = False) -> Trace:
-    """Read a trace file (``.npz``), a table of measurements (``.csv``, ``.parquet``, ``.mat``) or the folder of a bag.
+    """Read a trace file (``.npz``), a table of measurements (``.csv``, ``.parquet``, ``.mat``) or a bag.
 
     Parameters
     ----------
@@ -46,21 +46,21 @@ def load(path: str | Path, columns: ColumnFile | None = None, gaps: bool = False
 
 def _read(path: Path, columns: ColumnFile | None, gaps: bool) -> Trace:
     with told(f'read recording {path}'):  # a name that is too long, a folder that may not be entered
-        folder, there = path.is_dir(), path.exists()
-        for file in path.iterdir() if folder else [path] if there else []:
+        bag, there = is_bag(path), path.exists()
+        for file in path.iterdir() if path.is_dir() else [path] if there else []:
             whole_file.require_regular(file)
-    if not folder and not there:
+    if not there:
         raise TraceError(f'there is no recording {path}')
-    if not folder and path.suffix.lower() in TABLES:
+    if not bag and path.suffix.lower() in TABLES:
         return trace_of(_table(path, columns), columns, gaps)
     if columns is not None:
         raise TraceError(f'{path} is no table, so the column file {columns.path} is not for it')
-    if folder:
+    if bag:
         return read_bag(path)
     if path.suffix.lower() != '.npz':
         raise TraceError(
-            f'{path} is no recording: expected a trace file (.npz), a table ({", ".join(TABLES)}) or the folder '
-            'of a bag'
+            f'{path} is no recording: expected a trace file (.npz), a table ({", ".join(TABLES)}) or a bag '
+            '(folder, .mcap or .db3)'
         )
     return Trace.load(path)
 

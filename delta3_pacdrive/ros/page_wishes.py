@@ -248,9 +248,7 @@ class PageWishes:
             raise RunError('there is no robot')
         place = np.array(self._operator.progress['tcp_m'], dtype=np.float64)
         if not np.isfinite(place).all():
-            raise RunError(
-                'robot pose unknown: it is not measured yet, or forward kinematics has no solution'
-            )
+            raise RunError('nobody knows where the robot is: its arms close no chain')
         return place
 
     def _teach(self, name: str) -> str:

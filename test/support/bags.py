@@ -42,11 +42,11 @@ CLOCK = Clock(1e-3)
 RUN = {name: np.random.default_rng(i).normal(size=(CYCLES, 3)) for i, name in enumerate(SIGNALS)}
 
 
-def numbers(topic, cycle):
-    """Return the arrays of the message that carries the signals of ``RUN`` in a cycle."""
-    row = {name: values[cycle] for name, values in RUN.items()}
+def numbers(topic, cycle, run=RUN, torque_constant=TORQUE_CONSTANT):
+    """Return the arrays of the message that carries the signals of a run in a cycle."""
+    row = {name: values[cycle] for name, values in run.items()}
     if topic in ANSWERS:
-        answer = row['motor_position'], row['motor_speed'], TORQUE_CONSTANT * row['current']
+        answer = row['motor_position'], row['motor_speed'], torque_constant * row['current']
         return tuple(values[[ANSWERS.index(topic)]] for values in answer)
     return {
         'sercos/mdt': (row['motor_command'], [], []),
