@@ -9,9 +9,11 @@ effects:
 - *raising*: it becomes an exception, ``Interrupted``, for work that puts something in order when it ends.
 """
 
+import math
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,6 +22,7 @@ from typing import Any
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PATIENCE_S = 3.0  # for what is put in order; after that another signal ends the process at once
+END_S = 5.0  # for threads of libraries, when everything is said
 AGAIN_S = 1e-3  # until an exception that a callback has swallowed is raised again
 
 
@@ -97,7 +100,8 @@ def install() -> None:
 
 def note(number: int) -> None:
     """Take note of a signal that somebody else answers, for the exit status."""
-    _state.number, _state.since_s = _state.number or number, time.monotonic()
+    if not _state.number:
+        _state.number, _state.since_s = number, time.monotonic()
 
 
 def answer_as_json(yes: bool) -> None:
@@ -116,13 +120,16 @@ def raising(yes: bool = True) -> Iterator[None]:
 
 
 @contextmanager
-def answered_by(end: Callable[[], None]) -> Iterator[None]:
+def answered_by(end: Callable[[], None], patience_s: float = math.inf) -> Iterator[None]:
     """Let signals only be noted, and call ``end``, inside: for work that looks by itself whether it is to end.
 
-    ``end`` takes no lock: it interrupts whoever may hold it.
+    ``end`` takes no lock: it interrupts whoever may hold it. A signal that comes later than ``patience_s`` after the
+    first one ends the process at once.
     """
 
     def answer(number: int, _: FrameType | None) -> None:
+        if _state.number and time.monotonic() - _state.since_s > patience_s:
+            _leave()
         note(number)
         end()
 
@@ -140,6 +147,17 @@ def ignore() -> None:
         for number in NUMBERS:
             signal.signal(number, signal.SIG_IGN)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def end_within(seconds: float, status: int) -> None:
+    """End the process with a status after a time, whatever threads the end of the interpreter still waits for."""
+
+    def leave() -> None:
+        time.sleep(seconds)
+        os._exit(status)
+
+    if threading.active_count() > 1:
+        threading.Thread(target=leave, daemon=True).start()
 
 
 def _on_signal(number: int, _: FrameType | None) -> None:

@@ -464,3 +464,36 @@ print(looks == [False] * 5 + [True] * 5, interrupts.sentence(interrupts.asked())
 def test_a_flag_says_that_the_end_was_asked_for_and_work_goes_on_until_it_looks():
     done = ended([sys.executable, '-P', '-c', FLAG])
     assert (done.returncode, done.stdout) == (0, 'True ended by SIGTERM\n')
+
+
+STUCK = """
+import sys, threading
+from concurrent.futures import ThreadPoolExecutor
+from delta3_pacdrive import interrupts
+ThreadPoolExecutor(1).submit(threading.Event().wait)
+interrupts.ignore()
+interrupts.end_within(0.1, 3)
+sys.exit(3)
+"""
+DEAF = """
+import os, signal
+from delta3_pacdrive import interrupts
+interrupts.install()
+with interrupts.answered_by(lambda: None, patience_s=float(__import__('sys').argv[1])):
+    for _ in range(2):
+        os.kill(os.getpid(), signal.SIGTERM)
+print('ended by itself')
+"""
+
+
+def test_a_thread_that_never_ends_does_not_keep_the_process():
+    assert ended([sys.executable, '-P', '-c', STUCK]).returncode == 3
+
+
+@pytest.mark.parametrize(
+    ('patience_s', 'answer'),
+    [('-1', (143, '', 'error: ended by SIGTERM\n')), ('60', (0, 'ended by itself\n', ''))],
+)
+def test_work_that_does_not_look_is_left_by_a_later_signal(patience_s, answer):
+    done = ended([sys.executable, '-P', '-c', DEAF, patience_s])
+    assert (done.returncode, done.stdout, done.stderr) == answer

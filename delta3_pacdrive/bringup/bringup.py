@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -18,7 +19,7 @@ from delta3_pacdrive.bringup.braking import STOP_WALL_S, brake
 from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.monitor import LOOK_S, RobotMonitor
 from delta3_pacdrive.bringup.options import Options, check_options
-from delta3_pacdrive.bringup.processes import ManagedProcess, end_all
+from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, killed_sentence
 from delta3_pacdrive.bringup.robot_processes import (
     PROCESS_OF,
     RECORDER,
@@ -312,7 +313,9 @@ class Bringup:
         if hasattr(self, '_monitor'):
             self._brake()
         if hasattr(self, '_processes'):
-            self._processes.end()
+            killed = self._processes.end()
+            if killed:
+                sys.stderr.write(f'note: {killed_sentence(killed)}\n')
         node_process.leave(getattr(self, '_process', None))
 
     def _brake(self) -> None:

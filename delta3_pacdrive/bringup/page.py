@@ -3,13 +3,16 @@
 People wait for the first picture, and what the page and a browser load takes longer than the robot needs to be there.
 """
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn
+from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, killed_sentence, respawn
 from delta3_pacdrive.bringup.scheduling import Schedule
 from delta3_pacdrive.view.serving import LISTENING, Place
+
+END_S = 3.0  # for the page to hold the robot, say goodbye to browsers and leave the graph
 
 
 @contextmanager
@@ -30,8 +33,10 @@ def started(place: Place, namespace: str, logs: Path) -> Iterator[ManagedProcess
     environment = {LISTENING: str(place.inheritable())}
     command = 'delta3_pacdrive.cli.main'
     page = respawn('view', command, arguments, logs / 'view.log', Schedule.ORDINARY, environment)
+    page.patience_s = END_S
     place.close()
     try:
         yield page
     finally:
-        end_all([page])
+        if killed := end_all([page]):
+            sys.stderr.write(f'note: {killed_sentence(killed)}\n')

@@ -11,8 +11,11 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+import psutil
 
 from delta3_pacdrive.bringup.scheduling import Schedule, prefer
 
@@ -128,7 +131,10 @@ def _become_child(name: str, parent: int, log: Path) -> None:
 
 
 def end_all(children: list[ManagedProcess]) -> list[str]:
-    """Interrupt all children, kill those that stay longer than their patience; return the names of the killed."""
+    """Interrupt all children, kill those that stay longer than their patience, and all that they have started.
+
+    Return the names of the children that were killed, or left processes behind.
+    """
     for child in children:
         child.send(signal.SIGINT)
     start = time.monotonic()
@@ -143,7 +149,25 @@ def end_all(children: list[ManagedProcess]) -> list[str]:
                     child.status = -signal.SIGKILL
                     killed.append(child.name)
         time.sleep(0.01)
-    return killed
+    return killed + [child.name for child in children if _kill_group(child.pid) and child.name not in killed]
+
+
+def _kill_group(number: int) -> bool:
+    """Kill what is left of the group of a child that has ended; return whether anything was."""
+    left = False
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(number, 0)
+        for process in psutil.process_iter(['status']):
+            with suppress(ProcessLookupError):
+                alive = process.info['status'] != psutil.STATUS_ZOMBIE
+                left = left or (alive and os.getpgid(process.pid) == number)
+        os.killpg(number, signal.SIGKILL)
+    return left
+
+
+def killed_sentence(names: list[str]) -> str:
+    """Return a sentence about processes that had to be killed."""
+    return f'{", ".join(names)} did not end, or left processes behind, and had to be killed'
 
 
 if __name__ == '__main__':

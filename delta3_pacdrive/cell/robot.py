@@ -1,5 +1,6 @@
 """The robot as a script calls it: moves, outputs, waits and decisions, the same in a simulation and on a robot."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -252,7 +253,7 @@ class Robot:
                 str(seen.motion),
                 seen.position_m,
                 seen.command_m,
-                self._orders.moves.seconds_left(seen.cycle),
+                math.inf if self._orders.held else self._orders.moves.seconds_left(seen.cycle),
                 named_bits(seen.outputs, self._link.outputs),
                 {name: bool(seen.inputs >> n & 1) for n, name in enumerate(self._link.inputs)},
                 seen.payload_kg,

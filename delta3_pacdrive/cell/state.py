@@ -19,7 +19,7 @@ class State:
     position_m, command_m
         Where the TCP is, and where it is commanded to be [m].
     left_s
-        Time of motion left of what is ordered [s].
+        Time of motion left of what is ordered [s]; inf while the robot is held.
     outputs, inputs
         By name.
     payload_kg

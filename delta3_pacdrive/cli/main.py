@@ -89,6 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     status = _run(list(sys.argv[1:] if arguments is None else arguments), own)
     if own:
         interrupts.ignore()
+        interrupts.end_within(interrupts.END_S, status)
     return status
 
 

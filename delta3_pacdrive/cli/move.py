@@ -22,7 +22,7 @@ from delta3_pacdrive.cli.command import (
 from delta3_pacdrive.cli.option_types import finite_number
 from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.controller.messages import STOPS
-from delta3_pacdrive.controller.motion_state import UNDER_WAY
+from delta3_pacdrive.controller.motion_state import UNDER_WAY, at_percent
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
 from delta3_pacdrive.numerics.units import millimetres
 
@@ -227,17 +227,22 @@ def _act(options: Options, operator: Any, document: str, percent: float) -> list
     elif options.action in STOPS:
         tell(operator.call(options.action))
     else:
-        operator.take_control(f'delta3 move {options.action}', options.take_over)
+        taken = operator.take_control(f'delta3 move {options.action}', options.take_over)
+        if options.take_over:
+            tell(f'{taken}; moves that another operator has queued are removed')
         try:
             operator.wait_until(lambda: operator.state, 'motion/state')
             if document and operator.state in UNDER_WAY:  # moves are appended to what is driven
                 _set_off(lambda: operator.move(document, _adaptation(options)), options, operator, tell)
                 return sentences
-            if document:
+            if document and options.queue:
                 tell(operator.send_program(document, _adaptation(options)))
-            if (document and not options.queue) or options.action in ('start', 'resume'):
-                service = 'start' if document else options.action
-                _set_off(lambda: operator.call(service), options, operator, tell)
+            elif document:
+                _set_off(
+                    lambda: operator.start_program(document, _adaptation(options)), options, operator, tell
+                )
+            elif options.action in ('start', 'resume'):
+                _set_off(lambda: operator.call(options.action), options, operator, tell)
             elif options.action == 'override':
                 tell(operator.override(percent))
             elif not document:
@@ -290,7 +295,7 @@ PLANNER_S = 2.0  # without a word of the planner, when ``state`` is asked
 STATE_FACTS = (
     'state', 'enabled', 'in_torque', 'phase', 'waiting', 'fault', 'fault_code', 'fault_number', 'fault_source',
     'fault_cycle', 'bus_time_s', 'tcp_m', 'move', 'moves', 'master_m', 'remaining_s', 'payload_kg', 'outputs',
-    'operator', 'learned_torques', 'unlearned',
+    'operator', 'rate', 'learned_torques', 'unlearned',
 )  # fmt: skip
 
 
@@ -303,11 +308,14 @@ def _state_text(facts: dict[str, Any]) -> str:
         f'bus time {facts["bus_time_s"]:.3f} s',
     ]
     if facts['state'] in UNDER_WAY:
+        parts[0] += at_percent(facts['rate'])
         parts.append(f'move {facts["move"] + 1} of {facts["moves"]}, master at {facts["master_m"]:.4f} m')
-        parts.append(f'{facts["remaining_s"]:.2f} s left')
+        if facts['remaining_s'] is not None:
+            parts.append(f'{facts["remaining_s"]:.2f} s left')
     if facts['override'] is not None:
         parts.append(f'override {100 * facts["override"]:g} %')
-    parts.append(f'TCP at {millimetres(facts["tcp_m"])}')
+    if facts['tcp_m'] is not None:
+        parts.append(f'TCP at {millimetres(facts["tcp_m"])}')
     if TURN in facts:
         parts.append(f'tool at {math.degrees(facts[TURN]):.2f} deg')
     if facts['queue'] is not None:
@@ -339,7 +347,9 @@ def _set_off(ask: Callable[[], str], options: Options, operator: Any, tell: Call
         if options.detach or options.queue or operator.state == 'stopped':
             return
         # whoever looks late finds a short motion over already
-        operator.wait_until(lambda: operator.state_changes > before, 'start of the motion')
+        operator.wait_until(
+            lambda: operator.state_changes > before, 'start of the motion, whose moves were accepted,'
+        )
         while operator.state == 'moving':
             operator.spin_for(0.05)
             if time.monotonic() - operator.progress_s > SILENT_S:

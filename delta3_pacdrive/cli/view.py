@@ -155,7 +155,9 @@ def _announce(options: Options, place: serving.Place) -> None:
 @contextmanager
 def _served(options: Options, parameters: 'Parameters', title: str, place: serving.Place) -> Iterator['Page']:
     """Serve the page."""
-    with interrupts.answered_by(lambda: None):  # half a page would swallow a signal, or talk at its end
+    with interrupts.answered_by(
+        lambda: None, interrupts.PATIENCE_S
+    ):  # half a page would swallow a signal, or talk at its end
         from delta3_pacdrive.view.page import Page
 
         page = Page(parameters, place, title, more=True)

@@ -12,11 +12,9 @@ from delta3_pacdrive.controller.planner_actions import Action
 from delta3_pacdrive.controller.planning import Planning
 from delta3_pacdrive.controller.program_run import ProgramRun, RunState
 from delta3_pacdrive.controller.readiness import Readiness
-from delta3_pacdrive.controller.request_service import RequestService
+from delta3_pacdrive.controller.request_service import LOST_CONTROL, RequestService
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
 from delta3_pacdrive.motion.extension import SeamError
-
-LOST_CONTROL = Reason(Code.CONTROL, 'its operator has lost control')
 
 
 class FollowUp:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from delta3_pacdrive.controller.messages import EXTEND
+from delta3_pacdrive.controller.motion_state import at_percent
 from delta3_pacdrive.controller.planner_actions import Ordered
 from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX, Behind, Result, unrounded
 from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX, LEAD_FACTOR
@@ -201,7 +202,7 @@ class Following:
             )
             corner = f'; the corner before them is not rounded: {why}'
         count = wanted.statements
-        sentence = f'{count} statements follow, {_left_s(extension.timeline):.3f} s to go{corner}'
+        sentence = f'{count} statements follow{_to_go(extension.timeline)}{corner}'
         sentence += ''.join(f'; {notice}' for notice in wanted.planned.notices)
         return count, sentence
 
@@ -211,9 +212,11 @@ class Following:
         return self._driven.ends if self._driven else ()
 
 
-def _left_s(timeline: Timeline) -> float:
+def _to_go(timeline: Timeline) -> str:
+    """Return how long the rest of a plan takes; nothing while it is held, as that depends on the way to go on."""
     profile = timeline.profile
-    if profile is None:
-        return 0.0
+    if profile is None or profile.held:
+        return ''
     later = timeline.plan.duration_s - float(timeline.plan.tables.starts[profile.number + 1])
-    return float(profile.table[-1, 0]) + later / profile.override
+    left_s = float(profile.table[-1, 0]) + later / profile.override
+    return f', {left_s:.3f} s to go{at_percent(profile.override)}'

@@ -193,6 +193,18 @@ class Request(_Message):
     first: int = 0
     approach_m_s: float = 0.0
 
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Read back what ``to_json`` wrote; raises TelegramError."""
+        request = super().from_json(text)
+        if len(request.operator) > TEXT_MAX:
+            raise TelegramError(
+                f'operator of a request has {len(request.operator)} characters, the limit is {TEXT_MAX}'
+            )
+        if min(*request.caps, request.approach_m_s) < 0.0:
+            raise TelegramError('caps and approach_m_s of a request must be numbers from 0 on')
+        return request
+
     @property
     def adaptation(self) -> Adaptation:
         """What is asked for otherwise than a program says."""
@@ -273,6 +285,22 @@ class QueueReport(_Message):
     working: str
     refusal: str = ''
     refusal_code: str = ''
+
+
+def refuse_malformed(text: str, sentence: str) -> Reply | None:
+    """Return the refusal of a text that is not a request; None if its operator and number cannot be read."""
+    try:
+        values = json.loads(text)
+        operator, number = values['operator'], values['number']
+        _require(operator, str, 'operator')
+        _require(number, int, 'number')
+    except (ValueError, RecursionError, TypeError, KeyError, TelegramError):
+        return None
+    return (
+        Reply(operator, number, True, False, str(Code.CONTENT), sentence)
+        if len(operator) <= TEXT_MAX
+        else None
+    )
 
 
 def refuse_recording(request: Request) -> Reply:
@@ -362,19 +390,3 @@ class Numbering:
         newest = self._newest.get(sender, -1)
         self._newest.note(sender, max(newest, number))
         return number > newest
-
-
-class LastReplies:
-    """The last reply to each operator, for whoever asks again because he has not received it."""
-
-    def __init__(self, operators_max: int = SENDERS_MAX) -> None:
-        self._replies: Recent[Reply] = Recent(operators_max)
-
-    def keep(self, reply: Reply) -> None:
-        """Take note of a reply."""
-        self._replies.note(reply.operator, reply)
-
-    def to(self, request: Request) -> Reply | None:
-        """Return the reply that a request has had already, if it was the last one."""
-        last = self._replies.get(request.operator)
-        return last if last is not None and last.number == request.number else None

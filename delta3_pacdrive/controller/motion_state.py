@@ -54,3 +54,8 @@ TRANSITIONS = {
     **{(state, Event.FAIL): MotionState.ERROR for state in MotionState},
 }
 """Where an event leads from a state; what is not listed is refused, or does not happen."""
+
+
+def at_percent(override: float) -> str:
+    """Return the words that add an override to a sentence; none for 100 %."""
+    return '' if override == 1.0 else f' at {100.0 * override:.4g} %'

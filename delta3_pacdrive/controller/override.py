@@ -6,7 +6,7 @@ motion profile for the task, or what whoever asked is answered with.
 
 from collections.abc import Callable
 
-from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
+from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState, at_percent
 from delta3_pacdrive.controller.planner_actions import Changed
 from delta3_pacdrive.controller.profile_change import Change, ChangeEvent, ProfileChange
 from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
@@ -41,7 +41,7 @@ class Override:
 
     def must_wait(self, motion: MotionState) -> bool:
         """Whether a change is still to take effect, on which the next one builds."""
-        return motion == MotionState.MOVING and self._newest_cycle() < self._run.changes_from()
+        return motion == MotionState.MOVING and self._newest_cycle() <= self._run.changes_from()
 
     def ask(self, text: str, motion: MotionState, now_s: float) -> Changed | str:
         """Go over to an override in percent; raises ProgramError if that cannot be."""
@@ -66,7 +66,9 @@ class Override:
 
     def resume(self, motion: MotionState, now_s: float) -> Changed | str:
         """Go on with a program that stands on its path; raises ProgramError if that cannot be."""
-        return self._send(Change(self.value, 'resumed', lasting=False), motion, now_s)
+        return self._send(
+            Change(self.value, f'resumed{at_percent(self.value)}', lasting=False), motion, now_s
+        )
 
     def _send(self, change: Change, motion: MotionState, now_s: float) -> Changed | str:
         """Plan how to go over to another override from a bus cycle in the near future on, for the task."""

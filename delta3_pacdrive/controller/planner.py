@@ -13,10 +13,10 @@ import numpy as np
 
 from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.controller import planner_actions
-from delta3_pacdrive.controller.follow_up import LOST_CONTROL, FollowUp
+from delta3_pacdrive.controller.follow_up import FollowUp
 from delta3_pacdrive.controller.following import Following
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
-from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
+from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState, at_percent
 from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 from delta3_pacdrive.controller.override import Override
 from delta3_pacdrive.controller.planning import Planning
@@ -32,7 +32,7 @@ from delta3_pacdrive.controller.program_run import (
     RunState,
 )
 from delta3_pacdrive.controller.readiness import Readiness, refused
-from delta3_pacdrive.controller.request_service import WITHDRAWN, RequestService
+from delta3_pacdrive.controller.request_service import LOST_CONTROL, WITHDRAWN, RequestService
 from delta3_pacdrive.controller.stop_request import StopRequest
 from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.controller.tolerances import Tolerances, ToleranceWatch
@@ -163,6 +163,8 @@ class Planner:
             # its operator has lost control
             self._empty(LOST_CONTROL)
             self._follow_up.lose_control()
+            if before.operator not in ('', status.operator):
+                self._requests.lose_control(before.operator, lambda: self._cancel(LOST_CONTROL))
         if self._run.waits:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
@@ -292,7 +294,7 @@ class Planner:
         """Take a request; its answer is an action, now or later."""
         self._now_s = now_s
         if request.action == 'withdraw':
-            self._requests.withdraw(request, self._withdraw)
+            self._requests.withdraw(request, lambda: self._cancel(WITHDRAWN), self._remove)
             self._go_on()
         elif self._requests.add(request, now_s):
             self._go_on()
@@ -300,17 +302,16 @@ class Planner:
     def look(self, now_s: float) -> None:
         """Look whether somebody has waited for too long."""
         self._now_s = now_s
-        silence = Reason(Code.SILENT, f'the transformation task has not answered within {VERDICT_S:g} s')
         if self._run.waits and now_s - self._run.since_s > VERDICT_S:
-            self._revoke_order(silence)
+            self._revoke_order(_silence('a robot that has begun to move stops on its path'))
         if self._change.waits and now_s - self._change.since_s > VERDICT_S:
-            self._end_change(silence)
+            self._end_change(_silence('it may still go over to this speed'))
         if self._following.sent and now_s - self._following.since_s > VERDICT_S:
             self.actions.append(planner_actions.Revoked(self._following.number))
-            self._follow_up.take_verdict(silence)
+            self._follow_up.take_verdict(_silence('if it has taken the moves, the robot stops on its path'))
         if self._stopping.waits and now_s - self._stopping.since_s > VERDICT_S:
             self._stopping.end()
-            self._reply(silence)
+            self._reply(_silence('the robot may still stop'))
         self._track()
         self._go_on()
 
@@ -322,21 +323,28 @@ class Planner:
             now = timeline.at(cycle)
             self._tracker.reach(now.number, now.distance_m)
 
-    def _withdraw(self) -> None:
-        """Give up what is done for the request that is served."""
-        if self._planning.busy:
+    def _cancel(self, reason: Reason) -> Reason | str:
+        """Cancel the request that is served for a reason; returns what that leads to, or why it is too late."""
+        if self._planning.busy or (self._following.busy and not self._following.sent):
             self._following.end()
             self._planning.cancel()
-            self._reply(WITHDRAWN)
-        elif self._run.waits:
-            self._revoke_order(WITHDRAWN)
-        elif self._following.busy and not self._following.sent:
-            self._following.end()
-            self._reply(WITHDRAWN)
-        elif self._stopping.waits:  # it stops all the same
-            self._stopping.end()
-            self._reply(WITHDRAWN)
-        # a change of motion profile that is under way is answered at once
+            self._reply(reason)
+            return 'withdrawn'
+        if self._run.waits:
+            self._revoke_order(reason)
+            return 'withdrawn: a robot that has begun to move stops on its path'
+        return Reason(Code.STATE, 'it cannot be withdrawn: the transformation task is carrying it out')
+
+    def _remove(self, identity: str) -> Reason | str:
+        """Remove the moves of a request from the queue; returns why not, or an empty text if none are there."""
+        if not self._queue.holds(identity):
+            return ''
+        if not self._queue.withdraw(identity):
+            return Reason(Code.STATE, 'it cannot be withdrawn: moves that were queued later follow its own')
+        self._tracker.withdraw(identity, WITHDRAWN)
+        if self._queue.program is not None:
+            self._requests.add(Request('', '', 0, 0, PLAN), self._now_s)
+        return 'its moves were removed from the queue'
 
     @property
     def _busy(self) -> bool:
@@ -369,6 +377,11 @@ class Planner:
                 self._follow_trajectory(request)
             case 'plan' if request.operator == '':
                 self._planning.begin(self._readiness.require_rest(), self._take_planned)
+            case 'start' if request.text:
+                self._readiness.require_rest()
+                self._readiness.require_orders()
+                self._tracker.begin(request.identity)
+                self._plan_moves(request)
             case 'start':
                 self._start()
             case 'resume':
@@ -396,7 +409,7 @@ class Planner:
     def _plan_moves(self, request: Request) -> None:
         """Let the moves of a request be planned behind those in the queue."""
         wrapped = request.action == 'move'
-        then = self._take_moves if wrapped else self._take_planned
+        then = {'move': self._take_moves, 'start': self._start_moves}.get(request.action, self._take_planned)
         self._planning.begin(self._readiness.require_rest(), then, request.text, request.adaptation, wrapped)
 
     def take_result(self, result: Result, now_s: float) -> None:
@@ -421,28 +434,33 @@ class Planner:
     def _take_planned(self, result: Result) -> None:
         """Let a queue that is possible as a whole take the place of the present one."""
         self._readiness.require_rest()
-        self._queue.put(result.program, result.planned)
-        planned = result.planned
+        serving, planned = self._requests.serving, result.planned
+        identity = serving.identity if serving is not None and result.statements else ''
+        self._queue.put(result.program, planned, identity)
         if planned is None:
             return
-        if self._requests.serving is not None and result.statements:
-            self._tracker.queue(self._requests.serving.identity, result.statements)
+        if identity:
+            self._tracker.queue(identity, result.statements)
         self._reply(self._planned_sentence(planned))
 
     def _planned_sentence(self, planned: Planned) -> str:
-        sentence = (
-            f'planned "{planned.name}": {counted(len(planned.plan), "move")}, {planned.plan.duration_s:.3f} s'
-        )
+        override = min(self.override, planned.override_max)
+        time = f'{planned.plan.duration_s / override:.3f} s{at_percent(override)}'
+        sentence = f'planned "{planned.name}": {counted(len(planned.plan), "move")}, {time}'
         sentence += ''.join(f'; {notice}' for notice in planned.notices)
         if self._readiness.refusal is not None:
             sentence += f'; it cannot start yet: {self._readiness.refusal}'
         return sentence
 
     def _take_moves(self, result: Result) -> None:
-        """Take moves that may start by themselves; if they cannot, the queue is as before."""
-        if not result.starts:
+        """Take moves that may start by themselves."""
+        if result.starts:
+            self._start_moves(result)
+        else:
             self._take_planned(result)
-            return
+
+    def _start_moves(self, result: Result) -> None:
+        """Start moves with those in the queue; if they cannot, the queue is as before."""
         self._readiness.require_rest()
         self._readiness.require_orders()
         self._launch(result, own=result.statements)
@@ -576,3 +594,9 @@ class Planner:
         here = self._readiness.require_rest()
         self._readiness.require_orders()
         self._send(Order.back(self._run, cut_off, here, self.override, self._robot))
+
+
+def _silence(consequence: str) -> Reason:
+    """Return the refusal of a request that the transformation task has not answered, with what may still happen."""
+    sentence = f'the transformation task has not answered within {VERDICT_S:g} s; {consequence}'
+    return Reason(Code.SILENT, sentence)

@@ -9,6 +9,7 @@ from typing import Any
 
 from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.controller.messages import EXACT, ORDER
+from delta3_pacdrive.controller.motion_state import at_percent
 from delta3_pacdrive.controller.planner_actions import Ordered, Revoked
 from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.faults.fault import Fault
@@ -134,7 +135,8 @@ class Order:
     ) -> 'Order':
         """Return the order of a program that is planned, with an override or less if the motors bear less."""
         override = min(override, planned.override_max)
-        moves = f'{counted(len(planned.plan), "move")}, {planned.plan.duration_s / override:.3f} s'
+        time = f'{planned.plan.duration_s / override:.3f} s{at_percent(override)}'
+        moves = f'{counted(len(planned.plan), "move")}, {time}'
         sentence = f'started "{planned.name}": {moves}'
         if own:
             sentence += ''.join(f'; {notice}' for notice in planned.notices)
@@ -165,9 +167,8 @@ class Order:
 
         """
         plan, override = way_back(cut_off, here, robot), min(override, run.override_max)
-        sentence = (
-            f'resumed after the fault: {counted(len(plan), "move")}, {plan.duration_s / override:.3f} s'
-        )
+        time = f'{plan.duration_s / override:.3f} s{at_percent(override)}'
+        sentence = f'resumed after the fault: {counted(len(plan), "move")}, {time}'
         return Order(plan, (), -1, override, run.override_max, run.program, sentence)
 
 

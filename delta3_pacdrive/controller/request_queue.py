@@ -1,12 +1,15 @@
-"""Requests of operators that wait to be served, one at a time, in the order in which they came."""
+"""Requests of operators: those received before, and those that wait to be served, one at a time, in their order."""
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from delta3_pacdrive.controller.messages import Request
-from delta3_pacdrive.errors import Code, Reason
+from delta3_pacdrive.controller.messages import Reply, Request
+from delta3_pacdrive.errors import Code, Reason, RefusedError
 
 WAITING_MAX = 100  # requests
+OPERATORS_MAX = 10_000  # whose requests are told apart
+REMEMBERED_S = 600.0  # after its newest request an operator is forgotten
 NEWS_S = 2.0  # that a request may wait for news of the transformation task
 # refusals that the next status may end
 PASSING = frozenset({Code.STATE, Code.DISABLED, Code.FAULT, Code.BUS})
@@ -53,8 +56,68 @@ class RequestQueue:
 
     def withdraw(self, operator: str, number: str) -> list[Request]:
         """Take an operator's request back; returns it, if it was waiting."""
-        given_up = [
-            w for w in self._waiting if (operator, number) == (w.request.operator, str(w.request.number))
-        ]
-        self._waiting = deque(w for w in self._waiting if w not in given_up)
-        return [waiting.request for waiting in given_up]
+        return self.remove(lambda request: (operator, number) == (request.operator, str(request.number)))
+
+    def remove(self, concerned: Callable[[Request], bool]) -> list[Request]:
+        """Remove the requests for which ``concerned`` is true; returns them."""
+        removed = [one for one in self._waiting if concerned(one.request)]
+        self._waiting = deque(one for one in self._waiting if one not in removed)
+        return [one.request for one in removed]
+
+
+@dataclass
+class _Received:
+    """The newest request of an operator, when it was received last, and the reply once there is one."""
+
+    number: int
+    at_s: float
+    reply: Reply | None = None
+
+
+class ReceivedRequests:
+    """The newest request of each operator, so that each request is served once, however often it is received.
+
+    An operator is forgotten ``REMEMBERED_S`` after its newest request, and never because of others.
+    """
+
+    def __init__(self, operators_max: int = OPERATORS_MAX) -> None:
+        self._operators_max = operators_max
+        self._newest: dict[str, _Received] = {}  # by operator; the one heard least recently is the first
+
+    def receive(self, request: Request, now_s: float) -> bool:
+        """Note a request; returns whether it is new.
+
+        Raises
+        ------
+        RefusedError
+            It is older than the newest one of its operator, or there are too many operators.
+
+        """
+        while self._newest and now_s - next(iter(self._newest.values())).at_s > REMEMBERED_S:
+            del self._newest[next(iter(self._newest))]
+        newest = self._newest.pop(request.operator, None)
+        if newest is None and len(self._newest) >= self._operators_max:
+            sentence = (
+                f'{self._operators_max} operators, the limit, have made requests within {REMEMBERED_S:g} s'
+            )
+            raise RefusedError(Reason(Code.STATE, sentence))
+        new = newest is None or request.number > newest.number
+        if newest is None or new:
+            newest = _Received(request.number, now_s)
+        self._newest[request.operator] = newest
+        newest.at_s = now_s
+        if request.number < newest.number:
+            sentence = f'request {request.number} came after request {newest.number} of the same operator'
+            raise RefusedError(Reason(Code.FOREIGN, sentence))
+        return new
+
+    def note(self, reply: Reply) -> None:
+        """Keep the reply to the newest request of an operator."""
+        newest = self._newest.get(reply.operator)
+        if newest is not None and newest.number == reply.number:
+            newest.reply = reply
+
+    def reply(self, request: Request) -> Reply | None:
+        """Return the reply that the newest request of an operator has had, None if it is still being served."""
+        newest = self._newest.get(request.operator)
+        return newest.reply if newest is not None and newest.number == request.number else None

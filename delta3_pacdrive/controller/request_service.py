@@ -6,7 +6,7 @@ Pure: what is done for a request, and what is known of the transformation task, 
 from collections.abc import Callable
 
 from delta3_pacdrive.controller.control import control_refusal
-from delta3_pacdrive.controller.messages import Request
+from delta3_pacdrive.controller.messages import Recent, Request
 from delta3_pacdrive.controller.planner_actions import Action, Replied, Reported
 from delta3_pacdrive.controller.request_queue import RequestQueue
 from delta3_pacdrive.controller.request_tracker import RequestTracker
@@ -14,6 +14,8 @@ from delta3_pacdrive.controller.task_status import TaskStatus
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
 
 WITHDRAWN = Reason(Code.WITHDRAWN, 'withdrawn by its operator')
+LOST_CONTROL = Reason(Code.CONTROL, 'its operator has lost control')
+OPERATORS_MAX = 1000  # whose newest accepted request is known, should it be withdrawn
 
 
 class RequestService:
@@ -38,6 +40,7 @@ class RequestService:
     def __init__(self, task: TaskStatus, act: Callable[[Action], None]) -> None:
         self._task, self._act = task, act
         self._queue = RequestQueue()
+        self._accepted: Recent[tuple[int, str]] = Recent(OPERATORS_MAX)  # number and sentence, by operator
         self.tracker = RequestTracker(lambda report: act(Reported(report)))
         self.serving: Request | None = None
 
@@ -103,13 +106,36 @@ class RequestService:
             reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
             if reason is not None:
                 self.tracker.refuse(request.identity, reason)
+            elif request.operator:
+                self._accepted.note(request.operator, (request.number, sentence))
             self._act(Replied(request, reason, sentence))
 
-    def withdraw(self, request: Request, give_up: Callable[[], None]) -> None:
-        """Give up the request of the same operator whose number is the text; ``give_up`` does so if it is served."""
+    def withdraw(
+        self, request: Request, cancel: Callable[[], Reason | str], remove: Callable[[str], Reason | str]
+    ) -> None:
+        """Withdraw the request of the same operator whose number is the text, and say what is left of it.
+
+        ``cancel`` ends a request that is served; ``remove`` removes the moves of one that was accepted, by its
+        identity, from the queue and returns an empty text if none are there. Both return a reason if they cannot.
+        """
         serving, what = self.serving, (request.operator, request.text)
+        outcome: Reason | str = 'withdrawn'
         if serving is not None and what == (serving.operator, str(serving.number)):
-            give_up()
-        for waiting in self._queue.withdraw(request.operator, request.text):
-            self._act(Replied(waiting, WITHDRAWN, ''))
-        self._act(Replied(request, None, 'withdrawn'))
+            outcome = cancel()
+        elif waiting := self._queue.withdraw(*what):
+            for one in waiting:
+                self._act(Replied(one, WITHDRAWN, ''))
+        else:
+            outcome = remove(f'{request.operator or request.receiver}-{request.text}') or outcome
+            number, sentence = self._accepted.get(request.operator, (-1, ''))
+            if outcome == 'withdrawn' and request.text == str(number):
+                outcome = Reason(Code.STATE, f'it was carried out before it could be withdrawn: {sentence}')
+        reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
+        self._act(Replied(request, reason, sentence))
+
+    def lose_control(self, loser: str, cancel: Callable[[], object]) -> None:
+        """Refuse the requests of an operator who has lost control; ``cancel`` ends one that is served."""
+        if self.serving is not None and self.serving.operator == loser:
+            cancel()
+        for one in self._queue.remove(lambda request: request.operator == loser):
+            self._act(Replied(one, LOST_CONTROL, ''))

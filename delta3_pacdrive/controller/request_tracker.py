@@ -128,6 +128,12 @@ class RequestTracker:
         for tracked in running:
             self._change(tracked, Phase.ABORTED, reason)
 
+    def withdraw(self, identity: str, reason: Reason) -> None:
+        """Note that the moves of a request were removed from the queue."""
+        for tracked in [one for one in self._queued if one.identity == identity]:
+            self._queued.remove(tracked)
+            self._change(tracked, Phase.ABORTED, reason)
+
     def empty(self, reason: Reason) -> None:
         """Note that what is in the queue will not be driven."""
         queued, self._queued = self._queued, []

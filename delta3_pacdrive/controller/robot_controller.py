@@ -300,7 +300,9 @@ class RobotController:
         move, distance, speed = task.progress()
         cycle_time, answered, end = self._parameters.bus.cycle_time_s, cycles.answered, task.end_cycle
         operator = self.control.operator
+        place = task.answer['tcp_actual'] if answered else state.tcp_m if state.located else None
         remaining = max(end - answered, 0) if end < NEVER else 0
+        stops = task.loaded and task.held  # how long the rest takes then depends on the way to go on
         return {
             'session': self.bus.session.decode(),
             'phase': self.bus.phase.name,
@@ -316,14 +318,14 @@ class RobotController:
             'operator': operator.name if operator else '',
             'operator_identity': operator.identity if operator else '',
             'control': self.control.changes,
-            'tcp_m': (task.answer['tcp_actual'] if answered else state.tcp_m).tolist(),
+            'tcp_m': None if place is None else place.tolist(),
             'cycles': answered,
             'bus_time_s': answered * cycle_time,
             'wall_time_s': cycles.last_answer_s - (self._start_s or 0.0),
             'move': move,
             'moves': task.moves,
             'end_s': (state.ends if state.ends < NEVER else answered) * cycle_time,
-            'remaining_s': remaining * cycle_time,
+            'remaining_s': None if stops else remaining * cycle_time,
             'master_m': distance,
             'master_speed_m_s': speed,
             'rate': 1.0 if task.profile is None else task.profile.override,

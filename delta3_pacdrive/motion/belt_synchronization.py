@@ -25,6 +25,8 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 STANDS_M_S = 1e-3  # a belt that is slower than that stands
 SAMPLES = 64  # places of a way at which its speed is compared
 SHARES, LESS = 8, 0.998  # tries, and how much less than needed each takes
+# of the jerk, in attempts to find a trajectory; the last ones help axes that accelerate, with less than 0.1 um to go
+JERK_SHARES = (1.0, 1.0 - 1e-12, 1.0 - 1e-9, 1.0 - 1e-6, 0.5, 0.25)
 NO_SPEED_M_S = 1e-6  # an axis needs some room
 SHARE_MIN = 1.0 / math.sqrt(
     3.0
@@ -161,15 +163,29 @@ def way_to_stand(start: Motion, acceleration_m_s2: float, jerk_m_s3: float) -> W
     request.current_position, request.current_velocity, request.current_acceleration = map(list, start)
     request.target_velocity = request.target_acceleration = [0.0] * 3
     request.max_acceleration = [max(acceleration_m_s2, *map(abs, start.acceleration))] * 3
-    request.max_jerk = [jerk_m_s3] * 3
     request.synchronization = Synchronization.Time
-    trajectory = Trajectory(3)
-    try:
-        Ruckig(3).calculate(request, trajectory)
-        place, _, _ = trajectory.at_time(trajectory.duration)
-    except RuckigError:
-        raise ProgramError(f'no way to rest within {acceleration_m_s2:g} m/s2, {jerk_m_s3:g} m/s3') from None
+    trajectory = _trajectory(request, jerk_m_s3)
+    if trajectory is None:
+        raise ProgramError(f'no way to rest within {acceleration_m_s2:g} m/s2, {jerk_m_s3:g} m/s3')
+    place, _, _ = trajectory.at_time(trajectory.duration)
     return Way(trajectory, Motion(tuple(place)), float(trajectory.duration))
+
+
+def _trajectory(request: InputParameter, jerk_m_s3: float) -> Trajectory | None:
+    """Return ruckig's trajectory of three axes; None if there is none.
+
+    Ruckig finds no solution where its cases meet, as where a distance is 2 a^3 / j^2, depending on rounding. Another
+    attempt with a slightly lower jerk does not meet the same place.
+    """
+    trajectory = Trajectory(3)
+    for share in JERK_SHARES:
+        request.max_jerk = [share * jerk_m_s3] * 3
+        try:
+            if Ruckig(3).calculate(request, trajectory) in (Result.Working, Result.Finished):
+                return trajectory
+        except (RuckigError, ValueError):  # a ValueError: a result that its Python module has no name for
+            continue
+    return None
 
 
 def _calculated(start: Motion, end: Motion, limits: TrackLimits, belt_speed: float, share: float) -> Way:
@@ -189,17 +205,12 @@ def _calculated(start: Motion, end: Motion, limits: TrackLimits, belt_speed: flo
     request.max_velocity = [along - belt_speed + NO_SPEED_M_S, across, across]
     request.min_velocity = [-along - belt_speed - NO_SPEED_M_S, -across, -across]
     request.max_acceleration = [acceleration] * 3
-    request.max_jerk = [jerk] * 3
     request.synchronization = Synchronization.Time
-    trajectory = Trajectory(3)
-    try:
-        result = Ruckig(3).calculate(request, trajectory)
-    except RuckigError:
-        result = Result.Error
-    if result not in (Result.Working, Result.Finished):
+    trajectory = _trajectory(request, jerk)
+    if trajectory is None:
         raise ProgramError(
             f'no way on or off a belt of {belt_speed:g} m/s within {limits.speed_m_s:g} m/s, '
-            f'{limits.acceleration_m_s2:g} m/s2, {limits.jerk_m_s3:g} m/s3 ({result})'
+            f'{limits.acceleration_m_s2:g} m/s2, {limits.jerk_m_s3:g} m/s3'
         )
     return Way(trajectory, end, float(trajectory.duration))
 

@@ -26,6 +26,9 @@ ARC_POINT_M = 0.02
 COLLINEAR = 1e-6  # sine of the angle at the circle point below which three points are on a line
 ARC_RADIUS_MAX_M = 100.0
 UNEVEN = 2e-4  # allowed deviation of |dp/ds| from 1
+# in a bend by a smaller angle less is allowed in proportion: the deviation costs jerk, as the bend does
+UNEVEN_TURN_RAD, UNEVEN_MIN = 0.25, 1e-7
+SMOOTH_RAD, SMOOTH_1_M = 1e-6, 0.05  # jumps of direction and curvature at a joint that needs no rounding
 HALVINGS_MAX = 9
 SPLINE_POINTS_MAX = 100
 TURN_MAX_RAD = np.radians(175.0)  # sharpest corner that can be blended
@@ -182,10 +185,10 @@ def spline(points: ArrayLike) -> Curve:
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
-def by_arc_length(curve: Curve3, knots: Floats, what: str) -> Curve:
+def by_arc_length(curve: Curve3, knots: Floats, what: str, uneven: float = UNEVEN) -> Curve:
     """Parametrise a C2 curve, p(t) and two derivatives, by its arc length.
 
-    Intervals between knots are halved until every piece keeps |dp/ds| within ``UNEVEN`` of 1.
+    Intervals between knots are halved until every piece keeps |dp/ds| within ``uneven`` of 1.
 
     Raises
     ------
@@ -205,7 +208,7 @@ def by_arc_length(curve: Curve3, knots: Floats, what: str) -> Curve:
             along = (second * tangent).sum(axis=1, keepdims=True)
             curvature = (second - along * tangent) / speed[:, None] ** 2
             segments = _hermite(p, tangent, curvature, lengths)
-            bad = _unevenness(segments, lengths) > UNEVEN
+            bad = _unevenness(segments, lengths) > uneven
             if not bad.any():
                 return Curve(segments, float(lengths.sum()))
         else:
@@ -247,7 +250,8 @@ def _unevenness(segments: Floats, lengths: Floats) -> Floats:
 def blend(before: Curve, after: Curve, radius_m: float) -> Curve:
     """Round the corner between two curves: leave the first and join the second at a distance from the corner.
 
-    Place, tangent and curvature are those of the curves at both ends (C2).
+    Place, tangent and curvature are those of the curves at both ends (C2). Where the curves meet without a jump of
+    direction and curvature, the path stays on them.
 
     Raises
     ------
@@ -256,8 +260,12 @@ def blend(before: Curve, after: Curve, radius_m: float) -> Curve:
 
     """
     start, end = before.at(before.length_m - radius_m), after.at(radius_m)
-    corner_before, corner_after = before.at(before.length_m)[1], after.at(0.0)[1]
-    turn = np.arccos(np.clip(np.dot(corner_before, corner_after), -1.0, 1.0))
+    corner_before, corner_after = before.at(before.length_m), after.at(0.0)
+    jumps = np.linalg.norm(corner_after - corner_before, axis=1)
+    if jumps[1] <= SMOOTH_RAD and jumps[2] <= SMOOTH_1_M:
+        length = before.length_m
+        return joined([before.part(length - radius_m, length), after.part(0.0, radius_m)])
+    turn = np.arccos(np.clip(np.dot(corner_before[1], corner_after[1]), -1.0, 1.0))
     if turn > TURN_MAX_RAD:
         raise ProgramError('the path turns back at this corner, which cannot be rounded; use blend_m: 0')
     return rounded(start, end, (radius_m, radius_m), turn, 'blend')
@@ -288,7 +296,10 @@ def rounded(start: Floats, end: Floats, legs_m: tuple[float, float], turn_rad: f
     place = coefficients[1:].reshape(3, DEGREE + 1).T  # rows of powers
     speed = _derived(place)
     derivatives = place, speed, _derived(speed)
-    return by_arc_length([partial(_evaluated, rows) for rows in derivatives], np.linspace(0.0, 1.0, 3), what)
+    bend_rad = float(np.arccos(np.clip(np.dot(start[1], end[1]), -1.0, 1.0)))
+    uneven = max(UNEVEN * min(bend_rad / UNEVEN_TURN_RAD, 1.0), UNEVEN_MIN)
+    evaluated = [partial(_evaluated, rows) for rows in derivatives]
+    return by_arc_length(evaluated, np.linspace(0.0, 1.0, 3), what, uneven)
 
 
 def _derived(coefficients: Floats) -> Floats:

@@ -13,6 +13,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import PathMove, Program, Statement
+from delta3_pacdrive.motion.program_parts import parts
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.motion.resume import go_over
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
@@ -40,7 +41,7 @@ class Driven:
         What each of its different moves asks of the motors.
     statements, ends
         Statements, and for each the number of the move with which it ends and where on that [m]; None for an output.
-        Those of a repeated program are those of its last round.
+        Those of a repeated program are those of its last round, or of all rounds if blends join them to one move.
     open_from
         First statement of the last move, if that has a blend at its end; else None.
     payload_kg
@@ -58,11 +59,13 @@ class Driven:
     @staticmethod
     def of(program: Program, planned: Planned) -> 'Driven':
         """Return what is known of a program that is planned."""
+        # the last move has the statements of all rounds, if none of them stops the robot
+        earlier = program.repeat - 1 if len(parts(program)) == 1 else 0
         return Driven(
             planned.plan,
             planned.loads,
-            program.statements,
-            planned.ends,
+            program.statements * (earlier + 1),
+            (None,) * (earlier * len(planned.ends)) + planned.ends,
             planned.open_from,
             planned.payload_kg,
         )

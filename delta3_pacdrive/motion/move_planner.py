@@ -2,17 +2,16 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, field
-from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.curves import Curve
 from delta3_pacdrive.motion.excess import Excess, excess, require_holdable
-from delta3_pacdrive.motion.limits import Limits, highest_motor_speed, legal_coefficients
+from delta3_pacdrive.motion.limits import highest_motor_speed, legal_coefficients
+from delta3_pacdrive.motion.move_grid import GRID_M, Course, Stretches, laid_out, worse_of_both
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import (
     CENTRIFUGAL,
@@ -28,44 +27,22 @@ from delta3_pacdrive.motion.virtual_master import end_acceleration, master_at_di
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-Stretches = Sequence[tuple[float, Limits]]  # of a move: ends [m], and the limits up to there
 MOVE_MAX_S = 3600.0
 SHARES_MAX = 6  # halvings of the share of the acceleration that a jerk-limited master uses
 WINDOW_MIN_S = 1e-3  # shortest time in which a smoothed master changes its acceleration
-GRID_MIN, GRID_MAX, GRID_M, GRID_PER_PIECE = 97, 4001, 2.5e-3, 8
-BEFORE = 1e-9  # of a move's length: distance between both sides of a place
-END_REFINEMENTS = 7  # halvings of the grid towards both ends, where a master starts and stops
 # what is left after planning with local limits is taken from the time of the whole move
 NEARLY_KEPT = 1.0 + 5e-4
 ROUNDS_MAX = 8  # of planning with local limits, before all of the move is made slower
+# a move of several statements that would be slower by more is planned again on the fine grid
+NEARLY_KEPT_BLENDED, NEARLY_KEPT_FINE = 1.0 + 1e-4, 1.0 + 2e-5
+# rounds on the fine grid, and those of them in which acceleration and jerk lower the speed in bends only
+FINE_ROUNDS_MAX, FINE_ROUNDS_STEADY = 24, 12
+FINE_TAPS = 12  # smallest number of samples of the speed in a window
+FINE_SHARE, FINE_MIN_M = 1 / 16, 1e-6  # first step: share of the way in a window at the lowest speed
+FINE_WIDER = 1.05  # are valleys of the speed in the next round, if the TCP is too fast beside one
+FINE_REACH = 1.5  # windows around a place in which the acceleration is lowered
+BEND_SHARES = 1.0, 0.25  # of a window that valleys of the speed in bends last; the faster one is chosen
 CURVATURE_SHARE, JERK_SHARE = 0.98, 0.8  # of the TCP's limits that may be used up by the path's bend alone
-
-
-def limits_at(places_m: Floats, stretches: Stretches) -> tuple[Floats, Floats, Floats]:
-    """Limits of speed, acceleration and jerk at places on a move, shape (n,)."""
-    if len(stretches) == 1:
-        only = stretches[0][1]
-        every = (only.speed_m_s, only.acceleration_m_s2, only.jerk_m_s3)
-        speed, acceleration, jerk = (np.full(len(places_m), limit, np.float64) for limit in every)
-        return speed, acceleration, jerk
-    # where a stretch ends and the next begins, both limits hold
-    ends, limits = zip(*stretches, strict=True)
-    table = np.array([astuple(one) for one in limits])
-    before, after = (table[np.searchsorted(ends[:-1], places_m, side)] for side in ('left', 'right'))
-    speed, acceleration, jerk = np.minimum(before, after).T.copy()
-    return speed, acceleration, jerk
-
-
-def grid(curve: Curve) -> Floats:
-    """Distances at which a move is checked: even within each piece of the path, finer towards both ends of the move."""
-    edges = np.append(curve.segments[:, 0], curve.length_m)
-    lengths = np.diff(edges)
-    step = curve.length_m / min(max(GRID_MIN, curve.length_m / GRID_M), GRID_MAX)
-    counts = np.maximum(np.ceil(lengths / step), GRID_PER_PIECE).astype(int)
-    number = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    inner = (np.repeat(edges[:-1], counts) + number * np.repeat(lengths / counts, counts))[1:]
-    refined = min(inner[0], curve.length_m - inner[-1]) * 0.5 ** np.arange(END_REFINEMENTS, 0, -1)
-    return np.concatenate([edges[:1], refined, inner, curve.length_m - refined[::-1], edges[-1:]])
 
 
 def require_end_of_time(duration_s: float) -> None:
@@ -74,27 +51,17 @@ def require_end_of_time(duration_s: float) -> None:
         raise ProgramError(f'it would take {duration_s:.3g} s, the limit is {MOVE_MAX_S:g} s')
 
 
-@dataclass(frozen=True)
-class _Course:
-    """A course is what of a move does not depend on the robot; two are equal if their paths are so to the last bit."""
+class _Timed(NamedTuple):
+    """A timing of a move: its phases, the factor of time that they need, and whether no place slows down others."""
 
-    table: bytes  # of the path's pieces
-    length_m: float
-    stretches: tuple[tuple[float, Limits], ...]
-    changes_m: tuple[float, ...]  # where other payloads begin to be carried
-    curve: Curve = field(compare=False)
+    phases: Floats
+    factor: float
+    share: float  # of the acceleration that it may use
+    is_local: bool
 
-
-@lru_cache(maxsize=64)
-def _laid_out(
-    course: _Course,
-) -> tuple[Floats, Floats, Floats, NDArray[np.int64], tuple[Floats, Floats, Floats]]:
-    """Return grid, both sides of its places, samples, payloads and limits there; robots that differ share them."""
-    distance = grid(course.curve)
-    places = _both_sides(distance)
-    samples = sample_path(places, course.curve.segments)
-    payload = np.searchsorted(course.changes_m, places, side='right')
-    return distance, places, samples, payload, limits_at(places, course.stretches)
+    @property
+    def duration_s(self) -> float:
+        return float(self.phases[-1, 0]) * self.factor
 
 
 class MovePlanner:
@@ -124,12 +91,19 @@ class MovePlanner:
         returning: bool = False,
     ) -> None:
         self.curve, self._parameters = curve, parameters
-        changes, carried = zip(*payloads, strict=True)
-        course = _Course(curve.segments.tobytes(), curve.length_m, tuple(stretches), changes[1:], curve)
-        self.distance, self.places, self.samples, payload, limits = _laid_out(course)
+        self._stretches, self._payloads, self._returning = tuple(stretches), payloads, returning
+        self._lay_out(0.0)
+
+    def _lay_out(self, step_m: float) -> None:
+        """Evaluate path and limits on the grid, or on the fine grid that begins with a step [m]."""
+        self._is_fine = step_m > 0.0
+        changes, carried = zip(*self._payloads, strict=True)
+        table, length = self.curve.segments.tobytes(), self.curve.length_m
+        course = Course(table, length, self._stretches, changes[1:], step_m, self.curve)
+        self.distance, self.places, self.samples, payload, limits = laid_out(course)
         self.speed, self.acceleration, self.jerk = limits
         self._coefficients = legal_coefficients(
-            self.places, self.samples, payload, carried, parameters, returning
+            self.places, self.samples, payload, carried, self._parameters, self._returning
         )
         self._evaluated: tuple[Floats, PathDynamics] | None = None
 
@@ -140,11 +114,16 @@ class MovePlanner:
         return self._evaluated[1]
 
     def _dynamics(self, phases: Floats) -> PathDynamics:
+        times, master = self._master(phases)
+        return timed_dynamics(times, master, self.samples, self._coefficients, self._parameters)
+
+    def _master(self, phases: Floats) -> tuple[Floats, Floats]:
+        """Times and master at the places of the grid, shapes (n,) and (n, 4)."""
         passed = master_at_distances(self.places, phases)
         master = np.ascontiguousarray(passed[:, 1:])
         # the end is reached, as the start is left, with the acceleration and the jerk of the phase beside it
         master[-1, 2], master[-1, 3] = end_acceleration(phases), phases[-2, 4]
-        return timed_dynamics(passed[:, 0], master, self.samples, self._coefficients, self._parameters)
+        return passed[:, 0], master
 
     def excess(self, dynamics: PathDynamics) -> Excess:
         """Compare a timed motion with the limits of the grid."""
@@ -185,56 +164,140 @@ class MovePlanner:
     def fastest(self, with_motors: bool) -> Floats:
         """Phases of the fastest master within the limits of every place.
 
+        Where some places would make the whole move slower, or lower the speed beyond them, the grid is too coarse for
+        their limits: the move is planned again on the fine grid.
+        """
+        if not self._is_fine:
+            found = self._fastest_of_shares(with_motors)
+            if found.is_local:
+                return time_parametrization.slowed(found.phases, found.factor)
+            self._share = found.share
+            self._lay_out(self._first_step(with_motors))
+        tried = (self._timed_finely(with_motors, self._share, one) for one in BEND_SHARES)
+        found = min(tried, key=lambda one: one.duration_s)
+        return time_parametrization.slowed(found.phases, found.factor)
+
+    def _first_step(self, with_motors: bool) -> float:
+        """First step of the fine grid [m]: it resolves the way in half a window where the limits are lowest."""
+        speed, acceleration = self.speed[::2], self.acceleration[::2]
+        lowest = float(self.place_limits(with_motors, speed, acceleration).speed_m_s.min())
+        _, window = self._jerk_and_window(acceleration)
+        return max(FINE_SHARE * window * lowest, FINE_MIN_M) if window else GRID_M
+
+    def _fastest_of_shares(self, with_motors: bool) -> '_Timed':
+        """Return the fastest timing on the present grid.
+
         A jerk-limited master on a short way cannot use all of the acceleration, and is faster if it does not try to.
         """
         jerk, most = float(self.jerk.min()), float(self.acceleration.max())
         if not math.isfinite(jerk):
-            return self._fastest(with_motors, 1.0)
+            return self._timed(with_motors, 1.0)
         # the peak of the acceleration of a free master from rest to rest over this length
         share = min(float(np.cbrt(0.5 * jerk**2 * self.curve.length_m)) / most, 1.0)
-        best = self._fastest(with_motors, share)
+        best = self._timed(with_motors, share)
         for _ in range(SHARES_MAX):
             share *= 0.5
-            other = self._fastest(with_motors, share)
-            if other[-1, 0] >= best[-1, 0]:
+            other = self._timed(with_motors, share)
+            if other.duration_s >= best.duration_s:
                 break
             best = other
         return best
 
-    def _fastest(self, with_motors: bool, share: float) -> Floats:
-        """Phases of the fastest master that uses no more than a share of the acceleration."""
+    def _timed(self, with_motors: bool, share: float) -> '_Timed':
+        """Return the fastest timing on the grid that uses no more than a share of the acceleration."""
         speed, acceleration = self.speed[::2].copy(), share * self.acceleration[::2]
-        jerk = float(self.jerk.min())
-        window = max(float(acceleration.max()) / jerk, WINDOW_MIN_S) if math.isfinite(jerk) else 0.0
-        best, chosen = math.inf, np.empty((0, 5))
-        for _ in range(ROUNDS_MAX):
-            profile = time_parametrization.fastest(
-                self.place_limits(with_motors, speed, acceleration), window
-            )
-            if not len(profile) or not profile[1:-1].all():
-                require_holdable(excess(self._standing(), self._parameters))
-                raise ProgramError('a motor cannot hold the arm somewhere on the path')
-            require_end_of_time(time_parametrization.duration(self.distance, profile) + window)
+        jerk, window = self._jerk_and_window(acceleration)
+        best = _Timed(np.empty((0, 5)), math.inf, share, False)
+        for n in range(ROUNDS_MAX):
+            place_limits = self.place_limits(with_motors, speed, acceleration)
+            profile = self._holdable(time_parametrization.fastest(place_limits, window), window)
             phases, jerk_found = time_parametrization.smoothed(self.distance, profile, jerk, window)
-            d = self.dynamics(phases)
-            found = self.excess(d) if with_motors else Excess(self._tcp_stretch(d), str)
-            stretch = np.maximum(worse_of_both(found.stretch), self._stretch_at_joints(phases))
-            factor = max(
-                float(stretch.max()), (jerk_found / jerk) ** (1.0 / 3.0) if math.isfinite(jerk) else 1.0, 1.0
-            )
-            if not math.isfinite(factor):
-                raise ProgramError(found.text)
-            if factor < best:
-                best, chosen = factor, phases
+            stretch, _ = self._needed(with_motors, phases)
+            factor = max(float(stretch.max()), 1.0)
+            if math.isfinite(jerk):
+                factor = max(factor, (jerk_found / jerk) ** (1.0 / 3.0))
+            if factor < best.factor:
+                best = _Timed(phases, factor, share, self._is_local(n, factor))
             if factor <= NEARLY_KEPT:
                 break
             window *= max(jerk_found / jerk, 1.0) if math.isfinite(jerk) else 1.0
-            relief = time_parametrization.widened(
-                self.distance, _spread(np.maximum(stretch, 1.0)), profile, window
-            )
+            worst = _spread(np.maximum(stretch, 1.0))
+            relief = time_parametrization.widened(self.distance, worst, profile, window)
             speed /= relief
             acceleration /= relief**2
-        return time_parametrization.slowed(chosen, best)
+        return best
+
+    def _timed_finely(self, with_motors: bool, share: float, bend_share: float) -> '_Timed':
+        """Return the fastest timing on the fine grid, as ``_timed``; no place costs speed where its limits do not hold.
+
+        Valleys of the speed in bends last as long as a share of the window at first. A limit of acceleration or jerk
+        lowers the acceleration around its place, and the speed in bends only, as the speed between two limits of
+        speed must not undershoot.
+        """
+        acceleration = share * self.acceleration[::2]
+        jerk, window = self._jerk_and_window(acceleration)
+        along = worse_of_both(
+            np.linalg.norm(self.samples[:, 1], axis=1)
+        )  # 1, but for the rounding of the path
+        steady = self.speed[::2] / np.maximum(along, 1.0)
+        speed = self.place_limits(with_motors, steady, acceleration).speed_m_s
+        bent = speed < steady
+        wider = 1.0 + 1.0 / FINE_TAPS  # the speed is interpolated between two samples of the average
+        best = _Timed(np.empty((0, 5)), math.inf, share, False)
+        for n in range(FINE_ROUNDS_MAX):
+            place_limits = self.place_limits(with_motors, speed, acceleration)
+            profile = time_parametrization.fastest(place_limits, wider * window, steady, bend_share)
+            self._holdable(profile, window)
+            phases, _ = time_parametrization.smoothed(self.distance, profile, jerk, window, FINE_TAPS)
+            stretch, speed_used = self._needed(with_motors, phases)
+            factor = max(float(stretch.max()), 1.0)
+            if factor < best.factor:
+                best = _Timed(phases, factor, share, True)
+            if factor <= NEARLY_KEPT_FINE:
+                break
+            worst = np.maximum(stretch, 1.0)
+            # the jerk at a place is the difference of the accelerations half a window before it and behind it
+            reach = FINE_REACH * window
+            acceleration /= time_parametrization.widened(self.distance, _spread(worst), profile, reach) ** 2
+            if n < FINE_ROUNDS_STEADY:
+                wider *= FINE_WIDER if ((speed_used > NEARLY_KEPT_FINE) & ~bent).any() else 1.0
+                worst = np.where(bent, worst, 1.0)
+            speed /= time_parametrization.widened(self.distance, _spread(worst), profile, window)
+        return best
+
+    def _jerk_and_window(self, acceleration: Floats) -> tuple[float, float]:
+        """Jerk [m/s^3], and how long it takes to reach an acceleration by it [s]: 0 if it is infinite."""
+        jerk = float(self.jerk.min())
+        return jerk, max(float(acceleration.max()) / jerk, WINDOW_MIN_S) if math.isfinite(jerk) else 0.0
+
+    def _holdable(self, profile: Floats, window: float) -> Floats:
+        """Return a profile of the speed; refuse one that stands still somewhere, or takes too long."""
+        if not len(profile) or not profile[1:-1].all():
+            require_holdable(excess(self._standing(), self._parameters))
+            raise ProgramError('a motor cannot hold the arm somewhere on the path')
+        require_end_of_time(time_parametrization.duration(self.distance, profile) + window)
+        return profile
+
+    def _needed(self, with_motors: bool, phases: Floats) -> tuple[Floats, Floats]:
+        """Factor of time that each place asks for, and the share of the limit of speed there, shapes (n,)."""
+        if with_motors:
+            d = self.dynamics(phases)
+            found = self.excess(d)
+            needed, speed = found.stretch, d.tcp_speed_m_s
+            if not math.isfinite(found.worst):
+                raise ProgramError(found.text)
+        else:
+            speed, acceleration, jerk = tcp_motion(self.samples, *self._master(phases)[1].T[1:])
+            by_acceleration, by_jerk = np.sqrt(acceleration / self.acceleration), np.cbrt(jerk / self.jerk)
+            needed = np.maximum.reduce([speed / self.speed, by_acceleration, by_jerk])
+        stretch = np.maximum(worse_of_both(needed), self._stretch_at_joints(phases))
+        return stretch, worse_of_both(speed / self.speed)
+
+    def _is_local(self, rounds: int, factor: float) -> bool:
+        """Whether no place costs speed elsewhere after so many rounds of lower limits."""
+        if len(self._stretches) == 1:
+            return factor <= NEARLY_KEPT
+        return rounds == 0 and factor <= NEARLY_KEPT_BLENDED
 
     def bound_s(self) -> float:
         """Shortest time [s] that limits of speed and acceleration and the motors allow, whatever the jerk."""
@@ -246,12 +309,6 @@ class MovePlanner:
         master = np.zeros((len(self.places), 4))
         master[:, 0] = self.places
         return timed_dynamics(master[:, 1], master, self.samples, self._coefficients, self._parameters)
-
-    def _tcp_stretch(self, d: PathDynamics) -> Floats:
-        """Factor of time that the TCP's limits ask for at each place."""
-        speed = d.tcp_speed_m_s / self.speed
-        acceleration = np.sqrt(d.tcp_acceleration_m_s2 / self.acceleration)
-        return np.asarray(np.maximum.reduce([speed, acceleration, np.cbrt(d.tcp_jerk_m_s3 / self.jerk)]))
 
     def stretch(self, phases: Floats) -> tuple[float, str]:
         """Factor of time that a master needs to keep every limit, below 1 if it keeps them all, and why."""
@@ -279,20 +336,6 @@ class MovePlanner:
         d = self.dynamics(phases)
         weights = np.gradient(d.time_s) if len(d.time_s) > 1 else np.ones(1)
         return thermal_load(d, weights, float(phases[-1, 0]), self._parameters)
-
-
-def _both_sides(distance: Floats) -> Floats:
-    """Return every place of a grid and, but for the first, the place right before it.
-
-    Where a piece of the path or a phase of the master ends, acceleration and jerk differ on both sides.
-    """
-    before = np.maximum(distance[1:] - BEFORE * distance[-1], 0.5 * (distance[1:] + distance[:-1]))
-    return np.concatenate([distance[:1], np.stack([before, distance[1:]], axis=1).ravel()])
-
-
-def worse_of_both(values: Floats) -> Floats:
-    """Return the larger of the values on both sides of each place of a grid."""
-    return np.concatenate([values[:1], np.maximum(values[1::2], values[2::2])])
 
 
 def _spread(relief: Floats) -> Floats:

@@ -14,13 +14,8 @@ from delta3_pacdrive.motion.energy import Energy, energy
 from delta3_pacdrive.motion.excess import excess, require_holdable
 from delta3_pacdrive.motion.limits import legal_coefficients
 from delta3_pacdrive.motion.move import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
-from delta3_pacdrive.motion.move_planner import (
-    GRID_MAX,
-    GRID_MIN,
-    MovePlanner,
-    Stretches,
-    require_end_of_time,
-)
+from delta3_pacdrive.motion.move_grid import GRID_MAX, GRID_MIN, Stretches
+from delta3_pacdrive.motion.move_planner import MovePlanner, require_end_of_time
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import PathDynamics, timed_dynamics
 from delta3_pacdrive.motion.shaping import Shaper

@@ -13,7 +13,7 @@ from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move import MOVES_MAX, STANDING, Move
-from delta3_pacdrive.motion.move_planner import Stretches
+from delta3_pacdrive.motion.move_grid import Stretches
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove, with_timed
 from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, Turn, point_text

@@ -6,21 +6,20 @@ from dataclasses import replace
 import numpy as np
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.motion import profiles, program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move import STANDING, Move
 from delta3_pacdrive.motion.plan import STANDING_M, Plan
+from delta3_pacdrive.motion.profiles import State
 from delta3_pacdrive.motion.program import MoveL, Program, Target
 from delta3_pacdrive.motion.turns import standing
 from delta3_pacdrive.motion.virtual_master import (
-    State,
     master_at_distances,
     remainder,
     rest,
     sample_master,
     speeds_beside,
-    way_between,
 )
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -165,7 +164,7 @@ def _connection(start: State, end: State, limits: tuple[float, float], speed_max
     acceleration_max = max(acceleration_max, abs(start[2]), abs(end[2]))
     most = (max(speed_max, start[1], end[1]) * ROUNDING, acceleration_max * ROUNDING, jerk_max)
     try:
-        return way_between(start, end, most)
+        return profiles.between(start, end, most)
     except ProgramError:
         return None
 

@@ -19,7 +19,7 @@ from delta3_pacdrive.motion.due_outputs import Due, DueOutputs
 from delta3_pacdrive.motion.energy import heat_weight, price_of_time_w
 from delta3_pacdrive.motion.joint_trajectory import plan_joints
 from delta3_pacdrive.motion.move import MoveKind
-from delta3_pacdrive.motion.move_planner import Stretches
+from delta3_pacdrive.motion.move_grid import Stretches
 from delta3_pacdrive.motion.planned_move import (
     ROUNDING_S,
     Event,

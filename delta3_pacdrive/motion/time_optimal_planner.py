@@ -23,7 +23,8 @@ from delta3_pacdrive.motion.barrier import Demand, in_blocks
 from delta3_pacdrive.motion.curves import Curve
 from delta3_pacdrive.motion.excess import excess, require_holdable
 from delta3_pacdrive.motion.limits import legal_coefficients, phase_voltage_max
-from delta3_pacdrive.motion.move_planner import NEARLY_KEPT, MovePlanner, Stretches, limits_at, worse_of_both
+from delta3_pacdrive.motion.move_grid import Stretches, limits_at, worse_of_both
+from delta3_pacdrive.motion.move_planner import NEARLY_KEPT, MovePlanner
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_coefficients
 from delta3_pacdrive.motion.path_parameter import PathParameter, path_parameter

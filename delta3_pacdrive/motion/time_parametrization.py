@@ -160,18 +160,25 @@ def _flatten_peaks(distance, x, window, times):
             x[k] = min(x[k], level)
 
 
-def fastest(limits: PlaceLimits, window_s: float = 0.0) -> Floats:
+def fastest(
+    limits: PlaceLimits, window_s: float = 0.0, steady: Floats | None = None, bend_share: float = 1.0
+) -> Floats:
     """Return the fastest speed [m/s] at each grid point, rest to rest, shape (n,); jerk is free.
 
     For a window of a moving average, valleys and peaks of the speed last as long as it, so that the limits of speed
-    hold for the average too and acceleration never changes its sign at once. An empty array means that a motor cannot
-    even hold the arm somewhere.
+    hold for the average too and acceleration never changes its sign at once. With ``steady``, limits of speed alone
+    [m/s], shape (n,), valleys of all other limits last as long as a share of the window. An empty array means that a
+    motor cannot even hold the arm somewhere.
     """
     square_max = limits.speed_m_s**2
     x = _solve(limits, square_max)
     if window_s > 0.0 and len(x):
         eroded = np.empty_like(square_max)
-        _erode(limits.distance_m, square_max, x, window_s, eroded)
+        _erode(limits.distance_m, square_max, x, bend_share * window_s, eroded)
+        if steady is not None:
+            wide = np.empty_like(eroded)
+            _erode(limits.distance_m, steady**2, x, window_s, wide)
+            eroded = np.minimum(eroded, wide)
         x = _solve(limits, eroded)
         _flatten_peaks(limits.distance_m, x, window_s, np.empty_like(x))
     return np.asarray(np.sqrt(x))
@@ -194,10 +201,12 @@ def duration(distance_m: Floats, speed_m_s: Floats) -> float:
     return float((2.0 * np.diff(distance_m) / np.maximum(speed_m_s[1:] + speed_m_s[:-1], TINY)).sum())
 
 
-def smoothed(distance_m: Floats, speed_m_s: Floats, jerk_max: float, window_s: float) -> tuple[Floats, float]:
+def smoothed(
+    distance_m: Floats, speed_m_s: Floats, jerk_max: float, window_s: float, taps_min: int = 1
+) -> tuple[Floats, float]:
     """Phases (k, 5) of the master that a moving average over ``window_s`` makes, and its largest jerk.
 
-    Without a window the accelerations keep their steps.
+    The average is over at least ``taps_min`` samples. Without a window the accelerations keep their steps.
     """
     length = float(distance_m[-1])
     steps = 2.0 * np.diff(distance_m) / np.maximum(speed_m_s[1:] + speed_m_s[:-1], TINY)
@@ -205,7 +214,9 @@ def smoothed(distance_m: Floats, speed_m_s: Floats, jerk_max: float, window_s: f
     if window_s <= 0.0:
         return _phases(times, speed_m_s, np.diff(speed_m_s) / steps, np.zeros(len(steps)), length), 0.0
     window_s = max(window_s, float(times[-1]) / PHASES_MAX)
-    taps = int(np.ceil(window_s / max(SAMPLE_S, float(times[-1]) / PHASES_MAX)))
+    shortest = float(times[-1]) / PHASES_MAX
+    taps = int(np.ceil(window_s / max(SAMPLE_S, shortest)))
+    taps = max(taps, min(taps_min, int(np.ceil(2.0 * window_s / shortest))))
     step = window_s / taps
     count = int(np.ceil(times[-1] / step))
     speed = np.interp(step * np.arange(count + 1), times, speed_m_s, right=0.0)

@@ -17,7 +17,8 @@ from delta3_pacdrive.motion.blending import ROUNDING_M, PathSegment
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import BETWEEN_SAMPLES, Limits, phase_voltage_max
 from delta3_pacdrive.motion.move import STANDING, Move, MoveKind
-from delta3_pacdrive.motion.move_planner import Stretches, require_end_of_time
+from delta3_pacdrive.motion.move_grid import Stretches
+from delta3_pacdrive.motion.move_planner import require_end_of_time
 from delta3_pacdrive.motion.planned_move import KEPT, PlannedMove, plan_dwell, slowed_down
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.motion.turns import TURN_COLUMNS, between, sample_turn

@@ -19,9 +19,9 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.motion import profiles
 from delta3_pacdrive.numerics.kernel import kernel, row_at
 from delta3_pacdrive.numerics.types import Floats
 
@@ -29,7 +29,6 @@ from delta3_pacdrive.numerics.types import Floats
 PHASE_COLUMNS = 5
 BACK_M_S = 1e-9  # rounding of a speed that never turns back
 COMPARED = 64  # places at which phases are compared
-State = tuple[float, float, float]
 
 
 def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk_max: float) -> Floats:
@@ -54,55 +53,9 @@ def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk
 
 @lru_cache(maxsize=64)
 def _from_rest_to_rest(length_m: float, speed_max: float, acceleration_max: float, jerk_max: float) -> Floats:
-    rows = way_between((0.0, 0.0, 0.0), (length_m, 0.0, 0.0), (speed_max, acceleration_max, jerk_max))
+    rows = profiles.rest_to_rest(length_m, (speed_max, acceleration_max, jerk_max))
     rows[-1] = rows[-1, 0], length_m, 0.0, 0.0, 0.0
     return rows
-
-
-def way_between(start: State, end: State, limits: State, to_speed: bool = False) -> Floats:
-    """Time-optimal phases (n, 5) between two states (distance, speed, acceleration) of a master.
-
-    Parameters
-    ----------
-    start, end
-        Distance [m], speed [m/s] and acceleration [m/s^2].
-    limits
-        Of speed [m/s], acceleration [m/s^2] and jerk [m/s^3]; an infinite jerk gives phases of constant acceleration.
-    to_speed
-        Whether the distance of the end is free.
-
-    Raises
-    ------
-    ProgramError
-        There is no such way.
-
-    """
-    request = InputParameter(1)
-    request.current_position, request.current_velocity, request.current_acceleration = ([x] for x in start)
-    request.target_position, request.target_velocity, request.target_acceleration = ([x] for x in end)
-    request.max_velocity, request.max_acceleration, request.max_jerk = ([x] for x in limits)
-    if to_speed:
-        request.control_interface = ControlInterface.Velocity
-    trajectory = Trajectory(1)
-    try:
-        result = Ruckig(1).calculate(request, trajectory)
-    except RuckigError:
-        result = Result.Error
-    if result not in (Result.Working, Result.Finished):
-        speed, acceleration, jerk = limits
-        raise ProgramError(
-            f'no way over {end[0] - start[0]:g} m from {start[1]:g} to {end[1]:g} m/s within '
-            f'{speed:g} m/s, {acceleration:g} m/s2, {jerk:g} m/s3 ({result})'
-        )
-    # phases without duration are left out; the last row is the end, without jerk
-    rows, time, profile = [], 0.0, trajectory.profiles[0][0]
-    for part in (profile.brake, profile):
-        for n, duration in enumerate(part.t):
-            if duration > 0.0:
-                rows.append((time, part.p[n], part.v[n], part.a[n], part.j[n]))
-                time += duration
-    rows.append((time, profile.p[-1], profile.v[-1], profile.a[-1], 0.0))
-    return np.array(rows)
 
 
 def way_to_rest(
@@ -112,8 +65,7 @@ def way_to_rest(
     if speed <= 0.0 and acceleration == 0.0:
         return np.array([[0.0, distance, 0.0, 0.0, 0.0]])
     start = (distance, max(speed, 0.0), acceleration if math.isfinite(jerk_max) else 0.0)
-    limits = (math.inf, max(acceleration_max, abs(acceleration)), jerk_max)
-    rows = way_between(start, (distance, 0.0, 0.0), limits, to_speed=True)
+    rows = profiles.to_rest(start, max(acceleration_max, abs(acceleration)), jerk_max)
     rows[-1, 2:] = 0.0
     return rows
 

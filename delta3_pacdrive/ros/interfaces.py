@@ -40,6 +40,8 @@ RECORDER, VISUALIZATION, OPERATOR = 'recorder', 'robot_visualization', 'operator
 SCRIPT = 'script'
 EVERY_AXIS = 'axisN'
 TEXT_BYTES_MAX = 64 * 1024  # of an ordinary message; its reader may allow more
+PROGRAM_BYTES_MAX = 1024 * 1024
+REQUEST_BYTES_MAX = 2 * PROGRAM_BYTES_MAX  # of a request to the planner, in which characters may be escaped
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ UNSEEN_S = 0.1  # between two looks at the robot while nobody watches: only the 
 FACTS_S = 0.2
 APPEAR_S = 10.0  # for a robot to be found, unless one is being brought up
 GONE_S = 2.0  # without a browser, after which what the page has set off is held: a page may be loaded anew meanwhile
+WAITING_MAX = 20  # requests of all browsers
 RELEASE_S = 0.5  # standing, after which the page gives control back
 
 
@@ -175,6 +176,10 @@ class LiveView:
         actions = [waiting.action for waiting in self._waiting]
         if wish.action == 'override' and 'override' in actions:
             self._waiting[actions.index('override')] = wish
+        elif len(self._waiting) >= WAITING_MAX:
+            self._page.tell(
+                f'{len(self._waiting)} requests wait already: {wish.action} is not taken', refused=True
+            )
         else:
             self._waiting.append(wish)
 
@@ -223,7 +228,7 @@ def run(page: Page, parameters: Parameters, namespace: str, patience_s: float = 
     view = LiveView(page, RobotReader(operator, parameters), process)
     operator.spin_for = view.spin_for
     try:
-        with interrupts.answered_by(view.stop):
+        with interrupts.answered_by(view.stop, interrupts.PATIENCE_S):
             view.run(patience_s)
     finally:
         node_process.leave(process)

@@ -73,6 +73,7 @@ class OperatorServices:
             self._on_request,
             changes=lambda: control.changes,
             bytes_max=REQUEST_BYTES_MAX,
+            always=frozenset(messages.STOPS.values()),
         )
         interfaces.CONTROL_ALIVE.bounded_subscription(node, self._on_alive)
         for service, action in (

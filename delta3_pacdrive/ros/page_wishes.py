@@ -248,7 +248,9 @@ class PageWishes:
             raise RunError('there is no robot')
         place = np.array(self._operator.progress['tcp_m'], dtype=np.float64)
         if not np.isfinite(place).all():
-            raise RunError('nobody knows where the robot is: its arms close no chain')
+            raise RunError(
+                'robot pose unknown: it is not measured yet, or forward kinematics has no solution'
+            )
         return place
 
     def _teach(self, name: str) -> str:

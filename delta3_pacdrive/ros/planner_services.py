@@ -11,7 +11,6 @@ the newest request was refused), ``unit_robot/requests`` (JSON: what becomes of 
 """
 
 import json
-import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,14 +23,12 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive.controller.messages import QueueReport, Request, RequestReport
 from delta3_pacdrive.controller.planner import Planner
-from delta3_pacdrive.errors import Code, Reason, TelegramError
+from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.ros import interfaces, move_messages
 from delta3_pacdrive.ros.deferred_service import Tell
 from delta3_pacdrive.ros.joint_trajectory import joint_trajectory
 from delta3_pacdrive.ros.request_server import RequestServer
 from delta3_pacdrive.ros.robot_node import RobotNode
-
-PROGRAM_BYTES_MAX = 1024 * 1024
 
 
 class PlannerServices:
@@ -60,7 +57,8 @@ class PlannerServices:
     ) -> None:
         self._log, self._planner, self._identity = node.get_logger(), planner, identity
         self._progress, self._changed = progress, changed
-        self._asked: dict[int, tuple[Request, Tell | None]] = {}  # by the identity of the request
+        # by the identity of the request: it, what is called with its answer, and as which it is answered by topic
+        self._asked: dict[int, tuple[Request, Tell | None, Request | None]] = {}
         self._anonymous = 0  # requests of clients without an identity
         self._refusal: Reason | None = None  # of the newest request
         self._told_queue = ''
@@ -72,7 +70,7 @@ class PlannerServices:
             interfaces.PLANNER_REPLY,
             lambda: identity,
             self._on_request,
-            bytes_max=2 * PROGRAM_BYTES_MAX,
+            bytes_max=interfaces.REQUEST_BYTES_MAX,
             refuse=self._refuse_request,
         )
         for topic, receive in (
@@ -86,7 +84,7 @@ class PlannerServices:
             ),
             (interfaces.OVERRIDE, lambda message: self._ask_openly('override', repr(message.data))),
         ):
-            topic.bounded_subscription(node, receive, PROGRAM_BYTES_MAX, self._refuse)
+            topic.bounded_subscription(node, receive, interfaces.PROGRAM_BYTES_MAX, self._refuse)
         self._requests = interfaces.REQUESTS.publisher(node)
         for service in (interfaces.START, interfaces.RESUME, interfaces.CLEAR):
             service.deferred_servers(node, partial(self._serve, service.name))
@@ -111,9 +109,9 @@ class PlannerServices:
         self._anonymous += 1
         return Request(self._identity, '', self._anonymous, 0, action, text)
 
-    def pass_on(self, request: Request, tell: Tell | None = None) -> None:
-        """Pass on a request; ``tell`` is called with its answer."""
-        self._asked[id(request)] = request, tell
+    def pass_on(self, request: Request, tell: Tell | None = None, received: Request | None = None) -> None:
+        """Pass on a request; ``tell`` is called with its answer, and the reply goes to the one that was received."""
+        self._asked[id(request)] = request, tell, received
         self._planner.ask(request, time.monotonic())
         self._changed()
 
@@ -130,8 +128,8 @@ class PlannerServices:
             told = json.dumps({'id': asked.identity, 'code': code, 'sentence': said})
             tell(reason and replace(reason, sentence=told), told)
 
-        if len(text.encode()) > PROGRAM_BYTES_MAX:
-            size = f'the request has {len(text.encode())} bytes, the limit is {PROGRAM_BYTES_MAX}'
+        if len(text.encode()) > interfaces.PROGRAM_BYTES_MAX:
+            size = f'the request has {len(text.encode())} bytes, the limit is {interfaces.PROGRAM_BYTES_MAX}'
             answer(Reason(Code.CONTENT, size), '')
         elif not text.strip():
             answer(Reason(Code.CONTENT, 'the request is empty: it needs moves, or the name of a program'), '')
@@ -142,22 +140,26 @@ class PlannerServices:
         return lambda message: self._ask_openly('program', json.dumps({'moves': [statement(message)]}))
 
     def _on_request(self, request: Request) -> None:
-        speeds = (*request.caps, request.approach_m_s)
-        if not request.operator or not all(math.isfinite(speed) and speed >= 0.0 for speed in speeds):
-            raise TelegramError(
-                'a request needs the identity of its operator, and caps that are numbers from 0 on'
+        own = request
+        if not request.operator and request.action == 'withdraw':
+            self._server.reply(
+                request, Reason(Code.CONTENT, 'a withdrawal needs the identity of its operator'), ''
             )
-        self.pass_on(request)
+            return
+        if not request.operator:  # others may count from 1 as well
+            self._anonymous += 1
+            own = replace(request, receiver=self._identity, number=self._anonymous)
+        self.pass_on(own, received=request)
 
     # answers ----------------------------------------------------------------------------------------------------------
 
     def reply(self, request: Request, reason: Reason | None, sentence: str) -> None:
         """Answer a request, with the reason if it is refused."""
-        _, tell = self._asked.pop(id(request), (request, None))
+        _, tell, received = self._asked.pop(id(request), (request, None, None))
         if tell is not None:
             tell(reason, sentence)
-        if request.operator:
-            self._server.reply(request, reason, sentence)
+        if received is not None:
+            self._server.reply(received, reason, sentence)
         self._say(reason, sentence)
 
     def _say(self, reason: Reason | None, sentence: str) -> None:
@@ -186,9 +188,9 @@ class PlannerServices:
         """Tell those who wait that their requests are being worked on, and how far."""
         self.tell_queue()
         sentence = self._progress() or 'waiting'
-        for request, _ in list(self._asked.values()):
-            if request.operator:
-                self._server.reply(request, None, sentence, done=False)
+        for _, _, received in list(self._asked.values()):
+            if received is not None:
+                self._server.reply(received, None, sentence, done=False)
 
     def tell_queue(self) -> None:
         """Tell what is in the queue, if that has changed."""

@@ -21,13 +21,16 @@ _TEXTS = (
 )  # fmt: skip
 _FLAGS = ('finished', 'settling', 'in_torque', 'enabled', 'learned_torques')
 _NUMBERS = (
-    'fault_number', 'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'remaining_s',
-    'master_m', 'master_speed_m_s', 'rate', 'outputs', 'payload_kg', 'following_error_rad', 'overruns', 'slip_s',
+    'fault_number', 'fault_cycle', 'cycles', 'bus_time_s', 'wall_time_s', 'move', 'moves', 'end_s', 'master_m',
+    'master_speed_m_s', 'rate', 'outputs', 'payload_kg', 'following_error_rad', 'overruns', 'slip_s',
     'lost_telegrams', 'repeated_telegrams', 'control',
 )  # fmt: skip
 NUMBER_MAX = 1e15  # beyond it whole numbers are not exact
 _TYPES: dict[str, tuple[type, ...]] = (
-    dict.fromkeys(_TEXTS, (str,)) | dict.fromkeys(_FLAGS, (bool,)) | dict.fromkeys(_NUMBERS, (int, float))
+    dict.fromkeys(_TEXTS, (str,))
+    | dict.fromkeys(_FLAGS, (bool,))
+    | dict.fromkeys(_NUMBERS, (int, float))
+    | {'remaining_s': (int, float, type(None))}  # a robot that is held does not know it
 )
 
 
@@ -39,7 +42,9 @@ def read_progress(text: str) -> dict[str, Any] | None:
         return None
     if not isinstance(facts, dict):
         return None
-    place = facts.get('tcp_m')
+    place = facts.get('tcp_m', ())
+    if place is None:  # it was not measured yet
+        place = [0.0] * 3
     if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, (int, float)) for x in place):
         return None
     # JSON as Python reads it knows Infinity; where the arms close no chain the place, and it alone, is nan
@@ -51,7 +56,8 @@ def read_progress(text: str) -> dict[str, Any] | None:
     turned = facts.get('turn_rad', 0.0)  # there is one only where there is a rotary axis
     if not isinstance(turned, (int, float)) or not abs(turned) < NUMBER_MAX:
         return None
-    if not all(abs(facts[key]) < NUMBER_MAX for key in _NUMBERS if isinstance(facts.get(key), (int, float))):
+    numbers = (facts.get(key) for key in (*_NUMBERS, 'remaining_s'))
+    if not all(abs(number) < NUMBER_MAX for number in numbers if isinstance(number, (int, float))):
         return None
     return facts if all(isinstance(facts.get(key), kinds) for key, kinds in _TYPES.items()) else None
 

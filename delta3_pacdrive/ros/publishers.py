@@ -15,13 +15,15 @@ class Output:
     ----------
     wanted
         Whether there is a subscription.
+    topic
+        The topic.
     publish
         Publishes a message object.
 
     """
 
     def __init__(self, node: Node, topic: Topic, axis: str = '') -> None:
-        self.wanted = False
+        self.wanted, self.topic = False, topic
         told = PublisherEventCallbacks(matched=self._on_matched)
         self.publisher = topic.publisher(node, axis, event_callbacks=told)
         self.publish = self.publisher.publish

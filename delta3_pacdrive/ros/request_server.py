@@ -1,11 +1,13 @@
-"""Requests of operators who say who they are: each is served once, and its answer is told again if it was lost."""
+"""Requests of operators: each of one with an identity is served once, and its answer repeated if it was lost."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Container
 
 from std_msgs.msg import String
 
-from delta3_pacdrive.controller.messages import LastReplies, Numbering, Reply, Request, refuse_recording
-from delta3_pacdrive.errors import Reason, RobotFault, TelegramError, shown
+from delta3_pacdrive.controller.messages import Reply, Request, refuse_malformed, refuse_recording
+from delta3_pacdrive.controller.request_queue import ReceivedRequests
+from delta3_pacdrive.errors import Code, Reason, RefusedError, RobotFault, TelegramError, shown
 from delta3_pacdrive.ros.interfaces import TEXT_BYTES_MAX, Topic
 from delta3_pacdrive.ros.robot_node import RobotNode
 
@@ -27,6 +29,8 @@ class RequestServer:
         Returns how often control of the robot has changed hands.
     refuse
         Called with a sentence about what is no request to this receiver; the log by default.
+    always
+        Actions that are served even if there are too many operators.
 
     """
 
@@ -41,33 +45,54 @@ class RequestServer:
         changes: Callable[[], int] = lambda: 0,
         bytes_max: int = TEXT_BYTES_MAX,
         refuse: Callable[[str], None] | None = None,
+        always: Container[str] = (),
     ) -> None:
         self._receiver, self._serve, self._changes = receiver, serve, changes
-        self._numbers = Numbering()
-        self._last_replies = LastReplies()
+        self._always = always
+        self._received = ReceivedRequests()
         self._replies = replies.publisher(node)
         requests.bounded_subscription(node, self._on_request, bytes_max, refuse)
 
     def _on_request(self, message: String) -> None:
-        request = Request.from_json(message.data)
+        try:
+            request = Request.from_json(message.data)
+        except TelegramError as error:
+            refusal = refuse_malformed(message.data, str(error))
+            if refusal is not None:
+                self._publish(refusal)
+            raise
         if request.receiver != self._receiver():
             self._publish(refuse_recording(request))
             raise TelegramError(f'a request to {shown(request.receiver)}, which is not here')
-        if self._numbers.is_new(request.operator, request.number):
+        # requests without an operator cannot be told apart
+        if not request.operator or self._is_new(request):
             self._serve(request)
-        elif (last := self._last_replies.to(request)) is not None:
+        elif (last := self._received.reply(request)) is not None:
             self._publish(last)
 
+    def _is_new(self, request: Request) -> bool:
+        """Whether a request is received for the first time; one that is refused has its reply then."""
+        try:
+            return self._received.receive(request, time.monotonic())
+        except RefusedError as error:
+            if request.action in self._always and error.reason.code is Code.STATE:
+                return True
+            self._publish(self._reply(request, error.reason, '', done=True))
+            return False
+
     def reply(self, request: Request, reason: Reason | None, sentence: str, done: bool = True) -> None:
-        """Tell what became of a request, or how far it is."""
-        code, text = (str(reason.code), reason.sentence) if reason else ('', sentence)
-        fault = RobotFault.facts(reason.fault if reason else None)
-        reply = Reply(
-            request.operator, request.number, done, reason is None, code, text, self._changes(), **fault
-        )
+        """Publish what became of a request, or how far it is."""
+        reply = self._reply(request, reason, sentence, done)
         self._publish(reply)
         if done:
-            self._last_replies.keep(reply)
+            self._received.note(reply)
+
+    def _reply(self, request: Request, reason: Reason | None, sentence: str, done: bool) -> Reply:
+        code, text = (str(reason.code), reason.sentence) if reason else ('', sentence)
+        fault = RobotFault.facts(reason.fault if reason else None)
+        return Reply(
+            request.operator, request.number, done, reason is None, code, text, self._changes(), **fault
+        )
 
     def _publish(self, reply: Reply) -> None:
         self._replies.publish(String(data=reply.to_json()))

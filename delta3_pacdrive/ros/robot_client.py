@@ -36,6 +36,7 @@ from delta3_pacdrive.ros.progress_report import read_progress
 LOOK_S = 0.02
 PATIENCE_S = 10.0  # without a word
 AGAIN_S = 1.0  # after which a request is made again: it, or its answer, may have been lost
+WITHDRAWAL_S = 1.0  # for the answer to a withdrawal
 ALIVE_S = 0.2
 NAME_MAX = 90
 OF_THE_BUS = ('control', 'script')  # who is asked in a session of the bus
@@ -165,14 +166,17 @@ class OperatorNode(PollingNode):
     def ask(self, whom: str, action: str, text: str = '', adaptation: Adaptation = AS_IT_IS) -> str:
         """Ask ``unit_robot`` or ``control`` for something; return the sentence that it is answered with.
 
-        Whoever works on it for longer says so; who gives up waiting, or is interrupted, takes the request back.
+        A request that takes longer reports its progress. One that is not answered in time, or is interrupted, is
+        withdrawn from the planner; the error says whether it may still be carried out.
 
         Raises
         ------
         RefusedError
             It was refused.
+        ProgramError
+            It is too large.
         RunError
-            Nobody has answered.
+            There was no answer.
 
         """
         try:
@@ -213,6 +217,10 @@ class OperatorNode(PollingNode):
             receiver, self.identity, self._numbers, self._control, action, text, *astuple(adaptation)
         )
         message = String(data=request.to_json())
+        if len(message.data) > interfaces.REQUEST_BYTES_MAX:
+            raise ProgramError(
+                f'the request has {len(message.data)} bytes, the limit is {interfaces.REQUEST_BYTES_MAX}'
+            )
         asked = time.monotonic()
         # before it is published: another thread may hear the reply
         awaited = self._awaited[request.number] = _Awaited(asked)
@@ -233,9 +241,8 @@ class OperatorNode(PollingNode):
                     said = awaited.said
                     self.show(said)
                 self.spin_for(LOOK_S)
-        except (RunError, KeyboardInterrupt):
-            self._take_back(whom, request)
-            raise
+        except (RunError, KeyboardInterrupt) as error:
+            raise type(error)(f'{error}{self._take_back(whom, request)}') from None
         finally:
             del self._awaited[request.number]
         reply = awaited.reply
@@ -246,22 +253,35 @@ class OperatorNode(PollingNode):
             raise RefusedError(reply.reason)
         return reply.sentence
 
-    def _take_back(self, whom: str, request: Request) -> None:
-        """Withdraw a request that nobody waits for any more."""
-        if whom != 'unit_robot':
-            return
+    def _take_back(self, whom: str, request: Request) -> str:
+        """Withdraw a request; return what has to be added to the error: empty if nothing is left of it."""
+        if whom != 'unit_robot':  # the transformation task does at once what it is asked for
+            return f'; "{request.action}" may still be carried out'
         self._numbers += 1
         withdrawal = Request(
             request.receiver, self.identity, self._numbers, 0, 'withdraw', str(request.number)
         )
-        self._requests[whom].publish(String(data=withdrawal.to_json()))
+        awaited = self._awaited[self._numbers] = _Awaited(time.monotonic())
+        before, self.interruptible = self.interruptible, False
+        try:
+            self._requests[whom].publish(String(data=withdrawal.to_json()))
+            while awaited.reply is None and time.monotonic() < awaited.received_s + WITHDRAWAL_S:
+                self.spin_for(LOOK_S)
+        finally:
+            self.interruptible = before
+            del self._awaited[withdrawal.number]
+        reply = awaited.reply
+        if reply is None:
+            return f'; "{request.action}" may still be carried out, as its withdrawal was not answered either'
+        return '' if reply.accepted else f'; {reply.sentence}'
 
-    def take_control(self, name: str, by_force: bool = False) -> None:
-        """Take control of the robot, and keep it until it is released; raises RefusedError if somebody else has it."""
-        host = f'process {os.getpid()} on {socket.gethostname()}'
-        self.ask('control', messages.TAKE_OVER if by_force else messages.TAKE, f'{name}, {host}'[:NAME_MAX])
+    def take_control(self, name: str, by_force: bool = False) -> str:
+        """Take control of the robot and keep it until it is released; raises RefusedError if it cannot be had."""
+        who = f'{name}, process {os.getpid()} on {socket.gethostname()}'[:NAME_MAX]
+        told = self.ask('control', messages.TAKE_OVER if by_force else messages.TAKE, who)
         self.in_control = True
         self._beat()
+        return told
 
     def release_control(self) -> None:
         """Give control up; what is under way goes on."""
@@ -272,6 +292,10 @@ class OperatorNode(PollingNode):
     def send_program(self, text: str, adaptation: Adaptation = AS_IT_IS) -> str:
         """Append a program in YAML, or a packaged one by its name, to the queue."""
         return self.ask('unit_robot', 'program', text, adaptation)
+
+    def start_program(self, text: str, adaptation: Adaptation = AS_IT_IS) -> str:
+        """Append a program to the queue and start the queue; if that is refused the queue is as before."""
+        return self.ask('unit_robot', 'start', text, adaptation)
 
     def move(self, text: str, adaptation: Adaptation = AS_IT_IS) -> str:
         """Drive moves in YAML, or a packaged program; behind those that are driven, if the robot moves or is held."""

@@ -55,7 +55,7 @@ class TaskOutputs:
     ) -> None:
         self._through_jacobian = JointMotionOutputs(node, parameters) if joint_motion else None
         self._tcp_command: Floats = controller.task.answer['tcp_command']
-        answer, self._axes = controller.task.answer, controller.axes
+        answer, self._axes, self._state = controller.task.answer, controller.axes, controller.state
         self._theta: Floats = answer['theta']
         self._answers: list[tuple[TelegramOutput, Floats]] = [
             (TelegramOutput(node, topic), answer[topic.answer]) for topic in interfaces.ANSWER_TOPICS
@@ -71,12 +71,19 @@ class TaskOutputs:
         self._joint_states_every = max(1, round(JOINT_STATES_S / parameters.bus.cycle_time_s))
 
     def greet(self) -> None:
-        """Publish once outside cyclic operation: who records knows by it that nothing of that will pass him by."""
+        """Publish once outside cyclic operation, of a robot that was located: a recorder misses nothing from then on.
+
+        The robot stands where it is commanded to be; all errors and the master are zero.
+        """
+        if not self._state.located:
+            return
         for output, values in self._answers:
-            output.send(ACYCLIC, [0.0] * len(values))
+            place = output.topic in (interfaces.TCP_ACTUAL, interfaces.TCP_COMMAND)
+            output.send(ACYCLIC, self._state.tcp_m.tolist() if place else [0.0] * len(values))
         self.master.send(ACYCLIC, [0.0] * 3)
-        if self._turn is not None:
-            self._turn.send(ACYCLIC, [0.0] * 3)
+        if self._turn is not None and self._turning is not None:
+            angle_rad = self._turning.angle_rad
+            self._turn.send(ACYCLIC, [angle_rad, angle_rad, 0.0])
 
     def send(self, cycle: int, stamp: tuple[int, int]) -> None:
         """Publish what the answers of a cycle say."""

@@ -19,13 +19,13 @@ from delta3_pacdrive.peripherals.cell_scene import Thing
 from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.view import readout, thread_safe_events
 from delta3_pacdrive.view.cell_figure import CellFigure
-from delta3_pacdrive.view.controls import Controls
+from delta3_pacdrive.view.controls import PROGRAM_BYTES_MAX, Controls
 from delta3_pacdrive.view.figure import BLUE, Figure, segments
 from delta3_pacdrive.view.ghost import KINDS, ghost_of
 from delta3_pacdrive.view.history import History
 from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, Plots, rows_of
 from delta3_pacdrive.view.scope_panel import ScopePanel
-from delta3_pacdrive.view.serving import Place, own_pages_only
+from delta3_pacdrive.view.serving import Place
 from delta3_pacdrive.view.values import Facts, Instant, Wish
 
 PICTURES_HZ = 30.2
@@ -33,6 +33,7 @@ READ_S, PLOT_S = 0.2, 0.4  # between two updates of what is read, and of plots a
 FLASH_S = 0.5
 HISTORY_S = 30.0  # of the path travelled; plots show as much at most
 MAGNIFIED = ('1', '2', '5', '10', '20', '50', '100', '200', '500', '1000')
+NOTIFICATIONS_HZ, NOTIFICATIONS_BURST = 1.0, 5.0  # to all browsers
 WINDOWS_S = ('2', '5', '10', '30')  # that plots show
 
 
@@ -63,12 +64,15 @@ class Page:
     """
 
     def __init__(self, parameters: Parameters, place: Place, title: str, more: bool = False) -> None:
-        import viser
+        from delta3_pacdrive.view import page_guard
 
         thread_safe_events.use_in_viser()
-        quiet = contextlib.redirect_stdout(io.StringIO())  # it greets
-        with own_pages_only(place.host, place.listener) as self._begin, quiet:
-            self.server: Any = viser.ViserServer(host=place.host, port=place.port, label=title, verbose=False)
+        self._guard = page_guard.Guard(
+            place.host, PROGRAM_BYTES_MAX, lambda why: self.tell(why, refused=True)
+        )
+        self._notifications = page_guard.Bucket(NOTIFICATIONS_HZ, NOTIFICATIONS_BURST)
+        with contextlib.redirect_stdout(io.StringIO()):  # it greets
+            self.server: Any = self._guard.serve(title, place.listener)
         self.url, self._place = place.url, place
         self.wishes: deque[Wish] = deque()
         self.controls: Controls | None = None
@@ -100,8 +104,7 @@ class Page:
     def open(self) -> None:
         """Let browsers in, as what is added before their eyes takes them longer than all of it at once."""
         self._place.hand_over()
-        while self._begin:
-            self._begin.pop()()
+        self._guard.begin()
 
     def _aim(self, client: Any) -> None:
         """Let the robot stand in the upper half of a phone, whose lower half is covered by what is read."""
@@ -295,7 +298,7 @@ class Page:
         self._notify(sentence, refused)
 
     def _notify(self, sentence: str, refused: bool) -> None:
-        if refused:
+        if refused and self._notifications.take():  # the answers below the buttons show all of them
             for client in self.server.get_clients().values():
                 client.add_notification('Refused', sentence, color='red', auto_close_seconds=8.0)
 

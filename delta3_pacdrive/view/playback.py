@@ -370,5 +370,5 @@ def run(page: Page, film: Film) -> None:
     """Show a recording until a signal asks for the end."""
     player = Player(page, film)
     page.open()
-    with interrupts.answered_by(player.stop):
+    with interrupts.answered_by(player.stop, interrupts.PATIENCE_S):
         player.run()

@@ -70,9 +70,8 @@ def status(facts: Facts, tcp_m: Floats | None, turn: TurnInstant | None = None) 
         angle, error = math.degrees(turn.angle_rad), math.degrees(turn.error_rad)
         rows.append(_pairs(('tool', f'{angle:.2f} deg'), ('error', f'{error:.3f} deg')))
     if facts.moves and facts.state in SHOWS_MOVE:
-        rows.append(
-            _pairs(('move', f'{facts.move + 1} of {facts.moves}'), ('left', f'{facts.remaining_s:.1f} s'))
-        )
+        left = () if facts.remaining_s is None else (('left', f'{facts.remaining_s:.1f} s'),)
+        rows.append(_pairs(('move', f'{facts.move + 1} of {facts.moves}'), *left))
     outputs = ' '.join(str(n) for n in range(8) if facts.outputs >> n & 1)
     queue = () if facts.recording else (('queue', f'{facts.queue}'),)
     payload = () if facts.payload_kg is None else (('payload', f'{facts.payload_kg:g} kg'),)

@@ -1,16 +1,13 @@
 """Where the page is served. Light: what is missing or taken is said before anything that takes long is loaded."""
 
 import contextlib
-import http
-import importlib
 import importlib.util
 import ipaddress
-import logging
 import os
 import selectors
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -37,9 +34,6 @@ fetch('{IS_THERE}').finally(() => {{
 }});
 </script>
 """.encode()
-# Whoever leaves before he has asked for anything (a browser that is closed, a look whether a port is open) is no news.
-CONNECTIONS = logging.getLogger(__name__)
-CONNECTIONS.addFilter(lambda record: record.getMessage() != 'opening handshake failed')
 REPLY = b'HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\nContent-Length: %d\r\n\r\n'
 
 
@@ -299,15 +293,16 @@ def taken(host: str, port: int, reason: str) -> RunError:
 
 
 def is_foreign(origin: str | None, asked: str, host: str, names: frozenset[str]) -> bool:
-    """Whether a connection comes from a page that is not ours.
+    """Whether a connection comes from a page that is not ours, or means a machine of another name.
 
-    Browsers let every page that is open in them connect to this machine, and tell only in ``Origin`` whose page it is.
-    A stranger who lets a name of his lead to this machine has the same name in both.
+    Browsers let every page that is open in them connect to this machine, and name in ``Origin`` the page that does so.
+    A stranger who lets a name of his lead to this machine has the same name in both. Requests of a page to its own
+    server may come without ``Origin``.
 
     Parameters
     ----------
     origin
-        As the browser tells it; None: it is no browser.
+        As the browser sends it; None: it sends none.
     asked
         Name and port that the browser believes to talk to, its ``Host``.
     host
@@ -316,49 +311,11 @@ def is_foreign(origin: str | None, asked: str, host: str, names: frozenset[str])
         As ``own_names`` has them.
 
     """
-    if origin is None:
-        return False
     try:
-        name, whose = urlsplit(f'//{asked}').hostname or '', urlsplit(origin).netloc
+        name, whose = urlsplit(f'//{asked}').hostname or '', urlsplit(origin or f'//{asked}').netloc
     except ValueError:
         return True
     return whose != asked or not _is_ours(name, host, names)
-
-
-@contextlib.contextmanager
-def own_pages_only(host: str, listener: socket.socket) -> Iterator[list[Callable[[], Any]]]:
-    """Let the server that viser starts meanwhile turn away the pages of others; viser asks nobody where he is from.
-
-    It listens there as soon as what stands in the list then is called.
-    """
-    import asyncio
-
-    server: Any = importlib.import_module('websockets.asyncio.server')
-    plain, names = server.serve, own_names(host)
-    begin: list[Callable[[], Any]] = []
-
-    def serve(handler: Any, *_: Any, process_request: Any, **options: Any) -> Any:
-        def judged(connection: Any, request: Any) -> Any:
-            headers = request.headers
-            if is_foreign(headers.get('Origin'), headers.get('Host', ''), host, names):
-                return connection.respond(http.HTTPStatus.FORBIDDEN, 'this page is not for other pages\n')
-            if request.path == IS_THERE:
-                return connection.respond(http.HTTPStatus.OK, '')
-            return process_request(connection, request)
-
-        options |= {'process_request': judged, 'logger': CONNECTIONS}
-        found = plain(handler, sock=listener, start_serving=False, **options)
-        loop = asyncio.get_running_loop()
-        begin.append(
-            lambda: asyncio.run_coroutine_threadsafe(found.server.start_serving(), loop).result(START_S)
-        )
-        return found
-
-    server.serve = serve
-    try:
-        yield begin
-    finally:
-        server.serve = plain
 
 
 def address(host: str, port: int) -> str:

@@ -149,7 +149,7 @@ class Facts:
     drives
         One for each axis.
     move, moves, remaining_s
-        Number of the move that is driven, how many there are, and how long they take.
+        Number of the move that is driven, how many there are, and how long they take; None of a robot that is held.
     queue, working
         Moves in the queue, and what is being planned.
     operator
@@ -180,7 +180,7 @@ class Facts:
     drives: tuple[DriveFacts, ...] = (DriveFacts(), DriveFacts(), DriveFacts())
     move: int = 0
     moves: int = 0
-    remaining_s: float = 0.0
+    remaining_s: float | None = 0.0
     queue: int = 0
     working: str = ''
     operator: str = ''

@@ -200,7 +200,7 @@ def run(page: Page, parameters: Any, volume: Volume, title: str) -> None:
     page.open()
     instant = Instant(0.0, kinematics.inverse(np.array(parameters.motion.home_m), parameters))
     facts = Facts(state='paused', recording=title)
-    with interrupts.answered_by(over.set):
+    with interrupts.answered_by(over.set, interrupts.PATIENCE_S):
         while not over:
             page.show(instant)
             page.read(facts)

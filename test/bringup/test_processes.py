@@ -128,6 +128,26 @@ def test_end_all_gives_everybody_his_time_and_names_whom_it_had_to_kill(tmp_path
             process.communicate()
 
 
+PARENT = """
+import os, signal, subprocess, sys
+os.setpgid(0, 0)
+subprocess.Popen([sys.executable, '-c', 'import signal; signal.pause()'])
+print('up', flush=True)
+signal.sigwait([signal.SIGINT])
+os._exit(0)
+"""
+
+
+def test_end_all_kills_what_a_child_has_started_and_left_behind(tmp_path):
+    parent = subprocess.Popen(
+        [sys.executable, '-c', f'import signal; signal.pthread_sigmask(0, [2]); {PARENT}'],
+        stdout=subprocess.PIPE,
+    )
+    assert parent.stdout.readline() == b'up\n'
+    assert end_all([child_of(parent, tmp_path, 'view', 30.0)]) == ['view']
+    assert parent.stdout.read() == b''  # the end of it is open in no process any more
+
+
 def test_the_recorder_is_asked_to_end_when_all_others_have_ended(tmp_path):
     code = CHILD.replace(
         'time.sleep(float(sys.argv[1]))', 'print(time.monotonic()); time.sleep(0.2); print(time.monotonic())'

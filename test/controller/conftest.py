@@ -155,7 +155,7 @@ class Rig:
                 self._carry_out(action)
             steps, self.planner.actions = self.planner.actions, []
             for step in steps:
-                self._carry_out_of_planner(step)
+                self.carry_out_of_planner(step)
             while self.orders.waiting:
                 self.orders.check_row()
             verdicts, self.orders.verdicts = self.orders.verdicts, []
@@ -175,7 +175,7 @@ class Rig:
             case Answered(request, reason, sentence):
                 request(reason, sentence)
 
-    def _carry_out_of_planner(self, action: Any) -> None:
+    def carry_out_of_planner(self, action: Any) -> None:
         match action:
             case planner_actions.Working(job):
                 self.planner.take_result(self._plan(job), self.now_s)

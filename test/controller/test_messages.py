@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from delta3_pacdrive.controller.messages import (
-    LastReplies,
     Numbering,
     Origin,
     Reply,
     Request,
     Status,
     Verdict,
+    refuse_malformed,
     refuse_recording,
 )
 from delta3_pacdrive.errors import Code, TelegramError
@@ -115,20 +115,51 @@ def test_a_request_to_somebody_else_is_refused_to_who_made_it() -> None:
     assert "'dead'" in reply.sentence
 
 
-def test_the_last_reply_is_kept_for_who_asks_again():
-    def reply(operator, number):
-        return Reply(operator, number, True, True, '', f'{operator} {number}')
+MALFORMED = (
+    {'text': 5},
+    {'caps': [0, 0]},
+    {'caps': [0, 0, -1]},
+    {'approach_m_s': -0.1},
+    {'approach_m_s': float('nan')},
+    {'control': 'two'},
+    {'action': None},
+    {'more': 1},
+)
 
-    def request(operator, number):
-        return Request('a1b2', operator, number, 0, 'start')
 
-    replies = LastReplies(operators_max=2)
-    assert replies.to(request('anna', 1)) is None
-    for operator, number in (('anna', 1), ('bert', 7), ('anna', 2)):
-        replies.keep(reply(operator, number))
-    assert replies.to(request('anna', 2)) == reply('anna', 2)
-    assert replies.to(request('anna', 1)) is None
-    replies.keep(reply('carl', 1))  # bert was answered least recently
-    assert replies.to(request('bert', 7)) is None
-    assert replies.to(request('anna', 2)) == reply('anna', 2)
-    assert replies.to(request('carl', 1)) == reply('carl', 1)
+@pytest.mark.parametrize('change', MALFORMED)
+def test_a_malformed_request_is_refused_to_its_operator_under_its_number(change):
+    asked = json.loads(Request('a1b2', 'op', 4, 0, 'start').to_json()) | change
+    text = json.dumps(asked)
+    with pytest.raises(TelegramError) as error:
+        Request.from_json(text)
+    reply = refuse_malformed(text, str(error.value))
+    assert (reply.operator, reply.number, reply.done, reply.accepted) == ('op', 4, True, False)
+    assert (reply.code, reply.sentence) == (Code.CONTENT, str(error.value))
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '',
+        '[]',
+        '7',
+        '{}',
+        '{"operator": "op"}',
+        '{"operator": 1, "number": 1}',
+        '{"operator": "op", "number": true}',
+        json.dumps({'operator': 'x' * 101, 'number': 1}),
+        json.dumps({'operator': 'op', 'number': 2**53}),
+    ],
+)
+def test_without_a_valid_operator_and_number_no_reply_is_possible(text):
+    assert refuse_malformed(text, 'no') is None
+
+
+def test_the_identity_of_an_operator_has_at_most_100_characters():
+    def text(length):
+        return Request('a1b2', 'x' * length, 1, 0, 'start').to_json()
+
+    assert Request.from_json(text(100)).operator == 'x' * 100
+    with pytest.raises(TelegramError, match='has 101 characters, the limit is 100'):
+        Request.from_json(text(101))

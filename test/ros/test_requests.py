@@ -1,15 +1,21 @@
 """One request, one answer: moves by a service with text in and text out, and what is told of each, over real DDS."""
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from diagnostic_msgs.srv import AddDiagnostics
+from geometry_msgs.msg import PointStamped
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from delta3_pacdrive.controller.messages import HOLD, QueueReport, Reply, Request
+from delta3_pacdrive.errors import RunError, RunInterruptedError
+from delta3_pacdrive.ros import robot_client
+from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import REQUEST
+from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REQUEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
 
 LINE = 'move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.5}'
@@ -96,3 +102,200 @@ def test_moves_in_a_row_are_driven_in_a_row_while_the_robot_moves(cell: Cell) ->
         cell.wait_for(answer['id'], 'done')
     cell.graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.progress()['tcp_m'] == pytest.approx([0.0, 0.05, -0.75], abs=1e-4)
+
+
+class Client:
+    """A client that writes its requests itself, to the planner and to the transformation task."""
+
+    def __init__(self, cell: Cell) -> None:
+        self.cell, self.graph = cell, cell.graph
+        self.replies = {
+            whom: self.graph.listen(String, f'{whom}/reply', REQUEST) for whom in ('unit_robot', 'control')
+        }
+        self.ask = {
+            whom: self.graph.listener.create_publisher(String, f'{whom}/request', REQUEST)
+            for whom in self.replies
+        }
+        for whom, publisher in self.ask.items():
+            self.graph.spin_until(publisher.get_subscription_count, 'a reader')
+            self.graph.spin_until(
+                lambda whom=whom: self.graph.listener.count_publishers(f'{whom}/reply'), 'its replies'
+            )
+
+    def document(self, whom: str, operator: str, number: int, action: str, text: str = '') -> dict[str, Any]:
+        session, identity = self.cell.task.progress()['session'], self.cell.operator.queue.identity
+        request = Request(session if whom == 'control' else identity, operator, number, 0, action, text)
+        return dict(json.loads(request.to_json()))
+
+    def send(self, whom: str, document: dict[str, Any]) -> Reply:
+        """Send a request, and return the next final reply to its operator and number."""
+        before = len(self.replies[whom])
+        self.ask[whom].publish(String(data=json.dumps(document)))
+        found: list[Reply] = []
+
+        def answered() -> bool:
+            replies = [Reply.from_json(message.data) for message in self.replies[whom][before:]]
+            who = document['operator'], document['number']
+            found[:] = [one for one in replies if one.done and (one.operator, one.number) == who]
+            return bool(found)
+
+        self.graph.spin_until(answered, f'the reply to {document}')
+        return found[0]
+
+
+def test_every_request_with_an_operator_and_a_number_gets_a_reply(cell: Cell) -> None:
+    client = Client(cell)
+    malformed = (
+        {'text': 5}, {'caps': [0, 0]}, {'caps': [0, 0, -1]}, {'approach_m_s': -1.0}, {'control': None}, {'more': 1},
+    )  # fmt: skip
+    for whom, action in (('unit_robot', 'clear'), ('control', HOLD)):
+        for number, change in enumerate(malformed):
+            reply = client.send(whom, client.document(whom, 'op', number, action) | change)
+            assert (reply.accepted, reply.code) == (False, 'content'), reply
+        reply = client.send(whom, client.document(whom, 'op', 7, action) | {'receiver': 'gone'})
+        assert (reply.accepted, reply.code) == (False, 'foreign')
+        reply = client.send(whom, client.document(whom, 'op', 8, 'jump'))
+        assert (reply.accepted, reply.code) == (False, 'content')
+        client.send(whom, client.document(whom, 'op', 9, action))
+        reply = client.send(whom, client.document(whom, 'op', 8, action))
+        assert (reply.accepted, reply.code) == (False, 'foreign')
+        assert reply.sentence == 'request 8 came after request 9 of the same operator'
+
+
+def test_requests_without_an_operator_are_answered_and_none_is_taken_for_another(cell: Cell) -> None:
+    client = Client(cell)
+    assert (
+        client.send('unit_robot', client.document('unit_robot', '', 1, 'clear')).sentence
+        == 'the queue is empty'
+    )
+    line = f'moves: [{{{LINE}}}]'
+    assert client.send('unit_robot', client.document('unit_robot', '', 1, 'program', line)).accepted
+    cell.graph.spin_until(lambda: cell.operator.queue.moves == 1, 'the move in the queue')
+    refused = client.send('unit_robot', client.document('unit_robot', '', 1, 'withdraw', '1'))
+    assert (refused.accepted, refused.code) == (False, 'content')
+    assert client.send('control', client.document('control', '', 1, HOLD)).sentence == 'the robot is idle'
+    assert client.send('control', client.document('control', '', 1, HOLD)).sentence == 'the robot is idle'
+    assert len({json.loads(report.data)['id'] for report in cell.reports}) == 1
+
+
+def test_a_request_counts_once_after_any_number_of_other_operators(cell: Cell) -> None:
+    client = Client(cell)
+    once = client.document('unit_robot', 'victim', 7, 'override', '50')
+    first = client.send('unit_robot', once)
+    for n in range(70):
+        client.ask['unit_robot'].publish(
+            String(data=json.dumps(client.document('unit_robot', f'other {n}', 1, 'clear')))
+        )
+    assert client.send('unit_robot', client.document('unit_robot', 'last', 1, 'override', '70')).accepted
+    assert client.send('unit_robot', once) == first
+    cell.graph.spin_until(lambda: cell.operator.queue.override == 0.7, 'the override of the last one')
+
+
+@pytest.mark.parametrize('cause', [RunError, RunInterruptedError, KeyboardInterrupt])
+def test_a_request_that_is_not_waited_for_leaves_no_moves(cause: type[BaseException], cell: Cell) -> None:
+    operator, graph = cell.operator, cell.graph
+    looks = [0]
+
+    def impatient(seconds: float) -> None:
+        graph.spin_for(seconds)
+        looks[0] += 1
+        if looks[0] == 3 and operator.interruptible:
+            raise cause('no patience')
+
+    operator.spin_for = impatient
+    moves = ', '.join(f'{{move_l: {{to_m: [{0.1 * (-1) ** n}, 0.0, -0.8]}}}}' for n in range(300))
+    with pytest.raises(cause, match=r'no patience$'):
+        operator.start_program(f'moves: [{moves}]')
+    operator.spin_for = graph.spin_for
+    assert operator.send_program(f'moves: [{{{LINE}}}]').startswith('planned "program": 1 moves')
+    assert operator.state == 'idle'
+
+
+@pytest.mark.parametrize(
+    ('whom', 'answer', 'says'),
+    [
+        ('unit_robot', 'withdrawn', ''),
+        ('unit_robot', 'refused', '; its moves are driven'),
+        ('unit_robot', '', '; "start" may still be carried out, as its withdrawal was not answered either'),
+        ('control', '', '; "enable" may still be carried out'),
+    ],
+)
+def test_the_error_of_a_request_without_an_answer_says_whether_it_may_still_be_carried_out(
+    whom: str, answer: str, says: str, graph: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robot_client, 'PATIENCE_S', 0.3)
+    monkeypatch.setattr(robot_client, 'WITHDRAWAL_S', 0.3 if not answer else 5.0)
+    queue = graph.listener.create_publisher(String, 'unit_robot/queue', LATCHED)
+    reply = graph.listener.create_publisher(String, f'{whom}/reply', REQUEST)
+
+    def on_request(message: String) -> None:
+        request = Request.from_json(message.data)
+        if request.action == 'withdraw' and answer:
+            done = answer == 'withdrawn'
+            outcome = Reply(request.operator, request.number, True, done, '' if done else 'state', says[2:])
+            reply.publish(String(data=outcome.to_json()))
+
+    graph.listener.create_subscription(String, f'{whom}/request', on_request, REQUEST)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    operator.progress = {'session': '5e55'}
+    queue.publish(String(data=QueueReport('me', 0, 0.0, 1.0, '').to_json()))
+    graph.spin_until(lambda: operator.queue and reply.get_subscription_count(), 'the operator')
+    with pytest.raises(RunError) as error:
+        operator.call('start' if whom == 'unit_robot' else 'enable')
+    assert str(error.value).endswith(f'is a robot up in namespace /?{says}')
+
+
+def test_a_request_that_is_too_large_is_refused_before_it_is_sent(cell: Cell) -> None:
+    from delta3_pacdrive.errors import ProgramError
+
+    with pytest.raises(ProgramError, match=r'the request has 21\d+ bytes, the limit is 2097152'):
+        cell.operator.send_program('#' * 2_100_000)
+    assert cell.operator.send_program(f'moves: [{{{LINE}}}]').startswith('planned')
+
+
+def test_moves_that_follow_a_held_program_of_joined_rounds_are_driven(cell: Cell) -> None:
+    operator, places = cell.operator, ((0.05, 0.0), (0.05, 0.05), (0.0, 0.05), (0.0, 0.0))
+    lines = [{'move_l': {'to_m': [x, y, -0.75], 'blend_m': 0.01, 'speed_m_s': 0.2}} for x, y in places]
+    operator.override(140.0)
+    operator.start_program(json.dumps({'moves': lines, 'repeat': 3}))
+    cell.graph.spin_until(lambda: cell.task.progress()['master_m'] > 0.3, 'the second round')
+    operator.override(30.0)
+    operator.call('hold')
+    cell.graph.spin_until(lambda: operator.state == 'stopped', 'the stop')
+    assert cell.task.progress()['remaining_s'] is None
+    sentence = operator.move('move_l: {to_m: [0.02, 0.02, -0.75]}')
+    assert sentence.startswith('1 statements follow; the robot is stopped')
+    assert cell.task.progress()['moves'] == 1
+    before = cell.task.progress()['master_m']
+    assert before < 0.5
+    operator.override(140.0)
+    operator.call('resume')
+    farthest = [before]
+
+    def over() -> bool:
+        progress = cell.task.progress()
+        if progress['move'] == 0:
+            farthest[0] = max(farthest[0], progress['master_m'])
+        return operator.state == 'idle'
+
+    cell.graph.spin_until(over, 'the end')
+    assert farthest[0] > 0.5  # the third round as well
+    assert cell.task.progress()['tcp_m'] == pytest.approx([0.02, 0.02, -0.75], abs=1e-4)
+
+
+def test_no_place_is_published_before_one_was_measured(graph: Any) -> None:
+    topics = ('tcp/command', 'tcp/actual')
+    heard = {topic: graph.listen(PointStamped, topic, CYCLIC_PUBLISHER) for topic in topics}
+    graph.robot(('plant', '1', '2'))
+    task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
+    waits: Callable[[], bool] = lambda: 'axis3' in task.progress()['waiting']  # noqa: E731
+    graph.spin_until(waits, 'the missing drive')
+    assert task.progress()['tcp_m'] is None
+    assert not any(heard.values())
+    graph.robot(('3',))
+    graph.spin_until(lambda: all(heard.values()) and task.progress()['phase'] == 'CP3', 'the place')
+    for messages in heard.values():
+        for message in messages:
+            place = (message.point.x, message.point.y, message.point.z)
+            assert place == pytest.approx((0.0, 0.0, -0.75), abs=1e-4)
+    assert task.progress()['tcp_m'] == pytest.approx([0.0, 0.0, -0.75], abs=1e-4)

@@ -21,7 +21,8 @@ from delta3_pacdrive.view.page import Page
 
 WAIT_S = 30.0
 
-pytest.importorskip('viser', reason='the page needs the extra "view"')
+viser = pytest.importorskip('viser', reason='the page needs the extra "view"')
+CLIENT = {'subprotocols': [f'viser-v{viser.__version__}'], 'open_timeout': WAIT_S}
 
 
 @pytest.fixture(autouse=True)
@@ -88,7 +89,7 @@ def test_a_browser_that_comes_before_the_page_has_its_client_at_once_and_then_th
         with urllib.request.urlopen(f'{place.url}/', timeout=WAIT_S) as client:
             assert client.read() == serving.client_file().read_bytes() + serving.PATIENT
         asked = other.submit(urllib.request.urlopen, place.url + serving.IS_THERE, timeout=WAIT_S)
-        early = other.submit(connect, place.url.replace('http', 'ws'), open_timeout=WAIT_S)
+        early = other.submit(connect, place.url.replace('http', 'ws'), **CLIENT)
         with pytest.raises(TimeoutError):
             early.result(0.5)
         assert not asked.done()
@@ -98,7 +99,7 @@ def test_a_browser_that_comes_before_the_page_has_its_client_at_once_and_then_th
                 pass
             with asked.result(WAIT_S) as answer:
                 assert answer.status == 200
-            with connect(place.url.replace('http', 'ws'), open_timeout=WAIT_S):  # and whoever comes later
+            with connect(place.url.replace('http', 'ws'), **CLIENT):  # and whoever comes later
                 pass
         finally:
             page.close()
@@ -210,6 +211,10 @@ def test_a_browser_is_told_an_address_that_it_can_reach():
     ('origin', 'asked', 'host', 'foreign'),
     [
         (None, 'localhost:8642', '127.0.0.1', False),
+        (None, 'evil.test:8642', '127.0.0.1', True),
+        (None, '10.0.0.7:8642', '127.0.0.1', True),
+        (None, '10.0.0.7:8642', '0.0.0.0', False),
+        (None, '', '127.0.0.1', True),
         ('http://127.0.0.1:8642', '127.0.0.1:8642', '127.0.0.1', False),
         ('http://localhost:9000', 'localhost:9000', '127.0.0.1', False),  # through a tunnel
         ('http://cell.plant.test:8642', 'cell.plant.test:8642', '0.0.0.0', False),  # its own name
@@ -250,16 +255,16 @@ def test_a_page_of_others_cannot_connect(robot):
         page = Page(robot, place, 'a robot of the tests')
     try:
         there = page.url.replace('http', 'ws')
-        with connect(there, origin=page.url):
+        with connect(there, origin=page.url, **CLIENT):
             pass
         with pytest.raises(InvalidStatus, match='403'):
-            connect(there, origin='http://evil.test')
+            connect(there, origin='http://evil.test', **CLIENT)
         renamed = there.replace('127.0.0.1', 'evil.test')
         with (
             socket.create_connection(('127.0.0.1', int(page.url.rpartition(':')[2]))) as way,
             pytest.raises(InvalidStatus, match='403'),
         ):
-            connect(renamed, sock=way, origin=renamed.replace('ws', 'http'))
+            connect(renamed, sock=way, origin=renamed.replace('ws', 'http'), **CLIENT)
     finally:
         page.close()
 

@@ -15,7 +15,7 @@ from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.motion.energy import Energy, energy
 from delta3_pacdrive.motion.limits import arm_bounds, workspace_bounds
 from delta3_pacdrive.motion.move import STANDING, TIMED, UNCHANGED, Move, MoveKind
-from delta3_pacdrive.motion.move_planner import limits_at
+from delta3_pacdrive.motion.move_grid import limits_at
 from delta3_pacdrive.motion.path_dynamics import (
     PARALLEL,
     SERIAL,

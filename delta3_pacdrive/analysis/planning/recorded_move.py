@@ -8,7 +8,7 @@ from delta3_pacdrive.analysis.planning.evaluation import AT_LIMIT, LIMITING, QUA
 from delta3_pacdrive.analysis.planning.study import MoveRow, Quantity
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move import STANDING, TIMED, Move, MoveKind
-from delta3_pacdrive.motion.move_planner import Stretches
+from delta3_pacdrive.motion.move_grid import Stretches
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.parameters import Parameters

@@ -131,7 +131,8 @@ class TransformationTaskNode(PollingNode):
     def greet(self, greeting: master.Greet) -> None:
         """Greet the drives, outside of cyclic operation."""
         self.commands.greet(greeting)
-        self._outputs.greet()
+        if greeting.phase >= Phase.CP3:  # the drives have said where their shafts stand
+            self._outputs.greet()
 
     def start_ticks(self, delay_s: float) -> None:
         """Start the timer of bus cycles in place of that of the start-up, after a while [s]."""
