@@ -167,6 +167,8 @@ def _served(options: Options, parameters: 'Parameters', title: str, place: servi
         page.darken(options.dark)
         yield page
     finally:
+        # browsers that do not answer would delay the end
+        interrupts.end_within(interrupts.END_S, 0 if interrupts.asked() else 1)
         page.close()
 
 

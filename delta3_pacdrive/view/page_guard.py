@@ -42,6 +42,7 @@ CONTROL_HZ, CONTROL_BURST = 2.0, 20.0  # pings and pongs; a browser only answers
 FRAGMENTS_MAX = 64  # of a message; browsers send parts of files in a few
 MESSAGE_BYTES = 16 * 1024  # of any other message
 UPLOADS_HZ, UPLOADS_BURST = 0.2, 10.0  # of all browsers; viser keeps what it has acknowledged
+CLOSE_S = 1.0  # for a browser to confirm the end of its connection
 QUEUE = 2  # frames that a connection holds before it reads no further
 REJECTED_MAX = 50  # messages, after which a connection is closed
 LINES_HZ, LINES_BURST = 0.2, 10.0  # of the log
@@ -203,6 +204,7 @@ class Guard:
                 create_connection=functools.partial(_Connection, self),
                 max_size=PART_BYTES + MESSAGE_BYTES,
                 max_queue=QUEUE,
+                close_timeout=CLOSE_S,
                 logger=LOG,
                 **options,
             )
