@@ -52,7 +52,7 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.singular_values import singular_values
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import combine, dot, plus, triple
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import PAYLOAD_MAX_KG, Parameters
 
 COLUMNS = (
     'theta_1',
@@ -67,7 +67,8 @@ COLUMNS = (
     'speed',
     'acceleration',
     'acceleration_nominal',
-    'payload',
+    'payload_held',
+    'payload_peak',
     'increment',
 )
 DEMAND = np.dtype(
@@ -123,13 +124,20 @@ def _acceleration(row, column, weight, lift, payload, torque):
 
 
 @kernel
-def _payload(row, column, weight, lift, d):
-    """Largest payload [kg] that an arm holds and accelerates; 0 if not even the empty plate."""
-    if abs(weight) > d.held or _acceleration(row, column, weight, lift, 0.0, d.peak) < d.acceleration:
+def _held(weight, lift, d):
+    """Largest payload [kg] that an arm holds at rest for ever; 0 if not even the empty plate."""
+    if abs(weight) > d.held:
         return 0.0
     room = d.held - weight if lift > 0.0 else d.held + weight
-    most = room / abs(lift) if room < LOAD_MAX_KG * abs(lift) else LOAD_MAX_KG
-    square = d.acceleration * d.acceleration
+    return room / abs(lift) if room < LOAD_MAX_KG * abs(lift) else LOAD_MAX_KG
+
+
+@kernel
+def _accelerated(row, column, weight, lift, d):
+    """Largest payload [kg] that an arm accelerates with its peak torque; 0 if not even the empty plate."""
+    if _acceleration(row, column, weight, lift, 0.0, d.peak) < d.acceleration:
+        return 0.0
+    most, square = LOAD_MAX_KG, d.acceleration * d.acceleration
     for sign in (-1.0, 1.0):
         # acceleration |row + m column| = torque - sign (weight + m lift), squared: its first m beyond 0
         torque, slope = d.peak - sign * weight, sign * lift
@@ -164,24 +172,25 @@ def _capability(points, out, geometry_record, inertia_record, demand_record):
             combine(a12 * one, s[0], a22 * two, s[1], a23 * three, s[2]),
             combine(a13 * one, s[0], a23 * two, s[1], a33 * three, s[2]),
         )
-        speed = acceleration = nominal = payload = math.inf
+        speed = acceleration = nominal = held = peak = math.inf
         for i in range(3):
             lift = d.gravity * j[i][2]
             speed = min(speed, d.arm_speed * abs(sb[i]) / g.l_b[i])
             here = (table[i], j[i], weight[i], lift, d.payload)
             acceleration = min(acceleration, _acceleration(*here, d.peak))
             nominal = min(nominal, _acceleration(*here, d.nominal))
-            payload = min(payload, _payload(table[i], j[i], weight[i], lift, d))
+            held = min(held, _held(weight[i], lift, d))
+            peak = min(peak, _accelerated(table[i], j[i], weight[i], lift, d))
             out[n, i] = theta[i]
             out[n, 3 + i] = serial_distance(i, sb[i], g)
         out[n, 6] = parallel_distance(s, g)
         out[n, 8], _, out[n, 7] = singular_values(j[0], j[1], j[2])
-        out[n, 9], out[n, 10], out[n, 11], out[n, 12] = speed, acceleration, nominal, payload
+        out[n, 9], out[n, 10], out[n, 11], out[n, 12], out[n, 13] = speed, acceleration, nominal, held, peak
         apart = 0.0
         for second in (-1.0, 1.0):
             for third in (-1.0, 1.0):
                 apart = max(apart, _length(combine(1.0, j[0], second, j[1], third, j[2])))
-        out[n, 13] = d.increment * apart
+        out[n, 14] = d.increment * apart
 
 
 @dataclass(frozen=True)
@@ -200,8 +209,10 @@ class Capability:
         That the motors reach in every direction, at their largest speed.
     acceleration_m_s2, acceleration_nominal_m_s2
         From rest in every direction with the payload, at peak and at nominal current.
-    payload_kg
-        Largest payload that nominal currents and brakes hold, and that peak currents give the acceleration demanded.
+    payload_held_kg
+        Largest payload that nominal currents and brakes hold at rest, whether the robot may carry it or not.
+    payload_peak_kg
+        Largest payload that peak currents give the acceleration demanded.
     increment_m
         How far the TCP is off, at most, if each motor is off by one increment.
     limit
@@ -217,9 +228,15 @@ class Capability:
     speed_m_s: Floats
     acceleration_m_s2: Floats
     acceleration_nominal_m_s2: Floats
-    payload_kg: Floats
+    payload_held_kg: Floats
+    payload_peak_kg: Floats
     increment_m: Floats
     limit: NDArray[np.uint8]
+
+    @property
+    def payload_kg(self) -> Floats:
+        """Largest payload that the robot may carry, holds for ever, and gives the acceleration demanded."""
+        return np.minimum(np.minimum(self.payload_held_kg, self.payload_peak_kg), PAYLOAD_MAX_KG)
 
     @property
     def condition(self) -> Floats:
@@ -273,7 +290,8 @@ def capability(
         speed_m_s=column('speed'),
         acceleration_m_s2=column('acceleration'),
         acceleration_nominal_m_s2=column('acceleration_nominal'),
-        payload_kg=column('payload'),
+        payload_held_kg=column('payload_held'),
+        payload_peak_kg=column('payload_peak'),
         increment_m=column('increment'),
         limit=_first_broken(points, out, parameters).reshape(shape),
     )

@@ -6,6 +6,7 @@ import pytest
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.motion.capability import OUT_OF_REACH, REACHED, capability
 from delta3_pacdrive.motion.limits import arm_bounds
+from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 
 SAME = 1e-9  # relative: the equations are solved in another order
 DIRECTIONS = 4000  # of a sphere: the worst of them is within 0.2 % of the worst of all
@@ -103,7 +104,9 @@ def test_the_acceleration_in_every_direction_is_where_the_first_motor_has_its_cu
 
 @pytest.mark.parametrize('wanted', [0.0, 15.0, 120.0, 230.0])
 def test_one_gram_more_than_the_largest_payload_is_too_much(wanted, points, robot):
-    most = capability(points, robot, acceleration_m_s2=wanted).payload_kg
+    found = capability(points, robot, acceleration_m_s2=wanted)
+    most = np.minimum(found.payload_held_kg, found.payload_peak_kg)
+    np.testing.assert_array_equal(found.payload_kg, np.minimum(most, PAYLOAD_MAX_KG))
     motor, gear = robot.motor, robot.dynamics.gear_ratio
     held = gear * min(motor.torque_constant_n_m_a * motor.nominal_current_a, motor.brake_torque_n_m)
 
@@ -134,8 +137,9 @@ def test_the_weakest_place_of_the_workspace_holds_what_the_parameters_say(robot)
             for z in np.linspace(k.workspace_bottom_m, k.workspace_top_m, 9)
         ]
     )
-    least = capability(points, robot).payload_kg.min()
-    assert least == pytest.approx(21.0, abs=0.05)  # see parameters.PAYLOAD_MAX_KG
+    found = capability(points, robot)
+    assert found.payload_held_kg.min() == pytest.approx(21.0, abs=0.05)  # see parameters.PAYLOAD_MAX_KG
+    assert (found.payload_kg == PAYLOAD_MAX_KG).all()
 
 
 def test_an_increment_of_each_motor_moves_the_tcp_by_the_jacobian_times_an_increment(

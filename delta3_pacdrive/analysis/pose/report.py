@@ -8,7 +8,7 @@ import numpy as np
 from delta3_pacdrive.analysis.pose.study import Margin, Pose
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.units import millimetres
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import PAYLOAD_MAX_KG, Parameters
 
 MM, UM, CM = 1e3, 1e6, 1e2
 
@@ -46,7 +46,15 @@ def document(pose: Pose, parameters: Parameters) -> dict[str, Any]:
         else (pose.holding_torque_n_m / parameters.dynamics.gear_ratio).tolist(),
         'holding_current_a': _list(pose.holding_current_a),
     }
-    for name in ('speed_m_s', 'acceleration_m_s2', 'acceleration_nominal_m_s2', 'payload_kg', 'increment_m'):
+    for name in (
+        'speed_m_s',
+        'acceleration_m_s2',
+        'acceleration_nominal_m_s2',
+        'payload_kg',
+        'payload_held_kg',
+        'payload_peak_kg',
+        'increment_m',
+    ):
         key = {'payload_kg': 'payload_max_kg', 'increment_m': 'tcp_per_increment_m'}.get(name, f'{name}')
         result[key] = None if pose.capability is None else float(getattr(pose.capability, name))
     if pose.refusals:
@@ -187,7 +195,12 @@ def _capability_rows(pose: Pose, parameters: Parameters) -> Rows:
             f'{can.acceleration_m_s2:.1f} m/s2 from rest in every direction at peak current, '
             f'{can.acceleration_nominal_m_s2:.1f} at nominal current',
         ),
-        ('payload', f'{can.payload_kg:.1f} kg can be held, and accelerated with {wanted:g} m/s2'),
+        ('payload', f'{can.payload_kg:.1f} kg, the limit of the robot is {PAYLOAD_MAX_KG:g} kg'),
+        (
+            '',
+            f'nominal current and brakes hold {can.payload_held_kg:.1f} kg at rest, peak current accelerates '
+            f'{can.payload_peak_kg:.1f} kg with {wanted:g} m/s2',
+        ),
         ('increment', f'{UM * can.increment_m:.3f} um at the TCP for one of each motor'),
     ]
 

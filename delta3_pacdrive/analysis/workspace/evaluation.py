@@ -29,7 +29,10 @@ QUANTITIES = (
              worst_is_large=False),
     Quantity('acceleration_nominal', 'TCP acceleration in every direction at nominal current', 'm/s2', 1.0, 'm/s2',
              worst_is_large=False),
-    Quantity('payload', 'payload that is held and accelerated', 'kg', 1.0, 'kg', worst_is_large=False),
+    Quantity('payload', 'payload within the limit of the robot', 'kg', 1.0, 'kg', worst_is_large=False),
+    Quantity('payload_held', 'payload held at rest by nominal current and brakes', 'kg', 1.0, 'kg',
+             worst_is_large=False),
+    Quantity('payload_peak', 'payload accelerated at peak current', 'kg', 1.0, 'kg', worst_is_large=False),
     Quantity('increment', 'TCP motion for one increment of each motor', 'm', 1e6, 'um', worst_is_large=True),
 )  # fmt: skip
 _CODES = {
@@ -58,6 +61,8 @@ def values_of(found: Capability) -> dict[str, Floats]:
         'acceleration': found.acceleration_m_s2,
         'acceleration_nominal': found.acceleration_nominal_m_s2,
         'payload': found.payload_kg,
+        'payload_held': found.payload_held_kg,
+        'payload_peak': found.payload_peak_kg,
         'increment': found.increment_m,
     }
 

@@ -9,6 +9,7 @@ from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.analysis.pose import evaluation, figures, report
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 from thoroughness import some
 
 CLOSED_M = 1e-9
@@ -152,3 +153,16 @@ def test_figures_4_3_to_4_6_are_drawn_for_every_pose_that_there_is(number, robot
 
 def test_no_figure_is_drawn_of_a_pose_that_there_is_not(robot):
     assert figures.by_name(evaluation.of_point((1.6, 0.0, -0.8), robot), robot) == {}
+
+
+def test_the_payload_is_within_the_limit_and_the_rest_is_named_by_what_it_is(robot):
+    found = evaluation.of_point((0.0, 0.0, -0.8), robot)
+    told = report.document(found, robot)
+    assert told['payload_max_kg'] == PAYLOAD_MAX_KG < told['payload_held_kg']
+    assert told['payload_peak_kg'] == pytest.approx(float(found.capability.payload_peak_kg))
+    lines = [line.strip() for line in report.text(found, robot)]
+    at = lines.index('payload  10.0 kg, the limit of the robot is 10 kg')
+    held, peak = told['payload_held_kg'], told['payload_peak_kg']
+    assert lines[at + 1] == (
+        f'nominal current and brakes hold {held:.1f} kg at rest, peak current accelerates {peak:.1f} kg with 15 m/s2'
+    )
