@@ -22,6 +22,7 @@ Arguments of the functions and kernels here:
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -118,3 +119,26 @@ def phase_columns(effective, shaft_position, m, phases):
     """
     for n in range(effective.shape[0]):
         phases[n, 0], phases[n, 1], phases[n, 2] = phase_currents(effective[n], shaft_position[n], m)
+
+
+def share_text(currents: Sequence[float | None], limit: float, name: str) -> str:
+    """Return ``currents`` [A] as shares of a ``limit`` [A], called ``name``: ``103 / - % of the nominal current (4.1 A)``.
+
+    Near the limit a share has a digit more, so that one above it does not read as the limit itself.
+    """
+    shares = [
+        '-' if one is None else f'{(share := 100.0 * one / limit):.{1 if 99.0 < share < 101.0 else 0}f}'
+        for one in currents
+    ]
+    return f'{" / ".join(shares)} % of the {name} current ({limit:g} A)'
+
+
+def thermal_warnings(rms_a: Sequence[float | None], nominal: float, motors: Sequence[str] = ()) -> list[str]:
+    """Return a sentence for each of the ``motors`` whose rms current ``rms_a`` [A] exceeds the ``nominal`` one [A]."""
+    names = motors or [f'motor {number}' for number in range(1, len(rms_a) + 1)]
+    return [
+        f'{name} draws {rms:.2f} A rms, {share_text([rms], nominal, "nominal")}: it overheats if this repeats '
+        'without a pause'
+        for name, rms in zip(names, rms_a, strict=True)
+        if rms is not None and rms > nominal
+    ]

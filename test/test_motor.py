@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from delta3_pacdrive.motor import friction_torque, motor, phase_currents, phase_voltage_max, winding_current
+from delta3_pacdrive.motor import (
+    friction_torque,
+    motor,
+    phase_currents,
+    phase_voltage_max,
+    share_text,
+    thermal_warnings,
+    winding_current,
+)
 
 PERIOD_S = 62.5e-6
 RESISTANCE, INDUCTANCE = 2.7 / 2.0, 13.0e-3 / 2.0  # of one phase: the name plate gives phase to phase
@@ -133,3 +141,26 @@ def test_friction_at_speed_is_static_plus_viscous(m):
 def test_a_commutation_offset_costs_torque(robot):
     turned = motor(robot.replace(drive__commutation_offset_rad=math.pi / 3.0))
     assert turned['torque_constant'][0] == pytest.approx(K_M / 2.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('currents', 'text'),
+    [
+        ([4.24, 2.86, None], '103 / 70 / - % of the nominal current (4.1 A)'),
+        ([4.1, 4.11, 4.08], '100.0 / 100.2 / 99.5 % of the nominal current (4.1 A)'),
+        ([0.0, 4.15, 4.05], '0 / 101 / 99 % of the nominal current (4.1 A)'),
+    ],
+)
+def test_currents_read_as_shares_of_their_limit(currents, text):
+    assert share_text(currents, 4.1, 'nominal') == text
+
+
+def test_only_a_current_above_the_nominal_one_overheats_a_motor():
+    (warning,) = thermal_warnings([4.1, math.nextafter(4.1, 5.0), None], 4.1)
+    assert warning == (
+        'motor 2 draws 4.10 A rms, 100.0 % of the nominal current (4.1 A): it overheats if this repeats without a pause'
+    )
+    (warning,) = thermal_warnings([1.7], 1.6, ['the motor of the rotary axis'])
+    assert warning.startswith(
+        'the motor of the rotary axis draws 1.70 A rms, 106 % of the nominal current (1.6 A): '
+    )

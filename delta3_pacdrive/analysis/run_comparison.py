@@ -283,6 +283,21 @@ def move_figures(run: Run, move: DrivenMove) -> MoveFigures:
     )
 
 
+def driven_currents(run: Run) -> tuple[list[float], list[float]] | None:
+    """Return peak and rms current [A] of each motor from the first move to the end of the last one, if recorded."""
+    part = run.part
+    if not run.moves:
+        return None
+    slack = ON_GRID * run.period_s
+    start_s, end_s = min(move.start_s for move in run.moves), max(move.end_s for move in run.moves)
+    within = (part.time_s >= start_s - slack) & (part.time_s < end_s + slack)
+    peak, rms = (values[within] for values in currents_of(part))
+    known = np.isfinite(rms).all(axis=1)
+    if not known.any():
+        return None
+    return np.nanmax(peak[known], axis=0).tolist(), np.sqrt((rms[known] ** 2).mean(axis=0)).tolist()
+
+
 def _finite_max(values: Floats) -> float:
     finite = values[np.isfinite(values)]
     return float(finite.max()) if len(finite) else math.nan

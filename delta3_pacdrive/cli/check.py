@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, option
+from delta3_pacdrive import whole_file
+from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import Delta3Error, ParameterError, ProgramError
 
@@ -27,6 +28,18 @@ class Options(JsonOptions):
         'what stands around the robot, a cell file, or cell: the packaged one: programs may name its outputs',
         'FILE',
     )
+    derive: str | None = option(
+        'write the checked parameter file with the inertias that follow from its arms (feed-forward, observer, load of '
+        'a single motor) into this new file',
+        'NEW',
+    )
+    overwrite: bool = flag('let --derive replace a file that exists')
+
+    def check(self) -> str:
+        """Return why options do not fit one another; empty if they do."""
+        if self.derive is not None and len(self.file) > 1:
+            return f'--derive is for one parameter file, not for {len(self.file)} files'
+        return '--overwrite is for --derive' if self.overwrite and self.derive is None else ''
 
 
 def run(options: Options) -> int:
@@ -38,6 +51,8 @@ def run(options: Options) -> int:
     robot = core.load(options.parameters)
     outputs = OWN if options.cell is None else cell_file.load(options.cell).output_names
     results = [_result(name, robot, outputs) for name in options.file]
+    if options.derive is not None and results[0]['ok']:
+        results[0] |= _derived(options.file[0], results[0]['kind'], Path(options.derive), options.overwrite)
     ok = all(result['ok'] for result in results)
     if options.json:
         print(json.dumps({'ok': ok, 'files': results}))
@@ -66,13 +81,13 @@ def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
     if path == Path(name) and not path.exists():
         path, *more = core.parts(name)
         if more:
-            return {'kind': 'parameters', 'checksum': core.load(name).checksum}
+            return _parameters(core.load(name))
     document = yaml_file.read(path, 'file', ProgramError)
     keys = list(document) if isinstance(document, dict) else []
     if 'moves' not in keys and (isinstance(document, list) or keys in (['faults'],) or 'fault' in keys):
         return {'kind': 'faults', 'faults': _faults(document)}
     if any(isinstance(document[key], dict) and 'ros__parameters' in document[key] for key in keys):
-        return {'kind': 'parameters', 'checksum': core.load(path).checksum}
+        return _parameters(core.load(path))
     groups = [str(key) for key in keys if str(key).partition('.')[0] in (*core.groups(), *HEADER)]
     if groups:
         raise ParameterError(
@@ -82,6 +97,42 @@ def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
     if 'moves' not in keys and any(key in cell_file.SECTIONS for key in keys):
         return _cell(cell_file.parse(document, str(path)))
     return _planned(programs.parse(document, robot.motion, path.stem, str(path), outputs), robot)
+
+
+def _parameters(robot: Any) -> dict[str, Any]:
+    """Return what a parameter file holds, and which of its inertias belong to other arms."""
+    from delta3_pacdrive.analysis.derived_inertias import CLOSE, derived_inertias
+
+    try:
+        derived = derived_inertias(robot)
+    except ParameterError as error:
+        derived, other = [], [str(error)]
+    else:
+        other = [one.text for one in derived if not one.fits]
+        if other:
+            other.append(
+                f'--derive NEW.yaml writes the derived values; up to {100.0 * CLOSE:g} % off is accepted'
+            )
+    return {
+        'kind': 'parameters',
+        'checksum': robot.checksum,
+        'derived': {one.name: one.derived for one in derived},
+        'warnings': other,
+    }
+
+
+def _derived(name: str, kind: str, path: Path, overwrite: bool) -> dict[str, Any]:
+    """Write a parameter file with the inertias that follow from its arms; raises ParameterError."""
+    from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.analysis.derived_inertias import derived_inertias, write
+
+    if kind != 'parameters':
+        raise ParameterError(f'--derive is for a parameter file, but {name} is a {kind} file')
+    if refusal := whole_file.file_refusal(path):
+        raise ParameterError(f'cannot write {path}: {refusal}')
+    if path.exists() and not overwrite:
+        raise ParameterError(f'{path} exists already: --overwrite replaces it')
+    return {'written': str(path), 'comments_kept': write(name, derived_inertias(core.load(name)), path)}
 
 
 def _cell(cell: Any) -> dict[str, Any]:
@@ -137,6 +188,7 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
         'time_s': planned.plan.duration_s,
         'override_max': planned.override_max,
         'rms_current_a': list(planned.rms_current_a),
+        'rms_current_used': max(planned.rms_current_a) / robot.motor.nominal_current_a,
         'notices': list(planned.notices),
         'faults': [_fault_text(fault) for fault in program.faults],
     }
@@ -160,13 +212,16 @@ def _print(result: dict[str, Any]) -> None:
         print(
             f' whole  {result["time_s"]:.3f} s{rounds}, override up to {100.0 * result["override_max"]:.0f} %'
         )
-    for name, key in (('note', 'notices'), ('fault', 'faults')):
+    for name, key in (('note', 'notices'), ('warning', 'warnings'), ('fault', 'faults')):
         for text in result.get(key, ()):
             print(f'{name:>6}  {text}')
     for key in ('inputs', 'outputs', 'belts', 'parts') if result['kind'] == 'cell' else ():
         print(f'{key:>9}  {", ".join(result[key]) or "none"}')
     if 'checksum' in result:
         print(f'        checksum {result["checksum"]}')
+    if 'written' in result:
+        how = '' if result['comments_kept'] else ', complete and without comments'
+        print(f'         written {result["written"]}{how}')
 
 
 main = Command(

@@ -119,7 +119,7 @@ def print_run(
     notes: Sequence[str] = (),
 ) -> int:
     """Print what a run came to, and what people should know about it; return the exit status."""
-    result = result | {'controller': robot.controller}
+    result = result | {'controller': robot.controller} | currents_used(result, robot)
     if options.json:
         print_json(result, options, robot, inputs)
     else:
@@ -136,8 +136,32 @@ def print_answer(sentence: str, options: Any) -> int:
     return 0
 
 
-def _amperes(of_axes: Sequence[float | None]) -> str:
-    return ' / '.join('-' if value is None else f'{value:.2f}' for value in of_axes) + ' A'
+def currents_used(result: dict[str, Any], robot: Any) -> dict[str, Any]:
+    """Return the limits of the motors' currents [A], how much of them a run used, and a warning for each exceeded."""
+    from delta3_pacdrive.motor import thermal_warnings
+
+    used: dict[str, Any] = {
+        'warnings': thermal_warnings(result['current_rms_a'], robot.motor.nominal_current_a)
+    }
+    for name, limit in (('peak', robot.motor.peak_current_a), ('rms', robot.motor.nominal_current_a)):
+        currents = result[f'current_{name}_a']
+        used[f'current_{name}_limit_a'] = limit
+        used[f'current_{name}_used'] = [None if one is None else one / limit for one in currents]
+    if 'turn_current_rms_a' in result:
+        rms, nominal = result['turn_current_rms_a'], robot.rotary.nominal_current_a
+        used['warnings'] += thermal_warnings([rms], nominal, ['the motor of the rotary axis'])
+        used['turn_current_peak_limit_a'], used['turn_current_rms_limit_a'] = (
+            robot.rotary.peak_current_a,
+            nominal,
+        )
+    return used
+
+
+def _amperes(of_axes: Sequence[float | None], limit: float | None = None, name: str = '') -> str:
+    from delta3_pacdrive.motor import share_text
+
+    share = '' if limit is None else f', {share_text(of_axes, limit, name)}'
+    return ' / '.join('-' if value is None else f'{value:.2f}' for value in of_axes) + f' A{share}'
 
 
 def _of_parts(cell: dict[str, Any]) -> list[tuple[str, str]]:
@@ -174,8 +198,8 @@ def print_figures(result: dict[str, Any]) -> None:
             f'{result["tcp_error_max_m"] * 1e3:.3f} mm max, {result["tcp_error_rms_m"] * 1e3:.3f} mm rms',
         ),
         ('final TCP', millimetres(result['final_tcp_m'])),
-        ('current peak', _amperes(result['current_peak_a'])),
-        ('current rms', _amperes(result['current_rms_a'])),
+        ('current peak', _amperes(result['current_peak_a'], result.get('current_peak_limit_a'), 'peak')),
+        ('current rms', _amperes(result['current_rms_a'], result.get('current_rms_limit_a'), 'nominal')),
         ('peak in the AT', _amperes(result['at_current_peak_a'])),
         ('rms in the AT', _amperes(result['at_current_rms_a'])),
     ]
@@ -187,9 +211,8 @@ def print_figures(result: dict[str, Any]) -> None:
             told = f'{true:.4f} deg off at most where moves end, {told}, on the way {way:.4f} deg'
         else:
             told = f'{told} off at most where moves end, on the way {way:.4f} deg'
-        peak, rms = result['turn_current_peak_a'], result['turn_current_rms_a']
         rows.append(('tool', told))
-        rows.append(('tool current', f'{peak:.2f} A peak, {rms:.2f} A rms in the AT'))
+        rows.append(('tool current', _tool_current(result)))
     if result.get('repeat', 1) > 1:
         rounds = 60.0 * result['repeat'] / result['program_s']
         rows.append(('rounds', f'{result["repeat"]} in {result["program_s"]:.3f} s: {rounds:.1f} per minute'))
@@ -210,7 +233,16 @@ def print_figures(result: dict[str, Any]) -> None:
     if 'cell' in result:
         rows += _of_parts(result['cell'])
     rows += [('note', notice) for notice in result.get('notices', ())]
+    rows += [('warning', warning) for warning in result.get('warnings', ())]
     if 'overruns' in result:
         rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost AT'))
     for name, text in rows:
         print(f'{name:>14}  {text}')
+
+
+def _tool_current(result: dict[str, Any]) -> str:
+    peak, rms = (
+        _amperes([result[f'turn_current_{name}_a']], result.get(f'turn_current_{name}_limit_a'), limit)
+        for name, limit in (('peak', 'peak'), ('rms', 'nominal'))
+    )
+    return f'peak {peak}; rms in the AT {rms}'

@@ -35,6 +35,8 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_page import page
+    from delta3_pacdrive.analysis.run_comparison import driven_currents
+    from delta3_pacdrive.motor import thermal_warnings
     from delta3_pacdrive.recording import record_file
 
     path = Path(options.output)
@@ -45,11 +47,19 @@ def run(options: Options) -> int:
     inputs = [*(one.origin for one in runs), *noted(files)]
     origin = Provenance.of(options.command_line, runs[0].robot, runs[0].told_source, inputs)
     page.write(path, runs, origin, options.align, records)
+    warnings = {
+        one.name: thermal_warnings(currents[1], one.robot.motor.nominal_current_a)
+        for one in runs
+        if (currents := driven_currents(one)) is not None
+    }
     if options.json:
-        result = {'ok': True, 'files': [str(path)], 'bytes': path.stat().st_size}
+        result = {'ok': True, 'files': [str(path)], 'bytes': path.stat().st_size, 'warnings': warnings}
         print(json.dumps(result | {'provenance': origin.lines()}))
     else:
         print(path)
+        for name, sentences in warnings.items():
+            for sentence in sentences:
+                print(f'warning: {name}: {sentence}')
     return 0
 
 

@@ -89,11 +89,28 @@ def test_how_far_a_tool_is_off_is_told_with_who_says_so(capsys):
     output.print_figures(RESULT | OF_TURNS)
     graph = printed(capsys)
     assert graph['tool'] == ['by its encoder 0.0401 deg off at most where moves end, on the way 0.1719 deg']
-    assert graph['tool current'] == ['3.21 A peak, 1.23 A rms in the AT']
+    assert graph['tool current'] == ['peak 3.21 A; rms in the AT 1.23 A']
     output.print_figures(RESULT | OF_TURNS | {'turn_place_error_max_rad': 0.0008})
     assert printed(capsys)['tool'] == [
         '0.0458 deg off at most where moves end, by its encoder 0.0401 deg, on the way 0.1719 deg'
     ]
+
+
+def test_currents_are_compared_with_their_limits_and_one_beyond_is_a_warning(robot, capsys):
+    hot = RESULT | OF_TURNS | {'current_peak_a': [17.0, 8.5, None], 'current_rms_a': [4.24, 2.86, None]}
+    used = output.currents_used(hot | {'turn_current_rms_a': 1.7}, robot)
+    assert used['current_peak_used'] == [1.0, 0.5, None]
+    assert used['current_rms_used'] == [4.24 / 4.1, 2.86 / 4.1, None]
+    output.print_figures(hot | used)
+    rows = printed(capsys)
+    assert rows['current peak'] == ['17.00 / 8.50 / - A, 100.0 / 50 / - % of the peak current (17 A)']
+    assert rows['current rms'] == ['4.24 / 2.86 / - A, 103 / 70 / - % of the nominal current (4.1 A)']
+    assert rows['tool current'] == [
+        'peak 3.21 A, 49 % of the peak current (6.5 A); rms in the AT 1.23 A, 77 % of the nominal current (1.6 A)'
+    ]
+    motor, tool = rows['warning']
+    assert motor.startswith('motor 1 draws 4.24 A rms, 103 % of the nominal current (4.1 A): it overheats')
+    assert tool.startswith('the motor of the rotary axis draws 1.70 A rms, 106 %')
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import numpy as np
 
 from delta3_pacdrive.analysis.one_motor.motor_run import SingleRun
 from delta3_pacdrive.analysis.report_folder import Table
+from delta3_pacdrive.motor import share_text, thermal_warnings
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
 
@@ -25,7 +26,10 @@ def summary(found: SingleRun) -> dict[str, Any]:
         'coupling_effect': motor.coupling_effect,
         'shaft_inertia_kg_m2': found.inertia_kg_m2,
         'current_peak_a': _largest(found.current[rows]),
-        'current_rms_a': _rms(found.current[rows]),
+        'current_peak_limit_a': motor.peak_current_a,
+        'current_rms_a': (rms_a := _rms(found.current[rows])),
+        'current_rms_limit_a': motor.nominal_current_a,
+        'warnings': thermal_warnings([rms_a], motor.nominal_current_a, [f'motor {found.axis}']),
         'speed_max_rad_s': _largest(found.speed[rows]),
         'voltage_max_v': _largest(found.voltage[rows]),
         'position_error_max_rad': _largest(found.position_error[rows]),
@@ -52,7 +56,10 @@ def text(document: dict[str, Any]) -> list[str]:
         '',
         f'        load  I_Load {d["load_inertia_kg_m2"]:g} kg m2, tau_load {d["load_torque_n_m"]:g} N m, '
         f'CE {d["coupling_effect"]:g}; shaft with load {1e4 * d["shaft_inertia_kg_m2"]:.3f} kg cm2',
-        f'     current  {d["current_peak_a"]:.2f} A peak, {d["current_rms_a"]:.2f} A rms',
+        f'     current  {d["current_peak_a"]:.2f} A peak, '
+        f'{share_text([d["current_peak_a"]], d["current_peak_limit_a"], "peak")}; {d["current_rms_a"]:.2f} A rms, '
+        f'{share_text([d["current_rms_a"]], d["current_rms_limit_a"], "nominal")}',
+        *(f'     warning  {warning}' for warning in d['warnings']),
         f'       speed  {d["speed_max_rad_s"]:.1f} rad/s max, phase voltage {d["voltage_max_v"]:.1f} V max',
         f'   set point  {1e3 * d["position_error_max_rad"]:.3f} mrad max, {1e3 * d["position_error_rms_rad"]:.3f} mrad '
         f'rms from the shaft',

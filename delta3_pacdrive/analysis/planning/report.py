@@ -10,6 +10,7 @@ import numpy as np
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, TurnRow, Use
 from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.configuration.checked import counted
+from delta3_pacdrive.motor import share_text, thermal_warnings
 from delta3_pacdrive.parameters import Parameters
 
 RPM, MM = 60.0 / math.tau, 1e3
@@ -46,6 +47,7 @@ def document(found: PlanStudy, parameters: Parameters, with_limits: bool = False
         'used_max': {_key(quantity): used for quantity, used in used_max(found).items()},
         'distances': _distances(nearest(found)),
         'notices': list(planned.notices),
+        'warnings': thermal_warnings(planned.rms_current_a, nominal),
     }
 
 
@@ -138,13 +140,14 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
     lines = [f'{planned.name}: {counted(len(found.rows), "move")}', *table_of_moves(found.rows)]
     rounds = f' in {planned.repeat} rounds' if planned.repeat > 1 else ''
     currents = ' / '.join(f'{value:.2f}' for value in planned.rms_current_a)
+    nominal = parameters.motor.nominal_current_a
     used = sorted(((share, quantity) for quantity, share in used_max(found).items()), reverse=True)
     rows = [
         (
             'whole',
             f'{planned.plan.duration_s:.3f} s{rounds}, override up to {100.0 * planned.override_max:.0f} %',
         ),
-        ('rms current', f'{currents} A, the limit is {parameters.motor.nominal_current_a:g} A'),
+        ('rms current', f'{currents} A, {share_text(planned.rms_current_a, nominal, "nominal")}'),
         ('energy', found.energy.text(planned.repeat)),
         (
             'used',
@@ -154,6 +157,7 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
     rows += _turn_rows(found.rows, parameters)
     rows += _distance_rows(nearest(found))
     rows += [('note', notice) for notice in planned.notices]
+    rows += [('warning', warning) for warning in thermal_warnings(planned.rms_current_a, nominal)]
     return [*lines, *(f'{name:>12}  {line}' for name, line in rows)]
 
 

@@ -12,10 +12,11 @@ from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_page.around import first_cycle, shown_stays
 from delta3_pacdrive.analysis.report_page.document import signals_of
 from delta3_pacdrive.analysis.report_page.plots import PLOTS, quantity
-from delta3_pacdrive.analysis.run_comparison import Comparison, move_figures
+from delta3_pacdrive.analysis.run_comparison import Comparison, driven_currents, move_figures
 from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.configuration.checked import counted
+from delta3_pacdrive.motor import share_text, thermal_warnings
 from delta3_pacdrive.recording.record_file import SavedRecord
 from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 
@@ -176,7 +177,30 @@ def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
     more = len(numbers) - MOVES_SHOWN
     hint = 'Click a row to see the move.' + (f' {counted(more, "more move")} not listed.' if more > 0 else '')
     table = _table(header, rows, attributes, 'wide tall')
-    return _section('moves', 'Moves', f'<p class="hint">{hint}</p>{table}{_energies(runs, names)}')
+    return _section(
+        'moves', 'Moves', f'<p class="hint">{hint}</p>{table}{_currents(runs, names)}{_energies(runs, names)}'
+    )
+
+
+def _currents(runs: Sequence[Run], names: Sequence[str]) -> str:
+    """Return peak and rms currents of each run as shares of their limits, and a warning for each limit exceeded."""
+    lines = []
+    for run, name in zip(runs, names, strict=True):
+        if (found := driven_currents(run)) is None:
+            continue
+        motor = run.robot.motor
+        limits = (motor.peak_current_a, 'peak'), (motor.nominal_current_a, 'nominal')
+        peak, rms = (
+            f'{" / ".join(f"{value:.2f}" for value in one)} A, {share_text(one, *limit)}'
+            for one, limit in zip(found, limits, strict=True)
+        )
+        whose = f' of <b>{escape(name)}</b>' if len(runs) > 1 else ''
+        lines.append(f'<p>Currents{whose}: peak {peak}; rms {rms}.</p>')
+        lines += [
+            f'<p><b>Warning</b>: {escape(one)}.</p>'
+            for one in thermal_warnings(found[1], motor.nominal_current_a)
+        ]
+    return ''.join(lines)
 
 
 def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:

@@ -84,6 +84,15 @@ def test_the_page_tells_the_energy_of_a_round_as_simulate_does(one, text, both):
     assert both.count('<p>Energy of <b>') == 2
 
 
+def test_the_page_compares_currents_with_their_limits_and_warns_of_a_hot_motor(one, text):
+    assert re.search(
+        r'<p>Currents: peak ([\d.]+ / ){2}[\d.]+ A, (\d+ / ){2}\d+ % of the peak current \(17 A\); rms', text
+    )
+    assert '<b>Warning</b>' not in text
+    hot = replace(one, robot=one.robot.replace(motor__nominal_current_a=0.1))
+    assert page.page([hot], ORIGIN).count('<p><b>Warning</b>: motor ') == 3
+
+
 def test_a_page_has_every_signal_of_a_trace_and_hides_those_on_request_at_first(tmp_path, robot):
     path = tmp_path / 'all.npz'
     d3.simulate('experiment1', signals=['*']).save(path)
