@@ -122,7 +122,7 @@ def phase_columns(effective, shaft_position, m, phases):
 
 
 def share_text(currents: Sequence[float | None], limit: float, name: str) -> str:
-    """Return ``currents`` [A] as shares of a ``limit`` [A], called ``name``: ``103 / - % of the nominal current (4.1 A)``.
+    """Return ``currents`` [A] as shares of a ``limit`` [A] with a ``name``: ``103 % of the nominal current (4 A)``.
 
     Near the limit a share has a digit more, so that one above it does not read as the limit itself.
     """

@@ -14,6 +14,7 @@ from delta3_pacdrive.cli.up import ROBOTS_MAX
 SECONDS, NETWORK_SECONDS = 60.0, 4.0
 KINDS = (
     'graph', 'robots', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell', 'sweep', 'network',
+    'shaping',
 )  # fmt: skip
 
 
@@ -65,6 +66,10 @@ class Options(JsonOptions):
         'sweep: runs with one worker and with two, 300 unless told', 'N', type=int, only=('sweep',)
     )
 
+    moves: int | None = option(
+        'shaping: random moves, 100 unless told', 'N', type=integer_within(1, 100_000), only=('shaping',)
+    )
+
     output: str | None = option('cell: a folder for table and figures', 'DIR', only=('cell',))
 
     def check(self) -> str:
@@ -114,6 +119,11 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
 
         with Progress() as progress:
             return sweep.show, sweep.measure(options.runs or sweep.RUNS, progress.show)
+    if options.what == 'shaping':
+        from delta3_pacdrive.benchmarks import shaping
+
+        with Progress() as progress:
+            return shaping.show, shaping.measure(options.moves or shaping.MOVES, show=progress.show)
     from delta3_pacdrive.benchmarks import control, estimation, motion, simulation
 
     if options.what == 'estimation':
@@ -150,7 +160,8 @@ main = Command(
     'bench',
     'Measure the graph (timing, processor time, memory), several robots beside each other, planning, the speed of '
     'simulation and kinematics, how often intervals of estimates hold the truth, the packaging cycle by each '
-    'controller, picking from a belt, many runs on one worker and on two, or a robot whose drives are on another host.',
+    'controller, the swing after random moves with each kind of input shaping, picking from a belt, many runs on one '
+    'worker and on two, or a robot whose drives are on another host.',
     Options,
     run,
 )

@@ -39,6 +39,10 @@ class Options(JsonOptions):
         'scripts wait for its inputs',
         'FILE',
     )
+    vibration: bool = flag(
+        'predict how far the TCP swings after each shaped move, with and without shaping: simulates each on the built '
+        'robot'
+    )
     limits: bool = flag(
         'in the JSON, tell of each move how much of every limit it uses, not only of the first'
     )
@@ -48,6 +52,8 @@ class Options(JsonOptions):
         script = self.program.endswith('.py')
         if script and self.first:
             return f'{NO_PROGRAM} script'
+        if self.vibration and script:
+            return '--vibration is for a program: a script is planned in pieces while it runs'
         if self.output is not None and script:
             return '--output is for a program: a script is planned in pieces while it runs'
         return '--limits is for --json' if self.limits and not self.json else ''
@@ -59,12 +65,18 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.analysis.planning import evaluation, report
     from delta3_pacdrive.analysis.report_folder import require_writable_folder
+    from delta3_pacdrive.analysis.residual_vibration import predicted_swings
     from delta3_pacdrive.cli.progress import Progress
+    from delta3_pacdrive.errors import ParameterError
     from delta3_pacdrive.motion import program_file
     from delta3_pacdrive.motion.adapted_program import rest_of
     from delta3_pacdrive.motion.output_names import OWN
 
     robot = core.load(options.parameters)
+    if options.vibration and robot.control.shaping == core.UNSHAPED:
+        raise ParameterError(
+            '--vibration compares shaped moves with unshaped ones, but control.shaping is none'
+        )
     if options.program.endswith('.py'):
         return _run_script(options, robot)
     around, more = _around(options)
@@ -75,6 +87,10 @@ def run(options: Options) -> int:
     with Progress(quiet=options.json) as progress:
         found = evaluation.of_program(program, robot, progress.show)
         result, lines = report.document(found, robot, options.limits), report.text(found, robot)
+        if options.vibration:
+            swings = predicted_swings(program, found.planned, robot, progress.show)
+            result['vibration'] = report.vibration(swings)
+            lines += report.vibration_text(swings)
         if options.output is not None:
             progress.show('drawing')
             result['files'] = _written(options, robot, found, lines, inputs)

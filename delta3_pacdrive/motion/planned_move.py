@@ -22,10 +22,10 @@ from delta3_pacdrive.motion.shaping import Shaper
 from delta3_pacdrive.motion.thermal_load import ThermalLoad, dwell_load, thermal_load
 from delta3_pacdrive.motion.time_optimal_planner import TimeOptimalPlanner
 from delta3_pacdrive.motion.time_parametrization import slowed
-from delta3_pacdrive.motion.vibration import excited_mode
+from delta3_pacdrive.motion.vibration import excited_mode, mean_modes
 from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_master, rest, sample_master
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import UNSHAPED, Parameters
+from delta3_pacdrive.parameters import MODES, UNSHAPED, Parameters
 
 DIRECTIONS = 33  # of a path, that are looked at for the vibration that it excites
 SHAPED_ROUNDS_MAX = 20  # of making a shaped move slower
@@ -220,9 +220,11 @@ def _as_asked(planner: MovePlanner, segments: Sequence[PathSegment]) -> tuple[Fl
 
 
 def shaper_at_end(curve: Curve, payload_kg: float, parameters: Parameters) -> Shaper:
-    """Return the shaper of a move: of the vibration that is told, or that its end excites most with this payload."""
+    """Return the shaper of a move: for the vibration that is given, or for one or all at its end with this payload."""
     control = parameters.control
     frequency, damping = control.shaping_frequency_hz, control.shaping_damping
+    if frequency == 0.0 and control.shaping == MODES:
+        return Shaper.of_each(MODES, mean_modes(curve.at(curve.length_m)[0], payload_kg, parameters))
     if frequency == 0.0:
         samples = sample_path(np.linspace(0.0, curve.length_m, DIRECTIONS), curve.segments)
         frequency, damping = excited_mode(samples[-1, 0], samples[:, 1], payload_kg, parameters)

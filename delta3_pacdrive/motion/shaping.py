@@ -8,18 +8,20 @@ f and damping ratio D, of damped period T, and with K = exp(-pi D / sqrt(1 - D^2
     zero vibration (zv)                  1, K            at 0, T/2
     zero vibration and derivative (zvd)  1, 2 K, K^2     at 0, T/2, T
     smooth                               zv after a moving average over half a period that fades like the vibration
+    modes                                zvd for each of several vibrations, one after the other
 
-zvd and smooth take one period T, zv half of one.
+zvd and smooth take one period T, zv half of one, modes the sum of all periods.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import SMOOTH, ZVD
+from delta3_pacdrive.parameters import MODES, SMOOTH, ZVD
 
 SMOOTH_PARTS = 8  # of the moving average over half a period
 SAME_S = 1e-9  # between two ends of phases that are one
@@ -38,7 +40,7 @@ class Shaper:
         rest = math.sqrt(1.0 - damping * damping)
         half_s = 0.5 / (frequency_hz * rest)
         fades = math.exp(-math.pi * damping / rest)
-        if kind == ZVD:
+        if kind in (ZVD, MODES):
             weights, delays = np.array([1.0, 2.0 * fades, fades * fades]), half_s * np.arange(3)
         else:
             weights, delays = np.array([1.0, fades]), half_s * np.arange(2)
@@ -47,6 +49,17 @@ class Shaper:
             weights = np.outer(weights, fades**part).ravel()
             delays = np.add.outer(delays, half_s * part).ravel()
         return Shaper(np.asarray(weights / weights.sum()), np.asarray(delays, dtype=np.float64))
+
+    @staticmethod
+    def of_each(kind: str, vibrations: Sequence[tuple[float, float]]) -> 'Shaper':
+        """Return shapers of a kind for several vibrations, frequencies [Hz] and damping ratios, one after the other."""
+        weights, delays = np.ones(1), np.zeros(1)
+        for frequency_hz, damping in vibrations:
+            one = Shaper.of(kind, frequency_hz, damping)
+            weights = np.outer(weights, one.weights).ravel()
+            delays = np.add.outer(delays, one.delays_s).ravel()
+        order = np.argsort(delays, kind='stable')
+        return Shaper(weights[order], delays[order])
 
     @property
     def duration_s(self) -> float:

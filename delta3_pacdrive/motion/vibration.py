@@ -115,6 +115,24 @@ def _state_matrix(inertia: float, parameters: Parameters, sticking: float) -> Fl
     )
 
 
+def mean_modes(tcp_m: Floats, payload_kg: float, parameters: Parameters) -> list[tuple[float, float]]:
+    """Return frequency [Hz] and damping ratio of every vibration at a place, the lowest first.
+
+    The friction of a shaft that stops slides at first and sticks in the end: both count half. Arguments are those of
+    ``vibration_modes``.
+    """
+    found: dict[float, list[tuple[float, float]]] = {}
+    for sticking in (0.0, 1.0):
+        for mode in vibration_modes(
+            tcp_m, payload_kg, parameters, sticking
+        ):  # each direction has its own inertia
+            found.setdefault(mode.inertia_kg_m2, []).append((mode.frequency_hz, mode.damping))
+    if not found:
+        raise ProgramError('nothing swings where it ends: tell control.shaping_frequency_hz')
+    means = (np.mean(both, axis=0).tolist() for both in found.values())
+    return sorted((frequency, damping) for frequency, damping in means)
+
+
 def excited_mode(
     tcp_m: Floats, directions: Floats, payload_kg: float, parameters: Parameters
 ) -> tuple[float, float]:

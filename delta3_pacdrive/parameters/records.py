@@ -13,7 +13,7 @@ LINEAR, CUBIC = INTERPOLATIONS = ('linear', 'cubic')
 EXACT, DECOUPLED = ARM_COUPLINGS = ('exact', 'decoupled')
 # the first one is no `off`: readers of YAML take that word for a switch
 INERTIA, MODEL = FEED_FORWARDS = ('inertia', 'model')
-UNSHAPED, ZV, ZVD, SMOOTH = SHAPINGS = ('none', 'zv', 'zvd', 'smooth')
+UNSHAPED, ZV, ZVD, SMOOTH, MODES = SHAPINGS = ('none', 'zv', 'zvd', 'smooth', 'modes')
 # Half of what the robot holds where it is weakest in its workspace: 21.0 kg by the holding brakes, 22.6 kg by the
 # nominal currents. The other half is for acceleration and for the loops, which are tuned to the rated 2 kg.
 PAYLOAD_MAX_KG = 10.0

@@ -10,8 +10,9 @@ from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.motion.move import MoveKind, check_phases
 from delta3_pacdrive.motion.plan import sample_plan
 from delta3_pacdrive.motion.shaping import Shaper
+from delta3_pacdrive.motion.vibration import excited_mode, mean_modes
 from delta3_pacdrive.motion.virtual_master import plan_master, sample_master
-from planned import around, dwell, motors, plan, refusal, to
+from planned import around, dwell, motors, only, plan, refusal, to
 
 SHAPINGS = ('zv', 'zvd', 'smooth')
 FREQUENCY_HZ, DAMPING = 48.0, 0.3
@@ -78,6 +79,35 @@ def test_a_shaped_master_is_the_sum_of_delayed_ones(kind, jerk):
         wanted[inside] += weight * sample_master(times[inside] - delay, phases)
         wanted[times > delay + phases[-1, 0], 0] += weight * 0.3
     assert np.abs(sample_master(times, found) - wanted)[:, :2].max() < 1e-9
+
+
+def test_shapers_for_several_vibrations_leave_nothing_of_any_of_them():
+    vibrations = [(27.0, 0.27), (36.0, 0.37), (73.0, 0.31)]
+    shaper = Shaper.of_each('modes', vibrations)
+    assert shaper.weights.sum() == pytest.approx(1.0, abs=EXACT)
+    assert (np.diff(shaper.delays_s) >= 0.0).all()
+    assert [shaper.residual(*one) < EXACT for one in vibrations] == [True] * 3
+    periods_s = sum(1.0 / (hz * math.sqrt(1.0 - damping**2)) for hz, damping in vibrations)
+    assert shaper.duration_s == pytest.approx(periods_s, abs=EXACT)
+
+
+def test_modes_shape_a_move_for_the_vibrations_of_all_arms_at_its_end(robot):
+    ends = (0.4, 0.1, -0.9)
+    found = mean_modes(np.array(ends), 0.5, robot)
+    assert len(found) == 3
+    assert found == sorted(found)
+    longer = Shaper.of_each('modes', found).duration_s
+    plain, smooth = (
+        only(plan(shaped(robot, kind), [to(*ends, **QUICK)], payload_kg=0.5)).duration_s
+        for kind in ('none', 'modes')
+    )
+    assert smooth - plain == pytest.approx(longer, abs=1e-6)
+    both = [excited_mode(np.array(ends), np.eye(3)[n : n + 1], 0.5, robot) for n in range(3)]
+    assert all(any(one == pytest.approx(mode) for mode in found) for one in both)
+    single = shaped(robot, 'modes', shaping_frequency_hz=48.0)
+    assert only(plan(single, [to(*ends, **QUICK)])).duration_s - plain == pytest.approx(
+        Shaper.of('zvd', 48.0, 0.35).duration_s, abs=1e-6
+    )
 
 
 def swing(phases, frequency_hz, damping):
@@ -156,7 +186,7 @@ def test_each_move_is_shaped_for_the_vibration_at_its_own_end(robot):
 
 
 def test_a_frequency_that_nothing_could_wait_for_is_refused(robot):
-    assert set(parameters.SHAPINGS) == {'none', *SHAPINGS}
+    assert set(parameters.SHAPINGS) == {'none', *SHAPINGS, 'modes'}
     with pytest.raises(
         ParameterError, match=r'shaping_frequency_hz is 0\.5, but must be 0 \(computed\) or at least 1'
     ):

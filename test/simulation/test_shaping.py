@@ -1,12 +1,20 @@
 """Facts about the built robot after a stop: input shaping leaves little of its vibration, at its true TCP."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.analysis.residual_vibration import ARRIVES_S, after_stop, swing_m
+from delta3_pacdrive.analysis.residual_vibration import (
+    ARRIVES_S,
+    after_stop,
+    predicted_swings,
+    swing_m,
+)
+from delta3_pacdrive.benchmarks import shaping
+from delta3_pacdrive.cli import plan as plan_command
 from delta3_pacdrive.errors import TraceError
 from planned import dwell, parse, to
 
@@ -90,3 +98,52 @@ def test_a_robot_that_does_not_stand_long_enough_is_refused(built):
     trace = simulation.run(program, built)
     with pytest.raises(TraceError, match=r'must stand for 0\.15 s'):
         after_stop(trace, trace.meta['end_cycle'])
+
+
+def test_shaped_for_all_arms_every_random_move_swings_20_db_less_if_the_gears_have_no_play():
+    found = shaping.measure(8, ('none', 'zvd', 'modes'), (shaping.WITHOUT_PLAY,))['robots'][
+        shaping.WITHOUT_PLAY
+    ]
+    assert found['modes']['promised_share'] == 1.0
+    assert found['modes']['less_min_db'] > found['zvd']['less_min_db']
+
+
+def test_random_moves_are_within_the_workspace_and_repeat_with_their_seed(built):
+    moves, k = shaping.random_moves(50, built), built.kinematics
+    ends = np.concatenate([both for both, _ in moves])
+    assert np.hypot(*ends[:, :2].T).max() <= 0.5 * k.workspace_diameter_m
+    assert k.workspace_bottom_m <= ends[:, 2].min() <= ends[:, 2].max() <= k.workspace_top_m
+    assert 0.0 <= min(kg for _, kg in moves) <= max(kg for _, kg in moves) <= 2.0
+    assert [kg for _, kg in shaping.random_moves(3, built)] == [kg for _, kg in moves[:3]]
+    assert [kg for _, kg in shaping.random_moves(3, built, seed=2)] != [kg for _, kg in moves[:3]]
+
+
+def test_the_table_shows_each_kind_with_its_reduction(capsys):
+    shaping.show(shaping.measure(1, ('none', 'zvd'), (shaping.BUILT,)))
+    title, _, none, zvd = capsys.readouterr().out.splitlines()
+    assert title.startswith('1 random moves (seed 1), 0 to 2 kg')
+    assert none.split()[:2] == ['built', 'none']
+    assert zvd.split()[:3] == ['built', 'zvd', '45']
+
+
+@pytest.mark.parametrize('file', ['model', 'rich+model'])
+def test_a_plan_predicts_the_swing_that_the_built_robot_shows(file, built):
+    robot = parameters.load(file).replace(control__shaping='zvd')
+    program = parse(robot, [to(*END, **QUICK), dwell(STANDS * 1e-3)], start_m=list(START), payload_kg=0.5)
+    planned = simulation.plan_of(program, simulation.placed(robot, program))
+    (found,) = predicted_swings(program, planned, robot)
+    shaped_m, plain_m = (stopped(built, kind)[1] for kind in ('zvd', 'none'))
+    assert (found.swing_m, found.unshaped_m) == pytest.approx((shaped_m, plain_m), rel=0.05)
+    assert found.less_db == pytest.approx(20.0 * math.log10(plain_m / shaped_m), abs=0.5)
+    assert found.text.startswith('move 1: the TCP swings by 0.03')
+
+
+def test_plan_prints_the_prediction_and_refuses_one_without_shaping(tmp_path, capsys):
+    file = tmp_path / 'shaped.yaml'
+    file.write_text('/**:\n  ros__parameters:\n    control:\n      shaping: modes\n')
+    assert plan_command.main(['packaging', '--parameters', f'model+{file}', '--vibration', '--json']) == 0
+    rows = json.loads(capsys.readouterr().out)['vibration']
+    assert [row['move'] for row in rows] == [2, 4]
+    assert all(row['unshaped_swing_m'] > row['swing_m'] > 0.0 for row in rows)
+    assert plan_command.main(['packaging', '--vibration']) == 1
+    assert 'control.shaping is none' in capsys.readouterr().err

@@ -9,6 +9,7 @@ import numpy as np
 
 from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, TurnRow, Use
 from delta3_pacdrive.analysis.report_folder import Table
+from delta3_pacdrive.analysis.residual_vibration import Swing
 from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.motor import share_text, thermal_warnings
 from delta3_pacdrive.parameters import Parameters
@@ -159,6 +160,26 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
     rows += [('note', notice) for notice in planned.notices]
     rows += [('warning', warning) for warning in thermal_warnings(planned.rms_current_a, nominal)]
     return [*lines, *(f'{name:>12}  {line}' for name, line in rows)]
+
+
+def vibration(swings: Sequence[Swing]) -> list[dict[str, Any]]:
+    """Return predicted swings ready for JSON."""
+    return [
+        {
+            'move': one.number,
+            'statements': one.name,
+            'swing_m': one.swing_m,
+            'unshaped_swing_m': one.unshaped_m,
+            'less_db': one.less_db,
+        }
+        for one in swings
+    ]
+
+
+def vibration_text(swings: Sequence[Swing]) -> list[str]:
+    """Return predicted swings as lines for people."""
+    texts = [one.text for one in swings] or ['no move of the first round is shaped']
+    return [f'{"vibration" if n == 0 else "":>12}  {text}' for n, text in enumerate(texts)]
 
 
 def _turn_rows(rows: Sequence[MoveRow], parameters: Parameters) -> list[tuple[str, str]]:
