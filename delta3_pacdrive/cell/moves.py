@@ -20,6 +20,7 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.extension import Driven, Extension, Seam, SeamError, driven, extend
 from delta3_pacdrive.motion.move import EVENT_NAMES, TRACK, Move
+from delta3_pacdrive.motion.planned_move import grouped
 from delta3_pacdrive.motion.program import (
     Cubic,
     Dwell,
@@ -274,7 +275,9 @@ class Moves:
         names = tuple(_in_lines(name, program) for name in planned.names)
         self.on_planned(Batch(planned, again, names))
         notices = [notice for notice in planned.notices if OPEN_CORNER not in notice]
-        self.notices += [_in_lines(notice, program, f'{program.source}:') for notice in notices]
+        self.notices = grouped(
+            [*self.notices, *(_in_lines(notice, program, f'{program.source}:') for notice in notices)]
+        )
 
     def follow(self, profile: MotionProfile) -> None:
         """Note that another motion profile is followed; raises ProgramError if it does not continue the present one."""

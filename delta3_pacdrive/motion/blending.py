@@ -55,6 +55,7 @@ class PathSegment:
     torque_rate_n_m_s: float = math.inf
     turn_rad: tuple[float, float] | None = None  # of the tool, from and to; None: the plan says nothing of it
     heat: float = 0.0  # weight of the motors' heat next to the time, if time-optimal
+    is_arch: bool = False
 
 
 def blended(segments: list[PathSegment]) -> tuple[Curve, list[float], list[tuple[float, Limits]]]:

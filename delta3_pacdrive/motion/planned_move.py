@@ -1,7 +1,8 @@
 """One move of a plan: it is timed and checked, slowed down where a motor asks for that, and its load is known."""
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from delta3_pacdrive.motion.blending import PathSegment, name_of
 from delta3_pacdrive.motion.curves import Curve
 from delta3_pacdrive.motion.energy import Energy, energy
 from delta3_pacdrive.motion.excess import excess, require_holdable
-from delta3_pacdrive.motion.limits import legal_coefficients
+from delta3_pacdrive.motion.limits import Limits, legal_coefficients
 from delta3_pacdrive.motion.move import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.motion.move_grid import GRID_MAX, GRID_MIN, Stretches
 from delta3_pacdrive.motion.move_planner import MovePlanner, require_end_of_time
@@ -31,6 +32,8 @@ DIRECTIONS = 33  # of a path, that are looked at for the vibration that it excit
 SHAPED_ROUNDS_MAX = 20  # of making a shaped move slower
 KEPT = 1.0 + 1e-3  # a limit is kept if time need not be stretched by more
 SAMPLE_S = 2e-3  # between two places at which a cubic is checked
+NUMBER = re.compile(r'-?\d[\d.]*(e[-+]?\d+)?')
+COUNTED = re.compile(r' \((\d+) times\)$')  # end of a notice that counts several
 ROUNDING_S = 1e-9  # times that are no further apart are one
 
 
@@ -160,7 +163,7 @@ def plan_move(
         phases = fastest.fastest_of_third_order(heat + max(segment.heat for segment in segments))
     else:
         planner = MovePlanner(curve, stretches, payloads, parameters, returning)
-        phases, notices = _as_asked(planner, segments)
+        phases, notices = _as_asked(planner, segments, parameters)
     if parameters.control.shaping != UNSHAPED:
         arriving = next((kg for at_m, kg in reversed(payloads) if at_m < curve.length_m), payload_kg)
         shaper = shaper_at_end(curve, arriving, parameters)
@@ -199,7 +202,9 @@ def _time_optimal(segments: Sequence[PathSegment]) -> bool:
     return asked[0]
 
 
-def _as_asked(planner: MovePlanner, segments: Sequence[PathSegment]) -> tuple[Floats, list[str]]:
+def _as_asked(
+    planner: MovePlanner, segments: Sequence[PathSegment], parameters: Parameters
+) -> tuple[Floats, list[str]]:
     """Phases of a move within the limits that it asks for, slower where a motor needs that, and what is to be told."""
     name, limits = name_of(segments), segments[0].limits
     if len(segments) == 1:
@@ -209,13 +214,17 @@ def _as_asked(planner: MovePlanner, segments: Sequence[PathSegment]) -> tuple[Fl
     else:
         phases = planner.fastest(with_motors=False)
     asked = float(phases[-1, 0])
-    notices = []
+    notices: list[str] = []
     found = planner.excess(planner.dynamics(phases))
     if found.worst > KEPT:
         if any(segment.strict for segment in segments):
             raise ProgramError(f'{found.text} (strict)')
         phases = planner.fastest(with_motors=True)
-        notices.append(slowed_down(name, float(phases[-1, 0]), asked, found.text))
+        motion = parameters.motion
+        defaults = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
+        # the planner chose an arch itself: without limits from the user it is not slower than requested
+        if not all(segment.is_arch and segment.limits == defaults for segment in segments):
+            notices.append(slowed_down(name, float(phases[-1, 0]), asked, found.text))
     return phases, notices
 
 
@@ -257,6 +266,25 @@ def _shaped(
 def slowed_down(name: str, taken: float, asked: float, why: str) -> str:
     """Return the notice of a move that takes longer [s] than it was asked to."""
     return f'{name} is slowed down, {taken:.4g} s instead of {asked:.4g} s: {why}'
+
+
+def grouped(notices: Iterable[str]) -> list[str]:
+    """Return the first notice of each cause, with a count; notices with the same words have the same cause.
+
+    Notices that are grouped already count as many as they say.
+    """
+    counts: dict[str, int] = {}
+    firsts: dict[str, str] = {}
+    for notice in notices:
+        text, count = notice, 1
+        if (found := COUNTED.search(notice)) is not None:
+            text, count = notice[: found.start()], int(found[1])
+        cause = NUMBER.sub('', text)
+        firsts.setdefault(cause, text)
+        counts[cause] = counts.get(cause, 0) + count
+    return [
+        text if counts[cause] == 1 else f'{text} ({counts[cause]} times)' for cause, text in firsts.items()
+    ]
 
 
 def plan_cubic(

@@ -15,7 +15,7 @@ from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move import MOVES_MAX, STANDING, Move
 from delta3_pacdrive.motion.move_grid import Stretches
 from delta3_pacdrive.motion.plan import Plan
-from delta3_pacdrive.motion.planned_move import PlannedMove, with_timed
+from delta3_pacdrive.motion.planned_move import PlannedMove, grouped, with_timed
 from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, Turn, point_text
 from delta3_pacdrive.motion.program_parts import Part, parts
 from delta3_pacdrive.motion.round_planner import Arches, RoundPlanner
@@ -361,7 +361,7 @@ def _whole(
     return Planned(
         program.name,
         plan_,
-        tuple(notices),
+        tuple(grouped(notices)),
         (rms[0], rms[1], rms[2]),
         override_max,
         program.repeat,

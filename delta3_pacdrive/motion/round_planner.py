@@ -242,6 +242,7 @@ class RoundPlanner:
                 statement.torque_rate_n_m_s,
                 turn,
                 self._heat_weight(statement),
+                isinstance(statement, Arch),
             )
         )
         self.here = curve.at(curve.length_m)[0]

@@ -10,7 +10,7 @@ from delta3_pacdrive.motion.blending import PathSegment
 from delta3_pacdrive.motion.energy import heat_weight, price_of_time_w
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move import MoveKind
-from delta3_pacdrive.motion.planned_move import plan_move
+from delta3_pacdrive.motion.planned_move import grouped, plan_move
 from delta3_pacdrive.motion.program import KeepOut
 from planned import dwell, only, output, plan, refusal, to
 
@@ -186,3 +186,23 @@ def test_a_margin_of_more_than_half_of_the_way_keeps_out_of_nothing_but_the_top(
 def test_the_top_of_an_arch_is_over_what_it_keeps_out_of():
     room = Clearances(np.array(HERE), np.array(THERE), 0.01, 0.02, KeepOut(-0.7))
     assert room.lowest_top_m == -0.7
+
+
+@pytest.mark.parametrize('limits', [{}, {'acceleration_m_s2': 100.0, 'jerk_m_s3': 5000.0, 'speed_m_s': 4.0}])
+def test_arches_that_are_slowed_down_are_one_notice_and_none_without_limits_of_their_own(limits, robot):
+    there, back = (
+        {'arch': {'to_m': [x, 0.0, -0.85], 'up_m': 0.03, 'down_m': 0.03, **limits}} for x in (0.15, -0.15)
+    )
+    planned = plan(robot, [there, back] * 10, (-0.15, 0.0, -0.85))
+    slowed = [notice for notice in planned.notices if 'arch is slowed down' in notice]
+    assert len(slowed) == len(limits and [0])
+    assert all(notice.endswith(' (20 times)') for notice in slowed)
+
+
+def test_a_notice_that_stands_for_others_counts_them():
+    one, two = (
+        'moves[3].arch is slowed down, 0.2 s instead of 0.1 s',
+        'moves[7].arch is slowed down, 4e-1 s instead of 0.3 s',
+    )
+    assert grouped([one, 'other', two]) == [f'{one} (2 times)', 'other']
+    assert grouped([*grouped([one, two]), two]) == [f'{one} (3 times)']
