@@ -268,9 +268,19 @@ class Bringup:
         """Whether the robot is there for requests; a program or a script ends with a process that dies."""
         return self._program is None and not self.options.script
 
+    @property
+    def _knows_participants(self) -> bool:
+        """Whether the identifiers of participants are those of Fast DDS."""
+        return os.environ.get(discovery.MIDDLEWARE, '') in discovery.FAST_DDS
+
+    def _still_loads(self, name: str) -> bool:
+        """Whether the process of a participant lives, but has not joined the domain yet."""
+        processes = [one for one in self._processes.running if one.name == PROCESS_OF.get(name)]
+        return self._knows_participants and not all(map(self._monitor.participants_of, processes))
+
     def _dispose(self, process: ManagedProcess) -> None:
         """Let a dead process leave the domain; otherwise its publishers count until its lease expires."""
-        if os.environ.get(discovery.MIDDLEWARE, '') not in discovery.FAST_DDS:
+        if not self._knows_participants:
             return
         hosts = [discovery.HERE, *discovery.peers_of(os.environ.get(discovery.PEERS, ''))]
         for prefix in self._monitor.participants_of(process):
@@ -287,6 +297,8 @@ class Bringup:
             self._join()
             self._deaf_s = min(2.0 * self._deaf_s, STUCK_MAX_S)
             self.notes.append('no report of transformation_task: joined the domain anew')
+        if any(map(self._still_loads, self._monitor.progress.get('missing', ()))):
+            self._phases.restart(now_s)  # on a busy machine that takes longer than the patience
         for name in self._phases.look(self._monitor.progress, now_s):
             processes = [one for one in self._processes.running if one.name == PROCESS_OF.get(name)]
             for process in processes:
