@@ -70,7 +70,7 @@ def dress(axes: Axes, title: str = '', **properties: Any) -> None:
 
 
 def finish_over_time(
-    panels: Sequence[Axes], labels: Sequence[str] = (), what: str = 'time from program start (s)'
+    panels: Sequence[Axes], labels: Sequence[str] = (), what: str = 'time from program start [s]'
 ) -> None:
     """Give panels that stand above one another their grid, labels and time axis, without room beside the curves."""
     for axes, label in zip(panels, labels or [''] * len(panels), strict=True):

@@ -35,7 +35,7 @@ def frame_path(axes: Axes3D, points: Floats) -> None:
     for name, axis, middle, span in zip('xyz', _three_axes(axes), (low + high) / 2.0, spans, strict=True):
         getattr(axes, f'set_{name}lim')(middle - span / 2.0, middle + span / 2.0)
         axis.set_major_locator(MaxNLocator(max(3, round(6 * span / longest))))
-        axis.set_label_text(f'{name} (mm)')
+        axis.set_label_text(f'{name} [mm]')
     axes.ticklabel_format(useOffset=False)
 
 

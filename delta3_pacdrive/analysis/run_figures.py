@@ -116,7 +116,7 @@ def arm_angles(trace: Trace) -> Figure:
     """Arm angles [deg], commanded and actual (Fig. 11.2)."""
     run = program_part(trace)
     actual, command = _arm_deg(run, 'motor_position'), _arm_deg(run, 'motor_command')
-    return _three_panels(run, 'Arm angles', _axis_labels(r'$\theta_{}$ (deg)'), actual, command, least=1.0)
+    return _three_panels(run, 'Arm angles', _axis_labels(r'$\theta_{}$ [deg]'), actual, command, least=1.0)
 
 
 def arm_velocities(trace: Trace) -> Figure:
@@ -127,7 +127,7 @@ def arm_velocities(trace: Trace) -> Figure:
     figure = figure_of_program('Arm speeds', run.meta.get('program'), 6.0)
     grid = figure.subplots(3, 2, sharex='col', width_ratios=(2, 1), squeeze=False)
     overview, zoom = grid.T
-    _dress(run, overview, _axis_labels(r'$\dot\theta_{}$ (deg/s)'))
+    _dress(run, overview, _axis_labels(r'$\dot\theta_{}$ [deg/s]'))
     _dress(run, zoom)
     begin = busiest(run.time_s, command)
     shown = (run.time_s >= begin) & (run.time_s <= begin + ZOOM_S)
@@ -149,14 +149,14 @@ def arm_accelerations(trace: Trace) -> Figure:
     period = positive(run, 'cycle_time_s')
     actual = slope(_arm_deg(run, 'motor_speed'), period)
     command = derivatives(_arm_deg(run, 'motor_command'), period)[1]
-    labels = _axis_labels(r'$\ddot\theta_{}$ (deg/s$^2$)')
+    labels = _axis_labels(r'$\ddot\theta_{}$ [deg/s$^2$]')
     return _three_panels(run, 'Arm accelerations', labels, actual, command, 10.0, same_scale=True)
 
 
 def currents(trace: Trace) -> Figure:
     """Motor currents I_eff [A rms]: all samples of the current loops, and those that the AT tell (Fig. 11.6)."""
     run = program_part(trace)
-    labels = _axis_labels(r'$I_{{\mathrm{{eff}},{}}}$ (A)')
+    labels = _axis_labels(r'$I_{{\mathrm{{eff}},{}}}$ [A]')
     if not {'current', *CURRENT_SIGNALS} <= run.signals.keys():
         return _three_panels(run, 'Motor currents', labels, run['current'], least=0.1, same_scale=True)
     figure = figure_of_program('Motor currents', run.meta.get('program'), 6.0)
@@ -177,7 +177,7 @@ def tcp_components(trace: Trace) -> Figure:
     """TCP coordinates x, y, z [mm], commanded and actual (Fig. 11.7)."""
     run = program_part(trace)
     actual, command = 1e3 * run['tcp_actual'], 1e3 * run['tcp_command']
-    return _three_panels(run, 'TCP position', [f'{name} (mm)' for name in 'xyz'], actual, command, least=1.0)
+    return _three_panels(run, 'TCP position', [f'{name} [mm]' for name in 'xyz'], actual, command, least=1.0)
 
 
 def tcp_error_norm(trace: Trace) -> Figure:
@@ -187,7 +187,7 @@ def tcp_error_norm(trace: Trace) -> Figure:
     raw = 1e3 * np.linalg.norm(run['tcp_command'] - run['tcp_actual'], axis=1)
     figure = figure_of_program('Norm of the TCP error', run.meta.get('program'), 5.0)
     panels = figure.subplots(2, 1, sharex=True)
-    _dress(run, panels, ['error (mm)'] * 2)
+    _dress(run, panels, ['error [mm]'] * 2)
     titles = ('set-point delay removed', 'raw difference of command and actual position')
     for axes, values, title in zip(panels, (aligned, raw), titles, strict=True):
         axes.plot(run.time_s, values, color=NORM_COLOUR, **(ACTUAL | {'linewidth': 1.3}))
@@ -199,7 +199,7 @@ def tcp_error_norm(trace: Trace) -> Figure:
 def following_error(trace: Trace) -> Figure:
     """Following error of the arms [deg], dead time removed (7.3)."""
     run = program_part(trace)
-    labels, errors = _axis_labels('$e_{}$ (deg)'), np.degrees(run['following_error'])
+    labels, errors = _axis_labels('$e_{}$ [deg]'), np.degrees(run['following_error'])
     return _three_panels(run, 'Following error of the arms', labels, errors, least=1e-3, same_scale=True)
 
 
@@ -208,7 +208,7 @@ def master(trace: Trace) -> Figure:
     run = program_part(trace)
     figure = figure_of_program('Virtual master', run.meta.get('program'), 6.0)
     panels = figure.subplots(3, 1, sharex=True)
-    _dress(run, panels, ['distance (mm)', 'speed (m/s)', 'acceleration (m/s$^2$)'])
+    _dress(run, panels, ['distance [mm]', 'speed [m/s]', 'acceleration [m/s$^2$]'])
     values = run['master'] * [1e3, 1.0, 1.0]
     for axes, column in zip(panels, values.T, strict=True):
         axes.plot(run.time_s, column, color=NORM_COLOUR, **ACTUAL)
@@ -222,7 +222,7 @@ def tcp_speed(trace: Trace) -> Figure:
     command = derivatives(run['tcp_command'], positive(run, 'cycle_time_s'))
     figure = figure_of_program('TCP speed and acceleration', run.meta.get('program'), 5.2)
     panels = figure.subplots(2, 1, sharex=True)
-    _dress(run, panels, ['speed (m/s)', 'acceleration (m/s$^2$)'])
+    _dress(run, panels, ['speed [m/s]', 'acceleration [m/s$^2$]'])
     for axes, actual, wanted in zip(
         panels, (run['tcp_velocity'], run['tcp_acceleration']), command, strict=True
     ):
@@ -238,7 +238,7 @@ def turn(trace: Trace) -> Figure:
     run = program_part(trace)
     figure = figure_of_program('Turn of the tool', run.meta.get('program'), 6.0)
     panels = figure.subplots(3, 1, sharex=True)
-    _dress(run, panels, ['angle (deg)', 'error (deg)', 'current (A)'])
+    _dress(run, panels, ['angle [deg]', 'error [deg]', 'current [A]'])
     curves = (
         (0, 'turn_position', 'actual', ACTUAL | {'color': AXIS_COLOURS[0]}),
         (0, 'turn_true', 'true', TRUE | {'color': AXIS_COLOURS[1]}),
@@ -259,7 +259,7 @@ def signal_panels(trace: Trace, signal: str) -> Figure:
     """One signal as it is, in SI units: a panel for each of its columns."""
     run, meaning = program_part(trace), quantities.meaning_of(signal)
     named = columns_of(signal, quantities.unit_of(signal) or quantities.ONE)
-    labels = [f'{name or signal} ({unit})'.replace(f' ({quantities.ONE})', '') for name, unit in named]
+    labels = [f'{name or signal} [{unit}]'.replace(f' [{quantities.ONE}]', '') for name, unit in named]
     if len(labels) == len(AXIS_COLOURS):
         return _three_panels(run, meaning, labels, run[signal])
     figure = figure_of_program(meaning, run.meta.get('program'), HEIGHT_IN + PANEL_IN * len(labels))
@@ -317,7 +317,7 @@ def _three_panels(
 def _dress(trace: Trace, panels: Sequence[Axes], labels: Sequence[str] = ()) -> None:
     """Give panels that stand above one another their labels, grid and common time axis."""
     known = trace.meta.get('start_cycle') is not None
-    finish_over_time(panels, labels, 'time from program start (s)' if known else 'bus time (s)')
+    finish_over_time(panels, labels, 'time from program start [s]' if known else 'bus time [s]')
 
 
 def _plot(panels: Sequence[Axes], time_s: Floats, actual: Floats, command: Floats | None) -> None:

@@ -46,8 +46,8 @@ def figure_of(record: Record) -> Figure:
         if record.trigger is not None:
             panel.axvline(0.0, color=MUTED, linewidth=0.8, linestyle=':')
         legend_above(panel)
-    what = 'time from the trigger (ms)' if record.trigger is not None else 'time from the first sample (ms)'
-    finish_over_time(panels, ['' if unit == ONE else f'({unit})' for unit in units], what)
+    what = 'time from the trigger [ms]' if record.trigger is not None else 'time from the first sample [ms]'
+    finish_over_time(panels, ['' if unit == ONE else f'[{unit}]' for unit in units], what)
     return figure
 
 

@@ -75,7 +75,7 @@ def test_the_figure_of_the_turn_tells_what_the_run_holds(turning: Trace, tmp_pat
     np.testing.assert_array_equal(error.lines[0].get_ydata(), np.degrees(run['turn_error'][:, 0]))
     np.testing.assert_array_equal(current.lines[0].get_ydata(), run['turn_current'][:, 0])
     assert (angle.get_ylabel(), error.get_ylabel(), current.get_ylabel()) == (
-        'angle (deg)', 'error (deg)', 'current (A)',
+        'angle [deg]', 'error [deg]', 'current [A]',
     )  # fmt: skip
 
 
@@ -178,16 +178,16 @@ def test_figures_of_a_robot_that_was_up_begin_with_the_program_and_end_with_its_
     end_s = (trace.meta['end_cycle'] - trace.meta['start_cycle']) * 1e-3
     assert last == pytest.approx(end_s + run_signals.AFTER_S, abs=0.01)
     (label,) = {axes.get_xlabel() for axes in run_figures.currents(own).axes} - {''}
-    assert label == 'time from program start (s)'
+    assert label == 'time from program start [s]'
 
 
 @pytest.mark.parametrize(
     ('signal', 'labels'),
     [
-        ('tcp_speed', ['tcp_speed (m/s)']),
-        ('jacobian', ['condition', 'speed (m/s)', 'acceleration (m/s2)']),
+        ('tcp_speed', ['tcp_speed [m/s]']),
+        ('jacobian', ['condition', 'speed [m/s]', 'acceleration [m/s2]']),
         ('outputs', ['gripper', *'1234567']),
-        ('drive_voltage', ['1 (V)', '2 (V)', '3 (V)']),
+        ('drive_voltage', ['1 [V]', '2 [V]', '3 [V]']),
         ('status_word', ['1 (bits)', '2 (bits)', '3 (bits)']),
     ],
 )

@@ -66,8 +66,8 @@ def _places(points_m: Floats, checks: NDArray[np.bool_], robot: Parameters, titl
         above.plot(x, y, mark, color=colour, markersize=5, label=label)
         beside.plot(x, z, mark, color=colour, markersize=5)
     above.set_aspect('equal')
-    dress(above, xlabel='x (mm)', ylabel='y (mm)', xlim=(-1.1 * radius, 1.1 * radius))
-    dress(beside, xlabel='x (mm)', ylabel='z (mm)', xlim=(-1.1 * radius, 1.1 * radius))
+    dress(above, xlabel='x [mm]', ylabel='y [mm]', xlim=(-1.1 * radius, 1.1 * radius))
+    dress(beside, xlabel='x [mm]', ylabel='z [mm]', xlim=(-1.1 * radius, 1.1 * radius))
     legend_above(above)
     return figure
 
@@ -87,7 +87,7 @@ def what_is_left(found: Found) -> Figure:
                 number[checks], shown[checks], 'x', color=colour, markersize=8, label=f'{word}, not used'
             )
     axes.set_yscale('log')
-    dress(axes, xlabel='measurement', ylabel='left (mm)')
+    dress(axes, xlabel='measurement', ylabel='left [mm]')
     legend_above(axes)
     return figure
 
@@ -109,5 +109,5 @@ def corrections(found: Found) -> Figure:
             )  # fmt: skip
             axes.plot(one.arm, scale * true, 'D', markersize=5, markerfacecolor='none', color='black')
         greek = {'alpha': r'$\alpha$', 'theta': r'$\theta$'}.get(symbol, f'${symbol}$')
-        dress(axes, f'{greek} ({unit})', xlabel='arm', xlim=(0.5, 3.5), xticks=(1, 2, 3))
+        dress(axes, f'{greek} [{unit}]', xlabel='arm', xlim=(0.5, 3.5), xticks=(1, 2, 3))
     return figure

@@ -162,9 +162,9 @@ def current(found: BeforeAfter) -> Figure:
         for axes, model, title in zip(row, (found.before, found.after), ('before', 'after'), strict=True):
             axes.plot(found.time_s, found.robot.current[:, i], color=COLOURS[1], linewidth=0.8, label='robot')
             axes.plot(found.time_s, model.current[:, i], color=COLOURS[0], linewidth=0.8, label='model')
-            dress(axes, title if i == 0 else '', ylabel=f'motor {i + 1} (A)' if title == 'before' else '')
+            dress(axes, title if i == 0 else '', ylabel=f'motor {i + 1} [A]' if title == 'before' else '')
     for axes in grid[-1]:
-        axes.set_xlabel('time (s)')
+        axes.set_xlabel('time [s]')
     grid[0, 1].legend(ncols=2, **SMALL)
     return figure
 
@@ -176,7 +176,7 @@ def tcp_error(found: BeforeAfter) -> Figure:
     for axes, model, title in zip(row, (found.before, found.after), ('before', 'after'), strict=True):
         axes.plot(found.time_s, 1e3 * found.robot.error_norm, color=COLOURS[1], linewidth=0.8, label='robot')
         axes.plot(found.time_s, 1e3 * model.error_norm, color=COLOURS[0], linewidth=0.8, label='model')
-        dress(axes, title, xlabel='time (s)', ylabel='norm (mm)' if title == 'before' else '')
+        dress(axes, title, xlabel='time [s]', ylabel='norm [mm]' if title == 'before' else '')
     row[1].legend(ncols=2, **SMALL)
     return figure
 

@@ -73,9 +73,9 @@ def estimates(rows: list[dict[str, Any]]) -> Figure:
     left.set_yticks(range(len(shown)), [row['quantity'] for row in shown])
     right.axvline(1.0, **LEVEL)
     dress(left, 'start (orange) and estimate (blue)', ylim=(-0.6, len(shown) - 0.4),
-          xlabel=f'distance from the {"truth" if known else "estimate"} (%)')  # fmt: skip
+          xlabel=f'distance from the {"truth" if known else "estimate"} [%]')  # fmt: skip
     title = 'half width of the 95 % interval (bar)' + (', true error (diamond)' if known else '')
-    dress(right, title, xscale='log', xlim=(ERROR_MIN_PERCENT, 200.0), xlabel='share of the value (%)')
+    dress(right, title, xscale='log', xlim=(ERROR_MIN_PERCENT, 200.0), xlabel='share of the value [%]')
     return figure
 
 
@@ -98,7 +98,7 @@ def sensitivities(fit: Fit, problem: Problem) -> Figure:
     unclear = any(f.verdict is not Verdict.IDENTIFIABLE for f in findings)
     dress(left, '* not identifiable by itself' if unclear else '', xscale='log',
           xlim=(0.3, 3.0 * max(f.sensitivity for f in findings)),
-          xlabel='change of the signals for 100 % of the value\n(standard deviations of their noise)')  # fmt: skip
+          xlabel='change of the signals for 100 % of the value\n[standard deviations of their noise]')  # fmt: skip
     figure.legend(loc='outside upper right', ncols=len(names), **SMALL)
     values = np.array(report.singular_values)
     number = np.arange(1, len(values) + 1)
@@ -125,13 +125,13 @@ def residuals(fit: Fit, problem: Problem) -> Figure:
         left.axhspan(-2.0 * white.rms, 2.0 * white.rms, color='#EEEEEE', zorder=0)
         left.margins(x=0.0)
         title = f'rms {white.rms:.3g} {block.unit}, sensor noise {block.sigma:.3g} {block.unit}'
-        dress(left, title, ylabel=f'{block.name} ({block.unit})')
+        dress(left, title, ylabel=f'{block.name} [{block.unit}]')
         shown = white.autocorrelation[: min(LAGS, len(white.autocorrelation))]
         right.vlines(np.arange(len(shown)), 0.0, shown, color=COLOURS[0], linewidth=1.2)
         bound = 2.0 / math.sqrt(array.size)
         right.axhspan(-bound, bound, color='#EEEEEE', zorder=0)
         dress(right, 'autocorrelation', ylim=(-0.5, 1.05))
-    grid[-1, 0].set_xlabel('time (s)')
+    grid[-1, 0].set_xlabel('time [s]')
     grid[-1, 1].set_xlabel(f'lag (samples of {problem.blocks[-1].period_s * 1e3:.3g} ms)')
     grid[0, 0].legend(ncols=3, loc='upper right', **SMALL)
     return figure
@@ -150,7 +150,7 @@ def quotients(study: ThesisStudy) -> Figure:
         right.semilogx(STEPS, [q.agreement for q in own], color=colour, label=symbol, **LINE)
     step = 'step, share of the value'
     dress(left, 'through encoders (solid), true slope (dashed)', xlabel=step,
-          ylabel='length of the quotient (noise per 100 %)')  # fmt: skip
+          ylabel='length of the quotient [noise per 100 %]')  # fmt: skip
     dress(right, '1: the right direction, 0: chance', xlabel=step, ylabel='cosine to the true slope',
           ylim=(-0.15, 1.05))  # fmt: skip
     right.legend(**BESIDE)
@@ -174,7 +174,7 @@ def attempts(study: ThesisStudy) -> Figure:
     left.text(len(SYMBOLS) - 0.5, 1.25 * needed, 'needed', ha='right', va='bottom', fontsize=8)
     left.set_xticks(range(len(SYMBOLS)), SYMBOLS)
     dress(left, f'from values {100.0 * off:g} % off, usual settings', yscale='log', ylim=(1e-4, 1e4),
-          ylabel='change of the value by the estimation (%)')  # fmt: skip
+          ylabel='change of the value by the estimation [%]')  # fmt: skip
     left.legend(loc='upper center', ncols=2, **SMALL)
     for symbol, colour in zip(SYMBOLS, COLOURS, strict=False):
         costs = np.maximum(study.profiles[symbol], 0.03)
@@ -182,6 +182,6 @@ def attempts(study: ThesisStudy) -> Figure:
     right.axhline(3.84, **LEVEL)
     right.text(FACTORS[0], 4.3, '95 %', color=MUTED, fontsize=8)
     dress(right, 'what the current of the bus cycles tells', xlabel='factor on the right value',
-          ylabel='cost above its minimum (squares of the noise)')  # fmt: skip
+          ylabel='cost above its minimum [squares of the noise]')  # fmt: skip
     right.legend(**BESIDE)
     return figure

@@ -139,7 +139,7 @@ def panels(
         else:
             right.plot(time_s, robot[:, i] - model[:, i], color=MUTED, linewidth=1.0)
     unit = quantity.shown_unit.replace('^2', '²')
-    finish_over_time(grid[:, 0], [f'{symbol.format(column)} ({unit})' for column in quantity.columns])
+    finish_over_time(grid[:, 0], [f'{symbol.format(column)} [{unit}]' for column in quantity.columns])
     finish_over_time(grid[:, 1])
     if marked is not None:
         for axes in grid.flat:
@@ -148,7 +148,7 @@ def panels(
     if name in ('arm_acceleration', 'current'):
         _alike(grid[:, 0])
     text = 'deviation from the reference' if referred else 'robot - model'
-    panel_title(grid[0, 1], f'{text} ({unit})')
+    panel_title(grid[0, 1], f'{text} [{unit}]')
     legend_above(grid[0, 0])
     return figure
 
@@ -215,7 +215,7 @@ def tcp_error_norm(comparison: Comparison, title: str) -> Figure:
             top = max(top, float(np.nanmax(values)))
         axes.set_ylim(0.0, max(1.08 * top, 1e-3))
         axes.set_title(texts[name], fontsize=9, loc='left' if axes is not column[0] else 'right')
-    finish_over_time(column, ['error (mm)'] * len(names))
+    finish_over_time(column, ['error [mm]'] * len(names))
     legend_above(column[0])
     return figure
 
@@ -243,7 +243,7 @@ def effects(attribution: Attribution, title: str) -> Figure:
         rms = quantity.factor * math.sqrt(max(outcome.total, 0.0))
         text = textwrap.fill(quantity.text, 16)
         axes.axvline(0.0, color=MUTED, linewidth=0.8)
-        dress(axes, f'{_typeset(text)}\n{rms:.2g} {quantity.shown_unit} rms', xlabel='share (%)')
+        dress(axes, f'{_typeset(text)}\n{rms:.2g} {quantity.shown_unit} rms', xlabel='share [%]')
         axes.grid(visible=False, axis='y')
     # effects may cancel one another: shares lie below 0 and above 100 % then
     row[0].set_xlim(right=max(105.0, *(axes.dataLim.xmax + MARGIN for axes in row)))

@@ -103,13 +103,13 @@ def _legend_under_title(figure: Figure, columns: int, handles: list[Any], labels
 
 def arm_angles(trial: Trial) -> Figure:
     """Arm angles [deg] of the trajectory (Fig. 11.25, 11.32, 11.39)."""
-    labels = [rf'$\theta_{joint}$ (deg)' for joint in JOINTS]
+    labels = [rf'$\theta_{joint}$ [deg]' for joint in JOINTS]
     return _three_panels(_title(trial, 'arm angles', 0), trial, labels, np.degrees(trial.motion.theta))
 
 
 def tcp_position(trial: Trial) -> Figure:
     """TCP coordinates [mm] of the trajectory (Fig. 11.26, 11.33, 11.40)."""
-    labels = [f'{axis} (mm)' for axis in 'xyz']
+    labels = [f'{axis} [mm]' for axis in 'xyz']
     return _three_panels(_title(trial, 'TCP position', 1), trial, labels, 1e3 * trial.motion.tcp)
 
 
@@ -121,7 +121,7 @@ def joint_velocities(trial: Trial, errors: str) -> Figure:
     series = (trial.exact.velocity, trial.inexact.velocity, motion.thetadot)
     for i, axes in enumerate(panels):
         _curves(axes, motion.time_s, *(np.degrees(values[:, i]) for values in series))
-    finish_over_time(panels, [rf'$\dot\theta_{joint}$ (deg/s)' for joint in JOINTS], 'time (s)')
+    finish_over_time(panels, [rf'$\dot\theta_{joint}$ [deg/s]' for joint in JOINTS], 'time [s]')
     _legend_of_curves(figure, errors)
     return figure
 
@@ -141,7 +141,7 @@ def velocity_deviation(trial: Trial, errors: str, told: str = '') -> Figure:
             axes.plot(motion.time_s, far[:, i], **INEXACT, label=errors)
             if column == 0:
                 _draw_courses(axes, trial, 'velocity', i)
-            axes.set_ylabel(f'joint {i + 1} (%)')
+            axes.set_ylabel(f'joint {i + 1} [%]')
             if motion.thesis is not None:
                 for sign in (-1.0, 1.0):
                     axes.axhline(
@@ -153,8 +153,8 @@ def velocity_deviation(trial: Trial, errors: str, told: str = '') -> Figure:
     panel_title(grid[0, 1], f'share of the momentary value, above {100 * THRESHOLD:g} % of peak')
     for axes in grid.flat:
         dress(axes, xlim=motion.time_s[[0, -1]])
-    grid[-1, 0].set_xlabel(f'time (s)\n{told}' if told else 'time (s)')
-    grid[-1, 1].set_xlabel('time (s)')
+    grid[-1, 0].set_xlabel(f'time [s]\n{told}' if told else 'time [s]')
+    grid[-1, 1].set_xlabel('time [s]')
     figure.align_ylabels()
     handles, labels = grid[0, 0].get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
@@ -174,8 +174,8 @@ def joint_acceleration(trial: Trial, joint: int, errors: str, told: str = '') ->
     _draw_courses(panels[1], trial, 'acceleration', i)
     if trial.courses:
         legend_above(panels[1])
-    labels = (rf'$\ddot\theta_{joint}$ (deg/s$^2$)', 'deviation\n(% of the peak)')
-    finish_over_time(panels, labels, f'time (s)\n{told}' if told else 'time (s)')
+    labels = (rf'$\ddot\theta_{joint}$ [deg/s$^2$]', 'deviation\n[% of the peak]')
+    finish_over_time(panels, labels, f'time [s]\n{told}' if told else 'time [s]')
     _legend_of_curves(figure, errors)
     return figure
 
@@ -195,7 +195,7 @@ def causes(trials: list[Trial], errors: str) -> Figure:
             axes.bar(places - 0.4 + (n + 0.5) * width, [lengths, *others], 0.9 * width,
                      color=COLOURS[n % len(COLOURS)], label=trial.motion.name)  # fmt: skip
         axes.set_xticks(places, [fill(name, CAUSE_WIDTH) for name in names], fontsize=8)
-        axes.set_ylabel(f'{quantity} (% of the peak)')
+        axes.set_ylabel(f'{quantity} [% of the peak]')
         dress(axes)
     row[1].set_xlabel(IMPLAUSIBLE, fontsize=8)
     _legend_under_title(figure, min(len(trials), 4), *row[0].get_legend_handles_labels())
@@ -221,8 +221,8 @@ def sensitivities(trials: list[Trial]) -> Figure:
                 axes.text(list(LENGTHS).index('l_B'), 0.02, 'does not enter', rotation=90, fontsize=8,
                           ha='center', va='bottom', color='#555555', transform=axes.get_xaxis_transform())  # fmt: skip
         grid[1, column].set_xticks(places, [f'${symbol}$' for symbol in LENGTHS])
-    grid[0, 0].set_ylabel('velocity (% of the peak)')
-    grid[1, 0].set_ylabel('acceleration (% of the peak)')
+    grid[0, 0].set_ylabel('velocity [% of the peak]')
+    grid[1, 0].set_ylabel('acceleration [% of the peak]')
     for axes in grid.flat:
         dress(axes)
     _legend_under_title(figure, min(len(trials), 4), *grid[0, 0].get_legend_handles_labels())
@@ -255,14 +255,14 @@ def deviation_over_condition(found: condition.Sweep, kinematics: Kinematics) -> 
     left.text(1.15 * inside['max'], 0.97, 'grey: inside\nthe workspace', fontsize=8, color='#555555', va='top',
               transform=left.get_xaxis_transform())  # fmt: skip
     dress(left, 'poses on rays to singularities: median, 5 to 95 %', xlabel='condition number of J',
-          ylabel='deviation in the worst direction (%)', xscale='log', yscale='log')  # fmt: skip
+          ylabel='deviation in the worst direction [%]', xscale='log', yscale='log')  # fmt: skip
     other = right.twinx()
     other.plot(1e3 * ray.gap_m, ray.condition, color=MUTED, linewidth=1.2, linestyle=DASHED)
     other.set_yscale('log')
     other.set_ylabel('condition number of J (dashed)', color='#555555')
     other.spines['top'].set_visible(False)
     right.invert_xaxis()
-    dress(right, f'along y at z = {ray.tcp[0, 2]:.3g} m', xlabel='distance to the singularity (mm)',
+    dress(right, f'along y at z = {ray.tcp[0, 2]:.3g} m', xlabel='distance to the singularity [mm]',
           xscale='log', yscale='log')  # fmt: skip
     _legend_under_title(figure, 1, *left.get_legend_handles_labels())
     return figure
@@ -284,7 +284,7 @@ def _three_panels(title: str, trial: Trial, labels: list[str], values: Floats) -
     for axes, column, colour in zip(panels, values.T, AXIS_COLOURS, strict=True):
         axes.plot(trial.motion.time_s, column, color=colour, linewidth=1.6)
     keep_span(panels, 1.0)
-    finish_over_time(panels, labels, 'time (s)')
+    finish_over_time(panels, labels, 'time [s]')
     return figure
 
 

@@ -43,7 +43,7 @@ def repetitions(found: Results) -> Figure:
     axes.semilogy(numbers, rms, 's-', color=COLOURS[1], label='rms')
     axes.axvline(found.best.number, color=MUTED, linewidth=0.8, zorder=0)
     axes.set_xticks(numbers)
-    dress(axes, xlabel='repetition', ylabel='TCP error (mm)')
+    dress(axes, xlabel='repetition', ylabel='TCP error [mm]')
     legend_above(axes)
     return figure
 
@@ -67,7 +67,7 @@ def before_and_after(found: Results) -> Figure:
             linewidth=width,
             label=f'motor {axis + 1}',
         )
-    finish_over_time(panels, ('TCP error (mm)', 'after (mm)', 'learned (N m)'))
+    finish_over_time(panels, ('TCP error [mm]', 'after [mm]', 'learned [N m]'))
     legend_above(panels[0])
     legend_above(panels[2])
     return figure

@@ -58,7 +58,7 @@ def motor_and_drive(found: SingleRun) -> Figure:
     current.plot(time, found.current[rows], label='$I_{eff}$', color=AXIS_COLOURS[0], **THIN)
     for axes in (way, error, speed, current):
         _legend(axes, 2)
-    labels = ('position (rad)', 'deviation (mrad)', 'speed (rad/s)', 'current (A)')
+    labels = ('position [rad]', 'deviation [mrad]', 'speed [rad/s]', 'current [A]')
     finish_over_time((way, error, speed, current), labels)
     return figure
 
@@ -77,7 +77,7 @@ def phase_currents(found: SingleRun) -> Figure:
     voltage.plot(time, found.voltage[rows], label='of a phase, rms', color=COLOURS[4], **THIN)
     for axes in (phases, effective, voltage):
         _legend(axes, 3)
-    finish_over_time((phases, effective, voltage), ('current (A)', 'current (A rms)', 'voltage (V)'))
+    finish_over_time((phases, effective, voltage), ('current [A]', 'current [A rms]', 'voltage [V]'))
     return figure
 
 
@@ -105,6 +105,6 @@ def torques(found: SingleRun) -> Figure:
     shaft.plot(time, inertial, label='inertia times acceleration', color=COLOURS[5], linewidth=0.8)
     for axes in (all_torques, shaft):
         _legend(axes, 2)
-    finish_over_time((all_torques, shaft), ('torque (N m)', 'torque (N m)'))
+    finish_over_time((all_torques, shaft), ('torque [N m]', 'torque [N m]'))
     panel_title(shaft, f'shaft and load: {1e4 * found.inertia_kg_m2:.3f} kg cm2', parse_math=False)
     return figure

@@ -47,7 +47,7 @@ QUANTITY_COLOURS = dict(
         strict=True,
     )
 )
-TIME_LABEL = 'time from program start (s)'
+TIME_LABEL = 'time from program start [s]'
 
 
 def by_name(found: PlanStudy, parameters: Parameters) -> Drawings:
@@ -78,19 +78,19 @@ def virtual_master(found: PlanStudy) -> Figure:
     master.plot([time, time, s.time_s[-1]], [0.0, distance, distance], **LIMIT)
     master.plot(time, distance, 'o', color=NORM_COLOUR, markersize=7, zorder=5)
     panel_title(master, 'master: distance s of the TCP motion')
-    master.set(xlabel=TIME_LABEL, ylabel='s (mm)', xlim=(s.time_s[0], s.time_s[-1]))
+    master.set(xlabel=TIME_LABEL, ylabel='s [mm]', xlim=(s.time_s[0], s.time_s[-1]))
     master.set_ylim(bottom=0.0)
     for n, axes in enumerate(slaves):
         values = MM * s.position_m[:, n]
         axes.plot(MM * s.distance_m, values, color=AXIS_COLOURS[n], **LINE)
         axes.axvline(distance, **LIMIT)
         axes.plot(distance, values[here], 'o', color=NORM_COLOUR, markersize=6, zorder=5)
-        axes.set_ylabel(f'{"xyz"[n]} (mm)')
+        axes.set_ylabel(f'{"xyz"[n]} [mm]')
         keep_span([axes], 1.0)
     panel_title(slaves[0], 'slaves: position over the distance')
     speed.plot(MM * s.distance_m, s.speed_m_s, color=INK, **LINE)
     speed.axvline(distance, **LIMIT)
-    speed.set(ylabel='speed (m/s)', xlabel='s (mm)', xlim=(0.0, max(MM * s.distance_m[-1], 1e-3)))
+    speed.set(ylabel='speed [m/s]', xlabel='s [mm]', xlim=(0.0, max(MM * s.distance_m[-1], 1e-3)))
     for axes in (master, *slaves, speed):
         dress(axes)
         axes.ticklabel_format(useOffset=False)
@@ -118,7 +118,7 @@ def position_and_velocity(found: PlanStudy) -> Figure:
         axes.plot(s.time_s, along, color=AXIS_COLOURS[0], linewidth=1.2, label='along the path')
         axes.plot(s.time_s, limit, label='limit of the program', **LIMIT)
         axes.plot(s.time_s, -limit, **LIMIT)
-    labels = ['distance (mm)', 'speed (m/s)', 'acceleration (m/s$^2$)', 'jerk (m/s$^3$)']
+    labels = ['distance [mm]', 'speed [m/s]', 'acceleration [m/s$^2$]', 'jerk [m/s$^3$]']
     finish_over_time(panels, labels, TIME_LABEL)
     _legend_below(figure, panels[2])
     return figure
@@ -150,7 +150,7 @@ def path_points(found: PlanStudy) -> Figure:
     figure.legend(loc='lower left', bbox_to_anchor=(0.02, 0.01), ncols=3, frameon=False, fontsize=9)
     beside = figure.add_axes((0.66, 0.065, 0.3, 0.022))
     bar = figure.colorbar(ScalarMappable(norm, SPEED_MAP), cax=beside, orientation='horizontal')
-    bar.set_label('TCP speed (m/s)', fontsize=9)
+    bar.set_label('TCP speed [m/s]', fontsize=9)
     bar.ax.tick_params(labelsize=8)
     return figure
 
@@ -188,8 +188,8 @@ def over_path(found: PlanStudy) -> Figure:
         axes.set_ylim(bottom=0.0)
     panels[3].plot(distance, s.curvature_1_m, color=NORM_COLOUR, **LINE)
     keep_span([panels[3]], 0.1)
-    labels = ['TCP speed (m/s)', 'TCP acceleration\n(m/s$^2$)', 'TCP jerk (m/s$^3$)', 'curvature (1/m)']
-    finish_over_time(panels, labels, 'distance along the path (mm)')
+    labels = ['TCP speed [m/s]', 'TCP acceleration\n[m/s$^2$]', 'TCP jerk [m/s$^3$]', 'curvature [1/m]']
+    finish_over_time(panels, labels, 'distance along the path [mm]')
     return figure
 
 
@@ -213,7 +213,7 @@ def motors(found: PlanStudy, parameters: Parameters) -> Figure:
             axes.plot(s.time_s, values[:, i], color=colour, label=f'axis {i + 1}', linewidth=width)
         _bounds(axes, values, bounds, LIMIT)
     _bounds(panels[2], s.motor_torque_n_m, (-nominal, nominal), LIMIT | {'linestyle': (0, (1, 2))})
-    finish_over_time(panels, ['arm angle (deg)', 'motor speed (rpm)', 'motor torque (N m)'], TIME_LABEL)
+    finish_over_time(panels, ['arm angle [deg]', 'motor speed [rpm]', 'motor torque [N m]'], TIME_LABEL)
     legend_above(panels[0])
     panel_title(
         panels[2], 'dashed: limit (peak current), dotted: nominal current, where they are near', color=MUTED
@@ -246,7 +246,7 @@ def limits(found: PlanStudy) -> Figure:
     for begin, end in pairwise(edges.tolist()):
         quantity = QUANTITIES[int(s.leading[begin])]
         lower.axvspan(s.time_s[begin], s.time_s[end], color=QUANTITY_COLOURS[quantity], linewidth=0.0)
-    finish_over_time([upper, lower], ['share of the limit (%)', ''], TIME_LABEL)
+    finish_over_time([upper, lower], ['share of the limit [%]', ''], TIME_LABEL)
     upper.set_ylim(0.0, 108.0)
     lower.set_yticks([])
     lower.grid(visible=False)

@@ -97,7 +97,7 @@ def inverse_kinematics(pose: Pose, parameters: Parameters) -> Figure:
     panels = list(grid.subplots(sharey=True, squeeze=False)[0])
     for i, axes in enumerate(panels):
         _arm_plane(axes, i, (outward[i], inward[i]), point, parameters)
-    panels[0].set_ylabel('z (mm)')
+    panels[0].set_ylabel('z [mm]')
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='lower center', ncols=5, frameon=False, fontsize=9)
     return figure
@@ -141,7 +141,7 @@ def _arm_plane(
     reach = MM * (k.upper_arm_length_m + 0.02)
     low = min(float(wrist[1]), -reach) - 40.0
     axes.set(xlim=(-reach + centre[0] - 60.0, reach + centre[0] + 60.0), ylim=(low, reach + 40.0))
-    axes.set_xlabel('outward (mm)', fontsize=9)
+    axes.set_xlabel('outward [mm]', fontsize=9)
 
 
 def eight_solutions(pose: Pose, parameters: Parameters) -> Figure:

@@ -73,8 +73,8 @@ def inside_a_cycle(found: Results, cases: list[Case]) -> Figure:
         for axes in column:
             axes.axvspan(0.0, 1e3 * cycle_s, color='#EEEEEE', zorder=0)
         panel_title(way, case.interpolation)
-        finish_over_time(column, what='time from the start of the bus cycle (ms)')
-    labels = ('set point (mrad)', 'speed (rad/s)', 'current (A)', 'voltage (V)')
+        finish_over_time(column, what='time from the start of the bus cycle [ms]')
+    labels = ('set point [mrad]', 'speed [rad/s]', 'current [A]', 'voltage [V]')
     for axes, label in zip(grid[:, 0], labels, strict=True):
         axes.set_ylabel(label)
     for axes in grid[1:3, -1]:
@@ -114,8 +114,8 @@ def currents(found: Results) -> Figure:
         )  # fmt: skip
         axes.margins(x=0.0)
     for axes in grid[:, 0]:
-        axes.set_ylabel('current (A)')
+        axes.set_ylabel('current [A]')
     for axes in grid[-1]:
-        axes.set_xlabel('time from program start (s)')
+        axes.set_xlabel('time from program start [s]')
     grid[0, -1].legend(loc='lower left', frameon=False, fontsize=8)
     return figure

@@ -93,8 +93,8 @@ def steps(variants: dict[str, Variant]) -> Figure:
                 shown = max(shown, float(loop.step.time_s[-1]) if settling is None else SHOWN * settling)
         axes.axhline(1.0, color=MUTED, linewidth=0.8)
         dress(axes, TITLES[variants[names[0]].loops[number].name], ylim=(1.1 * lowest - 0.05, highest),
-              xlabel='time (ms)', xlim=(0.0, 1e3 * shown if shown > 0.0 else None))  # fmt: skip
-    panels[0].set_ylabel('actual value, share of the step (1)')
+              xlabel='time [ms]', xlim=(0.0, 1e3 * shown if shown > 0.0 else None))  # fmt: skip
+    panels[0].set_ylabel('actual value, share of the step [1]')
     # a loop that is not stable, or the same before and after, is told in the label
     told = dict(
         pair for axes in panels for pair in zip(*reversed(axes.get_legend_handles_labels()), strict=True)
@@ -139,9 +139,9 @@ def bode(results: dict[str, LoopResult]) -> Figure:
             top.legend(fontsize=7, frameon=False, loc='lower left')
     for (top, bottom), (title, span, level) in zip(grid.T, panels, strict=True):
         top.axhline(level, color=MUTED, linewidth=0.8)
-        dress(top, title, xscale='log', ylim=span, ylabel='magnitude (dB)')
+        dress(top, title, xscale='log', ylim=span, ylabel='magnitude [dB]')
         dress(bottom, xscale='log', ylim=(-360.0, 75.0), yticks=np.arange(-360.0, 1.0, 90.0),
-              ylabel='phase (deg)', xlabel='frequency (Hz)')  # fmt: skip
+              ylabel='phase [deg]', xlabel='frequency [Hz]')  # fmt: skip
     for axes in grid[:, 0]:
         axes.legend(fontsize=7, frameon=False, loc='upper right')
     return figure
@@ -167,9 +167,9 @@ def measured_response(one: MeasuredResponse, loop: LoopResult | None) -> Figure:
         told = f'trusted (shaded): {band[0]:.3g} to {band[1]:.4g} Hz'
         for axes in (top, middle, bottom):
             axes.axvspan(*band, color='#EEF5EE', zorder=0)
-    dress(top, told, xscale='log', ylabel='magnitude (dB)')
-    dress(middle, xscale='log', ylabel='phase (deg)')
-    dress(bottom, xscale='log', ylabel='coherence (1)', ylim=(-0.05, 1.05), xlabel='frequency (Hz)')
+    dress(top, told, xscale='log', ylabel='magnitude [dB]')
+    dress(middle, xscale='log', ylabel='phase [deg]')
+    dress(bottom, xscale='log', ylabel='coherence [1]', ylim=(-0.05, 1.05), xlabel='frequency [Hz]')
     top.legend(loc='lower left', **LEGEND)
     return figure
 
@@ -190,7 +190,7 @@ def effects(variants: dict[str, Variant]) -> Figure:
         panels[-1].plot(effect.time_s, 1e6 * effect.tcp_error_m, color=colour, linewidth=1.0)
     drives = [f'arm {axis}' if axis != TOOL_AXIS else 'motor of the tool' for axis in axes]
     labels = [*(f'{drive}\n(0.001 deg)' for drive in drives), 'TCP error\n(um)']
-    finish_over_time(panels, labels, 'time from the start of the program (s)')
+    finish_over_time(panels, labels, 'time from the start of the program [s]')
     if panels[0].get_legend_handles_labels()[0]:
         figure.legend(loc='outside upper right', ncols=2, **LEGEND)
     return figure
@@ -208,7 +208,7 @@ def load_step(variants: dict[str, Variant]) -> Figure:
         axes.plot(1e3 * one.time_s, np.degrees(one.deviation_rad), color=colour, linewidth=1.6, label=label)
         latest = max(latest, one.back_s or float(one.time_s[-1]))
     axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    dress(axes, xlabel='time (ms)', ylabel='deviation of the shaft (deg)', xlim=(0.0, 1.3e3 * latest))
+    dress(axes, xlabel='time [ms]', ylabel='deviation of the shaft [deg]', xlim=(0.0, 1.3e3 * latest))
     axes.legend(loc='upper right', **LEGEND)
     return figure
 
@@ -245,9 +245,9 @@ def sweep(points: list[SweepPoint], swept: str) -> Figure:
                 axes.axvspan(point.value - half, point.value + half, color=colour, zorder=0, linewidth=0)
     middle.axhline(0.0, color=MUTED, linewidth=0.8)
     told = 'red: a loop is unstable; yellow: one is somewhere in the workspace, or the program trips a drive'
-    dress(top, told, ylabel='following error\n(0.001 deg, arm)')
-    dress(middle, ylabel='phase margin (deg)')
-    dress(bottom, ylabel='overshoot of a step (%)', xlabel=f'{swept} (SI)')
+    dress(top, told, ylabel='following error\n[0.001 deg, arm]')
+    dress(middle, ylabel='phase margin [deg]')
+    dress(bottom, ylabel='overshoot of a step [%]', xlabel=f'{swept} [SI]')
     for axes in (top, middle):
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), **LEGEND)
     return figure

@@ -91,9 +91,9 @@ def solutions(arm: TwoLinkArm, p: ArrayLike) -> Figure:
         axes.set_title(
             rf'{branch.value}: $\theta_1 = {first:z.1f}$°, $\theta_2 = {second:z.1f}$°', fontsize=10
         )
-        dress(axes, xlabel='x (m)', aspect='equal', xlim=(middle[0] - half, middle[0] + half),
+        dress(axes, xlabel='x [m]', aspect='equal', xlim=(middle[0] - half, middle[0] + half),
               ylim=(middle[1] - half, middle[1] + half))  # fmt: skip
-    panels[0].set_ylabel('y (m)')
+    panels[0].set_ylabel('y [m]')
     figure.legend(*panels[0].get_legend_handles_labels(), ncols=4, **LEGEND)
     return figure
 
@@ -110,11 +110,11 @@ def workspace(arm: TwoLinkArm) -> Figure:
         points[..., 0], points[..., 1], measure, cmap='viridis', shading='gouraud', rasterized=True
     )
     bar = figure.colorbar(colours, ax=axes, shrink=0.85)
-    bar.set_label(r'manipulability $|\det\,J|$ (m$^2$)')
+    bar.set_label(r'manipulability $|\det\,J|$ [m$^2$]')
     _circles(axes, arm)
     right_angle = math.hypot(arm.lower_arm_length_m, arm.upper_arm_length_m)
     _circle(axes, right_angle, rf'largest: $\theta_2$ = ±90°, r = {right_angle:.3g} m', BEST)
-    dress(axes, xlabel='x (m)', ylabel='y (m)', aspect='equal')
+    dress(axes, xlabel='x [m]', ylabel='y [m]', aspect='equal')
     axes.grid(visible=False)
     axes.use_sticky_edges = False
     axes.margins(0.04)
@@ -129,10 +129,10 @@ def manipulability_over_theta_2(arm: TwoLinkArm) -> Figure:
     theta_2, product, condition = _over_theta_2(arm).T
     panels[0].plot(np.degrees(theta_2), product, color=LOWER, linewidth=1.8)
     panels[1].semilogy(np.degrees(theta_2), condition, color=LOWER, linewidth=1.8)
-    dress(panels[0], ylabel=r'$|\det\,J|$ (m$^2$)',
+    dress(panels[0], ylabel=r'$|\det\,J|$ [m$^2$]',
           ylim=(0.0, 1.22 * arm.lower_arm_length_m * arm.upper_arm_length_m))  # fmt: skip
     dress(panels[1], ylabel='condition number of J', ylim=(1.0, CONDITION_MAX),
-          xlabel=r'$\theta_2$ (deg)', xticks=range(-180, 181, 45))  # fmt: skip
+          xlabel=r'$\theta_2$ [deg]', xticks=range(-180, 181, 45))  # fmt: skip
     for axes in panels:
         axes.margins(x=0.0)
         for degrees, style in ((-180.0, INNER), (0.0, OUTER), (180.0, INNER)):
@@ -177,13 +177,13 @@ def joint_speeds_along_lines(arm: TwoLinkArm) -> Figure:
         plane.plot(
             *_joints(pose, arm).T, 'o-', color=PALE, linewidth=1.5, markersize=3, zorder=1.5, label=label
         )
-    dress(plane, xlabel='x (m)', ylabel='y (m)', aspect='equal')
+    dress(plane, xlabel='x [m]', ylabel='y [m]', aspect='equal')
     plane.locator_params(nbins=7)
-    labels = (r'$\dot\theta_1$ (deg/s)', r'$\dot\theta_2$ (deg/s)', r'$|\det\,J|$ (m$^2$)')
+    labels = (r'$\dot\theta_1$ [deg/s]', r'$\dot\theta_2$ [deg/s]', r'$|\det\,J|$ [m$^2$]')
     for axes, label in zip(panels, labels, strict=True):
         dress(axes, ylabel=label)
         axes.tick_params(labelbottom=axes is panels[-1])
-    panels[-1].set(ylim=(0.0, None), xlabel='x of the tool (m)')
+    panels[-1].set(ylim=(0.0, None), xlabel='x of the tool [m]')
     figure.align_ylabels(panels)
     figure.legend(ncols=3, **LEGEND)
     return figure
