@@ -100,7 +100,7 @@ class Robot:
         self._write('move_l', keys, values)
 
     def move_c(self, *values: Any, **keys: Any) -> None:
-        """Move along a circle through ``via_m`` to ``to_m``."""
+        """Move along a circle through ``via_m`` to ``to_m``, or over ``angle_deg`` on that circle, 360 a turn."""
         self._write('move_c', keys, values)
 
     def move_sb(self, *values: Any, **keys: Any) -> None:

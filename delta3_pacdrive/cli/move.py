@@ -87,6 +87,12 @@ class Options(NodeOptions, JsonOptions):
         'first go straight to the start of the program, at 0.25 m/s at most: to its start_m, or to where --from begins',
         only=('program',),
     )
+    angle: float | None = option(
+        'go over this angle on the circle through both points, 360 a turn [deg]',
+        'DEG',
+        type=finite_number,
+        only=('c',),
+    )
     relative: bool = flag('points are steps from where the robot stands', only=POINTS)
 
 
@@ -136,7 +142,8 @@ def _document(options: Options) -> str:
         statement: dict[str, Any] = {'move_l': {'to_m': to, **limits}}
     elif options.action == 'c':
         via, to = _points(options, 2)
-        statement = {'move_c': {'via_m': via, 'to_m': to, **limits}}
+        angle = {} if options.angle is None else {'angle_deg': options.angle}
+        statement = {'move_c': {'via_m': via, 'to_m': to, **angle, **limits}}
     else:
         statement = {'move_sb': {'through_m': _points(options, None), **limits}}
     return json.dumps({'moves': [statement]})

@@ -14,6 +14,7 @@ from delta3_pacdrive.motion.program import (
     Angle,
     Cubic,
     Joints,
+    MoveC,
     MoveL,
     Output,
     PathMove,
@@ -154,6 +155,8 @@ def _behind(statement: Statement, here: Floats | None, parameters: Parameters) -
         return kinematics.forward(np.array(statement.points[-1].angles_rad), parameters.kinematics)
     if here is not None:
         return end_of(statement, here)
+    if isinstance(statement, MoveC) and statement.angle_rad is not None:
+        return None  # the circle depends on where it begins
     # from an unknown place both are known only of what leads to a point
     one, other = (end_of(statement, np.full(3, place)) for place in (0.0, 1.0))
     return one if np.array_equal(one, other) else None

@@ -104,8 +104,10 @@ def point(position: ArrayLike) -> Curve:
     return line(position, position)
 
 
-def arc(start: ArrayLike, via: ArrayLike, end: ArrayLike) -> Curve:
+def arc(start: ArrayLike, via: ArrayLike, end: ArrayLike, angle_rad: float | None = None) -> Curve:
     """Circle from a start through a circle point to an end [m] (6.2): points on it, joined by a cubic spline.
+
+    With an angle it goes on, or stops before the end, after that angle; a whole number of turns ends at the start.
 
     Raises
     ------
@@ -120,7 +122,8 @@ def arc(start: ArrayLike, via: ArrayLike, end: ArrayLike) -> Curve:
         ('circle point and end', c, b),
     ):
         if np.linalg.norm(p - q) < COINCIDENT_M:
-            raise ProgramError(f'{name} of the circle coincide')
+            advice = ': for a full circle give two other points of it, and angle_deg: 360'
+            raise ProgramError(f'{name} of the circle coincide{advice if name == "start and end" else ""}')
     u, v = c - a, b - a
     normal = np.cross(u, v)
     sine = np.linalg.norm(normal) / (np.linalg.norm(u) * np.linalg.norm(v))
@@ -134,6 +137,11 @@ def arc(start: ArrayLike, via: ArrayLike, end: ArrayLike) -> Curve:
     e2 = np.cross(normal / np.linalg.norm(normal), e1)
     # the normal is that of a, c, b in this order, so that both angles lie in (0, 2 pi)
     sweep = float(np.arctan2(np.dot(b - centre, e2), np.dot(b - centre, e1))) % (2.0 * np.pi)
+    if angle_rad is not None:
+        sweep = angle_rad
+        turns = sweep / (2.0 * np.pi)
+        is_whole = abs(turns - round(turns)) * radius < COINCIDENT_M * 1e-3
+        b = a if is_whole else centre + radius * (np.cos(sweep) * e1 + np.sin(sweep) * e2)
     pieces = int(np.ceil(max(sweep / ARC_POINT_RAD, min(sweep * radius / ARC_POINT_M, 64.0), 4.0)))
     angles = np.linspace(0.0, sweep, pieces + 1)[:, None]
     points = centre + radius * (np.cos(angles) * e1 + np.sin(angles) * e2)

@@ -64,10 +64,11 @@ class MoveL(PathMove):
 
 @dataclass(frozen=True)
 class MoveC(PathMove):
-    """Circle through a circle point to an end (6.2)."""
+    """Circle through a circle point to an end (6.2), or on that circle over an angle [rad], in the same direction."""
 
     via: Target
     to: Target
+    angle_rad: float | None = None
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ moves:
 - move_l: {to_m: {by_m: [0.0, 0.0, 0.02]}}                            # relative to where the robot stands
 - move_l: {to_m: {point: pick, by_m: [0.0, 0.0, 0.1]}, strict: true}  # relative to a point; refused, not slowed down
 - move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8]}           # circle through a point
+- move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8], angle_deg: 720}    # two turns on the circle through these
 - move_sb: {through_m: [[0.1, 0.0, -0.8], pick]}                      # spline through at most 100 points
 - move_l: {to_m: pick, turn_deg: 90}      # the tool turns on the way; or turn_deg: {by_deg: 45}, from where it stands
 - turn: {to_deg: 0}                                                   # and while the robot stands

@@ -340,7 +340,10 @@ class RoundPlanner:
             angles = np.array(statement.points[-1].angles_rad)
             end = kinematics.forward(angles, self._parameters.kinematics, unreachable='nan')
             return self.here if np.isnan(end).any() else end
-        return end_of(statement, self.here)
+        try:
+            return end_of(statement, self.here)
+        except ProgramError:  # a circle over an angle that is none: refused where it is planned
+            return self.here
 
     def _end_cubics(self) -> None:
         """Time and check a sequence of cubics, which begins and ends at rest."""

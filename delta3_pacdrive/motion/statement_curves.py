@@ -26,6 +26,9 @@ def end_of(statement: Statement, here: Floats) -> Floats:
         for target in statement.through:
             here = resolve(target, here)
         return here
+    if isinstance(statement, MoveC) and statement.angle_rad is not None:
+        curve, _ = curve_of(here, statement)
+        return np.asarray(curve.at(curve.length_m)[0])
     return here if isinstance(statement, Dwell | Joints | Output | Turn) else resolve(statement.to, here)
 
 
@@ -39,8 +42,8 @@ def curve_of(here: Floats, statement: PathMove) -> tuple[Curve, MoveKind]:
     match statement:
         case MoveL(to=to):
             return curves.line(here, resolve(to, here)), MoveKind.LINE
-        case MoveC(via=via, to=to):
-            return curves.arc(here, resolve(via, here), resolve(to, here)), MoveKind.ARC
+        case MoveC(via=via, to=to, angle_rad=angle_rad):
+            return curves.arc(here, resolve(via, here), resolve(to, here), angle_rad), MoveKind.ARC
         case MoveSB(through=through):
             points = [here]
             for target in through:

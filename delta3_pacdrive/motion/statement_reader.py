@@ -52,6 +52,8 @@ SHIFTS = ('before_m', 'after_m', 'before_s', 'after_s', 'in_time')
 CLEARANCE_MAX_M = 1.0  # of an arch
 VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
 TURN_MAX_RAD = 1e3  # farther is a mistake of units
+ARC_TURNS_MAX = 100
+ARC_MAX_RAD, ARC_ROUNDING_RAD = ARC_TURNS_MAX * math.tau, 1e-9
 LEVEL_M = 1e-9  # beside the axis of the tool that is rounding
 LEVEL_RAD = 1e-9  # tilt of a frame that is rounding
 FOR_EACH = 'for_each'
@@ -128,7 +130,7 @@ class StatementReader:
             'move_l': _Kind(MoveL, {}, {'to_m': ('to', points.target)}, ('to_m',)),
             'move_c': _Kind(
                 MoveC,
-                {},
+                {'angle_rad': ('angle_rad', _arc_angle)},
                 {'via_m': ('via', points.target), 'to_m': ('to', points.target)},
                 ('to_m', 'via_m'),
             ),
@@ -390,6 +392,16 @@ def _require_upright(frame: Frame, where: str, what: str) -> None:
     if frame.tilt_rad > LEVEL_RAD:
         tilt = math.degrees(frame.tilt_rad)
         refuse(f'{where}: {what} needs a frame whose z axis is upright, not one tilted by {tilt:.3g} deg')
+
+
+def _arc_angle(value: Any, where: str) -> float:
+    angle = number(value, where)
+    if not 0.0 < angle <= ARC_MAX_RAD + ARC_ROUNDING_RAD:
+        refuse(
+            f'{where} is {angle:g} rad, but must be positive and at most {ARC_MAX_RAD:.6g} rad '
+            f'({ARC_TURNS_MAX} turns); exchange via and to for the other direction'
+        )
+    return angle
 
 
 def _turn(value: Any, where: str) -> float:

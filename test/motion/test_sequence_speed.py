@@ -1,15 +1,20 @@
 """The speed over blended sequences: every place runs at the speed that its own limits allow."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file, program_planner
+from delta3_pacdrive.motion.adapted_program import rest_of
 from delta3_pacdrive.motion.move_grid import limits_at
 from delta3_pacdrive.motion.path_dynamics import tcp_motion
 from delta3_pacdrive.motion.virtual_master import sample_master
 
 LIMITS = {'speed_mm_s': 500, 'acceleration_mm_s2': 20000, 'jerk_mm_s3': 2000000}
 KEPT = 1.0 + 2e-4  # of a limit between two grid points of the planner
+NEARLY_SINGLE = 5e-4  # of the speed of a single statement, taken from all of it
 NEARLY = 1.0 - 2e-4  # of a speed that is reached
 STEPS = 20_000
 TIGHT = [  # straight, tangent arc of 20 mm, straight
@@ -133,3 +138,60 @@ def test_a_sharp_corner_of_many_costs_no_speed_elsewhere(robot):
         distance, (speed, *_), _ = driven(found)
         assert between(distance, speed, 0.035, 0.045).min() > 0.5 * NEARLY
         require_limits(found)
+
+
+CIRCLE = {'via_mm': [0, 80, -800], 'to_mm': [-80, 0, -800]}
+
+
+@pytest.mark.parametrize('angle_deg', [1.0, 90.0, 180.0, 359.0, 360.0, 361.0, 720.0, 1234.5])
+def test_a_circle_over_an_angle_is_one_move_at_constant_speed(robot, angle_deg):
+    found = planned(robot, [80, 0, -800], [('move_c', CIRCLE | {'angle_deg': angle_deg})])
+    move, angle = found.plan.move(0), np.radians(angle_deg)
+    assert len(found.plan) == 1
+    assert move.length_m == pytest.approx(0.08 * angle, rel=1e-9)
+    end = [0.08 * np.cos(angle), 0.08 * np.sin(angle), -0.8]
+    assert move.end_m() == pytest.approx(end, abs=1e-9)
+    distance, (speed, *_), _ = driven(found)
+    across = between(distance, speed, 0.02, move.length_m - 0.02)
+    assert across.min(initial=0.5) > 0.5 * (1.0 - NEARLY_SINGLE)
+    places = move.sample(np.linspace(0.0, move.length_m, 200))[:, 0]
+    assert np.hypot(*places.T[:2]) == pytest.approx(0.08, abs=1e-8)
+
+
+def test_turns_of_a_circle_end_where_they_began_and_can_be_blended(robot):
+    moves = [
+        ('move_l', {'to_mm': [80, 0, -800], 'blend_mm': 5}),
+        ('move_c', CIRCLE | {'angle_deg': 720, 'blend_mm': 5}),
+        ('move_l', {'to_mm': [80, 80, -800]}),
+    ]
+    found = planned(robot, [80, -80, -800], moves)
+    distance, (speed, *_), _ = driven(found)
+    assert between(distance, speed, 0.1, 1.0).min() > 0.5 * NEARLY
+    assert found.plan.end_m() == pytest.approx([0.08, 0.08, -0.8], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('keys', 'text'),
+    [
+        (CIRCLE | {'to_mm': [80, 0, -800]}, 'give two other points of it, and angle_deg: 360'),
+        (CIRCLE | {'angle_deg': 0}, 'must be positive and at most'),
+        (CIRCLE | {'angle_deg': -90}, 'exchange via and to'),
+        (CIRCLE | {'angle_deg': 36001}, r'at most 628.319 rad \(100 turns\)'),
+        (CIRCLE | {'via_mm': [0, 0, -800], 'angle_deg': 360}, 'are on a line'),
+        (CIRCLE | {'to_mm': [80, 0, -800], 'angle_deg': 360}, 'start and end of the circle coincide'),
+    ],
+)
+def test_a_circle_that_is_not_one_is_rejected_with_a_suggestion(robot, keys, text):
+    with pytest.raises(ProgramError, match=r'moves\[0\]\.move_c.*' + text):
+        planned(robot, [80, 0, -800], [('move_c', keys)])
+
+
+def test_a_program_continues_behind_a_circle_over_an_angle(robot):
+    moves = [('move_c', CIRCLE | {'angle_deg': 90}), ('move_l', {'to_mm': {'by_mm': [10, 0, 0]}})]
+    program = program_file.parse(
+        {'start_mm': [80, 0, -800], 'moves': [{k: v} for k, v in moves]}, robot.motion
+    )
+    assert rest_of(program, 1, robot).start_m == pytest.approx((0.0, 0.08, -0.8), abs=1e-9)
+    unknown = replace(program, start_m=None)
+    with pytest.raises(ProgramError, match='begin behind a move to a point'):
+        rest_of(unknown, 1, robot)
