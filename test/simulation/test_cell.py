@@ -14,7 +14,7 @@ from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.recording.signals import REQUESTED_SIGNALS
 
 OF_CELL = ('cell_inputs', 'cell_vacuum', 'cell_payload', 'cell_belts', 'cell_force')
-ROUND_CYCLES = 404  # of the packaging cycle
+ROUND_CYCLES = 398  # of the packaging cycle
 
 
 @pytest.fixture(scope='module')
