@@ -14,6 +14,8 @@ from pathlib import Path
 
 from setuptools import find_packages, setup
 
+if sys.version_info < (3, 11):  # noqa: UP036 (pip would complain about the first dependency that lacks a wheel)
+    sys.exit(f'delta3_pacdrive needs Python 3.11 or later, but this is Python {sys.version.split()[0]}')
 PACKAGE = 'delta3_pacdrive'
 COMMAND_LINE = {'delta3': f'{PACKAGE}.cli.main:main'}
 EXECUTABLES = {
@@ -26,7 +28,14 @@ EXECUTABLES = {
     'record': f'{PACKAGE}.cli.main:record',
 }
 # Lower bounds are tried: test/lower_bounds.txt
-ROS = ['ros-jazzy-rclpy>=7.1.6', 'ros-jazzy-common-interfaces>=5.3.6', 'ros-jazzy-rmw-fastrtps-cpp>=8.4.3']
+# Wheels of ROS exist for Linux on x86-64 only. Elsewhere everything else is installed, and a command for a robot says
+# what is missing.
+_WHEELS = '; platform_system == "Linux" and platform_machine == "x86_64"'
+ROS = [
+    f'ros-jazzy-rclpy>=7.1.6{_WHEELS}',
+    f'ros-jazzy-common-interfaces>=5.3.6{_WHEELS}',
+    f'ros-jazzy-rmw-fastrtps-cpp>=8.4.3{_WHEELS}',
+]
 TEST = [
     'toppra>=0.6.3',
     'casadi>=3.6.5',
@@ -110,6 +119,15 @@ setup(
     maintainer_email='maintainers@delta3-pacdrive.invalid',  # reaches nobody: there is no public address yet
     license='Apache-2.0',
     python_requires='>=3.11',
+    classifiers=[
+        'Intended Audience :: Science/Research',
+        'Operating System :: OS Independent',
+        'Programming Language :: Python :: 3',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Programming Language :: Python :: 3.13',
+        'Topic :: Scientific/Engineering',
+    ],
     packages=[*find_packages(include=[PACKAGE, f'{PACKAGE}.*']), f'{PACKAGE}.config'],
     package_dir={f'{PACKAGE}.config': 'config'},  # data only: importlib.resources.files(PACKAGE) / 'config'
     package_data={

@@ -76,7 +76,7 @@ def load_parameters(path: str | Path | None = None) -> Parameters:
 def load_program(
     source: str | Path | Mapping[str, Any],
     parameters: Parameters,
-    cell: str | Path | Mapping[str, Any] | None = None,
+    cell: Cell | str | Path | Mapping[str, Any] | None = None,
 ) -> Program:
     """Read a motion program.
 
@@ -104,20 +104,13 @@ def load_program(
     """
     from delta3_pacdrive.motion import program_file
     from delta3_pacdrive.motion.output_names import OWN
+    from delta3_pacdrive.peripherals.cell_file import cell_of
 
-    around = _cell(cell)
+    around = cell_of(cell)
     outputs = OWN if around is None else around.output_names
     if isinstance(source, (str, PathLike)):
         return program_file.load(source, parameters.motion, outputs)
     return program_file.parse(source, parameters.motion, outputs=outputs)
-
-
-def _cell(source: str | Path | Mapping[str, Any] | None) -> Cell | None:
-    if source is None:
-        return None
-    from delta3_pacdrive.peripherals import cell_file
-
-    return cell_file.load(source) if isinstance(source, (str, PathLike)) else cell_file.parse(source)
 
 
 def load_trace(path: str | Path) -> Trace:
@@ -148,7 +141,7 @@ def simulate(
     program: Program | str | Path,
     parameters: Parameters | None = None,
     signals: Sequence[str] = (),
-    cell: str | Path | Mapping[str, Any] | None = None,
+    cell: Cell | str | Path | Mapping[str, Any] | None = None,
 ) -> Trace:
     """Run a program on a robot, without ROS and without a clock: the same control and plant code as the nodes.
 
@@ -162,7 +155,7 @@ def simulate(
     signals
         What is told on request only, by names and patterns: ``payload``, ``outputs``, ``tcp_speed``, ``drive_*``.
     cell
-        What stands around the robot: a cell file, ``'cell'`` for the packaged one, or what such a file would hold. Its
+        Cell of the robot: a cell file, ``'cell'`` for the packaged one, what such a file would hold, or a ``Cell``. Its
         gripper takes real parts then; ``trace.meta['cell']`` tells what has happened to them.
 
     Returns
@@ -185,13 +178,14 @@ def simulate(
     """
     from delta3_pacdrive.motion.program import Program
     from delta3_pacdrive.parameters import of_run
+    from delta3_pacdrive.peripherals.cell_file import cell_of
     from delta3_pacdrive.simulation import run
 
     if parameters is None:
         named = program.source if isinstance(program, Program) else program
         parameters = load_parameters(of_run(None, named or None))
     read = program if isinstance(program, Program) else load_program(program, parameters, cell)
-    around = _cell(cell)
+    around = cell_of(cell)
     if not signals:
         return run(read, parameters, cell=around)
     from delta3_pacdrive.analysis import trace_export

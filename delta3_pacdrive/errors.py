@@ -1,9 +1,14 @@
 """What goes wrong: exceptions of one family, each also a built-in one; faults of the robot and refusals, as values."""
 
+import os
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from types import ModuleType
 from typing import Any, Self
+
+_OWN = ('delta3_pacdrive', '__main__', '__mp_main__')
 
 
 class Delta3Error(Exception):
@@ -255,6 +260,40 @@ class ScriptError(RefusedError):
 
 class WaitTimeoutError(ScriptError, TimeoutError):
     """What a script has waited for has not come in time."""
+
+
+NO_ROS = (
+    "ROS 2 is not installed here: on Linux on x86-64 pip install '.[ros]' in the folder of the sources, elsewhere "
+    'source a ROS 2 Jazzy; check, simulate, plot, report and the studies work without it'
+)
+
+
+def loading_failure(error: BaseException) -> str | None:
+    """Return why a library of others cannot be loaded, as one sentence; None if the error has another cause."""
+    missing = getattr(error, 'name', None) if isinstance(error, ModuleNotFoundError) else None
+    if missing == 'rclpy':
+        return NO_ROS
+    library, file = '', None
+    trace = error.__traceback__
+    while trace is not None:  # the innermost is the cause
+        frame = trace.tb_frame
+        name = str(frame.f_globals.get('__name__', '')).partition('.')[0]
+        if frame.f_code.co_name == '<module>' and name not in _OWN:
+            library, file = name, frame.f_code.co_filename
+        trace = trace.tb_next
+    if not library and isinstance(error, ImportError | AttributeError):  # some of it is missing
+        module = error.obj if isinstance(error, AttributeError) else sys.modules.get(error.name or '')
+        library = error.name or '' if isinstance(error, ImportError) else ''
+        if isinstance(module, ModuleType):
+            library, file = module.__name__, getattr(module, '__file__', None)
+    library = library.partition('.')[0]
+    if library in ('', *_OWN):
+        return None
+    place = f' from {file}' if file else ''
+    path = os.environ.get('PYTHONPATH')
+    hint = f'; PYTHONPATH is {path}, whose libraries come first' if path else ''
+    text = ' '.join(str(error).split())
+    return f'cannot load {library}{place} with Python {sys.version.split()[0]}: {type(error).__name__}: {text}{hint}'
 
 
 def shown(value: object) -> str:

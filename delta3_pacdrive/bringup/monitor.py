@@ -14,6 +14,7 @@ from delta3_pacdrive.controller.messages import QueueReport
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.peripherals.parts_report import PartsLog
 from delta3_pacdrive.ros import domain, interfaces
+from delta3_pacdrive.ros.present_robot import PresentRobot
 from delta3_pacdrive.ros.progress_report import read_progress
 
 LOOK_S = 0.05
@@ -31,12 +32,13 @@ class RobotMonitor(Node):
 
     """
 
-    def __init__(self, namespace: str, before: 'RobotMonitor | None' = None) -> None:
-        super().__init__('bringup', namespace=namespace)
+    def __init__(self, namespace: str, before: 'RobotMonitor | None' = None, **node_options: Any) -> None:
+        super().__init__('bringup', namespace=namespace, **node_options)
         self.progress: dict[str, Any] = before.progress if before else {}
         self.refusal = ''
         self.recorder = ''
         self.parts: PartsLog = before.parts if before else PartsLog()
+        self._present = PresentRobot(self)
         interfaces.PROGRESS.subscription(self, self._on_progress)
         interfaces.QUEUE.subscription(self, self._on_queue)
         interfaces.RECORDER_STATE.subscription(self, self._on_recorder)
@@ -64,11 +66,15 @@ class RobotMonitor(Node):
         return self._enable.call_async(SetBool.Request(data=False)).done
 
     def _on_progress(self, message: String) -> None:
-        self.progress = read_progress(message.data) or self.progress
+        progress = read_progress(message.data)
+        if progress is not None and self._present.takes(progress):
+            self.progress = progress
 
     def _on_queue(self, message: String) -> None:
         with suppress(TelegramError):
-            self.refusal = QueueReport.from_json(message.data).refusal
+            queue = QueueReport.from_json(message.data)
+            if self._present.is_planner(queue.identity):
+                self.refusal = queue.refusal
 
     def _on_recorder(self, message: String) -> None:
         self.recorder = message.data

@@ -119,7 +119,7 @@ def pick(robot: Simulation) -> bool:
 def run_row(speed_m_s: float, rate_per_min: float, seconds: float, parameters: Parameters) -> Row:
     """Let the robot pick for a time [s] of the bus; return the figures."""
     tried = 0
-    with simulate(parameters, around=belt_cell(speed_m_s, rate_per_min, seconds), name='bench cell') as robot:
+    with simulate(parameters, cell=belt_cell(speed_m_s, rate_per_min, seconds), name='bench cell') as robot:
         try:
             while robot.state().time_s < seconds:
                 pick(robot)

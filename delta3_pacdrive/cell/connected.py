@@ -155,7 +155,7 @@ def seen_of(facts: dict[str, Any]) -> Seen:
 
 @contextmanager
 def connect(namespace: str = '/', *, name: str = '', take_over: bool = False) -> Iterator[BeltRobot]:
-    """Move a robot that is up (``delta3 up``) by a script.
+    """Move a robot that is up (``delta3 up``) by a script; the robot has its cell (``delta3 up --cell``).
 
     Parameters
     ----------

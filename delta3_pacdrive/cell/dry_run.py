@@ -54,7 +54,7 @@ def dry_run(script: Script, parameters: Parameters, around: Cell | None = None) 
 
     robot = None
     try:
-        with simulate(parameters, around=around, name=script.name) as robot:
+        with simulate(parameters, cell=around, name=script.name) as robot:
             robot.on_planned(note)
             script.run(robot)
     except ScriptError:

@@ -76,7 +76,7 @@ def replay(line: Line, belt: BeltShift, robot: str, begin_s: float, seconds: flo
         )
     parts = parts[np.argsort(belt.start_s[parts])]
     speed = next(one.speed_m_s for one in line.belts if one.name == belt.belt)
-    with simulate(line.parameters, around=_cell(station, speed), name=f'{robot} again') as simulated:
+    with simulate(line.parameters, cell=_cell(station, speed), name=f'{robot} again') as simulated:
         simulated.move_l(to_mm=[MM * x for x in station.place_m])
         simulated.wait_time(START_S)
         now, way = simulated.state().time_s, simulated.belt(BELT).way_m

@@ -1,8 +1,10 @@
 """``cell.simulate``: a robot that is simulated as far as a script asks, and the trace of all that it did."""
 
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from delta3_pacdrive.cell.belt_robot import BeltRobot
 from delta3_pacdrive.cell.inputs import Given
@@ -10,12 +12,13 @@ from delta3_pacdrive.cell.place import of_caller
 from delta3_pacdrive.cell.simulated import SimulatedLink
 from delta3_pacdrive.errors import Delta3Error, RunError
 from delta3_pacdrive.parameters import Parameters, load, of_run
-from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.peripherals.cell import Cell
+from delta3_pacdrive.peripherals.cell_file import cell_of
 from delta3_pacdrive.recording.acquisition import Acquisition
 from delta3_pacdrive.recording.trace import Trace
 
 LONGEST_S = 600.0  # of bus time
+CellSource = Cell | str | Path | Mapping[str, Any] | None
 
 
 class Simulation(BeltRobot):
@@ -60,7 +63,8 @@ def simulate(
     longest_s: float = LONGEST_S,
     signals: Sequence[str] = (),
     acquisition: Acquisition | None = None,
-    around: Cell | str | Path | None = None,
+    cell: CellSource = None,
+    around: CellSource = None,
 ) -> Iterator[Simulation]:
     """Simulate a robot while a script decides what it does.
 
@@ -79,8 +83,11 @@ def simulate(
         On request: ``payload``, ``outputs``, ``lost_telegrams``, and ``drive_`` with the name of a channel.
     acquisition
         Takes what oscilloscopes in the drives show.
+    cell
+        Cell of the robot instead of ``inputs``, with gripper, parts and sensors: a cell file, ``'cell'`` for the
+        packaged one, what such a file would hold, or a ``Cell``.
     around
-        The cell around the robot, or its file, instead of ``inputs``: gripper, parts, sensors.
+        Former name of ``cell``.
 
     Yields
     ------
@@ -99,8 +106,13 @@ def simulate(
     if not longest_s > 0.0:
         raise RunError(f'longest_s is {longest_s}, but must be positive')
     given = parameters if isinstance(parameters, Parameters) else load(of_run(_text(parameters)))
-    cell = cell_file.load(around) if isinstance(around, str | Path) else around
-    link = SimulatedLink(given, inputs, longest_s, acquisition, signals, cell)
+    if around is not None:
+        warnings.warn('around= of cell.simulate is now called cell=', DeprecationWarning, stacklevel=3)
+        if cell is not None:
+            raise RunError('cell= and its former name around= are both given')
+    link = SimulatedLink(
+        given, inputs, longest_s, acquisition, signals, cell_of(around if cell is None else cell)
+    )
     robot = Simulation(link, name or Path(of_caller().file).stem or 'script')
     try:
         yield robot

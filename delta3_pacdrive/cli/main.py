@@ -6,7 +6,7 @@ import os
 import sys
 
 from delta3_pacdrive import interrupts, memory
-from delta3_pacdrive.errors import Delta3Error, RunError
+from delta3_pacdrive.errors import Delta3Error, RunError, loading_failure
 
 # matrices here are small: threads of BLAS only wait for each other, for a quarter of the processor. Who asks for
 # threads gets them. It has to be said before numpy is imported.
@@ -131,6 +131,12 @@ def _run(arguments: list[str], own: bool) -> int:
         return interrupts.status(interrupts.asked()) if interrupts.asked() else 130
     except OSError as error:
         return _cannot_write(error)
+    except Exception as error:
+        sentence = loading_failure(error)
+        if sentence is None:
+            raise
+        print(f'error: {sentence}', file=sys.stderr)
+        return 1
     try:
         sys.stdout.flush()
     except OSError as error:

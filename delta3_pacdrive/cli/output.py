@@ -5,11 +5,11 @@ import math
 import os
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, redirect_stdout, suppress
 from typing import Any
 
 from delta3_pacdrive import interrupts
-from delta3_pacdrive.errors import Delta3Error, RunInterruptedError
+from delta3_pacdrive.errors import Delta3Error, RunInterruptedError, loading_failure
 from delta3_pacdrive.numerics.units import millimetres
 
 WRONG_MAX = 5  # parts with a sentence each
@@ -27,6 +27,11 @@ def fail(error: Delta3Error, as_json: bool = False) -> int:
     except OSError:  # nobody can read it: the status has to do
         discard_output()
     return 1
+
+
+def kept_for_json(as_json: bool) -> AbstractContextManager[Any]:
+    """Keep standard output for the JSON of a command: a script that runs meanwhile prints to standard error."""
+    return redirect_stdout(sys.stderr) if as_json else nullcontext()
 
 
 def discard_output() -> None:
@@ -82,9 +87,6 @@ def _sentence(error: Exception) -> str | None:
         return str(error) or 'interrupted'
     if isinstance(error, MemoryError):
         return 'there is not enough memory'
-    if isinstance(error, ModuleNotFoundError):
-        text = "ROS 2 is not installed here: pip install '.[ros]' in the folder of the sources, or source a ROS 2 Jazzy"
-        return text if error.name == 'rclpy' else None
     if isinstance(error, ImportError) and 'map segment' in str(error):
         return f'there is not enough memory: {error}'
     if isinstance(error, OSError):
@@ -92,7 +94,7 @@ def _sentence(error: Exception) -> str | None:
         return f'cannot read or write{place}: {error.strerror}' if error.strerror else str(error)
     if isinstance(error, UnicodeError):
         return f'a name or a text is not valid UTF-8: {error}'
-    return None
+    return loading_failure(error)
 
 
 def print_json(
@@ -164,7 +166,7 @@ def _amperes(of_axes: Sequence[float | None], limit: float | None = None, name: 
     return ' / '.join('-' if value is None else f'{value:.2f}' for value in of_axes) + f' A{share}'
 
 
-def _of_parts(cell: dict[str, Any]) -> list[tuple[str, str]]:
+def parts_rows(cell: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the rows about the parts of a cell, and about the first few that something happened to."""
     counts = cell['outcomes']
     told = [f'{counts[name]} {name}' for name in counts if counts[name] and name != 'waiting']
@@ -231,7 +233,7 @@ def print_figures(result: dict[str, Any]) -> None:
             )
         )
     if 'cell' in result:
-        rows += _of_parts(result['cell'])
+        rows += parts_rows(result['cell'])
     rows += [('note', notice) for notice in result.get('notices', ())]
     rows += [('warning', warning) for warning in result.get('warnings', ())]
     if 'overruns' in result:

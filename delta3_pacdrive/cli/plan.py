@@ -13,7 +13,7 @@ from delta3_pacdrive.cli.command import (
     flag,
     option,
 )
-from delta3_pacdrive.cli.output import print_json
+from delta3_pacdrive.cli.output import kept_for_json, print_json
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
@@ -107,10 +107,13 @@ def _run_script(options: Options, robot: 'Parameters') -> int:
     from delta3_pacdrive.cell import dry_run, script
     from delta3_pacdrive.errors import RunError
 
-    read, inputs = script.load(options.program), noted([options.program])
+    with kept_for_json(options.json):
+        read = script.load(options.program)
+    inputs = noted([options.program])
     around, more = _around(options)
     inputs += more
-    found = dry_run.dry_run(read, robot, around)
+    with kept_for_json(options.json):
+        found = dry_run.dry_run(read, robot, around)
     if not options.json:
         print('\n'.join(dry_run.text(found)))
     elif not found.stopped:

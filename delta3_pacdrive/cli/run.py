@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, ReferenceOptions, RobotOptions, flag, option
-from delta3_pacdrive.cli.output import print_json, print_run
+from delta3_pacdrive.cli.output import kept_for_json, print_json, print_run
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.cli.reference import Chosen, program_of
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError
@@ -186,7 +186,8 @@ def _run_script(options: Options, chosen: Chosen) -> int:
 
     if options.learned:
         raise ProgramError('--learned is for a program: a script decides what it drives')
-    read = script.load(chosen.program)
+    with kept_for_json(options.json):
+        read = script.load(chosen.program)
     runs: list[ScriptRun] = []
 
     def shown(display: Progress, bringup: Any) -> OnProgress:
@@ -194,7 +195,8 @@ def _run_script(options: Options, chosen: Chosen) -> int:
         runs.append(ScriptRun(read, bringup, shows, options.step))
         return runs[0].show
 
-    bringup, result = bring_up(options, None, shown, script=True)
+    with kept_for_json(options.json):
+        bringup, result = bring_up(options, None, shown, script=True)
     (own,) = runs
     result |= own.result()
     if own.interrupted:

@@ -12,6 +12,7 @@ from delta3_pacdrive.cell.connected import connected
 from delta3_pacdrive.cell.place import ScriptPlace
 from delta3_pacdrive.cell.robot import Robot
 from delta3_pacdrive.cell.script import Script
+from delta3_pacdrive.cli.output import parts_rows
 from delta3_pacdrive.errors import Delta3Error, Reason, ScriptError
 
 ASKED_S = 0.1  # between two looks whether the operator has stopped the script
@@ -129,6 +130,8 @@ def text(result: dict[str, Any]) -> list[str]:
         rows.append(('late', f'{late} decisions took effect late, by at most {most} bus cycles'))
     if result['held_at_cycle'] is not None:
         rows.append(('held', f'on its path, where it stands from bus cycle {result["held_at_cycle"]} on'))
+    if 'cell' in result:
+        rows += parts_rows(result['cell'])
     rows += [('note', notice) for notice in result['notices']]
     rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost AT'))
     return [f'{name:>14}  {line}' for name, line in rows]

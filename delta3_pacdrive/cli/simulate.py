@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, option
 from delta3_pacdrive.cli.option_types import filled, number_within, signal_names, trace_file
-from delta3_pacdrive.cli.output import print_run
+from delta3_pacdrive.cli.output import kept_for_json, print_run
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.reference import Chosen, program_of
 from delta3_pacdrive.cli.scope_options import Records, ScopeOptions, record_file
@@ -145,7 +145,8 @@ def run(options: Options) -> int:
     if options.signals:
         trace_export.require_known(options.signals)
     cell = _cell_of(options)
-    chosen, robot, program = _read(options, cell)
+    with kept_for_json(options.json):
+        chosen, robot, program = _read(options, cell)
     inputs, torques = chosen.digests(), None
     inputs += _cell_digest(options)
     simulation.load_kernels(robot)
@@ -157,7 +158,8 @@ def run(options: Options) -> int:
     if folder is not None:
         folder.make()
     started = time.perf_counter()
-    trace, records = _simulated(options, program, robot, origin, torques, cell)
+    with kept_for_json(options.json):
+        trace, records = _simulated(options, program, robot, origin, torques, cell)
     wall = time.perf_counter() - started
     exact = None if isinstance(program, Script) else _from_exact(trace, program, robot, cell)
     if options.trace or folder is not None:
@@ -321,7 +323,7 @@ def _driven(
     simulated = None
     try:
         with cell.simulate(
-            robot, around=around, name=program.name, signals=asked, acquisition=acquisition
+            robot, cell=around, name=program.name, signals=asked, acquisition=acquisition
         ) as simulated:
             program.run(simulated)
     except cell.ScriptError:

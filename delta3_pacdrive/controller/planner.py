@@ -511,6 +511,16 @@ class Planner:
             self._stopping.end()
             self._reply(sentence)
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether a trajectory would be taken now, or waiting does not help: the robot is disabled or has a fault."""
+        try:
+            self._readiness.require_rest()
+            self._readiness.require_orders()
+        except RefusedError as error:
+            return error.reason.code is not Code.STATE
+        return not self._busy
+
     def require_control(self, request: Request) -> None:
         """Raise RefusedError if somebody else has control of the robot."""
         self._requests.require_control(request)

@@ -17,6 +17,8 @@ WITHDRAWN = Reason(Code.WITHDRAWN, 'withdrawn by its operator')
 LOST_CONTROL = Reason(Code.CONTROL, 'its operator has lost control')
 OPERATORS_MAX = 1000  # whose newest accepted request is known, should it be withdrawn
 
+FOR_MOVES = frozenset({'program', 'move', 'trajectory'})
+
 
 class RequestService:
     """The requests that one planner serves.
@@ -48,8 +50,13 @@ class RequestService:
         """Let a request wait, or refuse it."""
         reason = self._queue.add(request, now_s, self._task.received)
         if reason is not None:
+            self._refuse(request, reason)
             self._act(Replied(request, reason, ''))
         return reason is None
+
+    def _refuse(self, request: Request, reason: Reason) -> None:
+        if request.action in FOR_MOVES:
+            self.tracker.refuse(request.identity, reason)
 
     def serve_next(
         self, now_s: float, must_wait: Callable[[Request], bool], serve: Callable[[Request], None]
@@ -105,7 +112,7 @@ class RequestService:
         if request is not None:
             reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
             if reason is not None:
-                self.tracker.refuse(request.identity, reason)
+                self._refuse(request, reason)
             elif request.operator:
                 self._accepted.note(request.operator, (request.number, sentence))
             self._act(Replied(request, reason, sentence))

@@ -63,10 +63,9 @@ class RequestTracker:
         self._change(tracked, Phase.PLANNING)
 
     def refuse(self, identity: str, reason: Reason) -> None:
-        """Note that a request is refused; one that was planned before stays as it is."""
-        tracked = self._planning.pop(identity, None)
-        if tracked is not None:
-            self._change(tracked, Phase.REFUSED, reason)
+        """Note that a request for moves is refused, before or while it is planned."""
+        tracked = self._planning.pop(identity, None) or _Tracked(identity, 0, Phase.PLANNING)
+        self._change(tracked, Phase.REFUSED, reason)
 
     def queue(self, identity: str, statements: int) -> None:
         """Note that so many statements of a request are at the end of the queue."""

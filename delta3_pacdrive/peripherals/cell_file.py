@@ -52,6 +52,7 @@ A length may be given in mm, an angle in deg: the key says so. Times count from 
 import math
 from collections.abc import Callable, Mapping
 from functools import partial
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -120,6 +121,19 @@ def load(path: str | Path) -> Cell:
     """
     path = find(path)
     return parse(yaml_file.read(path, 'cell file', CellError), str(path))
+
+
+def cell_of(source: Cell | str | PathLike[str] | Mapping[str, Any] | None) -> Cell | None:
+    """Return a cell from its file, from what such a file would hold, or as it is; None for none. Raises CellError."""
+    if source is None or isinstance(source, Cell):
+        return source
+    if isinstance(source, str | PathLike):
+        return load(Path(source))
+    if isinstance(source, Mapping):
+        return parse(source)
+    raise CellError(
+        f'cell is {shown(source)}, but must be a file, the mapping that such a file holds, or a Cell'
+    )
 
 
 def find(path: str | Path) -> Path:

@@ -1,14 +1,18 @@
 """The action ``~/follow_joint_trajectory`` of the planner's node, as the joint_trajectory_controller offers it.
 
 A goal is the same request as a message on ``joint_trajectory``, with tolerances of its own; the same rules hold. It is
-there where ``control_msgs`` is.
+accepted once it is planned, and rejected if the planner refuses it. Its result is sent when the robot takes the next
+one. The action is there where ``control_msgs`` is.
 """
 
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from delta3_pacdrive.controller.messages import Request, RequestReport
@@ -18,21 +22,22 @@ from delta3_pacdrive.controller.request_tracker import Phase
 from delta3_pacdrive.controller.tolerances import ERASED, Followed, Tolerances, overridden
 from delta3_pacdrive.controller.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
-from delta3_pacdrive.ros.joint_trajectory import JointNamesError, joint_trajectory
+from delta3_pacdrive.ros.joint_trajectory import joint_trajectory
 from delta3_pacdrive.ros.planner_services import PlannerServices
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 NAME = '~/follow_joint_trajectory'
-# names of the error codes of a result; every other refusal is an invalid goal
-SUCCESSFUL, INVALID_GOAL, INVALID_JOINTS = 'SUCCESSFUL', 'INVALID_GOAL', 'INVALID_JOINTS'
+# names of the error codes of a result; every other end is that of an invalid goal
+SUCCESSFUL, INVALID_GOAL = 'SUCCESSFUL', 'INVALID_GOAL'
 ERROR_CODES: dict[Code | Arrival, str] = {
-    Code.LATE: 'OLD_HEADER_TIMESTAMP',
     Arrival.OFF_PATH: 'PATH_TOLERANCE_VIOLATED',
     Arrival.OFF_GOAL: 'GOAL_TOLERANCE_VIOLATED',
 }
 # fields of a goal that this robot has nothing for; older definitions lack some
+STOP_S = 5.0  # for the robot to come to rest after a goal that has failed
+Answer = Callable[[bool], None]
 UNKNOWN = ('component_path_tolerance', 'component_goal_tolerance')
 
 
@@ -46,7 +51,7 @@ def action_type() -> Any | None:
 
 
 def error_code_of(code: Code | Arrival) -> str:
-    """Return the name of the error code with which a goal ends that was refused or given up for a reason."""
+    """Return the name of the error code with which a goal ends that was given up for a reason."""
     return ERROR_CODES.get(code, INVALID_GOAL)
 
 
@@ -63,7 +68,7 @@ def trajectory_request(goal: Any, default: Tolerances) -> TrajectoryRequest:
     Raises
     ------
     ProgramError
-        Names (``JointNamesError``), sizes or numbers are none of a trajectory for this robot.
+        Names, sizes or numbers are none of a trajectory for this robot.
 
     """
     multi_dof = getattr(goal, 'multi_dof_trajectory', None)
@@ -92,7 +97,7 @@ def _positions(asked: Any, default: tuple[float, float, float], what: str) -> tu
     for tolerance in asked:
         name = tolerance.name
         if name not in found:
-            raise JointNamesError(f'{what} is of {shown(name)}, but the joints are {", ".join(DRIVES)}')
+            raise ProgramError(f'{what} is of {shown(name)}, but the joints are {", ".join(DRIVES)}')
         for kind in ('velocity', 'acceleration'):
             value = getattr(tolerance, kind)
             if value not in (0.0, ERASED):
@@ -103,7 +108,28 @@ def _positions(asked: Any, default: tuple[float, float, float], what: str) -> tu
 
 
 class _DeferredServer(ActionServer):
-    """A server whose goals end when somebody says so, instead of running a callback of their own."""
+    """A server that accepts or rejects a goal, and ends it, when it is told to; there are no callbacks that wait.
+
+    ``consider`` is called with a goal and with a function that answers it: whether it is accepted.
+    """
+
+    def __init__(
+        self, node: RobotNode, action: Any, consider: Callable[[Any, Answer], None], **more: Any
+    ) -> None:
+        self._consider = consider
+        super().__init__(node, action, NAME, lambda _: action.Result(), **more)
+
+    async def _execute_goal_request(self, request_header_and_message: Any) -> None:
+        asked = request_header_and_message
+
+        def answer(accepted: bool) -> None:
+            response = GoalResponse.ACCEPT if accepted else GoalResponse.REJECT
+            self.register_goal_callback(lambda _: response)
+            rest = super(_DeferredServer, self)._execute_goal_request(asked)
+            with suppress(StopIteration):  # nothing in it waits
+                rest.send(None)
+
+        self._consider(asked[1].goal, answer)
 
     def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
         """Run a callback that was given for this goal; there is none for all."""
@@ -117,15 +143,26 @@ class _DeferredServer(ActionServer):
 
 @dataclass
 class _Goal:
-    """A goal, its request, and how far both are."""
+    """A goal, its request, and how far both are.
 
-    handle: Any
+    Attributes
+    ----------
+    handle
+        None until the goal is accepted.
+    done
+        Whether the trajectory was driven to its end.
+    stopped
+        Whether its stop was asked for.
+    ending
+        Error code, sentence and latest time [s] of its result, which waits until the robot takes the next goal.
+
+    """
+
     request: Request
-    accepted: bool = False
+    handle: Any = None
     done: bool = False
-    stopped: bool | None = (
-        None  # whether its stop was asked for when it was accepted already; None: not at all
-    )
+    stopped: bool = False
+    ending: tuple[str, str, float] | None = None
 
 
 class FollowJointTrajectory:
@@ -163,34 +200,39 @@ class FollowJointTrajectory:
         self._server = _DeferredServer(
             node,
             action,
-            NAME,
-            lambda _: action.Result(),
+            self._consider,
             handle_accepted_callback=self._begin,
             cancel_callback=self._on_cancel,
         )
+        self._accepted: _Goal | None = None  # the one whose handle comes next
 
     def destroy(self) -> None:
         """Take the action away."""
         self._server.destroy()
 
-    def _begin(self, handle: Any) -> None:
-        """Pass a goal on; every goal is taken, so that a refusal can say why."""
-        handle.execute()
+    def _consider(self, goal: Any, answer: Answer) -> None:
+        """Pass a goal on; the planner decides whether it is accepted."""
         try:
-            request = trajectory_request(handle.request, self._tolerances)
-        except JointNamesError as error:
-            self._finish(handle, INVALID_JOINTS, str(error))
+            request = trajectory_request(goal, self._tolerances)
         except ProgramError as error:
-            self._finish(handle, INVALID_GOAL, str(error))
-        else:
-            asked = self._operators.request('trajectory', request.to_json())
-            goal = self._goals[asked.identity] = _Goal(handle, asked)
-            self._operators.pass_on(asked, partial(self._answered, goal))
+            self._operators.refuse_moves(str(error))
+            answer(False)
+            return
+        found = _Goal(self._operators.request('trajectory', request.to_json()))
+        self._goals[found.request.identity] = found
+        self._operators.pass_on(found.request, partial(self._answered, found, answer))
 
-    def _answered(self, goal: _Goal, reason: Reason | None, _: str) -> None:
-        goal.accepted = reason is None
-        if reason is not None:
-            self._end(goal, error_code_of(reason.code), reason.sentence)
+    def _answered(self, goal: _Goal, answer: Answer, reason: Reason | None, _: str) -> None:
+        if reason is None:
+            self._accepted = goal
+        answer(reason is None)
+        if goal.handle is None:
+            self._goals.pop(goal.request.identity, None)
+
+    def _begin(self, handle: Any) -> None:
+        handle.execute()
+        if self._accepted is not None:
+            self._accepted.handle, self._accepted = handle, None
 
     def report(self, report: RequestReport) -> None:
         """Take what has become of a request."""
@@ -200,18 +242,29 @@ class FollowJointTrajectory:
         if report.state == Phase.DONE:
             goal.done = True
         elif report.state == Phase.ABORTED:
-            self._end(goal, error_code_of(Code.of(report.code)), report.sentence)
+            self._fail(goal, error_code_of(Code.of(report.code)), report.sentence)
 
     def settle(self, identity: str, arrival: Arrival, reason: Reason | None) -> None:
         """Take whether the trajectory of a request has kept its tolerances."""
         goal = self._goals.get(identity)
         if goal is not None and reason is not None:
-            self._end(goal, error_code_of(arrival), reason.sentence)
+            self._fail(goal, error_code_of(arrival), reason.sentence)
+
+    def _fail(self, goal: _Goal, error_code: str, sentence: str) -> None:
+        """Let a goal end with an error; the first one counts."""
+        if goal.ending is None:
+            goal.ending = error_code, sentence, time.monotonic() + STOP_S
 
     def look(self) -> None:
         """Tell how far a goal is, end those that are reached, stop those that are cancelled."""
         for identity, goal in list(self._goals.items()):
-            if goal.done and not self._planner.trajectory.settles(identity):
+            if goal.handle is None:
+                continue
+            if goal.ending is not None:
+                error_code, sentence, latest_s = goal.ending
+                if self._planner.is_at_rest or time.monotonic() > latest_s:
+                    self._end(goal, error_code, sentence)
+            elif goal.done and not self._planner.trajectory.settles(identity):
                 self._end(goal, SUCCESSFUL, 'the arms have come to the goal')
             elif goal.handle.is_cancel_requested:
                 self._stop(goal)
@@ -246,16 +299,14 @@ class FollowJointTrajectory:
         return CancelResponse.ACCEPT
 
     def _stop(self, goal: _Goal) -> None:
-        """Stop a goal on its path, or take its request back while it is planned; once in each of these states."""
+        """Stop a goal on its path, once."""
         if goal.done:
             self._end(goal, SUCCESSFUL, 'cancelled at the end of the trajectory')
-        elif goal.stopped is not goal.accepted:
-            goal.stopped = goal.accepted
-            if goal.accepted:
-                stop = self._operators.request('trajectory', TrajectoryRequest(0.0, []).to_json())
-            else:
-                stop = self._operators.request('withdraw', str(goal.request.number))
-            self._operators.pass_on(stop)
+        elif not goal.stopped:
+            goal.stopped = True
+            self._operators.pass_on(
+                self._operators.request('trajectory', TrajectoryRequest(0.0, []).to_json())
+            )
 
     # ends -------------------------------------------------------------------------------------------------------------
 

@@ -15,17 +15,13 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 OPTIONAL = {'velocities': 'speeds_rad_s', 'accelerations': 'accelerations_rad_s2'}
 
 
-class JointNamesError(ProgramError):
-    """The joints are none of this robot."""
-
-
 def joint_trajectory(message: JointTrajectory) -> TrajectoryRequest:
     """Return what a message asks for; its joints may be in any order.
 
     Raises
     ------
     ProgramError
-        Names (``JointNamesError``), sizes or numbers are none of a trajectory for this robot.
+        Names, sizes or numbers are none of a trajectory for this robot.
 
     """
     stamp = message.header.stamp
@@ -35,7 +31,7 @@ def joint_trajectory(message: JointTrajectory) -> TrajectoryRequest:
         return TrajectoryRequest(0.0, [])
     names = list(message.joint_names)
     if sorted(names) != sorted(DRIVES):
-        raise JointNamesError(
+        raise ProgramError(
             f'joint_names are {shown(", ".join(names))}, but must be {", ".join(DRIVES)}, in any order'
         )
     if len(message.points) > ASKED_POINTS_MAX:

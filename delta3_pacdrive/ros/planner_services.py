@@ -23,6 +23,8 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive.controller.messages import QueueReport, Request, RequestReport
 from delta3_pacdrive.controller.planner import Planner
+from delta3_pacdrive.controller.request_service import FOR_MOVES
+from delta3_pacdrive.controller.request_tracker import Phase
 from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.ros import interfaces, move_messages
 from delta3_pacdrive.ros.deferred_service import Tell
@@ -84,7 +86,8 @@ class PlannerServices:
             ),
             (interfaces.OVERRIDE, lambda message: self._ask_openly('override', repr(message.data))),
         ):
-            topic.bounded_subscription(node, receive, interfaces.PROGRAM_BYTES_MAX, self._refuse)
+            refuse = self._refuse if topic is interfaces.OVERRIDE else self.refuse_moves
+            topic.bounded_subscription(node, receive, interfaces.PROGRAM_BYTES_MAX, refuse)
         self._requests = interfaces.REQUESTS.publisher(node)
         for service in (interfaces.START, interfaces.RESUME, interfaces.CLEAR):
             service.deferred_servers(node, partial(self._serve, service.name))
@@ -101,6 +104,8 @@ class PlannerServices:
         reason = self._planner.played_back(time.monotonic())
         if reason is None:
             self._ask(action, text)
+        elif action in FOR_MOVES:
+            self.refuse_moves(reason)
         else:
             self._say(reason, '')
 
@@ -179,6 +184,13 @@ class PlannerServices:
 
     def _refuse(self, sentence: str) -> None:
         self._say(Reason(Code.CONTENT, sentence), '')
+
+    def refuse_moves(self, why: str | Reason) -> None:
+        """Publish that a request for moves, which the planner has not seen, is refused."""
+        reason = why if isinstance(why, Reason) else Reason(Code.CONTENT, why)
+        identity = self.request('move').identity
+        self.report(RequestReport(identity, Phase.REFUSED, 0, 0, str(reason.code), reason.sentence))
+        self._say(reason, '')
 
     def _refuse_request(self, sentence: str) -> None:
         self._told_queue = ''  # who asks may have heard the queue of another planner

@@ -31,6 +31,7 @@ from delta3_pacdrive.errors import (
 from delta3_pacdrive.motion.adaptation import AS_IT_IS, Adaptation
 from delta3_pacdrive.ros import discovery, domain, interfaces, node_process
 from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.present_robot import PresentRobot
 from delta3_pacdrive.ros.progress_report import read_progress
 
 LOOK_S = 0.02
@@ -63,11 +64,13 @@ class OperatorNode(PollingNode):
     queue
         The newest ``unit_robot/queue``.
     state, state_changes
-        The newest ``motion/state``, and how many there were.
+        The newest ``motion/state``, and how many there were; while a recording is played back, those of the progress.
     identity
         What this operator is known by.
     in_control
         Whether he has control of the robot, as far as he knows.
+    present
+        Which reports come from the robot that is up.
     interruptible
         Whether a signal that asks for the end ends his waiting.
     show
@@ -91,6 +94,7 @@ class OperatorNode(PollingNode):
         self.state_changes = 0
         self._numbers = self._beats = self._control = 0
         self._awaited: dict[int, _Awaited] = {}  # by number of the request
+        self.present, self._alone = PresentRobot(self), True
         interfaces.PROGRESS.subscription(self, self._on_progress)
         interfaces.MOTION_STATE.subscription(self, self._on_state)
         interfaces.QUEUE.subscription(self, self._on_queue)
@@ -112,23 +116,32 @@ class OperatorNode(PollingNode):
 
     def _on_progress(self, message: String) -> None:
         progress = read_progress(message.data)
-        if progress is None:
+        if progress is None or not self.present.takes(progress):
             return
         self.progress, self.progress_s = progress, time.monotonic()
+        before, self._alone = self._alone, self.present.is_alone
+        if not (before and self._alone):  # some motion/state may be missing
+            self._see(progress['state'])
         if self.progress['control'] >= self._control and self.progress['operator_identity'] != self.identity:
             self.in_control = False
 
     def _on_queue(self, message: String) -> None:
         with suppress(TelegramError):
-            self.queue = QueueReport.from_json(message.data)
+            queue = QueueReport.from_json(message.data)
+            if self.present.is_planner(queue.identity):
+                self.queue = queue
 
     def _on_service_answer(self, message: String) -> None:
         mark, answer = split_mark(message.data)
         self._service_answers[mark] = answer
 
     def _on_state(self, message: String) -> None:
-        self.state = message.data
-        self.state_changes += 1
+        if self.present.is_alone:
+            self._see(message.data)
+
+    def _see(self, state: str) -> None:
+        self.state_changes += state != self.state
+        self.state = state
 
     def _on_reply(self, message: String) -> None:
         try:

@@ -167,7 +167,9 @@ class RobotReader:
 
     def _on_status(self, message: String) -> None:
         with suppress(TelegramError):
-            self.planned.look(Status.from_json(message.data))
+            status = Status.from_json(message.data)
+            if status.session == self.operator.present.session:
+                self.planned.look(status)
 
     def learn(self) -> bool:
         """Ask for the parameters of the robot once in each session; whether others than before are known now."""

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+import yaml
 
+import delta3_pacdrive
 from delta3_pacdrive import cell
-from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.errors import CellError, ProgramError, RunError
+from delta3_pacdrive.peripherals import cell_file
 
 TRAY = """
 name: one tray
@@ -53,7 +56,7 @@ def take(robot):
 
 
 def test_a_script_notices_a_gripper_that_closes_on_nothing(robot, tray):
-    with cell.simulate(robot, around=tray) as called:
+    with cell.simulate(robot, cell=tray) as called:
         taken = [take(called), take(called)]
     assert taken == [True, False]
     found = called.trace.meta['cell']
@@ -62,7 +65,7 @@ def test_a_script_notices_a_gripper_that_closes_on_nothing(robot, tray):
 
 
 def test_times_of_a_cell_count_from_the_start_of_the_script(robot, tray):
-    with cell.simulate(robot, around=tray, signals=['cell_inputs']) as called:
+    with cell.simulate(robot, cell=tray, signals=['cell_inputs']) as called:
         called.wait_input('late')
         time_s, cycle = called.state().time_s, called.state().cycle
     assert time_s == pytest.approx(0.25)
@@ -72,6 +75,37 @@ def test_times_of_a_cell_count_from_the_start_of_the_script(robot, tray):
 def test_inputs_are_those_of_the_cell_or_given_not_both(robot, tray):
     with (
         pytest.raises(ProgramError, match='give one of the two'),
-        cell.simulate(robot, around=tray, inputs={}),
+        cell.simulate(robot, cell=tray, inputs={}),
     ):
+        pass
+
+
+def test_a_cell_is_a_file_a_mapping_or_a_cell_and_has_one_name(robot, tray):
+    document = yaml.safe_load(TRAY)
+    runs = []
+    for given in (tray, str(tray), document, cell_file.load(tray)):
+        with cell.simulate(robot, cell=given, longest_s=1.0) as called:
+            called.move_l(to_mm=[0, 0, -760])
+        runs.append(called.trace)
+    with (
+        pytest.warns(DeprecationWarning, match='cell=') as told,
+        cell.simulate(robot, around=document) as called,
+    ):
+        called.move_l(to_mm=[0, 0, -760])
+    assert told[0].filename == __file__
+    assert all((one['current'] == called.trace['current']).all() for one in runs)
+    assert all(one.meta['cell'] == called.trace.meta['cell'] for one in runs)
+
+
+@pytest.mark.parametrize('given', [5, ['cell.yaml'], b'cell.yaml'])
+def test_what_is_no_cell_is_rejected_in_one_sentence(robot, given):
+    with pytest.raises(CellError, match='must be a file, the mapping'), cell.simulate(robot, cell=given):
+        pass
+    with pytest.raises(CellError, match='must be a file, the mapping'):
+        delta3_pacdrive.simulate('experiment1', robot, cell=given)
+
+
+@pytest.mark.filterwarnings('ignore::DeprecationWarning')
+def test_a_cell_under_both_of_its_names_is_rejected(robot, tray):
+    with pytest.raises(RunError, match='both'), cell.simulate(robot, cell=tray, around=tray):
         pass

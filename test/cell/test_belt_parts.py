@@ -63,7 +63,7 @@ def put(called):
 @pytest.fixture(scope='module')
 def carried(robot):
     """Return the trace of three parts that were carried from belt to belt, and what the robot knew in the end."""
-    with cell.simulate(robot, around=mixed(doubled_share=0.5), signals=['cell_belts']) as called:
+    with cell.simulate(robot, cell=mixed(doubled_share=0.5), signals=['cell_belts']) as called:
         for _ in range(3):
             take(called, called.part('line', kind='disc'))
             put(called)
@@ -97,7 +97,7 @@ def test_what_is_told_twice_is_one_part_and_the_robot_knows_how_fast_the_belt_is
 
 
 def test_the_nearest_part_is_not_the_first_one(robot):
-    with cell.simulate(robot, around=mixed()) as called:
+    with cell.simulate(robot, cell=mixed()) as called:
         called.part('line')
         called.wait_time(2.0)
         nearest = called.part('line', rule='nearest')
@@ -112,7 +112,7 @@ def test_a_camera_that_dies_is_told_instead_of_waiting_for_its_parts(robot):
         for _ in range(12):
             called.part('line', timeout_s=10.0)
 
-    with cell.simulate(robot, around=mixed(dead)) as called, pytest.raises(cell.ScriptError) as told:
+    with cell.simulate(robot, cell=mixed(dead)) as called, pytest.raises(cell.ScriptError) as told:
         all_of_them(called)
     assert told.value.code is Code.BELT
     assert 'part: the camera of belt line is dead: no picture for 0.30 m of its way' in str(told.value)
@@ -120,7 +120,7 @@ def test_a_camera_that_dies_is_told_instead_of_waiting_for_its_parts(robot):
 
 def test_a_light_barrier_that_bounces_does_not_send_the_robot_twice(robot):
     barrier = {'at_mm': 300, 'delay_s': 0.0005, 'bounce_s': 0.004}
-    with cell.simulate(robot, around=around([speed_of(0.5)], 2, barrier=barrier)) as called:
+    with cell.simulate(robot, cell=around([speed_of(0.5)], 2, barrier=barrier)) as called:
         pick(called)
         pick(called)
         known = called.belt('line')
@@ -151,7 +151,7 @@ WRONG = {
 def test_a_call_that_makes_no_sense_is_refused_in_one_sentence(robot, case):
     call, sentence = WRONG[case]
     with (
-        cell.simulate(robot, around=around([speed_of(0.5)], 1)) as called,
+        cell.simulate(robot, cell=around([speed_of(0.5)], 1)) as called,
         pytest.raises(cell.ScriptError) as told,
     ):
         call(called)
@@ -160,7 +160,7 @@ def test_a_call_that_makes_no_sense_is_refused_in_one_sentence(robot, case):
 
 @pytest.mark.parametrize(('kind', 'told'), [('baar', "'baar'"), (1, '1')])
 def test_a_kind_of_part_that_the_cell_does_not_know_is_refused_at_once(robot, kind, told):
-    with cell.simulate(robot, around=mixed()) as called:
+    with cell.simulate(robot, cell=mixed()) as called:
         begun = called.state().cycle
         with pytest.raises(cell.ScriptError) as refused:
             called.part('line', kind=kind)
@@ -176,7 +176,7 @@ def test_a_part_of_one_belt_is_not_tracked_on_another(robot):
         with called.track('line', called.slot('out', PITCH_M)):
             called.move_l(to_mm=[0, 0, 40])
 
-    with cell.simulate(robot, around=mixed()) as called, pytest.raises(cell.ScriptError) as told:
+    with cell.simulate(robot, cell=mixed()) as called, pytest.raises(cell.ScriptError) as told:
         mixed_up(called)
     assert 'track: the part is on belt out, not on belt line' in str(told.value)
 
@@ -193,7 +193,7 @@ def two():
 
 
 def test_of_several_belts_by_load_is_that_with_most_parts_and_first_in_the_part_that_leaves_first(robot):
-    with cell.simulate(robot, around=two()) as called:
+    with cell.simulate(robot, cell=two()) as called:
         called.wait_time(2.0)
         waiting = {name: called.belt(name).waiting for name in ('line', 'busy')}
         loaded = called.part(['line', 'busy'], rule='by load')
@@ -215,5 +215,5 @@ def test_of_several_belts_by_load_is_that_with_most_parts_and_first_in_the_part_
     ],
 )
 def test_belts_and_rules_that_make_no_sense_together_are_refused(robot, belts, rule, sentence):
-    with cell.simulate(robot, around=two()) as called, pytest.raises(cell.ScriptError, match=sentence):
+    with cell.simulate(robot, cell=two()) as called, pytest.raises(cell.ScriptError, match=sentence):
         called.part(belts, rule=rule)

@@ -41,7 +41,7 @@ def stands(trace, cycles=8):
 
 
 def test_what_would_not_be_done_in_the_window_is_refused_and_the_robot_stays_where_it_is(robot):
-    with cell.simulate(robot, around=around(SLOW, 1)) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1)) as called:
         error = refused(called, lambda _: stays(called, 2.0))
         here = called.state()
     assert error.code is Code.BELT
@@ -53,7 +53,7 @@ def test_what_would_not_be_done_in_the_window_is_refused_and_the_robot_stays_whe
 
 def test_a_belt_that_gets_faster_carries_the_part_away_and_the_robot_stops_and_goes_on(robot):
     faster = [speed_of(0.3), speed_of(1.2, after_s=2.0)]
-    with cell.simulate(robot, around=around(faster, 2)) as called:
+    with cell.simulate(robot, cell=around(faster, 2)) as called:
         error = refused(called, lambda _: stays(called, 1.4))
         here = called.state()
         called.move_l(to_mm=[0, 0, -800])
@@ -68,7 +68,7 @@ def test_a_belt_that_gets_faster_carries_the_part_away_and_the_robot_stops_and_g
 
 def test_a_belt_that_runs_back_out_of_the_window_ends_the_work(robot):
     back = [speed_of(0.3), speed_of(-0.3, after_s=2.6)]
-    with cell.simulate(robot, around=around(back, 1)) as called:
+    with cell.simulate(robot, cell=around(back, 1)) as called:
         error = refused(called, lambda _: above(called, lambda _: called.wait_time(5.0)))
         here = called.state()
     assert error.code is Code.BELT
@@ -85,7 +85,7 @@ def test_a_part_on_a_belt_that_stands_does_not_come(robot):
         with called.track('line', timeout_s=1.0, **QUICK):
             called.move_l(to_mm=[0, 0, 60], **QUICK)
 
-    with cell.simulate(robot, around=around(stopped, 1)) as called:
+    with cell.simulate(robot, cell=around(stopped, 1)) as called:
         error = refused(called, waits)
     assert isinstance(error, cell.WaitTimeoutError)
     assert 'track: the belt stands, with the part at' in str(error)
@@ -94,9 +94,7 @@ def test_a_part_on_a_belt_that_stands_does_not_come(robot):
 
 def test_a_belt_that_stops_while_the_robot_comes_is_worked_on_where_it_stands(robot):
     stops = [speed_of(0.5), speed_of(0.0, after_s=0.82)]
-    with cell.simulate(
-        robot, around=around(stops, 1, window_mm=[400, 1100]), signals=['cell_belts']
-    ) as called:
+    with cell.simulate(robot, cell=around(stops, 1, window_mm=[400, 1100]), signals=['cell_belts']) as called:
         pick(called)
     assert called.trace.meta['cell']['outcomes']['placed'] == 1
     assert np.ptp(called.trace.signals['cell_belts'][-300:, 0]) == 0.0
@@ -104,7 +102,7 @@ def test_a_belt_that_stops_while_the_robot_comes_is_worked_on_where_it_stands(ro
 
 def test_a_belt_that_stops_before_the_part_is_in_the_window_ends_the_work(robot):
     stops = [speed_of(0.5), speed_of(0.0, after_s=0.85)]
-    with cell.simulate(robot, around=around(stops, 1)) as called:
+    with cell.simulate(robot, cell=around(stops, 1)) as called:
         error = refused(called, lambda _: stays(called, 0.2))
     assert error.code is Code.BELT
     assert 'it has stopped too early or runs backwards' in str(error)
@@ -112,7 +110,7 @@ def test_a_belt_that_stops_before_the_part_is_in_the_window_ends_the_work(robot)
 
 
 def test_held_on_a_belt_the_robot_stands_and_resumed_it_picks_the_same_part(robot):
-    with cell.simulate(robot, around=around(SLOW, 1), signals=['cell_belts']) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1), signals=['cell_belts']) as called:
         with called.track('line', timeout_s=5.0, **QUICK):
             called.move_l(to_mm=[0, 0, 40], **QUICK)
             called.wait()
@@ -135,7 +133,7 @@ def test_held_on_a_belt_the_robot_stands_and_resumed_it_picks_the_same_part(robo
 def test_resumed_at_once_the_path_goes_on_with_the_part(robot):
     with (
         cell.simulate(
-            robot, around=around([speed_of(1.0)], 1, window_mm=[350, 1150]), signals=['cell_belts']
+            robot, cell=around([speed_of(1.0)], 1, window_mm=[350, 1150]), signals=['cell_belts']
         ) as called,
         called.track('line', timeout_s=5.0, **QUICK),
     ):
@@ -163,7 +161,7 @@ def test_a_script_that_dies_while_its_belt_is_lost_tells_its_own_error(robot):
         raise ValueError('no more')
 
     def run():
-        with cell.simulate(robot, around=around(faster, 2)) as called:
+        with cell.simulate(robot, cell=around(faster, 2)) as called:
             simulated.append(called)
             above(called, dies)
 
@@ -174,7 +172,7 @@ def test_a_script_that_dies_while_its_belt_is_lost_tells_its_own_error(robot):
 
 
 def test_a_move_behind_the_belt_that_is_refused_is_not_ordered_later(robot):
-    with cell.simulate(robot, around=around(SLOW, 1)) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1)) as called:
         above(called, lambda _: None)
         called.move_l(to_mm=[900, 0, -800], **QUICK)
         error = refused(called, lambda _: called.wait())
@@ -190,7 +188,7 @@ def test_a_later_move_on_the_belt_is_checked_with_the_motion_of_the_belt(robot):
         called.move_l(to_mm=[480, 0, 60], **QUICK)  # in reach where the plan has the part
         called.wait()
 
-    with cell.simulate(robot, around=around(SLOW, 1)) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1)) as called:
         error = refused(called, lambda _: above(called, goes_on))
     assert 'after its begin on the belt' in str(error)
     assert stands(called.trace)
@@ -204,7 +202,7 @@ def test_a_resume_that_would_not_be_done_in_the_window_is_refused_and_the_work_d
         called.wait_time(2.0)
         called.resume()
 
-    with cell.simulate(robot, around=around(SLOW, 1)) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1)) as called:
         error = refused(called, lambda _: above(called, too_long))
         called.move_l(to_mm=[0, 0, -800])
     assert error.code is Code.BELT
@@ -214,7 +212,7 @@ def test_a_resume_that_would_not_be_done_in_the_window_is_refused_and_the_work_d
 
 @pytest.mark.parametrize('percent', [60, 120])
 def test_an_override_changes_the_work_and_not_the_belt(robot, percent):
-    with cell.simulate(robot, around=around(SLOW, 1), signals=['cell_belts']) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1), signals=['cell_belts']) as called:
         called.override(percent)
         pick(called)
     assert called.trace.meta['cell']['outcomes']['placed'] == 1
@@ -224,7 +222,7 @@ def test_an_override_changes_the_work_and_not_the_belt(robot, percent):
 
 @pytest.mark.parametrize('percent', [50, 75, 150])
 def test_an_override_behind_the_work_lets_moves_wait_until_the_robot_has_left_the_belt(robot, percent):
-    with cell.simulate(robot, around=around(SLOW, 1), signals=['outputs']) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1), signals=['outputs']) as called:
         above(called, lambda robot: robot.dwell(0.3))
         called.override(percent)
         called.move_l(to_m={'by_m': [0.0, 0.0, 0.001]}, **QUICK)
@@ -242,7 +240,7 @@ def test_a_script_that_dies_on_a_belt_leaves_the_robot_in_a_stop(robot):
         raise ValueError('no more')
 
     def run():
-        with cell.simulate(robot, around=around(SLOW, 1)) as called:
+        with cell.simulate(robot, cell=around(SLOW, 1)) as called:
             simulated.append(called)
             above(called, dies)
 
@@ -256,7 +254,7 @@ def test_a_script_that_dies_on_a_belt_leaves_the_robot_in_a_stop(robot):
 
 def test_an_encoder_that_jumps_once_loses_no_part(robot):
     jump = {'fault': 'encoder_jump', 'belt': 'line', 'jump_mm': 30, 'after_s': 1.7}
-    with cell.simulate(robot, around=around(SLOW, 1, faults=[jump]), signals=['cell_belts']) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1, faults=[jump]), signals=['cell_belts']) as called:
         pick(called, grip_s=0.3)
     assert called.trace.meta['cell']['outcomes']['placed'] == 1
     far, _ = apart_m(called.trace)
@@ -265,7 +263,7 @@ def test_an_encoder_that_jumps_once_loses_no_part(robot):
 
 def test_a_vacuum_that_fails_on_the_belt_is_seen_and_the_next_part_picked(robot):
     failure = {'fault': 'vacuum_failure', 'after_s': 1.0, 'for_s': 1.2}
-    with cell.simulate(robot, around=around(SLOW, 2, faults=[failure])) as called:
+    with cell.simulate(robot, cell=around(SLOW, 2, faults=[failure])) as called:
         pick(called)
         pick(called)
     outcomes = called.trace.meta['cell']['outcomes']
@@ -298,14 +296,14 @@ MISUSED = {
 @pytest.mark.parametrize('case', MISUSED)
 def test_a_call_that_makes_no_sense_is_refused_in_one_sentence(robot, case):
     call, sentence = MISUSED[case]
-    with cell.simulate(robot, around=around(SLOW, 1)) as called, pytest.raises(cell.ScriptError) as told:
+    with cell.simulate(robot, cell=around(SLOW, 1)) as called, pytest.raises(cell.ScriptError) as told:
         call(called)
     assert sentence in str(told.value)
 
 
 def test_a_belt_whose_encoder_shakes_the_robot_is_not_tracked(robot):
     coarse = {'bits': 10, 'circumference_mm': 200}
-    with cell.simulate(robot, around=around(SLOW, 1, encoder=coarse)) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1, encoder=coarse)) as called:
         error = refused(called, lambda _: above(called, lambda _: None))
     assert error.code is Code.BELT
     assert 'an increment of the encoder of belt line is 195 um, but must be at most 20 um' in str(error)
@@ -322,7 +320,7 @@ def test_a_part_that_a_standing_belt_does_not_bring_is_waited_for_and_then_told(
         with called.track('line', part, timeout_s=1.0, **QUICK):
             called.move_l(to_mm=[0, 0, 60], **QUICK)
 
-    with cell.simulate(robot, around=around(stops, 1)) as called:
+    with cell.simulate(robot, cell=around(stops, 1)) as called:
         error = refused(called, waits)
     assert isinstance(error, cell.WaitTimeoutError)
     assert error.code is Code.TIMEOUT
@@ -350,14 +348,14 @@ def test_work_that_makes_no_sense_is_refused_and_nothing_moves(robot, case):
         with called.track('line', timeout_s=5.0, **QUICK):
             work(called)
 
-    with cell.simulate(robot, around=around(SLOW, 1)) as called:
+    with cell.simulate(robot, cell=around(SLOW, 1)) as called:
         error = refused(called, wrong)
     assert sentence in str(error)
     assert np.ptp(called.trace.signals['tcp_command'], axis=0).max() == 0.0
 
 
 def test_a_cell_without_belts_says_so(robot):
-    with cell.simulate(robot, around=around(None, 0)) as called:
+    with cell.simulate(robot, cell=around(None, 0)) as called:
         assert "unknown belt 'line', the belts are: none" in str(
             refused(called, lambda _: called.part('line'))
         )
@@ -366,7 +364,7 @@ def test_a_cell_without_belts_says_so(robot):
 def test_work_that_ends_where_the_robot_cannot_leave_the_belt_is_refused_before_anything_moves(robot):
     # at the end of its window the robot cannot come to rest within the workspace without a move that leads back
     near_the_rim = {'window_mm': [450, 1280]}
-    with cell.simulate(robot, around=around([speed_of(1.5)], 1, **near_the_rim)) as called:
+    with cell.simulate(robot, cell=around([speed_of(1.5)], 1, **near_the_rim)) as called:
         error = refused(called, lambda _: above_only(called))
         here = called.state()
     assert 'track: no move follows, so that the robot' in str(error)

@@ -24,7 +24,7 @@ def robot():
 
 def picked(robot, speed, grip_s=0.06, count=1, **of_belt):
     with cell.simulate(
-        robot, around=around(speed, count, **of_belt), signals=['cell_belts', 'outputs']
+        robot, cell=around(speed, count, **of_belt), signals=['cell_belts', 'outputs']
     ) as called:
         for _ in range(count):
             pick(called, grip_s)
@@ -90,7 +90,7 @@ def test_the_delay_of_the_light_barrier_is_taken_off(robot):
 
 def test_a_belt_beside_a_script_that_does_not_look_at_it_changes_no_bit(robot):
     def moved(cell_around):
-        with cell.simulate(robot, around=cell_around) as called:
+        with cell.simulate(robot, cell=cell_around) as called:
             called.move_l(to_mm=[50, 0, -800])
         return called.trace
 
@@ -102,7 +102,7 @@ def test_a_belt_beside_a_script_that_does_not_look_at_it_changes_no_bit(robot):
 def test_parts_that_come_too_close_together_are_left_out_with_a_reason_and_pass(robot):
     codes = []
     stream = {'part': 'bar', 'count': 4, 'spacing_mm': 150}
-    with cell.simulate(robot, around=around(RUNS['fast'], 4, stream=stream)) as called:
+    with cell.simulate(robot, cell=around(RUNS['fast'], 4, stream=stream)) as called:
         for _ in range(4):
             try:
                 pick(called)
@@ -124,7 +124,7 @@ def test_the_robot_may_wait_and_decide_on_a_belt(robot):
         seen.append(called.position())
 
     seen = []
-    with cell.simulate(robot, around=around(RUNS['slow'], 1)) as called, called.track('line', **QUICK):
+    with cell.simulate(robot, cell=around(RUNS['slow'], 1)) as called, called.track('line', **QUICK):
         called.move_l(to_mm=[0, 0, 60], **QUICK)
         decide(called)
         called.move_l(to_mm=[0, 20, 60], **QUICK)
@@ -134,7 +134,7 @@ def test_the_robot_may_wait_and_decide_on_a_belt(robot):
 
 
 def test_a_short_move_behind_the_work_waits_until_the_robot_has_left_the_belt(robot):
-    with cell.simulate(robot, around=around(RUNS['fast'], 1)) as called:
+    with cell.simulate(robot, cell=around(RUNS['fast'], 1)) as called:
         with called.track('line', **QUICK):
             called.move_l(to_mm=[0, 0, 60], **QUICK)
         called.move_l(to_mm=[75, 100, -800], **QUICK)
@@ -144,7 +144,7 @@ def test_a_short_move_behind_the_work_waits_until_the_robot_has_left_the_belt(ro
 
 
 def test_one_part_after_the_other_may_be_looked_at_from_the_same_place_above_it(robot):
-    with cell.simulate(robot, around=around(RUNS['slow'], 2)) as called:
+    with cell.simulate(robot, cell=around(RUNS['slow'], 2)) as called:
         for _ in range(2):
             with called.track('line', timeout_s=5.0, **QUICK):
                 called.move_l(to_mm=[0, 0, 60], **QUICK)
@@ -158,7 +158,7 @@ def test_one_part_after_the_other_may_be_looked_at_from_the_same_place_above_it(
 
 
 def test_a_script_ends_once_the_robot_has_left_the_belt(robot):
-    with cell.simulate(robot, around=around(RUNS['slow'], 1)) as called, called.track('line', **QUICK):
+    with cell.simulate(robot, cell=around(RUNS['slow'], 1)) as called, called.track('line', **QUICK):
         called.move_l(to_mm=[0, 0, 60], **QUICK)
     assert np.ptp(called.trace.signals['tcp_command'][-3:], axis=0).max() < 1e-6
 
@@ -167,7 +167,7 @@ def test_a_belt_of_1_5_m_s_that_brakes_stands_and_starts_with_2_m_s2_carries_the
     speed = [speed_of(1.5), speed_of(0.0, after_s=1.36), speed_of(1.5, after_s=2.3)]
     barrier, window_mm = {'at_mm': 50, 'delay_s': 0.0005}, [450, 1200]
     with cell.simulate(
-        robot, around=around(speed, 3, barrier=barrier, window_mm=window_mm), signals=['cell_belts']
+        robot, cell=around(speed, 3, barrier=barrier, window_mm=window_mm), signals=['cell_belts']
     ) as called:
         called.move_l(to_mm=[-250, 100, -800], **QUICK)
         part = [called.part('line') for _ in range(3)][-1]
@@ -190,7 +190,7 @@ def test_a_belt_of_1_5_m_s_that_brakes_stands_and_starts_with_2_m_s2_carries_the
 
 
 def test_circles_arches_and_cubics_are_driven_in_the_frame_of_the_part(robot):
-    with cell.simulate(robot, around=around([speed_of(0.5)], 1), signals=['cell_belts']) as called:
+    with cell.simulate(robot, cell=around([speed_of(0.5)], 1), signals=['cell_belts']) as called:
         with called.track('line', **QUICK):
             called.move_l(to_mm=[-60, 0, 60], **QUICK)
             called.move_c(

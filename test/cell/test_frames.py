@@ -93,7 +93,7 @@ def test_what_a_script_cannot_mean_is_refused_in_its_line(robot, tmp_path, case)
     script, told = WRONG[case]
     with (
         pytest.raises(cell.ScriptError, match=rf'test_frames\.py:\d+: .*{told}'),
-        cell.simulate(robot, around=path) as called,
+        cell.simulate(robot, cell=path) as called,
     ):
         script(called)
 
@@ -103,7 +103,7 @@ def test_a_script_switches_and_sees_outputs_by_the_names_of_the_cell(robot, tmp_
     path.write_text(
         'outputs: {clamp: {output: output3, delays: {on_s: 0.03}}}\ninputs: {clamped: {follows: clamp}}\n'
     )
-    with cell.simulate(robot, around=path) as called:
+    with cell.simulate(robot, cell=path) as called:
         called.output('clamp', True)
         called.wait()
         begun_s = called.state().time_s

@@ -44,7 +44,7 @@ def run(folder, robot, text, **options):
 
 def test_a_script_is_run_with_what_stands_beside_it(folder, robot):
     path = list(sys.path)
-    with cell.simulate(robot, around='cell.yaml', name='pick') as called:
+    with cell.simulate(robot, cell='cell.yaml', name='pick') as called:
         script.load('pick.py').run(called)
     assert called.trace.meta['program'] == 'pick'
     assert called.trace.meta['planned_end_m'] == pytest.approx([0.1, 0.0, -0.8])

@@ -1,13 +1,16 @@
 """Facts about a script beside a bring-up: what it is reported as, whoever is first to end."""
 
+import json
 import threading
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from delta3_pacdrive.cli import script_run
+from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.cli.script_run import ScriptRun
 from delta3_pacdrive.ros import script_client
 
@@ -61,3 +64,44 @@ def test_a_script_that_has_come_to_its_end_was_not_interrupted_by_the_end_of_the
     run.show({})
     bringup.let.set()
     assert (run.ended, run.interrupted) == (True, False)
+
+
+# what a script prints, and what people read of it
+
+TALKATIVE = """
+print('loaded')
+
+
+def main(robot):
+    print('begins')
+    robot.move_l(to_mm=[0, 0, -760])
+    print('ends')
+"""
+
+
+@pytest.mark.parametrize('command', ['simulate', 'plan'])
+def test_json_alone_is_on_standard_output_whatever_the_script_prints(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'pick.py').write_text(TALKATIVE)
+    assert main([command, str(tmp_path / 'pick.py'), '--json']) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)['program' if command == 'simulate' else 'ok']
+    assert [line for line in err.splitlines() if line in ('loaded', 'begins', 'ends')] == [
+        'loaded',
+        'begins',
+        'ends',
+    ]
+    assert main([command, str(tmp_path / 'pick.py')]) == 0
+    assert capsys.readouterr().out.splitlines()[:3] == ['loaded', 'begins', 'ends']
+
+
+def test_the_summary_of_a_script_in_a_cell_says_what_happened_to_the_parts() -> None:
+    parts = {'outcomes': {'placed': 2, 'lost': 1}, 'picked': 3, 'missed': 1, 'place_error_max_m': 1e-4,
+             'place_error_rms_m': 5e-5, 'hold_use_max': 0.5, 'parts': [], 'misses': []}  # fmt: skip
+    counts = dict.fromkeys(('late_decisions', 'late_cycles_max', 'overruns', 'lost_telegrams'), 0)
+    result = {'bus_time_s': 1.0, 'cycles': 1000, 'held_at_cycle': None, 'notices': [], **counts}
+    told = '\n'.join(script_run.text(result | {'cell': parts}))
+    assert '3 picked, 2 placed, 1 lost, 1 missed' in told
+    assert '0.100 mm max, 0.050 mm rms' in told
+    assert 'picked' not in '\n'.join(script_run.text(result))

@@ -240,9 +240,9 @@ def test_a_script_gives_up_in_the_moment_in_which_the_belt_is_lost(robot, left_c
         called.wait()
         return [*seen, called.position()]
 
-    with cell.simulate(robot, around=there) as simulated:
+    with cell.simulate(robot, cell=there) as simulated:
         lost = works(simulated)[2][0]
-    with cell.simulate(robot, around=there) as simulated:
+    with cell.simulate(robot, cell=there) as simulated:
         seen = works(simulated, lost - left_cycles)
     node = ServedNode(robot, there)
     assert works(BeltRobot(ConnectedLink(node, robot), 'script'), lost - left_cycles) == seen
@@ -273,7 +273,7 @@ def test_a_script_that_holds_when_its_moves_are_over_goes_on_with_the_belt(robot
             called.move_l(to_mm=[0, 0, 40], **QUICK)
         return seen
 
-    with cell.simulate(robot, around=there) as simulated:
+    with cell.simulate(robot, cell=there) as simulated:
         seen = works(simulated)
     node = ServedNode(robot, there)
     assert works(BeltRobot(ConnectedLink(node, robot), 'script')) == seen

@@ -158,7 +158,7 @@ IN_EACH_RUN = [('puts', order) for order in ('', BELTS_FIRST, ANSWERS_LATE)] + [
 def test_a_script_has_the_bits_of_its_simulation(robot, name, order):
     script, speed, of_belt = SCRIPTS[name]
     there = around(speed, 3, **of_belt)
-    with cell.simulate(robot, around=there) as simulated:
+    with cell.simulate(robot, cell=there) as simulated:
         seen = script(simulated)
         known = simulated.belt('line')
     trace = simulated.trace

@@ -1,14 +1,17 @@
 """Facts about ``joint_trajectory``: what a message may hold, and a real publisher that drives the arms with it."""
 
+import json
 import math
 from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
+from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.ros.joint_trajectory import joint_trajectory
+from delta3_pacdrive.ros.qos import REQUEST
 from trajectories import HALF_INCREMENT, HOME, Cell, message, still
 
 # messages
@@ -87,10 +90,19 @@ def test_a_publisher_drives_the_arms_through_points(cell: Cell) -> None:
 
 
 def test_a_refused_trajectory_is_answered_and_the_next_one_driven(cell: Cell) -> None:
+    reports = cell.graph.listen(String, 'unit_robot/requests', REQUEST)
     answer = cell.send(message((1.0, still(2.0))))
     assert 'refused: ' in answer
     assert 'the angle of arm 1 is 111 deg at 1.0000 s, on the way to point 1, the limit is 95 deg' in answer
     assert cell.send(message((1.0, still(0.1)), names=['a', 'b', 'c'])).startswith('refused: joint_names are')
+    cell.operator.take_control('somebody')
+    assert 'control' in cell.send(message((0.5, still(0.1))))
+    cell.operator.release_control()
+    cell.graph.spin_until(lambda: len(reports) == 4, 'a report of each')
+    told = [json.loads(report.data) for report in reports]
+    assert [report['state'] for report in told] == ['planning', 'refused', 'refused', 'refused']
+    assert ['refused: ' + report['sentence'] for report in told[1:]] == [a.data for a in cell.answers[-3:]]
+    assert len({report['id'] for report in told}) == 3
     assert cell.operator.state == 'idle'
     assert cell.send(message((0.5, still(0.1)))).startswith('accepted: started')
     cell.wait_for('moving')

@@ -1,6 +1,5 @@
 """Facts about what a view knows of a robot, also if it joins late; strangers neither end it nor count."""
 
-import json
 from typing import Any
 
 import numpy as np
@@ -26,6 +25,7 @@ from delta3_pacdrive.ros.robot_reader import RobotReader
 from delta3_pacdrive.ros.told_parameters import TELL_PARAMETERS, ToldParameters
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.configuration_check import DRIVES
+from planner_client import progress_text
 
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}
@@ -103,29 +103,7 @@ def diagnostics(**values: str) -> DiagnosticArray:
 
 
 def progress(**values: Any) -> String:
-    facts = dict.fromkeys(
-        (
-            'session',
-            'phase',
-            'waiting',
-            'fault',
-            'fault_code',
-            'fault_source',
-            'state',
-            'operator',
-            'unlearned',
-        ),
-        'x',
-    )
-    facts |= dict.fromkeys(('finished', 'settling', 'in_torque', 'enabled', 'learned_torques'), False)
-    facts |= dict.fromkeys(
-        ('fault_number', 'fault_cycle', 'cycles', 'move', 'moves', 'outputs', 'control'), 0
-    )
-    facts |= dict.fromkeys(('bus_time_s', 'wall_time_s', 'end_s', 'remaining_s', 'master_m', 'slip_s'), 0.0)
-    facts |= dict.fromkeys(('master_speed_m_s', 'rate', 'payload_kg', 'following_error_rad'), 0.0)
-    facts |= dict.fromkeys(('overruns', 'lost_telegrams', 'repeated_telegrams'), 0)
-    facts |= {'tcp_m': [0.0, 0.0, -0.75], 'missing': [], 'operator_identity': ''}
-    return String(data=json.dumps(facts | values))
+    return String(data=progress_text(**values))
 
 
 def test_diagnostics_of_strangers_are_not_believed(graph: Any, reader: RobotReader) -> None:
@@ -154,8 +132,12 @@ def test_numbers_that_no_robot_has_end_no_page(graph: Any, reader: RobotReader) 
         told.publish(progress(tcp_m=[10**400, 0.0, 0.0]))
         graph.spin_for(0.05)
     assert not reader.here
-    told.publish(progress(cycles=17, payload_kg=1e9, outputs=-1))
-    graph.spin_until(lambda: reader.here, 'a report')
+
+    def here() -> bool:
+        told.publish(progress(cycles=17, payload_kg=1e9, outputs=-1))
+        return reader.here
+
+    graph.spin_until(here, 'a report')
     facts = reader.facts()
     assert (facts.cycle, facts.payload_kg) == (17, parameters.PAYLOAD_MAX_KG)
 
@@ -168,9 +150,12 @@ def test_plans_that_are_none_leave_the_path_as_it_was(graph: Any, reader: RobotR
         plan.publish(numbers(row, Origin('LINE', 'p', 's', 1).label()))
     plan.publish(numbers([], 'no label'))
     plan.publish(numbers([-1.0, 1.0, 0.0], Origin(ORDER, 'p', 's', 1).label()))
-    told.publish(progress())
-    graph.spin_until(lambda: reader.here, 'a report')
-    graph.spin_for(0.2)
+
+    def here() -> bool:
+        told.publish(progress())
+        return reader.here
+
+    graph.spin_until(here, 'a report')
     assert len(reader.planned.points_m) == 0
 
 

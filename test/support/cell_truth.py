@@ -82,7 +82,7 @@ def picks_from_a_belt(**of_belt):
     """Simulate a script that takes two of three parts from a belt; return trace and truth."""
     with (
         witnessed() as truth,
-        cell.simulate('model', around=belts.around([belts.speed_of(0.5)], 3, **of_belt)) as robot,
+        cell.simulate('model', cell=belts.around([belts.speed_of(0.5)], 3, **of_belt)) as robot,
     ):
         for _ in range(2):
             belts.pick(robot)

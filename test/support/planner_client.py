@@ -1,5 +1,6 @@
 """A planner without its node, and what a test says to it."""
 
+import json
 from dataclasses import replace
 from typing import Any
 
@@ -84,3 +85,30 @@ class Client:
     def follow(self, profile: MotionProfile | None, number: int) -> bool:
         assert profile is not None
         return self.planner.receive_profile(Origin('COURSE', ME, '5e55', number), profile.to_array())
+
+
+def progress_text(**values: Any) -> str:
+    """Return a report of ``motion/progress``."""
+    facts = dict.fromkeys(
+        (
+            'session',
+            'phase',
+            'waiting',
+            'fault',
+            'fault_code',
+            'fault_source',
+            'state',
+            'operator',
+            'unlearned',
+        ),
+        'x',
+    )
+    facts |= dict.fromkeys(('finished', 'settling', 'in_torque', 'enabled', 'learned_torques'), False)
+    facts |= dict.fromkeys(
+        ('fault_number', 'fault_cycle', 'cycles', 'move', 'moves', 'outputs', 'control'), 0
+    )
+    facts |= dict.fromkeys(('bus_time_s', 'wall_time_s', 'end_s', 'remaining_s', 'master_m', 'slip_s'), 0.0)
+    facts |= dict.fromkeys(('master_speed_m_s', 'rate', 'payload_kg', 'following_error_rad'), 0.0)
+    facts |= dict.fromkeys(('overruns', 'lost_telegrams', 'repeated_telegrams'), 0)
+    facts |= {'tcp_m': [0.0, 0.0, -0.75], 'missing': [], 'operator_identity': ''}
+    return json.dumps(facts | values)

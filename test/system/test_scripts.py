@@ -63,7 +63,7 @@ def test_a_script_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     decides.write_text(DECIDES)
     sensor.write_text(SENSOR)
     robot = parameters.load(parameters.of_run(None, str(decides)))
-    with cell.simulate(robot, around=sensor) as simulated:
+    with cell.simulate(robot, cell=sensor) as simulated:
         scripts.load(decides).run(simulated)
     trace = simulated.trace
     done = delta3('run', decides, '--cell', sensor, '--real-time-factor', '0', '--bag', bag, '--json')
@@ -135,7 +135,7 @@ def test_a_script_on_a_belt_has_the_bits_of_the_simulation_on_a_graph_without_a_
 ) -> None:
     script, around = belt
     robot = parameters.load(parameters.of_run(None, str(script)))
-    with cell.simulate(robot, around=around) as simulated:
+    with cell.simulate(robot, cell=around) as simulated:
         scripts.load(script).run(simulated)
     trace, bag = simulated.trace, tmp_path / 'bag'
     done = delta3(

@@ -8,7 +8,7 @@ import signal
 import sys
 
 from delta3_pacdrive import interrupts, memory
-from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.errors import RunError, loading_failure
 from delta3_pacdrive.ros import domain
 
 
@@ -49,7 +49,11 @@ def _start(kind: str) -> int:
     try:
         memory.require(in_a_graph=True)
         domain.check()
-    except RunError as error:
-        sys.stderr.write(f'error: {error}\n')
+        module = importlib.import_module(f'delta3_pacdrive.ros.nodes.{kind}')
+    except Exception as error:
+        sentence = str(error) if isinstance(error, RunError) else loading_failure(error)
+        if sentence is None:
+            raise
+        sys.stderr.write(f'error: {sentence}\n')
         return 1
-    return int(importlib.import_module(f'delta3_pacdrive.ros.nodes.{kind}').main())
+    return int(module.main())

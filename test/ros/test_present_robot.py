@@ -1,0 +1,168 @@
+"""Facts about clients of a robot while a recording is played back: they believe the session of the robot that is up."""
+
+import json
+from typing import Any
+
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import Header, String
+
+from delta3_pacdrive.bringup.monitor import RobotMonitor
+from delta3_pacdrive.controller.messages import QueueReport
+from delta3_pacdrive.controller.task_status import MASTER_SILENT_S
+from delta3_pacdrive.ros import interfaces, present_robot
+from delta3_pacdrive.ros.present_robot import PresentRobot
+from delta3_pacdrive.ros.robot_client import OperatorNode
+from planner_client import progress_text
+
+LIVE, PLAYED = 'aaaa', 'bbbb'
+ROUNDS, MORE = 600, 10  # of reports by both: until each client has heard all, and then
+
+
+def report(session: str, cycles: int = 5, phase: str = 'CP4', **more: Any) -> dict[str, Any]:
+    return dict(json.loads(progress_text(session=session, cycles=cycles, phase=phase, **more)))
+
+
+class Clock:
+    """A monotonic clock that the test sets."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    found = Clock()
+    monkeypatch.setattr(present_robot, 'time', found)
+    return found
+
+
+class Graph:
+    """A node whose graph consists of the names of those who publish ``motion/progress``."""
+
+    def __init__(self, *writers: str) -> None:
+        self.writers = writers
+        self.heartbeat: Any = None
+
+    def create_subscription(self, _type: Any, _topic: str, take: Any, *_: Any, **_more: Any) -> None:
+        self.heartbeat = take
+
+    def resolve_topic_name(self, name: str) -> str:
+        return name
+
+    def get_publishers_info_by_topic(self, _: str) -> list[Any]:
+        return [type('Writer', (), {'node_name': name}) for name in self.writers]
+
+
+def beat(graph: Graph, session: str, planner: str = 'planner') -> None:
+    graph.heartbeat(Header(frame_id=f'{planner} {session}'))
+
+
+def test_a_robot_that_is_alone_is_believed_at_once(clock: Clock) -> None:
+    present = PresentRobot(Graph('transformation_task'))
+    assert present.takes(report(LIVE))
+    assert present.session == LIVE
+
+
+def test_a_recording_that_is_heard_first_waits_for_the_heartbeat_of_the_planner(clock: Clock) -> None:
+    graph = Graph('transformation_task', 'rosbag2_player')
+    present = PresentRobot(graph)
+    assert not present.takes(report(PLAYED))
+    assert not present.takes(report(LIVE))
+    beat(graph, LIVE)
+    assert not present.takes(report(PLAYED))
+    assert present.takes(report(LIVE))
+
+
+def test_a_recording_without_a_robot_is_taken_after_a_second(clock: Clock) -> None:
+    present = PresentRobot(Graph('rosbag2_player'))
+    clock.now_s += MASTER_SILENT_S - 1e-6
+    assert not present.takes(report(PLAYED))
+    clock.now_s += 2e-6
+    assert present.takes(report(PLAYED))
+
+
+def test_the_session_that_was_heard_first_counts_without_heartbeats_until_it_is_silent(clock: Clock) -> None:
+    graph = Graph('transformation_task')
+    present = PresentRobot(graph)
+    assert present.takes(report(LIVE))
+    graph.writers = ('transformation_task', 'rosbag2_player')
+    clock.now_s += MASTER_SILENT_S - 1e-6
+    assert not present.takes(report(PLAYED))
+    assert present.takes(report(LIVE))
+    clock.now_s += MASTER_SILENT_S + 1e-6
+    assert present.takes(report(PLAYED))
+
+
+def test_a_new_session_of_the_robot_counts_as_soon_as_its_planner_is_in_it(clock: Clock) -> None:
+    graph = Graph('transformation_task', 'rosbag2_player')
+    present = PresentRobot(graph)
+    beat(graph, LIVE)
+    assert present.takes(report(LIVE, 7000))
+    beat(graph, 'cccc')
+    assert present.takes(report('cccc', 0, 'CP1'))
+    assert not present.takes(report(LIVE, 7001))
+    assert not present.takes(report(PLAYED))
+
+
+def test_heartbeats_of_another_planner_and_of_none_count_only_if_the_known_one_is_silent(
+    clock: Clock,
+) -> None:
+    graph = Graph('transformation_task', 'rosbag2_player')
+    present = PresentRobot(graph)
+    beat(graph, LIVE)
+    beat(graph, PLAYED, 'recorded')
+    graph.heartbeat(Header(frame_id='planner 0000'))
+    graph.heartbeat(Header(frame_id=''))
+    assert present.takes(report(LIVE))
+    assert (present.is_planner('planner'), present.is_planner('recorded')) == (True, False)
+    clock.now_s += MASTER_SILENT_S + 1e-6
+    assert present.is_planner('recorded')
+    beat(graph, PLAYED, 'recorded')
+    assert present.takes(report(PLAYED))
+
+
+def test_the_recording_of_this_very_session_does_not_turn_bus_time_back(clock: Clock) -> None:
+    present = PresentRobot(Graph('transformation_task'))
+    assert present.takes(report(LIVE, 9000, 'CP1'))  # of the session before
+    assert present.takes(report(LIVE, 0))
+    assert present.takes(report(LIVE, 400))
+    assert not present.takes(report(LIVE, 399))
+    assert present.takes(report(LIVE, 400))
+
+
+def test_clients_see_the_robot_and_not_the_recording(graph: Any) -> None:
+    task, player = graph.add(Node, 'transformation_task'), graph.add(Node, 'player')
+    told = [interfaces.PROGRESS.publisher(node) for node in (task, player)]
+    states = [interfaces.MOTION_STATE.publisher(node) for node in (task, player)]
+    queues = [interfaces.QUEUE.publisher(node) for node in (task, player)]
+    alive = interfaces.PLANNER_ALIVE.publisher(task)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    monitor = graph.add(RobotMonitor, '/')
+    alive.publish(Header(frame_id=f'planner {LIVE}'))
+    seen: set[Any] = set()
+    left = ROUNDS
+    while left:
+        left -= 1
+        if left > MORE and operator.queue and monitor.refusal and operator.state:
+            left = MORE
+        alive.publish(Header(frame_id=f'planner {LIVE}'))
+        told[1].publish(String(data=json.dumps(report(PLAYED, 9000, state='moving', fault='recorded'))))
+        states[1].publish(String(data='moving'))
+        told[0].publish(String(data=json.dumps(report(LIVE, 500, state='idle', fault=''))))
+        if monitor.progress:  # the heartbeats are known
+            turn = left % 2  # the newest message of a latched topic counts
+            name, moves = ('planner', 3) if turn == 0 else ('recorded', 8)
+            queues[turn].publish(String(data=QueueReport(name, moves, 1.0, 1.0, '', name, '').to_json()))
+        graph.spin_for(0.05)
+        for client in (operator, monitor):
+            if client.progress:
+                seen.add((client.progress['session'], client.progress['fault']))
+        seen.add(operator.state)
+    assert seen - {''} == {(LIVE, ''), 'idle'}
+    assert operator.queue is not None
+    assert operator.queue.moves == 3
+    assert monitor.refusal == 'planner'
