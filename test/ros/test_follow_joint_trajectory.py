@@ -174,9 +174,10 @@ class Driver:
         """Send a goal that is rejected; returns the sentence, which everybody can read."""
         known = len(self.reports)
         assert not self.ask(trajectory, **options).accepted
-        self.graph.spin_until(lambda: self.states(known)[-1:] == ['refused'], 'the report')
-        assert self.cell.answers[-1].data == f'refused: {self.reports[-1]["sentence"]}'
-        return str(self.reports[-1]['sentence'])
+        self.graph.spin_until(lambda: 'refused' in self.states(known), 'the report')
+        (refused,) = (report for report in self.reports[known:] if report['state'] == 'refused')
+        assert self.cell.answers[-1].data == f'refused: {refused["sentence"]}'
+        return str(refused['sentence'])
 
     def states(self, first: int = 0) -> list[str]:
         return [report['state'] for report in self.reports[first:]]
