@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.analysis import run_figures, run_signals
+from delta3_pacdrive.analysis import derived_signals, run_figures, run_signals
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.cli.main import main
@@ -77,6 +77,59 @@ def test_the_figure_of_the_turn_tells_what_the_run_holds(turning: Trace, tmp_pat
     assert (angle.get_ylabel(), error.get_ylabel(), current.get_ylabel()) == (
         'angle [deg]', 'error [deg]', 'current [A]',
     )  # fmt: skip
+
+
+def test_titles_and_labels_of_panels_name_the_signals_of_their_curves(trace: Trace) -> None:
+    run, gear = run_signals.program_part(trace), trace.meta['gear_ratio']
+    raw = np.linalg.norm(run['tcp_command'] - run['tcp_actual'], axis=1)
+    aligned = np.linalg.norm(run['tcp_error'], axis=1)
+    drawn = {
+        axes.get_title('left') or axes.get_title(): axes for axes in run_figures.tcp_error_norm(trace).axes
+    }
+    for title, values in (
+        ('set-point delay removed', aligned),
+        ('raw difference of command and actual position', raw),
+    ):
+        np.testing.assert_allclose(drawn[title].lines[0].get_ydata(), 1e3 * values, rtol=1e-12)
+        assert drawn[title].get_ylabel() == 'error [mm]'
+    assert raw.max() > 2.0 * aligned.max()
+    for make, labels, curves in (
+        (
+            run_figures.arm_angles,
+            [rf'$\theta_{i}$ [deg]' for i in (1, 2, 3)],
+            {
+                name: np.degrees(run[signal] / gear)
+                for name, signal in (('actual', 'motor_position'), ('command', 'motor_command'))
+            },
+        ),
+        (
+            run_figures.tcp_components,
+            ['x [mm]', 'y [mm]', 'z [mm]'],
+            {name: 1e3 * run[f'tcp_{name}'] for name in ('actual', 'command')},
+        ),
+        (
+            run_figures.following_error,
+            [f'$e_{i}$ [deg]' for i in (1, 2, 3)],
+            {'actual': np.degrees(run['following_error'])},
+        ),
+    ):
+        panels = make(trace).axes
+        assert [axes.get_ylabel() for axes in panels] == labels
+        assert panels[-1].get_xlabel() == 'time from program start [s]'
+        for i, axes in enumerate(panels):
+            assert [line.get_label() for line in axes.lines] == list(curves)
+            for line in axes.lines:
+                np.testing.assert_allclose(line.get_ydata(), curves[line.get_label()][:, i], rtol=1e-12)
+    run = run_signals.program_part(derived_signals.added(trace))
+    master = run_figures.master(derived_signals.added(trace)).axes
+    for axes, label, values in zip(
+        master,
+        ('distance [mm]', 'speed [m/s]', 'acceleration [m/s$^2$]'),
+        (run['master'] * [1e3, 1.0, 1.0]).T,
+        strict=True,
+    ):
+        assert axes.get_ylabel() == label
+        np.testing.assert_allclose(axes.lines[0].get_ydata(), values, rtol=1e-12)
 
 
 def test_of_a_bag_the_turn_is_drawn_without_the_truth(turning: Trace) -> None:
@@ -188,7 +241,7 @@ def test_figures_of_a_robot_that_was_up_begin_with_the_program_and_end_with_its_
         ('jacobian', ['condition', 'speed [m/s]', 'acceleration [m/s2]']),
         ('outputs', ['gripper', *'1234567']),
         ('drive_voltage', ['1 [V]', '2 [V]', '3 [V]']),
-        ('status_word', ['1 (bits)', '2 (bits)', '3 (bits)']),
+        ('status_word', ['1 [bits]', '2 [bits]', '3 [bits]']),
     ],
 )
 def test_a_signal_on_request_has_a_panel_for_each_of_its_columns(

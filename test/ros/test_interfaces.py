@@ -6,15 +6,21 @@ from typing import Any
 
 import pytest
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from delta3_pacdrive.controller.task_arrays import ANSWER
+from delta3_pacdrive.ros import discovery, qos
 from delta3_pacdrive.ros.interfaces import (
     ANSWER_TOPICS,
     CLOCK,
+    CYCLIC,
+    CYCLIC_NEWEST,
+    DELIVERIES,
     DRIVE,
+    LATCHED,
     MARKERS,
     ONE_WRITER,
+    PLAN,
     RECORDED,
     SERVICES,
     TOPICS,
@@ -59,6 +65,54 @@ def robot(shared_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     shared_graph.spin_until(lambda: shared_graph.listener.count_publishers(CLOCK.name), 'bus time')
     shared_graph.spin_for(0.5)
     return shared_graph
+
+
+# (reliable, kept for latecomers, least depth; None: all are kept) of writers, readers and recorders by class of topics
+PROMISES = {
+    'cyclic': ((True, False, 256), (False, False, 64), (False, False, 4000)),
+    'cyclic, newest': ((True, False, 256), (False, False, 1), (False, False, 4000)),
+    'latched': ((True, True, 1), (True, True, 1), (True, True, 1000)),
+    'latched, many writers': ((True, True, 1), (True, True, 16), (True, True, 1000)),
+    'plan': ((True, True, 2000), (True, False, None), (True, True, None)),
+    'change': ((True, False, None), (True, False, None), (True, False, None)),
+    'request': ((True, False, 100), (True, False, 100), (True, False, 100)),
+    'faults': ((True, False, None), (True, False, None), (True, False, None)),
+    'facts': ((True, True, 1000), (True, True, 1000), (True, True, 1000)),
+    'samples': ((True, False, 256), (True, False, 256), (True, False, 256)),
+    'report': ((True, False, 10), (True, False, 10), (False, False, 4000)),
+}
+
+
+def assert_keeps(profile: QoSProfile, promise: tuple[bool, bool, int | None], whose: str) -> None:
+    is_reliable, is_kept, depth = promise
+    reliability = ReliabilityPolicy.RELIABLE if is_reliable else ReliabilityPolicy.BEST_EFFORT
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if is_kept else DurabilityPolicy.VOLATILE
+    assert (profile.reliability, profile.durability) == (reliability, durability), whose
+    assert (profile.history == HistoryPolicy.KEEP_ALL) == (depth is None), whose
+    assert depth is None or profile.depth >= depth, whose
+
+
+def test_every_class_of_topics_keeps_the_promises_of_reliability_durability_and_depth() -> None:
+    assert {one.name for one in DELIVERIES} == PROMISES.keys()
+    for one in DELIVERIES:
+        writer, reader, recorder = PROMISES[one.name]
+        assert_keeps(one.publisher, writer, f'writer, {one.name}')
+        assert_keeps(one.subscription, reader, f'reader, {one.name}')
+        assert_keeps(one.recorder, recorder, f'recorder, {one.name}')
+    assert_keeps(PLAN.view, (True, True, 1000), 'view of a plan')
+    assert_keeps(qos.WATCHER, (False, False, 40_000), 'watcher')
+
+
+@pytest.mark.parametrize('where', ['LOCALHOST', 'SUBNET'])
+def test_cyclic_telegrams_are_reliable_where_they_leave_the_machine(
+    where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in (discovery.PEERS, discovery.PROFILE):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(discovery.RANGE, where)
+    assert_keeps(CYCLIC.robot, (where == 'SUBNET', False, 64), where)
+    assert_keeps(CYCLIC_NEWEST.robot, (False, False, 1), where)
+    assert_keeps(LATCHED.robot, (True, True, 1), where)
 
 
 def kind(node: str) -> str:

@@ -2,10 +2,15 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from delta3_pacdrive import kinematics
 from delta3_pacdrive.view import readout
+from delta3_pacdrive.view.input_rows import InputRows
+from delta3_pacdrive.view.plots import PLOTS, rows_of
 from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant, TurnInstant
 
 HOSTILE = '<script>alert(1)</script> & "more"'
@@ -65,6 +70,86 @@ def test_the_bars_tell_the_numbers_of_each_axis(robot):
     ):
         assert text in shown
     assert readout.RED in shown  # a load of 95 % and a fault
+
+
+def test_a_bar_of_a_negative_share_grows_from_the_middle_to_the_left_of_a_positive_one_to_the_right():
+    scales, drives = readout.Scales(2.0, 4.0, 1.0), (DriveFacts('ENABLED', 'free'),)
+    for torque, current, bars in (
+        (-1.0, 1.0, ((25.0, 25.0), (50.0, 12.5))),
+        (3.0, -8.0, ((50.0, 50.0), (0.0, 50.0))),
+    ):
+        instant = Instant(
+            0.0, np.zeros(3), np.zeros(3), np.full(3, torque), np.full(3, current), np.full(3, 0.5)
+        )
+        shown = readout.bars(instant, drives, scales)
+        found = re.findall(r'left:([\d.]+)%;width:([\d.]+)%', shown)
+        rows = [tuple(map(float, pair)) for pair in found]
+        # torque, current, following error, and I2t, which has no sign and grows from the left end
+        assert rows == [*bars, (50.0, 0.0), (0.0, 50.0)]
+
+
+def test_a_brake_that_is_free_is_green_and_one_that_holds_is_grey():
+    instant = Instant(0.0, np.zeros(3))
+    for brake, colour in (('free', '#2f9e5b'), ('held', '#868e96')):
+        shown = readout.bars(instant, (DriveFacts('FAULT', brake),), readout.Scales(1.0, 1.0, 1.0))
+        (style,) = re.findall(f'background:([^;]+);[^>]*>brake {brake}<', shown)
+        assert style == colour
+
+
+class Labels:
+    """A page without a browser: what is added to it keeps its content."""
+
+    def __init__(self):
+        self.contents = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        return None
+
+    def add_tab(self, _):
+        return self
+
+    def add_html(self, content):
+        self.contents.append(SimpleNamespace(content=content))
+        return self.contents[-1]
+
+    def add_button_group(self, *_):
+        return SimpleNamespace(on_click=lambda _: None)
+
+
+def test_an_input_that_goes_on_and_off_again_is_shown_off():
+    page = Labels()
+    rows = InputRows(page, page, lambda _: None)
+    for forced in (False, True):
+        for on in (False, True, False):
+            rows.show([InputFacts('door', on, forced)])
+            (row,) = page.contents
+            assert words(row.content) == f'door {"on" if on else "off"}{", set" if forced else ""}'
+
+
+def test_each_plot_has_the_signal_of_its_title_in_its_unit(robot):
+    theta = np.radians([[10.0, 20.0, 30.0]])
+    lag, torque, current = np.radians([[0.001, 0.002, 0.003]]), [[4.0, 5.0, 6.0]], [[7.0, 8.0, 9.0]]
+    tcp = kinematics.forward(theta, robot)
+    rows = rows_of(
+        np.array([1.0]), theta, lag, np.array(torque), np.array(current), np.array([2.5]), 1e-3 * tcp, robot
+    )
+    wanted = {
+        'TCP error': ('mm', tcp[0]),
+        'following error': ('mdeg', [1.0, 2.0, 3.0]),
+        'torque': ('N m', torque[0]),
+        'current': ('A', current[0]),
+        'TCP': ('mm', 1e3 * tcp[0]),
+        'arms': ('deg', [10.0, 20.0, 30.0]),
+        'speed': ('m/s', [2.5]),
+    }
+    assert rows[0, 0] == 1.0
+    assert PLOTS.keys() == wanted.keys()
+    for name, (first, series, unit) in PLOTS.items():
+        assert unit == wanted[name][0]
+        assert rows[0, 1 + first :][: len(series)] == pytest.approx(wanted[name][1]), name
 
 
 def test_a_page_without_a_robot_says_so_and_a_fault_is_an_alert():

@@ -189,7 +189,7 @@ def effects(variants: dict[str, Variant]) -> Figure:
                            linewidth=1.0, label=name if i == 0 else None)  # fmt: skip
         panels[-1].plot(effect.time_s, 1e6 * effect.tcp_error_m, color=colour, linewidth=1.0)
     drives = [f'arm {axis}' if axis != TOOL_AXIS else 'motor of the tool' for axis in axes]
-    labels = [*(f'{drive}\n(0.001 deg)' for drive in drives), 'TCP error\n(um)']
+    labels = [*(f'{drive}\n[0.001 deg]' for drive in drives), 'TCP error\n[um]']
     finish_over_time(panels, labels, 'time from the start of the program [s]')
     if panels[0].get_legend_handles_labels()[0]:
         figure.legend(loc='outside upper right', ncols=2, **LEGEND)

@@ -17,6 +17,7 @@ from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.simulation import run
 from measured import TRUTH, planned
+from reports_read import read_line
 
 GOAL_M = 0.03e-3
 
@@ -69,6 +70,15 @@ def test_what_limits_it_is_told(summary):
 def test_every_interval_holds_what_was_built(summary):
     for figure in summary['figures']:
         assert abs(figure['value'] - figure['truth']) < figure['half_width_95'], figure['symbol']
+
+
+def test_the_head_of_the_parameter_file_gives_each_correction_and_its_interval_in_mm_or_deg(summary):
+    lines = Path(summary['parameter_file']).read_text(encoding='utf-8').splitlines()
+    for one in summary['figures']:
+        unit, scale = ('deg', np.degrees(1.0)) if one['unit'] == 'rad' else ('mm', 1e3)
+        words = f'{one["symbol"]}: correction'
+        read_line(lines, words, [scale * one['value'], scale * one['half_width_95']])
+        assert any(words in line and f' {unit}' in line for line in lines)
 
 
 def test_intervals_hold_what_was_built_whatever_the_noise_is():

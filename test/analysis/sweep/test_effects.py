@@ -11,6 +11,7 @@ from delta3_pacdrive.analysis.sweep.design import Law, Outcome, Runs, Sampling, 
 from delta3_pacdrive.analysis.sweep.effects import distributions, effects, worst, yields
 from delta3_pacdrive.analysis.sweep.sampling import values_of
 from delta3_pacdrive.analysis.sweep.study import Results
+from reports_read import read
 
 A, B, C = (Variation(f'x.{name}', Law.UNIFORM, (-1.0, 1.0)) for name in 'abc')
 WORD = Variation('x.word', Law.LIST, ('linear', 'cubic'))
@@ -103,6 +104,8 @@ def test_the_summary_for_people_tells_counts_reasons_yield_and_the_command_of_th
     assert told.startswith(f'{within:.2f} % of the runs keep y <= 2 (')
     assert any(line.startswith('y: of its variance x.a ') for line in lines)
     assert lines[-1] == "worst in y: delta3 sweep 'my sweep.yaml' --run 1 --trace run1.npz"
-    names = [table.name for table in report.tables(some, 'my sweep.yaml')]
+    tables = report.tables(some, 'my sweep.yaml')
+    read(document, lines, tables)
+    names = [table.name for table in tables]
     assert names == ['distributions.csv', 'effects.csv', 'worst.csv', 'runs.csv']
     assert set(figures.by_name(some)) == {'distributions.png', 'effects.png', 'scatter_y.png'}
