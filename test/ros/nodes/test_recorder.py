@@ -153,7 +153,7 @@ def test_every_topic_of_a_robot_is_recorded_under_its_name_with_time_and_constan
 def test_the_robot_that_is_recorded_is_the_one_of_the_namespace_that_is_asked_for(
     tmp_path: Path, monkeypatch: Any
 ) -> None:
-    def built(factories: Any, arguments: list[str]) -> int:
+    def built(factories: Any, arguments: list[str], **_: Any) -> int:
         rclpy.init(args=arguments)
         try:
             factories[0]().destroy_node()
