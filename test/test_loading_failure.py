@@ -1,0 +1,59 @@
+"""Facts about libraries of others that cannot be loaded: one sentence names library, file, interpreter and cause."""
+
+import importlib
+import sys
+
+import pytest
+
+from delta3_pacdrive.errors import NO_ROS, loading_failure
+
+
+def failure(code, tmp_path, monkeypatch):
+    """Return the error of an import of a library whose code this is."""
+    (tmp_path / 'foreign_library.py').write_text(code, encoding='utf-8')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, 'foreign_library', raising=False)
+    with pytest.raises(Exception) as caught:  # noqa: PT011 (any)
+        importlib.import_module('foreign_library')
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ('code', 'cause'),
+    [
+        ('raise ImportError("made for Python 3.10")', 'ImportError: made for Python 3.10'),
+        (
+            'raise ModuleNotFoundError("No module named x._pybind11")',
+            'ModuleNotFoundError: No module named x._pybind',
+        ),
+        ('import os; os.no_such_call()', 'AttributeError: '),
+        ('raise TypeError("two\\nlines")', 'TypeError: two lines'),
+    ],
+)
+def test_a_library_that_cannot_be_loaded_is_named_with_its_file(code, cause, tmp_path, monkeypatch):
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    sentence = loading_failure(failure(code, tmp_path, monkeypatch))
+    version = sys.version.split()[0]
+    assert sentence.startswith(
+        f'cannot load foreign_library from {tmp_path}/foreign_library.py with Python {version}'
+    )
+    assert cause in sentence
+    assert sentence.endswith(f'PYTHONPATH is {tmp_path}, whose libraries come first')
+
+
+def test_a_missing_rclpy_says_what_is_needed_and_what_works_without_it():
+    assert loading_failure(ModuleNotFoundError("No module named 'rclpy'", name='rclpy')) == NO_ROS
+    assert 'x86-64' in NO_ROS
+
+
+@pytest.mark.parametrize(
+    'error', [ValueError('no'), KeyError('a'), AttributeError("'int' has no attribute 'x'")]
+)
+def test_a_mistake_in_the_code_is_not_a_library_that_cannot_be_loaded(error):
+    assert loading_failure(error) is None
+
+
+def test_an_import_of_the_package_itself_keeps_its_traceback():
+    with pytest.raises(ImportError) as caught:
+        from delta3_pacdrive.errors import no_such_name  # noqa: F401
+    assert loading_failure(caught.value) is None
