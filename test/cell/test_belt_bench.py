@@ -38,6 +38,13 @@ def test_more_parts_than_the_robot_has_time_for_are_missed_and_the_limit_says_wh
     assert 'in 4 s it misses parts from 110 a minute on' in limit['sentence']
 
 
+def test_the_cycle_is_the_shortest_time_between_two_parts(rows):
+    for row in rows.values():
+        assert row['cycle_s'] <= 60.0 / row['picks_per_min'] + 1e-9
+    # after a part that is missed the robot waits for the next one: the mean has those times in it
+    assert rows[MISSES]['cycle_s'] < 0.98 * 60.0 / rows[MISSES]['picks_per_min']
+
+
 def test_parts_are_taken_within_what_is_promised(rows):
     for row in rows.values():
         assert 0.0 < row['error_rms_m'] <= row['error_max_m'] < 0.1e-3

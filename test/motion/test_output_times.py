@@ -32,6 +32,13 @@ def test_an_output_switches_so_many_seconds_before_the_end_of_the_move_before_it
     assert switched(planned) == [pytest.approx(ends(planned)[-2] - 0.05, abs=ROUNDING_S)]
 
 
+@pytest.mark.parametrize('move', [to(*A, speed_m_s=0.01), dwell(11.0)])
+@pytest.mark.parametrize('before_s', [0.999, 1.0, 1.001, 3.0, 10.0])
+def test_an_output_may_switch_up_to_ten_seconds_before_the_end(before_s, move, robot):
+    planned = plan(robot, [move, output(before_s=before_s), to(*C)])
+    assert switched(planned) == [pytest.approx(ends(planned)[-2] - before_s, abs=ROUNDING_S)]
+
+
 @pytest.mark.parametrize('move', [to(*B), around((0.12, 0.05, -0.78), B), dwell(0.3)])
 def test_an_output_switches_so_many_seconds_after_the_end_of_the_move_before_it(move, robot):
     planned = plan(robot, [to(*A), output(after_s=0.05), move, to(*C)])

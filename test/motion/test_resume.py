@@ -181,3 +181,30 @@ def test_a_long_sequence_of_corners_goes_over_to_a_longer_one(cycle, corners, dr
     table = go_over(driven, cycle, longer, length_m - 0.005)
     assert table is not None
     assert table[-1, 1] == pytest.approx(longer.length_m)
+
+
+def line(end_m, acceleration, robot):
+    """Return the plan of a line from x = -0.3 m, 1 m/s fast, that may be appended to."""
+    limits = {'speed_m_s': 1.0, 'acceleration_m_s2': acceleration, 'jerk_m_s3': 500.0}
+    moves = [{'move_l': {'to_m': [end_m, 0.0, -0.8], **limits}}]
+    return program_planner.plan(
+        programs.parse({'moves': moves}, robot.motion), (-0.3, 0.0, -0.8), robot, open_end=True
+    ).plan
+
+
+@pytest.mark.parametrize(
+    ('before', 'after', 'cycles'),
+    # from rest on, since the present acceleration is the lower one; at full speed, where it is 0
+    [(3.0, 10.0, range(50, 551, 50)), (10.0, 3.0, (150, 200, 250))],
+)
+def test_between_moves_of_two_accelerations_the_robot_speeds_up_and_slows_down_with_the_lower_one(
+    before, after, cycles, robot
+):
+    timeline, later = Timeline(line(0.1, before, robot), CYCLE_S), line(0.3, after, robot).move(0)
+    timeline.start(0)
+    for cycle in cycles:
+        table = go_over(timeline, cycle, later, 0.35)
+        driven = sample_master(np.arange(0.0, table[-1, 0], CYCLE_S), table)[:, 2]
+        assert driven.max() <= 3.0 + 1e-6
+        # the end of the longer move is planned with its own limit
+        assert driven.min() >= -after - 1e-6

@@ -210,6 +210,28 @@ def test_a_log_keeps_what_is_not_over_and_adds_up_the_oldest_of_the_rest():
         assert found[name] == wanted[name]
 
 
+def test_the_greatest_error_of_parts_that_are_added_up_counts_whenever_they_came():
+    for order in ((9, 3, 1, 2, 4), (1, 9, 3, 2, 4), (1, 2, 3, 4, 9)):
+        log, whole = PartsLog(kept_max=2), PartsLog()
+        for number in order:
+            text = {
+                'cell': 'bench',
+                'inputs': [],
+                'belts': [],
+                'cycle': 1,
+                'parts': [part(number)],
+                'misses': [],
+            }
+            log.add(json.dumps(text))
+            whole.add(json.dumps(text))
+        found, wanted = log.report(), whole.report()
+        assert len(found.pop('parts')) == 2 < len(wanted.pop('parts'))
+        rms_m = wanted.pop('place_error_rms_m')
+        assert found.pop('place_error_rms_m') == pytest.approx(rms_m, rel=1e-12)
+        assert found == wanted
+        assert found['place_error_max_m'] == pytest.approx(9e-3)
+
+
 @pytest.mark.parametrize('text', ['', '[]', '{}', '{"parts": [1], "misses": []}', 'x' * 1000])
 def test_a_foreign_log_of_parts_is_refused_and_changes_nothing(text):
     log = PartsLog()

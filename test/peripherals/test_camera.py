@@ -42,6 +42,20 @@ def test_what_is_in_the_picture_is_told_its_latency_later_with_the_count_of_the_
     assert (first.type, first.across_m, first.angle_rad) == ('bar', 0.0, 0.0)
 
 
+@pytest.mark.parametrize(
+    ('latency_s', 'cycles'), [(0.0, 0), (0.001, 1), (0.0295, 30), (0.03, 30), (0.0301, 31)]
+)
+def test_a_latency_of_whole_cycles_is_as_many_cycles_and_none_is_the_cycle_of_the_picture(latency_s, cycles):
+    found, state = told(replace(PLAIN, latency_s=latency_s), 2000)
+    belt, counts = BeltState(LINE, CYCLE_S, 0, np.random.default_rng(5)), []
+    for cycle in range(2000):
+        belt.step(cycle)
+        counts.append(belt.count)
+    assert len(found) > 4
+    assert {cycle - counts.index(one.count) for cycle, one in found} == {cycles}
+    assert state.latency_cycles == cycles
+
+
 def test_every_part_is_seen_if_pictures_join_and_none_is_where_it_is_not():
     found, _ = told(PLAIN, 8000)
     places = np.array([one.along_m - (one.count + 0.5) / 1e5 for _, one in found])

@@ -9,7 +9,7 @@ from delta3_pacdrive.plant.plant import Plant
 from delta3_pacdrive.plant.tool_axis import ToolAxis
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.mjcf import mjcf
-from delta3_pacdrive.scene.parts import FIXED, NAMES, RODS
+from delta3_pacdrive.scene.parts import FIXED, NAMES, RODS, payload_edge
 from delta3_pacdrive.scene.poses import poses
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegrams import JOINTS
@@ -97,6 +97,8 @@ def test_its_bodies_are_where_the_parts_are(robot):
 
 def test_its_masses_are_those_of_the_dynamics(robot):
     model, _ = loaded(mjcf(robot))
+    edge = payload_edge(robot.dynamics.payload_mass_kg)
+    assert model.body('payload').ipos == pytest.approx([0.0, 0.0, -0.5 * edge])
     d = robot.dynamics
     arms = 3.0 * (d.upper_arm_mass_kg + d.elbow_mass_kg + d.forearm_mass_kg)
     assert model.body_mass.sum() == pytest.approx(arms + d.plate_mass_kg + d.payload_mass_kg)

@@ -121,6 +121,13 @@ def test_every_part_is_to_be_seen_with_its_shapes_and_colour(model, robot):
             assert visual.material.color.rgba == pytest.approx(part.colour)
 
 
+def test_the_body_of_a_payload_hangs_below_the_tcp_around_its_centre_of_mass(model, robot):
+    link = model.link_map['payload']
+    (visual,), centre = link.visuals, link.inertial.origin[:3, 3]
+    assert centre == pytest.approx([0.0, 0.0, -0.5 * visual.geometry.box.size[2]])
+    assert visual.origin[:3, 3] == pytest.approx(centre)
+
+
 def test_without_a_payload_there_is_no_link_of_one(robot):
     empty = ET.fromstring(urdf(robot.replace(dynamics__payload_mass_kg=0.0)))
     assert 'payload' not in [link.get('name') for link in empty.iter('link')]
