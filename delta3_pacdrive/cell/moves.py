@@ -273,7 +273,8 @@ class Moves:
     def _note(self, program: Program, planned: Planned, written: Sequence[Written], again: bool) -> None:
         self._places = [*self._places, *(place for _, place in written)][-REPLANNED_MAX:]
         names = tuple(_in_lines(name, program) for name in planned.names)
-        self.on_planned(Batch(planned, again, names))
+        parts = tuple(tuple((_in_lines(name, program), end) for name, end in one) for one in planned.parts)
+        self.on_planned(Batch(replace(planned, parts=parts), again, names))
         notices = [notice for notice in planned.notices if OPEN_CORNER not in notice]
         self.notices = grouped(
             [*self.notices, *(_in_lines(notice, program, f'{program.source}:') for notice in notices)]

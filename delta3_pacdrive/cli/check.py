@@ -171,19 +171,24 @@ def _fault_text(fault: Any) -> str:
 
 
 def _planned(program: Any, robot: Any) -> dict[str, Any]:
+    from delta3_pacdrive.analysis.planning.evaluation import statement_rows
+    from delta3_pacdrive.analysis.planning.report import statement_documents
     from delta3_pacdrive.motion import program_planner
 
     start = robot.motion.home_m if program.start_m is None else program.start_m
     planned = program_planner.plan(program, start, robot)
     # every round is the same but for the way into the first one: the moves are told once
-    moves = [planned.plan.move(n) for n in range(planned.first_round)]
+    numbers = planned.plan.tables.order[: planned.first_round].tolist()
+    moves = []
+    for number in numbers:
+        move, rows = planned.plan.moves[number], statement_rows(planned, number, robot)
+        moves.append({'kind': move.kind.name.lower(), 'length_m': move.length_m, 'time_s': move.duration_s})
+        if rows:
+            moves[-1]['by_statement'] = statement_documents(rows)
     return {
         'kind': 'program',
         'program': planned.name,
-        'moves': [
-            {'kind': move.kind.name.lower(), 'length_m': move.length_m, 'time_s': move.duration_s}
-            for move in moves
-        ],
+        'moves': moves,
         'repeat': planned.repeat,
         'time_s': planned.plan.duration_s,
         'override_max': planned.override_max,
@@ -195,6 +200,7 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
 
 
 def _print(result: dict[str, Any]) -> None:
+    from delta3_pacdrive.analysis.planning.report import limit_text_of, part_text
     from delta3_pacdrive.motion.move import MoveKind
     from delta3_pacdrive.motion.plan_times import WITHOUT_LENGTH
 
@@ -207,6 +213,14 @@ def _print(result: dict[str, Any]) -> None:
         has_length = MoveKind[move['kind'].upper()] not in WITHOUT_LENGTH
         length = f'{move["length_m"] * 1e3:9.3f} mm' if has_length else ''
         print(f'{number + 1:>6}  {move["kind"]:<8} {length:>12}  {move["time_s"]:8.3f} s')
+        statements = move.get('by_statement', ())
+        width = max((len(one['statement']) for one in statements), default=0)
+        for one in statements:
+            limit = part_text(one['length_m'], limit_text_of(one['limited_by']))
+            print(
+                f'{"":>8}{one["statement"]:<{width}} {one["length_m"] * 1e3:9.3f} mm  {one["time_s"]:8.3f} s  '
+                f'{one["speed_min_m_s"]:.3f} to {one["speed_max_m_s"]:.3f} m/s  {limit}'
+            )
     if 'time_s' in result:
         rounds = f' in {result["repeat"]} rounds' if result['repeat'] > 1 else ''
         print(

@@ -58,13 +58,17 @@ class PathSegment:
     is_arch: bool = False
 
 
-def blended(segments: list[PathSegment]) -> tuple[Curve, list[float], list[tuple[float, Limits]]]:
+def blended(
+    segments: list[PathSegment],
+) -> tuple[Curve, list[float], list[float], list[tuple[float, Limits]]]:
     """Join segments with rounded corners.
 
-    Returns the curve, the distance of each segment's end (the middle of its blend) on it, and stretches (end, limits).
+    Returns the curve, the distance of each segment's end (the middle of its blend) on it, the distance at which each
+    segment's part ends (its blend included), and stretches (end, limits).
     """
     pieces: list[Curve] = []
     ends: list[float] = []
+    parts: list[float] = []
     stretches: list[tuple[float, Limits]] = []
     length, cut = 0.0, 0.0
     for n, segment in enumerate(segments):
@@ -93,9 +97,10 @@ def blended(segments: list[PathSegment]) -> tuple[Curve, list[float], list[tuple
             stretches.append((length, segment.limits.lower(segments[n + 1].limits)))
         else:
             ends.append(length)
+        parts.append(length)
         cut = radius
     curve = curves.joined(pieces) if len(pieces) > 1 else pieces[0]
-    return curve, ends, stretches
+    return curve, ends, parts, stretches
 
 
 def name_of(segments: Sequence[PathSegment]) -> str:

@@ -100,6 +100,8 @@ class PlannedMove:
         Outputs that change at times; ``with_timed`` finds their places on the move as it is driven in the end.
     torque_rate_n_m_s
         Limit of the change of each motor's torque, if it has one.
+    parts
+        Of a blended sequence, the name of each statement, and the distance at which its part of the path ends [m].
 
     """
 
@@ -112,6 +114,7 @@ class PlannedMove:
     energy: Energy = field(default_factory=Energy)
     timed: tuple[TimedEvent, ...] = ()
     torque_rate_n_m_s: float = math.inf
+    parts: tuple[tuple[str, float], ...] = ()
 
 
 def with_timed(move: Move, timed: Sequence[TimedEvent]) -> Move:

@@ -75,6 +75,9 @@ class Planned:
         How many moves the first round has, the one included that a blend joins with the next round.
     torque_rates_n_m_s
         Of each different move, the limit of the change of each motor's torque; inf where it has none.
+    parts
+        Of each different move, the name of each statement of a blended sequence, and the distance at which its part of
+        the path ends [m]: with its blend. Empty for other moves.
 
     """
 
@@ -93,6 +96,7 @@ class Planned:
     payload_kg: float
     first_round: int = 1
     torque_rates_n_m_s: tuple[float, ...] = ()
+    parts: tuple[tuple[tuple[str, float], ...], ...] = ()
 
 
 def plan(
@@ -374,6 +378,7 @@ def _whole(
         tail.payload_kg,
         found.first_round,
         tuple(move.torque_rate_n_m_s for move in planned),
+        tuple(move.parts for move in planned),
     )
 
 

@@ -390,7 +390,7 @@ class RoundPlanner:
         segments, self._segments = self._segments, []
         if not segments:
             return
-        curve, ends, stretches = blended(segments)
+        curve, ends, parts, stretches = blended(segments)
         waits = self._waits_behind(segments[-1])
         payload = self.payload
         events, timed = self._dues.on_path(segments, ends, curve, waits)
@@ -405,6 +405,9 @@ class RoundPlanner:
             planned,
             statements=places[:-1] if waits else places,
             timed=tuple(due.timed(planned, anchor_m) for due, anchor_m in timed),
+            parts=tuple((one.name, end) for one, end in zip(segments, parts, strict=True))
+            if len(segments) > 1
+            else (),
         )
         self._planned.append(planned)
         self._dwelt = None

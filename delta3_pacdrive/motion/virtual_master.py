@@ -175,12 +175,17 @@ def master_at_distances(distances_m: ArrayLike, phases: Floats) -> Floats:
     return out
 
 
-def slowest(phases: Floats) -> float:
-    """Smallest speed: where a phase ends, or where its acceleration passes through zero."""
-    _, _, v, a, j = phases[:-1].T
+def extremes(phases: Floats) -> tuple[Floats, Floats]:
+    """Times [s] at which the acceleration of each phase passes through zero, or its begin or end, and speeds there."""
+    t, _, v, a, j = phases[:-1].T
     with np.errstate(divide='ignore', invalid='ignore'):
         turn = np.clip(np.where(j != 0.0, -a / j, 0.0), 0.0, np.diff(phases[:, 0]))
-    return float((v + turn * (a + 0.5 * turn * j)).min(initial=float(phases[:, 2].min())))
+    return t + turn, v + turn * (a + 0.5 * turn * j)
+
+
+def slowest(phases: Floats) -> float:
+    """Smallest speed: where a phase ends, or where its acceleration passes through zero."""
+    return float(extremes(phases)[1].min(initial=float(phases[:, 2].min())))
 
 
 def speeds_beside(phases: Floats, others: Floats) -> tuple[Floats, Floats] | None:

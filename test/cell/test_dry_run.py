@@ -52,8 +52,9 @@ def test_people_read_a_table(folder, capsys):
     assert plan.main(['pick.py', '--cell', 'own.yaml']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == 'pick: 3 moves'
-    assert lines[4].split()[:3] == ['2', '7:', 'dwell']
-    assert 's of it between moves' in lines[6]
+    assert [lines[n].split()[0] for n in (4, 5)] == ['4:', '5:']  # statements of the first move
+    assert lines[6].split()[:3] == ['2', '7:', 'dwell']
+    assert 's of it between moves' in lines[8]
 
 
 def test_a_script_that_is_given_up_tells_its_moves_and_why(folder, capsys):
@@ -92,9 +93,9 @@ def test_options_that_do_not_fit_are_refused_by_name(folder, capsys, arguments, 
 def test_an_arch_that_is_driven_again_keeps_its_shape(monkeypatch):
     shaped = []
 
-    def best_arch(room, cost):
+    def best_arch(room, cost, corners=False):
         shaped.append(room)
-        return arch.best_arch(room, cost)
+        return arch.best_arch(room, cost, corners)
 
     monkeypatch.setattr(round_planner, 'best_arch', best_arch)
     with cell.simulate() as robot:

@@ -1,6 +1,7 @@
 """Facts about ``delta3 plan``: its table, its JSON, and the refusals that ``delta3 check`` has, too."""
 
 import json
+import math
 
 import pytest
 
@@ -8,6 +9,15 @@ from delta3_pacdrive.analysis.planning import evaluation
 from delta3_pacdrive.cli import check, plan
 
 LINE = 'start_m: [0, 0, -0.8]\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {dwell: {time_s: 0.25}}]\n'
+CORNER = """
+start_mm: [-200, 0, -800]
+limits: {acceleration_mm_s2: 20000, jerk_mm_s3: 2000000}
+moves:
+- move_l: {to_mm: [-100, 0, -800], speed_mm_s: 200, blend_mm: 5}
+- move_l: {to_mm: [200, 0, -800], speed_mm_s: 1000, blend_mm: 20}
+- move_l: {to_mm: [200, 20, -800], speed_mm_s: 1000}
+- dwell: {time_s: 0.1}
+"""
 
 
 def test_a_plan_agrees_with_the_check_of_the_same_program(capsys):
@@ -42,6 +52,63 @@ def test_the_table_tells_the_place_of_a_pattern(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert 'at place 0 of row line' in ' '.join(lines[3].split())
     assert 'at place 1 of row line' in ' '.join(lines[4].split())
+
+
+def test_every_statement_of_a_long_sequence_has_its_line(tmp_path, capsys):
+    count, moves = 300, []
+    for n in range(count):
+        radius, angle = 100.0 + 0.2 * n, 0.1 * n
+        to = [radius * math.cos(angle), radius * math.sin(angle), -800]
+        blend = {} if n == count - 1 else {'blend_mm': 3}
+        moves.append({'move_l': {'to_mm': to, 'speed_mm_s': 200} | blend})
+    (tmp_path / 'coil.yaml').write_text(json.dumps({'start_mm': [90, 0, -800], 'moves': moves}))
+    assert plan.main([str(tmp_path / 'coil.yaml')]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == 'coil: 1 move'
+    assert lines[3].split()[:5] == ['1', 'moves[0].move_l', 'to', 'moves[299].move_l', 'blended'] or (
+        lines[3].split()[:3] == ['1', '300', 'statements']
+    )
+    statements, summary = lines[4 : 4 + count], lines[4 + count :]
+    assert [line.split()[0] for line in statements] == [f'moves[{n}].move_l' for n in range(count)]
+    assert max(map(len, statements)) < 140
+    for name in ('whole', 'rms current', 'energy', 'used', 'distances'):
+        assert sum(line.startswith(f'{name:>12}  ') for line in summary) == 1
+    assert check.main([str(tmp_path / 'coil.yaml')]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in told[2:-1]] == [f'moves[{n}].move_l' for n in range(count)]
+    assert told[-1].startswith(' whole ')
+
+
+def test_plan_and_check_return_the_same_statements_in_json(tmp_path, capsys):
+    (tmp_path / 'corner.yaml').write_text(CORNER)
+    assert plan.main([str(tmp_path / 'corner.yaml'), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)['moves']
+    assert check.main([str(tmp_path / 'corner.yaml'), '--json']) == 0
+    checked = json.loads(capsys.readouterr().out)['files'][0]['moves']
+    assert found[0]['by_statement'] == checked[0]['by_statement']
+    assert 'by_statement' not in found[1]
+    assert 'by_statement' not in checked[1]
+    first, second, last = found[0]['by_statement']
+    assert first['statement'] == 'moves[0].move_l'
+    assert [one['speed_max_m_s'] for one in (first, second)] == pytest.approx([0.2, 1.0], rel=2e-4)
+    assert [one['limited_by']['limit_m_s'] for one in (first, second)] == [0.2, 1.0]
+    assert last['length_m'] == pytest.approx(0.0, abs=1e-9)  # the blend before it reaches to its end
+    assert last['start_s'] == pytest.approx(found[0]['time_s'])
+    for command in (plan, check):
+        assert command.main([str(tmp_path / 'corner.yaml')]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        (line,) = (line for line in lines if line.split()[:1] == ['moves[2].move_l'])
+        assert line.endswith('  all of it is in the blend before')
+
+
+def test_a_script_names_the_statements_of_a_sequence_by_their_lines(tmp_path, capsys):
+    (tmp_path / 'corner.py').write_text(
+        'def main(robot):\n    robot.move_l(to_mm=[100, 0, -800], blend_mm=10)\n'
+        '    robot.move_l(to_mm=[100, 100, -800])\n'
+    )
+    assert plan.main([str(tmp_path / 'corner.py'), '--json']) == 0
+    (move,) = json.loads(capsys.readouterr().out)['moves']
+    assert [one['statement'] for one in move['by_statement']] == ['2: move_l', '3: move_l']
 
 
 @pytest.mark.parametrize(

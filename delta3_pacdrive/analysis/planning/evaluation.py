@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.analysis.planning import limiters
 from delta3_pacdrive.analysis.planning.limiters import Limiter
-from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, Samples, TurnRow, Use
+from delta3_pacdrive.analysis.planning.study import (
+    MoveRow,
+    PlanStudy,
+    Quantity,
+    Samples,
+    StatementRow,
+    TurnRow,
+    Use,
+)
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.motion.energy import Energy, energy
 from delta3_pacdrive.motion.limits import arm_bounds, workspace_bounds
@@ -30,7 +38,7 @@ from delta3_pacdrive.motion.path_dynamics import (
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned, plan
 from delta3_pacdrive.motion.turning_move import TurnLimits, turn_excess, turn_motion
-from delta3_pacdrive.motion.virtual_master import sample_master
+from delta3_pacdrive.motion.virtual_master import extremes, master_at_distances, sample_master
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -95,7 +103,7 @@ def of_program(program: Program, parameters: Parameters, on_progress: OnProgress
 
 def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     move, stretches = planned.plan.moves[number], planned.stretches[number]
-    times = _times(move)
+    times = _times(move, _passed_s(planned, number))
     master = sample_master(times, move.master)
     # the end is reached as the last phase goes on
     master[-1, 1:] = sample_master([(1.0 - BEFORE) * move.duration_s], move.master)[0, 1:]
@@ -125,13 +133,57 @@ def _steps(move: Move) -> int:
     return min(max(math.ceil(move.duration_s / STEP_S), SAMPLES_MIN), SAMPLES_MAX)
 
 
-def _times(move: Move) -> Floats:
-    """Return even times, and both sides of the ends of phases."""
+def _passed_s(planned: Planned, number: int) -> Floats:
+    """Return the times at which a blended sequence ends the part of each statement [s]; none for another move."""
+    parts = planned.parts[number] if planned.parts else ()
+    move = planned.plan.moves[number]
+    if not parts:
+        return np.empty(0)
+    passed = master_at_distances([min(end, move.length_m) for _, end in parts], move.master)[:, 0]
+    passed[-1] = move.duration_s
+    return passed
+
+
+def _times(move: Move, passed_s: Floats) -> Floats:
+    """Return even times and both sides of the ends of phases; of a sequence also where its speed is extreme."""
     duration, joints = move.duration_s, move.master[1:, 0]
     even = np.linspace(0.0, duration, _steps(move) + 1)
-    if len(joints) > SAMPLES_MAX:
+    if len(joints) > SAMPLES_MAX and not len(passed_s):
         return even
-    return np.unique(np.concatenate([even, joints, joints - BEFORE * duration]).clip(0.0, duration))
+    more = [passed_s, extremes(move.master)[0]] if len(passed_s) else []
+    return np.unique(np.concatenate([even, joints, joints - BEFORE * duration, *more]).clip(0.0, duration))
+
+
+def statement_rows(planned: Planned, number: int, parameters: Parameters) -> tuple[StatementRow, ...]:
+    """Return the statements of a blended sequence; none for another move."""
+    if not planned.parts[number]:
+        return ()
+    return _statement_rows(planned, number, _part(planned, number, parameters), parameters)
+
+
+def _statement_rows(
+    planned: Planned, number: int, part: _Part, parameters: Parameters
+) -> tuple[StatementRow, ...]:
+    weights, of_whole = np.gradient(part.times), _limited_as_a_whole(part.move, planned, parameters)
+    passed_s = _passed_s(planned, number)
+    bounds = np.searchsorted(part.times, passed_s).tolist()
+    rows, first, begin_s, begin_m = [], 0, 0.0, 0.0
+    for (name, end_m), end_s, last in zip(planned.parts[number], passed_s.tolist(), bounds, strict=True):
+        own = slice(first, last + 1)
+        speed = part.dynamics.tcp_speed_m_s[own]
+        rows.append(
+            StatementRow(
+                name,
+                begin_s,
+                end_s - begin_s,
+                end_m - begin_m,
+                float(speed.min()),
+                float(speed.max()),
+                of_whole or _uses(part, own, weights[own] / weights[own].sum())[0],
+            )
+        )
+        first, begin_s, begin_m = last, end_s, end_m
+    return tuple(rows)
 
 
 def _payloads(move: Move, distance_m: Floats) -> tuple[NDArray[np.int64], tuple[float, ...]]:
@@ -159,11 +211,7 @@ def _row(
 ) -> MoveRow:
     weights = np.gradient(part.times) if len(part.times) > 1 else np.ones(1)
     weights = weights / weights.sum()
-    uses = sorted(
-        _merged([_use(k, one, part, weights) for k, one in enumerate(part.limiters)]),
-        key=lambda use: (use.used >= AT_LIMIT, use.time_share, use.used),
-        reverse=True,
-    )
+    uses = _uses(part, slice(None), weights)
     d, torque = part.dynamics, parameters.motor.torque_constant_n_m_a
     return MoveRow(
         number=n + 1,
@@ -183,6 +231,9 @@ def _row(
         limited_by=_limited_by(uses, part.move, planned, parameters),
         distances=_distances(part, parameters),
         turn=_turn(part, parameters),
+        statements=_statement_rows(planned, number, part, parameters)
+        if len(_passed_s(planned, number))
+        else (),
     )
 
 
@@ -213,8 +264,18 @@ def _of_axes(values: Floats) -> tuple[float, ...]:
     return tuple(values.tolist())
 
 
-def _use(k: int, one: Limiter, part: _Part, weights: Floats) -> Use:
-    worst = int(np.argmax(one.used))
+def _uses(part: _Part, own: slice, weights: Floats) -> list[Use]:
+    """Return the use of every limit on the samples of a move, or on some of them; the most limiting first."""
+    uses = [
+        _use(one, own, float(weights[part.leading[own] == k].sum())) for k, one in enumerate(part.limiters)
+    ]
+    return sorted(
+        _merged(uses), key=lambda use: (use.used >= AT_LIMIT, use.time_share, use.used), reverse=True
+    )
+
+
+def _use(one: Limiter, own: slice, time_share: float) -> Use:
+    worst = range(len(one.used))[own][int(np.argmax(one.used[own]))]
     return Use(
         one.quantity,
         one.axis,
@@ -222,7 +283,7 @@ def _use(k: int, one: Limiter, part: _Part, weights: Floats) -> Use:
         float(one.limit[worst]),
         one.unit,
         float(one.used[worst]),
-        float(weights[part.leading == k].sum()),
+        time_share,
     )
 
 
@@ -238,6 +299,16 @@ def _merged(uses: list[Use]) -> Iterable[Use]:
 
 def _limited_by(uses: list[Use], move: Move, planned: Planned, parameters: Parameters) -> Use:
     """Return what keeps a move from being faster."""
+    whole = _limited_as_a_whole(move, planned, parameters)
+    if whole is not None:
+        return whole
+    if move.kind in TIMED and uses[0].used < AT_LIMIT:
+        return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
+    return uses[0]
+
+
+def _limited_as_a_whole(move: Move, planned: Planned, parameters: Parameters) -> Use | None:
+    """Return the limit that determines the time of a move wherever it is; None if there is none."""
     if move.kind in STANDING:
         return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
     if _is_turn_at_limit(move, parameters):
@@ -246,9 +317,7 @@ def _limited_by(uses: list[Use], move: Move, planned: Planned, parameters: Param
         axis, nominal = int(np.argmax(planned.rms_current_a)), parameters.motor.nominal_current_a
         rms = planned.rms_current_a[axis]
         return Use(Quantity.RMS_CURRENT, axis + 1, rms, nominal, 'A', rms / nominal, 1.0)
-    if move.kind in TIMED and uses[0].used < AT_LIMIT:
-        return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
-    return uses[0]
+    return None
 
 
 def _distances(part: _Part, parameters: Parameters) -> dict[str, float]:

@@ -7,15 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, TurnRow, Use
+from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity, StatementRow, TurnRow, Use
 from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.analysis.residual_vibration import Swing
 from delta3_pacdrive.configuration.checked import counted
+from delta3_pacdrive.motion.blending import ROUNDING_M
 from delta3_pacdrive.motor import share_text, thermal_warnings
 from delta3_pacdrive.parameters import Parameters
 
 RPM, MM = 60.0 / math.tau, 1e3
-NAME_LENGTH = 30
+NAME_LENGTH, INDENT = (
+    30,
+    '  ',
+)  # least width of names in the table; what the statements of a sequence begin with
 JSON_UNITS = {
     'm/s': 'm_s', 'm/s2': 'm_s2', 'm/s3': 'm_s3', 'rpm': 'rpm', 'V': 'v', 'A': 'a', 'N m/s': 'n_m_s', 's': 's'
 }  # fmt: skip
@@ -86,7 +90,24 @@ def move_document(row: MoveRow, with_limits: bool) -> dict[str, Any]:
         **limits,
         **({} if row.turn is None else {'turn': _turn(row.turn)}),
         'distances': _distances(row.distances),
+        **({'by_statement': statement_documents(row.statements)} if row.statements else {}),
     }
+
+
+def statement_documents(rows: Sequence[StatementRow]) -> list[dict[str, Any]]:
+    """Return the statements of a blended sequence ready for JSON."""
+    return [
+        {
+            'statement': row.name,
+            'start_s': row.start_s,
+            'time_s': row.duration_s,
+            'length_m': row.length_m,
+            'speed_min_m_s': row.speed_min_m_s,
+            'speed_max_m_s': row.speed_max_m_s,
+            'limited_by': _use(row.limited_by),
+        }
+        for row in rows
+    ]
 
 
 def _turn(turn: TurnRow) -> dict[str, float]:
@@ -125,14 +146,20 @@ def nearest(found: PlanStudy) -> dict[str, float]:
 
 
 def table_of_moves(rows: Sequence[MoveRow]) -> list[str]:
-    """Return the table of the moves as lines for people."""
-    return [
-        f'{"":>5} {"statements":<{NAME_LENGTH}} {"kind":<8} {"length":>9} {"time":>8} {"speed":>7} {"accel.":>7} '
+    """Return the table of the moves, and of the statements of blended sequences, as lines for people."""
+    single = [row.name for row in rows if not row.statements]
+    parts = [INDENT + one.name for row in rows for one in row.statements]
+    width = max(map(len, [NAME_LENGTH * ' ', *single, *parts]))
+    lines = [
+        f'{"":>5} {"statements":<{width}} {"kind":<8} {"length":>9} {"time":>8} {"speed":>7} {"accel.":>7} '
         f'{"jerk":>8} {"motor":>6} {"torque":>7}  limited by',
-        f'{"":>5} {"":<{NAME_LENGTH}} {"":<8} {"mm":>9} {"s":>8} {"m/s":>7} {"m/s2":>7} '
+        f'{"":>5} {"":<{width}} {"":<8} {"mm":>9} {"s":>8} {"m/s":>7} {"m/s2":>7} '
         f'{"m/s3":>8} {"rpm":>6} {"N m":>7}  (share of its time)',
-        *(_line(row) for row in rows),
     ]
+    for row in rows:
+        lines.append(_line(row, width))
+        lines += [_statement_line(one, width) for one in row.statements]
+    return lines
 
 
 def text(found: PlanStudy, parameters: Parameters) -> list[str]:
@@ -218,18 +245,20 @@ def _distance_rows(least: dict[str, float]) -> list[tuple[str, str]]:
     ]
 
 
-def _shortened(name: str) -> str:
-    """Return a name that fits; of a move at a place of a pattern its end stays, which tells the place."""
-    if len(name) <= NAME_LENGTH:
-        return name
-    return f'... {name[4 - NAME_LENGTH :]}' if ' at place ' in name else f'{name[: NAME_LENGTH - 4]} ...'
+def _statement_line(row: StatementRow, width: int) -> str:
+    limit = part_text(row.length_m, limit_text(row.limited_by))
+    return (
+        f'{"":>5} {INDENT + row.name:<{width}} {"":<8} {MM * row.length_m:9.3f} {row.duration_s:8.3f} '
+        f'{row.speed_max_m_s:7.3f} {"least":>7} {row.speed_min_m_s:8.3f} {"":>14}  {limit}'
+    )
 
 
-def _line(row: MoveRow) -> str:
-    name = _shortened(row.name)
+def _line(row: MoveRow, width: int) -> str:
+    # the lines below a sequence name its statements
+    name = row.name if len(row.name) <= width else f'{len(row.statements)} statements'
     length = '' if row.kind in ('dwell', 'turn') else f'{MM * row.length_m:.3f}'
     return (
-        f'{row.number:>5} {name:<{NAME_LENGTH}} {row.kind:<8} {length:>9} {row.duration_s:8.3f} '
+        f'{row.number:>5} {name:<{width}} {row.kind:<8} {length:>9} {row.duration_s:8.3f} '
         f'{row.speed_max_m_s:7.3f} {row.acceleration_max_m_s2:7.2f} {row.jerk_max_m_s3:8.0f} '
         f'{RPM * max(row.motor_speed_max_rad_s):6.0f} {max(row.motor_torque_max_n_m):7.3f}  {limited_text(row)}'
     )
@@ -238,15 +267,36 @@ def _line(row: MoveRow) -> str:
 def limited_text(row: MoveRow) -> str:
     """Say what limits a move, and in which share of its time that is so."""
     use = row.limited_by
-    what = use.quantity.value if use.axis is None else f'{use.quantity.value} {use.axis}'
-    if use.time_share == 1.0 and use.quantity in (Quantity.TIME, Quantity.RMS_CURRENT, Quantity.ROTARY):
-        return what
+    if _is_whole(use):
+        return limit_text(use)
     others = [
         f'{other.quantity.value}{"" if other.axis is None else f" {other.axis}"} {100.0 * other.time_share:.0f} %'
         for other in sorted(row.uses, key=lambda other: -other.time_share)
         if other is not use and other.time_share >= 0.005
     ]
-    return ', '.join([f'{what} {100.0 * use.time_share:.0f} %', *others])
+    return ', '.join([limit_text(use), *others])
+
+
+def limit_text(use: Use) -> str:
+    """Name a limit, with the share of the time in which it is the first that a faster move would break."""
+    what = use.quantity.value if use.axis is None else f'{use.quantity.value} {use.axis}'
+    return what if _is_whole(use) else f'{what} {100.0 * use.time_share:.0f} %'
+
+
+def limit_text_of(document: dict[str, Any]) -> str:
+    """Name the limit of a statement that ``statement_documents`` returned."""
+    quantity = next(one for one in Quantity if _key(one) == document['quantity'])
+    return limit_text(Use(quantity, document['axis'], 0.0, 0.0, '', document['used'], document['time_share']))
+
+
+def part_text(length_m: float, limit: str) -> str:
+    """Return the limit of a statement of a sequence; the blends around it may leave no part of the path to it."""
+    return limit if length_m > ROUNDING_M else 'all of it is in the blend before'
+
+
+def _is_whole(use: Use) -> bool:
+    """Whether a limit determines the time of a whole move."""
+    return use.time_share == 1.0 and use.quantity in (Quantity.TIME, Quantity.RMS_CURRENT, Quantity.ROTARY)
 
 
 def tables(found: PlanStudy) -> list[Table]:

@@ -121,6 +121,32 @@ class TurnRow:
 
 
 @dataclass(frozen=True)
+class StatementRow:
+    """A statement of a blended sequence, on its own part of the path.
+
+    The part begins where the blend of the statement before it ends, and ends where its own blend does.
+
+    Attributes
+    ----------
+    start_s
+        From the start of the sequence.
+    speed_min_m_s, speed_max_m_s
+        Smallest and largest speed of the TCP in space.
+    limited_by
+        The limit that keeps it from being faster.
+
+    """
+
+    name: str
+    start_s: float
+    duration_s: float
+    length_m: float
+    speed_min_m_s: float
+    speed_max_m_s: float
+    limited_by: Use
+
+
+@dataclass(frozen=True)
 class MoveRow:
     """A move of the plan.
 
@@ -144,6 +170,8 @@ class MoveRow:
         Least distance to each limit of the place: workspace [m], arm angles and swing [deg], singularities; by key.
     turn
         What the tool does on the way; None where the plan says nothing of it.
+    statements
+        Those of a blended sequence; empty for other moves.
 
     """
 
@@ -164,6 +192,7 @@ class MoveRow:
     limited_by: Use
     distances: dict[str, float]
     turn: TurnRow | None = None
+    statements: tuple[StatementRow, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,8 @@ from delta3_pacdrive.analysis.planning.study import Quantity
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.motion import program_file, program_planner
+from delta3_pacdrive.motion.path_dynamics import tcp_motion
+from delta3_pacdrive.motion.virtual_master import sample_master
 from thoroughness import some
 
 START = [-0.2, 0.0, -0.8]
@@ -309,3 +311,53 @@ def test_where_a_time_optimal_program_is_at_no_other_limit_its_rms_current_keeps
         for row in evaluation.of_program(program_file.load('packaging', robot.motion), robot).rows
         for use in row.uses
     )
+
+
+def test_the_speeds_of_statements_are_those_of_the_plan_on_their_own_parts(robot):
+    """Random sequences of lines, evaluated densely; a part ends where the blend at the end of its statement does."""
+    rng = np.random.default_rng(39)
+    for count in (2, 3, 6, 9):
+        corners = rng.uniform([-0.2, -0.2, -0.85], [0.2, 0.2, -0.78], (count + 1, 3))
+        lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+        blends = [float(rng.uniform(0.05, 0.45)) * min(lengths[n : n + 2]) for n in range(count - 1)]
+        speeds = rng.uniform(0.1, 1.0, count).tolist()
+        moves = [
+            {'move_l': {'to_m': corners[n + 1].tolist(), 'speed_m_s': speeds[n], 'blend_m': blend}}
+            for n, blend in enumerate([*blends, 0.0])
+        ]
+        found = studied({'start_m': corners[0].tolist(), 'moves': moves}, robot)
+        (row,), (move,) = found.rows, found.planned.plan.moves
+        begin_s = begin_m = 0.0
+        for n, one in enumerate(row.statements):
+            assert one.name == f'moves[{n}].move_l'
+            assert one.start_s == pytest.approx(begin_s, abs=1e-12)
+            end_s, end_m = begin_s + one.duration_s, begin_m + one.length_m
+            times = np.linspace(begin_s, end_s, 100_001).clip(0.0, (1.0 - 1e-12) * move.duration_s)
+            master = sample_master(times, move.master)
+            speed = tcp_motion(move.sample(master[:, 0]), *master.T[1:])[0]
+            assert one.speed_min_m_s == pytest.approx(speed.min(), rel=1e-5, abs=1e-6)
+            assert one.speed_max_m_s == pytest.approx(speed.max(), rel=1e-5)
+            assert master[-1, 0] == pytest.approx(end_m, abs=1e-9)
+            direction = np.diff(corners, axis=0)[n + 1] / lengths[n + 1] if n + 1 < count else 0.0
+            end = corners[n + 1] + (blends[n] * direction if n + 1 < count else 0.0)
+            assert np.abs(move.sample([end_m])[0, 0] - end).max() < 1e-7
+            if one.limited_by.quantity == Quantity.TCP_SPEED:
+                assert one.limited_by.limit in (speeds[n], *speeds[n - 1 : n], *speeds[n + 1 : n + 2])
+            begin_s, begin_m = end_s, end_m
+        assert begin_s == pytest.approx(row.duration_s)
+        assert begin_m == pytest.approx(row.length_m)
+        assert row.speed_max_m_s == pytest.approx(max(one.speed_max_m_s for one in row.statements), rel=1e-6)
+
+
+def test_statements_of_a_slowed_program_keep_its_time(robot):
+    moves = [
+        {'move_l': {'to_m': [0.1, 0.2, -0.8], 'blend_m': 0.02, **FREE}},
+        {'move_l': {'to_m': [0.1, -0.2, -0.8], 'blend_m': 0.02, **FREE}},
+        {'move_l': {'to_m': START, **FREE}},
+    ]
+    found = studied(moves, robot, repeat=3)
+    for row in found.rows:
+        assert row.limited_by.quantity == Quantity.RMS_CURRENT
+        assert len(row.statements) == 3
+        assert {one.limited_by.quantity for one in row.statements} == {Quantity.RMS_CURRENT}
+        assert sum(one.duration_s for one in row.statements) == pytest.approx(row.duration_s)
