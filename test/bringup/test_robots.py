@@ -35,7 +35,11 @@ class Rehearsed:
     """A bring-up that starts nothing: the second robot dies as soon as it is up, the third is killed."""
 
     def __init__(self, options: Options, started_s: float) -> None:
-        self.options, self.ready_s, self.notes = options, 1.5, [f'I am {options.namespace}']
+        self.options, self.ready_s, self.notes = (
+            options,
+            1.5,
+            [f'{options.namespace} waits {options.patience_s:g} s'],
+        )
 
     def run(self, show: Callable[[Any], None], rising: Callable[[Any], None]) -> dict[str, Any]:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -78,6 +82,7 @@ def options_of(count: int, **more: Any) -> list[Options]:
 def ended(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, RobotNow]:
     """Give what was known of four robots in the end, when those that live were asked to end."""
     monkeypatch.setattr(robots, 'Bringup', Rehearsed)
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1})
     supervisor = Robots(options_of(4, logs=tmp_path / 'logs'), False, None, 0.0)
     looks: list[bool] = []
 
@@ -111,7 +116,8 @@ def test_robots_live_on_when_others_die_and_each_ending_is_told(ended: dict[str,
 
 def test_the_supervisor_hears_how_each_robot_is(ended: dict[str, RobotNow]) -> None:
     for name, robot in ended.items():
-        assert robot.notes == [f'I am {name}']
+        # four robots share two cores
+        assert robot.notes == [f'{name} waits {2.0 * Options(program=None).patience_s:g} s']
         assert robot.ready_s == 1.5
         assert robot.progress == {key: value for key, value in REPORT.items() if key != 'more'}
 

@@ -2,20 +2,23 @@
 
 import json
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from diagnostic_msgs.srv import AddDiagnostics
 from geometry_msgs.msg import PointStamped
+from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from delta3_pacdrive.controller.messages import HOLD, QueueReport, Reply, Request
 from delta3_pacdrive.errors import RunError, RunInterruptedError
-from delta3_pacdrive.ros import robot_client
+from delta3_pacdrive.ros import interfaces, robot_client
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REQUEST
+from delta3_pacdrive.ros.request_server import RequestServer
 from delta3_pacdrive.ros.robot_client import OperatorNode
 
 LINE = 'move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.5}'
@@ -299,3 +302,40 @@ def test_no_place_is_published_before_one_was_measured(graph: Any) -> None:
             place = (message.point.x, message.point.y, message.point.z)
             assert place == pytest.approx((0.0, 0.0, -0.75), abs=1e-4)
     assert task.progress()['tcp_m'] == pytest.approx([0.0, 0.0, -0.75], abs=1e-4)
+
+
+class Wire:
+    """A node without a middleware: keeps what is published, and passes on what is received."""
+
+    def __init__(self) -> None:
+        self.sent: list[Reply] = []
+
+    def create_publisher(self, *_: Any) -> Any:
+        return SimpleNamespace(publish=lambda message: self.sent.append(Reply.from_json(message.data)))
+
+    def create_subscription(
+        self, _kind: Any, _name: str, callback: Callable[[bytes], None], *_: Any, **__: Any
+    ) -> None:
+        self.receive = lambda request: callback(serialize_message(String(data=request.to_json())))
+
+
+def test_a_request_that_is_repeated_gets_its_end_and_never_a_report_of_progress() -> None:
+    wire: Any = Wire()
+    served: list[Request] = []
+    server = RequestServer(
+        wire, interfaces.PLANNER_REQUEST, interfaces.PLANNER_REPLY, lambda: 'planner', served.append
+    )
+    request = Request('planner', 'operator', 1, 0, 'start')
+    wire.receive(request)
+    server.reply(request, None, 'under way', done=False)
+    wire.receive(request)
+    assert [reply.sentence for reply in wire.sent] == ['under way']
+    server.reply(request, None, 'at its end')
+    server.reply(request, None, 'a late report', done=False)
+    wire.receive(request)
+    assert [(reply.done, reply.sentence) for reply in wire.sent[1:]] == [
+        (True, 'at its end'),
+        (False, 'a late report'),
+        (True, 'at its end'),
+    ]
+    assert served == [request]

@@ -183,7 +183,9 @@ def test_parameters_of_strangers_are_not_believed(graph: Any, reader: RobotReade
     assert reader.parameters is ROBOT
 
 
-def test_the_tcp_error_is_the_one_that_the_robot_tells(graph: Any, reader: RobotReader) -> None:
+def test_the_tcp_error_and_the_overload_are_those_that_the_robot_publishes(
+    graph: Any, reader: RobotReader
+) -> None:
     joints = interfaces.JOINT_STATES.publisher(graph.listener)
     errors = interfaces.TCP_ERROR.publisher(graph.listener)
     lags = interfaces.FOLLOWING_ERROR.publisher(graph.listener)
@@ -197,19 +199,22 @@ def test_the_tcp_error_is_the_one_that_the_robot_tells(graph: Any, reader: Robot
     error = Vector3Stamped(vector=Vector3(x=1e-5, y=-2e-5, z=3e-5))
     error.header.frame_id = telegrams.BASE_FRAME.decode()
 
+    said = graph.listener.create_publisher(DiagnosticArray, '/diagnostics', REPORT)
+    loaded = diagnostics(state='ENABLED', overload_s=str(0.5 * ROBOT.drive.overload_time_s))
     told: list[Any] = []
 
     def look() -> bool:
         state.header.stamp.nanosec += 1_000_000
-        for publisher, message in ((errors, error), (lags, lag), (joints, state)):
+        for publisher, message in ((errors, error), (lags, lag), (joints, state), (said, loaded)):
             publisher.publish(message)
         instant = reader.instant()
-        if instant is not None and instant.error_m.any() and instant.lag_rad.any():
+        if instant is not None and instant.error_m.any() and instant.lag_rad.any() and instant.overload.any():
             told.append(instant)
         return bool(told)
 
     graph.spin_until(look, 'an instant')
     assert told[0].error_m.tolist() == [1e-5, -2e-5, 3e-5]
+    assert told[0].overload.tolist() == [0.5, 0.0, 0.0]  # shares of what trips a drive
     assert told[0].cell is None
 
 

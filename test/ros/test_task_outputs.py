@@ -12,7 +12,8 @@ from delta3_pacdrive import parameters
 from delta3_pacdrive.controller.joint_motion import joint_motions
 from delta3_pacdrive.controller.task_arrays import ANSWER
 from delta3_pacdrive.kinematics import geometry
-from delta3_pacdrive.ros.interfaces import JACOBIAN, JOINT_MOTION
+from delta3_pacdrive.ros.clock_output import ClockOutput
+from delta3_pacdrive.ros.interfaces import JACOBIAN, JOINT_MOTION, VISUALIZATION
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
 from delta3_pacdrive.ros.task_outputs import TaskOutputs
 from delta3_pacdrive.scene.joints import joints
@@ -95,3 +96,45 @@ def test_joint_motion_is_told_of_the_cycle_before_and_only_if_it_is_asked_for(
         row = message.header.stamp.nanosec // 1_000_000 % 10 - 8
         told = message.vector.x, message.vector.y, message.vector.z
         assert list(told) == found['jacobian'][row].tolist()
+
+
+class Named:
+    """A node without a middleware that publishes and counts clocks among others."""
+
+    def __init__(self, namespace: str, clocks: list[Any]) -> None:
+        self.namespace, self.clocks = namespace, clocks
+
+    def get_fully_qualified_name(self) -> str:
+        return f'{self.namespace}/{VISUALIZATION}'
+
+    def count_subscribers(self, _: str) -> int:
+        return 1
+
+    def get_publishers_info_by_topic(self, _: str) -> list[Any]:
+        return list(self.clocks)
+
+    def create_publisher(self, *_: Any, **__: Any) -> Any:
+        own = SimpleNamespace(node_name=VISUALIZATION, node_namespace=self.namespace, publish=lambda _: None)
+        self.clocks.append(own)
+        return own
+
+    def destroy_publisher(self, publisher: Any) -> None:
+        self.clocks.remove(publisher)
+
+
+@pytest.mark.parametrize('names', [('/robot1', '/robot2'), ('/robot2', '/robot1')])
+def test_of_two_robots_that_begin_at_once_the_first_by_name_publishes_the_clock(
+    names: tuple[str, str],
+) -> None:
+    clocks: list[Any] = []
+    outputs: list[Any] = [ClockOutput(Named(name, clocks)) for name in names]  # type: ignore[arg-type]
+    for output in outputs:
+        output.look()
+    for output in outputs:
+        output.tell((1, 0))
+    assert [one.node_namespace for one in clocks] == list(names)
+    for _ in range(3):
+        for output in outputs:
+            output.look()
+        assert [one.node_namespace for one in clocks] == ['/robot1']
+        assert [output.wanted for output in outputs] == [name == '/robot1' for name in names]

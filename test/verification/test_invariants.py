@@ -1,5 +1,7 @@
 """What a soak holds telegrams against: a healthy robot passes, and every mutation of its telegrams is seen."""
 
+import mmap
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -18,6 +20,7 @@ from delta3_pacdrive.sercos.telegrams import mdt_form, mdt_frame
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, Phase
 from delta3_pacdrive.verification import invariants
 from delta3_pacdrive.verification.soak import programs as soak_programs
+from delta3_pacdrive.verification.soak.runner import memory_mb
 from delta3_pacdrive.verification.telegram_log import (
     AT,
     CODECS,
@@ -316,3 +319,16 @@ def test_injected_losses_are_counted_by_axis() -> None:
     assert drawn.lost(MDT_LOSSES, 'axis2') == (0, True)
     assert drawn.lost(AT_LOSSES) == (5, True)
     assert drawn.last_fault_s == 0.3
+
+
+def test_ten_megabytes_of_its_own_are_the_growth_of_a_process_and_those_of_a_file_are_not(tmp_path):
+    path = tmp_path / 'file'
+    path.write_bytes(b'\1' * 10_000_000)
+    resident, own = memory_mb(os.getpid())
+    block = b'\1' * 10_000_000
+    grown = memory_mb(os.getpid())
+    assert grown == pytest.approx((resident + 10.0, own + 10.0), abs=1.0)
+    with path.open('rb') as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+        assert sum(mapped[:: mmap.PAGESIZE]) == -(-len(block) // mmap.PAGESIZE)
+        mapped_in = memory_mb(os.getpid())
+    assert mapped_in == pytest.approx((grown[0] + 10.0, grown[1]), abs=1.0)

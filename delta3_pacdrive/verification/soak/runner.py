@@ -119,6 +119,12 @@ class _Counters:
     mdt: tuple[int, ...]
 
 
+def memory_mb(pid: int) -> tuple[float, float]:
+    """Return the resident memory of a process and its own part of it, without pages of files [MB]."""
+    memory = psutil.Process(pid).memory_info()
+    return memory.rss / 1e6, (memory.rss - memory.shared) / 1e6
+
+
 class Soak(AutomatedOperator):
     """The operator runs random programs with faults on a robot that is up.
 
@@ -180,8 +186,7 @@ class Soak(AutomatedOperator):
         now = {}
         for child in self._bringup.processes():
             with suppress(psutil.NoSuchProcess):
-                memory = psutil.Process(child.pid).memory_info()
-                now[child.pid] = memory.rss / 1e6, (memory.rss - memory.shared) / 1e6
+                now[child.pid] = memory_mb(child.pid)
         figures = self.figures
         self._memory.append((figures.cycles, now))
         warm = [sample for sample in self._memory if sample[0] >= WARM_UP * figures.cycles]
