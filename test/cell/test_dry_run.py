@@ -52,7 +52,7 @@ def test_people_read_a_table(folder, capsys):
     assert plan.main(['pick.py', '--cell', 'own.yaml']) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == 'pick: 3 moves'
-    assert [lines[n].split()[0] for n in (4, 5)] == ['4:', '5:']  # statements of the first move
+    assert [lines[n].split()[0] for n in (4, 5)] == ['4:', '6:']  # statements of the first move
     assert lines[6].split()[:3] == ['2', '7:', 'dwell']
     assert 's of it between moves' in lines[8]
 
