@@ -42,7 +42,9 @@ def read_progress(text: str) -> dict[str, Any] | None:
         return None
     if not isinstance(facts, dict):
         return None
-    place = facts.get('tcp_m', ())
+    if not {'tcp_m', 'remaining_s'} <= facts.keys():
+        return None
+    place = facts['tcp_m']
     if place is None:  # it was not measured yet
         place = [0.0] * 3
     if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, (int, float)) for x in place):

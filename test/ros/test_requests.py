@@ -210,7 +210,7 @@ def test_a_request_that_is_not_waited_for_leaves_no_moves(cause: type[BaseExcept
     with pytest.raises(cause, match=r'no patience$'):
         operator.start_program(f'moves: [{moves}]')
     operator.spin_for = graph.spin_for
-    assert operator.send_program(f'moves: [{{{LINE}}}]').startswith('planned "program": 1 moves')
+    assert operator.send_program(f'moves: [{{{LINE}}}]').startswith('planned "program": 1 move')
     assert operator.state == 'idle'
 
 
