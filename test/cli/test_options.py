@@ -1,6 +1,8 @@
 """Facts about options: each one that is parsed reaches what it is for; none is parsed and dropped."""
 
 import json
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +17,9 @@ from delta3_pacdrive.analysis.ripple import run as ripple_run
 from delta3_pacdrive.analysis.tuning import axis_excitation
 from delta3_pacdrive.analysis.tuning import run as tuning_run
 from delta3_pacdrive.analysis.tuning.bench import Place
-from delta3_pacdrive.cli import estimate, experiment, jacobian, learn, ripple, simulate, tune
+from delta3_pacdrive.cli import estimate, experiment, jacobian, learn, move, ripple, simulate, tune
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.motion.adaptation import Adaptation
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
 
@@ -30,6 +33,73 @@ class Asked(Exception):  # noqa: N818  it is no error: a command has got as far 
 @pytest.fixture(autouse=True)
 def without_kernels(monkeypatch):
     monkeypatch.setattr(simulation, 'load_kernels', lambda _: None)
+
+
+SPEED = ['--speed', '1.5']
+QUICK = ['--acceleration', '2.5']
+ABRUPT = ['--jerk', '35']
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    """Return what ``move`` sends to a robot at rest: the statement or program, and how it is adapted."""
+    client = pytest.importorskip('delta3_pacdrive.ros.robot_client', exc_type=ImportError)
+    found = []
+    operator = SimpleNamespace(
+        state='idle',
+        take_control=lambda *_: 'control',
+        release_control=lambda: None,
+        wait_until=lambda *_: None,
+        send_program=lambda *given: found.append(given) or 'queued',
+    )
+    monkeypatch.setattr(client, 'operating', lambda _: nullcontext(operator))
+    return found
+
+
+@pytest.mark.parametrize(
+    ('options', 'adaptation'),
+    [
+        ([], Adaptation()),
+        (SPEED, Adaptation(caps=(1.5, 0.0, 0.0))),
+        (QUICK, Adaptation(caps=(0.0, 2.5, 0.0))),
+        (ABRUPT, Adaptation(caps=(0.0, 0.0, 35.0))),
+        (['--from', '2'], Adaptation(first=2)),
+        (['--approach'], Adaptation(approach_m_s=0.25)),
+    ],
+)
+def test_each_option_of_a_program_that_is_sent_reaches_the_planner(options, adaptation, sent):
+    assert move.main(['program', 'packaging', '--queue', *options]) == 0
+    assert [one[1] for one in sent] == [adaptation]
+    assert sent[0][0] == (parameters.config_directory() / 'programs' / 'packaging.yaml').read_text()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'statement'),
+    [
+        (['l', '0.1', '0', '-0.8', *SPEED], {'move_l': {'to_m': [0.1, 0.0, -0.8], 'speed_m_s': 1.5}}),
+        (['l', '0.1', '0', '-0.8', *QUICK], {'move_l': {'to_m': [0.1, 0.0, -0.8], 'acceleration_m_s2': 2.5}}),
+        (['l', '0.1', '0', '-0.8', *ABRUPT], {'move_l': {'to_m': [0.1, 0.0, -0.8], 'jerk_m_s3': 35.0}}),
+        (
+            ['l', '0.1', '0', '-0.8', '--blend', '0.02'],
+            {'move_l': {'to_m': [0.1, 0.0, -0.8], 'blend_m': 0.02}},
+        ),
+        (['l', '0.1', '0', '-0.8', '--strict'], {'move_l': {'to_m': [0.1, 0.0, -0.8], 'strict': True}}),
+        (['l', '0.1', '0', '0', '--relative'], {'move_l': {'to_m': {'by_m': [0.1, 0.0, 0.0]}}}),
+        (
+            ['c', '0.1', '0', '-0.8', '0.1', '0.1', '-0.7', '--angle', '400'],
+            {'move_c': {'via_m': [0.1, 0.0, -0.8], 'to_m': [0.1, 0.1, -0.7], 'angle_deg': 400.0}},
+        ),
+        (
+            ['sb', '0.1', '0', '-0.8', '0.1', '0.1', '-0.7', *SPEED],
+            {'move_sb': {'through_m': [[0.1, 0.0, -0.8], [0.1, 0.1, -0.7]], 'speed_m_s': 1.5}},
+        ),
+    ],
+)
+def test_each_option_of_a_move_that_is_sent_is_in_its_statement(arguments, statement, sent):
+    assert move.main([*arguments, '--queue']) == 0
+    ((document, adaptation),) = sent
+    assert json.loads(document) == {'moves': [statement]}
+    assert adaptation == Adaptation()
 
 
 def asked(command, arguments):

@@ -170,9 +170,11 @@ def test_quotients_through_encoders_are_chance(bus, robot):
 
 
 @pytest.mark.parametrize('off', [0.3, 0.0])
-def test_least_squares_on_the_closed_loop_returns_its_initial_values(off, bus, robot):
-    trace = measurement.with_noise(bus, robot, 1.0, 0)
+def test_least_squares_on_the_closed_loop_returns_its_initial_values(off, bus, robot, monkeypatch):
+    trace, calls, replay = measurement.with_noise(bus, robot, 1.0, 0), [], thesis_setup.Replay.run
+    monkeypatch.setattr(thesis_setup.Replay, 'run', lambda *given: calls.append(given) or replay(*given))
     attempt = thesis_setup.attempt_once(trace, robot, 1e-4, off)
+    assert attempt.evaluations == len(calls) - 1  # one more, for the cost at the start, is none of the solver
     assert max(map(abs, attempt.moved)) < thesis_setup.STUCK
 
 

@@ -33,10 +33,12 @@ from delta3_pacdrive.analysis.tuning.loops import Entry, Shaft, linear_cascade
 from delta3_pacdrive.analysis.tuning.report import interpolated
 from delta3_pacdrive.analysis.tuning.response import bandwidth, margins, step_figures
 from delta3_pacdrive.cli import tune
+from delta3_pacdrive.drive.notch import coefficients
 from delta3_pacdrive.drive.operation_data import TABLE
 from delta3_pacdrive.errors import ParameterError, TuningError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.parameters import load as load_parameters
+from delta3_pacdrive.parameters.notch import notches
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.service_channel import format_idn
 from thoroughness import some
@@ -251,6 +253,24 @@ def test_recorded_excitation_of_the_robot_shows_the_loops_of_its_modes(name, exc
     decibel, degree = distances(one.measured.values[inside], one.linear[inside])
     assert decibel < ROBOT_DB
     assert degree < ROBOT_DEG
+
+
+def test_a_recording_behind_a_notch_filter_shows_the_same_open_loop_in_front_of_it(excited, robot, operation):
+    notched = robot.replace(drive__notch_1_frequency_hz=300.0, drive__notch_1_depth=0.1)
+    every = round(robot.drive.velocity_period_s / robot.drive.current_period_s)
+    b0, b1, b2, a1, a2 = coefficients(notches(notched.drive)[0], robot.drive.velocity_period_s)
+    asked = excited['current_reference'][::every]
+    behind = np.repeat(signal.lfilter([b0, b1, b2], [1.0, a1, a2], asked, axis=0), every, axis=0)
+    signals = excited.signals | {'current_reference': behind[: len(excited.time_s)]}
+    trace = Trace(excited.time_s, signals, excited.meta)
+    plain, found = (
+        measured_response.identify(one, 1, parameters, operation)[0].measured
+        for one, parameters in ((excited, robot), (trace, notched))
+    )
+    inside = (plain.frequencies_hz > 20.0) & (plain.frequencies_hz <= ROBOT_HZ)
+    decibel, degree = distances(found.values[inside], plain.values[inside])
+    assert decibel < 0.1
+    assert degree < 1.0
 
 
 def test_position_set_point_opens_the_position_loop(robot, operation):
