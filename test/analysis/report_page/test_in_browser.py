@@ -260,6 +260,83 @@ def test_play_goes_on_at_its_speed_and_stops_where_it_is_told(visit):
     assert played['after'] == played['stopped'] == time_s[-1] >= 0.2
 
 
+@pytest.mark.parametrize(
+    ('key', 'time_s', 'window_s'),
+    [
+        ('ArrowRight', 0.402, None),
+        ('ArrowLeft', 0.398, None),
+        ('Shift+ArrowRight', 0.44, None),
+        ('Shift+ArrowLeft', 0.36, None),
+        ('Home', 'first', None),
+        ('End', 'last', None),
+        ('+', 0.4, 0.1),
+        ('-', 0.4, 0.4),
+        ('0', 0.4, 'all'),
+        ('Control+ArrowRight', 0.4, None),
+    ],
+)
+def test_each_key_goes_by_bus_cycles_to_the_ends_or_magnifies(key, time_s, window_s, visit, one):
+    # with a bus cycle of 1 ms, steps of a millisecond would pass for steps of a cycle
+    visit.page.evaluate(
+        'document.activeElement.blur(); delta3.clock.period = 0.002; delta3.clock.show(0.3, 0.5)'
+    )
+    seek(visit, 0.4)
+    visit.page.keyboard.press(key)
+    clock = visit.page.evaluate(
+        """period => {
+            const { time, window, first, last } = delta3.clock;
+            delta3.clock.period = period;
+            return { time, window, first, last };
+        }""",
+        one.period_s,
+    )
+    assert clock['time'] == pytest.approx(clock.get(time_s, time_s), abs=1e-9)
+    if time_s == 0.4:  # else the window may follow the instant
+        whole = clock['last'] - clock['first']
+        wanted = {'all': whole, None: 0.2}.get(window_s, window_s)
+        assert np.diff(clock['window']) == pytest.approx(wanted, abs=1e-9)
+
+
+def test_the_space_key_plays_and_pauses(visit):
+    visit.page.evaluate('document.activeElement.blur()')
+    for is_playing in (True, False):
+        visit.page.keyboard.press('Space')
+        assert visit.page.evaluate('delta3.clock.playing') is is_playing
+
+
+def test_lines_in_plots_are_at_faults_and_events_in_their_colours_and_nowhere_else(visit):
+    kinds = {0.1: 'start', 0.2: 'fault', 0.3: 'event', 0.4: 'output', 0.5: 'event'}
+    drawn, places, colours = visit.page.evaluate(
+        """async marks => {
+            const [run] = delta3.report.runs, before = run.marks, drawn = [];
+            const { chart } = delta3.plots.panels.find(one => one.chart), { ctx } = chart;
+            ctx.fillRect = function (x, y, width, height) {
+                if (width === devicePixelRatio) drawn.push([x, this.fillStyle]);
+            };
+            run.marks = marks;
+            chart.redraw();
+            await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)));
+            delete ctx.fillRect;
+            run.marks = before;
+            const colours = {};
+            for (const kind of ['fault', 'event']) {
+                ctx.fillStyle = getComputedStyle(document.documentElement).getPropertyValue(`--${kind}`).trim();
+                colours[kind] = ctx.fillStyle;
+            }
+            return [drawn, marks.map(([time]) => Math.round(chart.valToPos(time, 'x', true))), colours];
+        }""",
+        [[time_s, kind, ''] for time_s, kind in kinds.items()],
+    )
+    wanted = [
+        [place, colours[kind]]
+        for place, kind in zip(places, kinds.values(), strict=True)
+        if kind in ('fault', 'event')
+    ]
+    assert drawn[: len(wanted)] == wanted
+    assert all(line in wanted for line in drawn)
+    assert colours['fault'] != colours['event']
+
+
 def test_the_ghost_of_the_command_stands_off_by_the_magnified_error(visit, one):
     visit.page.evaluate('magnify.value = 40; magnify.dispatchEvent(new Event("input"))')
     assert visit.page.locator('#magnified').text_content() == '\u00d7100'
