@@ -66,6 +66,7 @@ SHAPING = {f'control.shaping{name}' for name in ('', '_frequency_hz', '_damping'
 IN_POSITION = {'drive.position_window_rad', 'motion.in_position_time_s', 'motion.in_position_timeout_s'}
 ROTARY = {name for name in FIELDS if name.startswith('rotary.')}
 OPTIONAL = CORRECTIONS | SINGLE_MOTOR | SIX_RODS | NOTCHES | GEARS | IN_POSITION | SHAPING | ROTARY
+OPTIONAL |= {'motion.tcp_speed_limit_m_s'}
 PRINTED_IN_THE_THESIS = {  # 2.2.3, 4.2, 4.8.1, 8.1, 11.1.1 and Fig. 9.3
     'kinematics.arm_azimuth_deg': (0.0, 120.0, 240.0),
     'bus.cycle_time_s': 1e-3,

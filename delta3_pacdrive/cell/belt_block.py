@@ -19,7 +19,6 @@ from delta3_pacdrive.motion.program import Dwell, MoveL, Output, PathMove, Point
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.parameters.records import Motion as MotionLimits
 
-SPEED_MAX_M_S = 20.0
 LIMIT_MAX = 1e6  # of accelerations and jerks
 INCREMENT_MAX_M = 20e-6
 STAND_S = 0.002  # of a dwell instead of a move to where the plan stands
@@ -140,7 +139,12 @@ def limits_of(keys: Mapping[str, Any], motion: MotionLimits) -> tuple[TrackLimit
     reserve = TrackLimits.belt_acceleration_m_s2
     acceleration = number('acceleration_m_s2', given['acceleration_m_s2'], 2.0 * reserve, LIMIT_MAX, ' m/s2')
     jerk = number('jerk_m_s3', given['jerk_m_s3'], 1.0, LIMIT_MAX, ' m/s3')
-    speed = number('speed_m_s', given['speed_m_s'], 1e-3, SPEED_MAX_M_S, ' m/s')
+    speed = number('speed_m_s', given['speed_m_s'], 1e-3, math.inf, ' m/s')
+    if speed > motion.tcp_speed_limit_m_s:
+        raise ProgramError(
+            f'track: speed_m_s is {speed}, but must not exceed motion.tcp_speed_limit_m_s '
+            f'({motion.tcp_speed_limit_m_s})'
+        )
     return TrackLimits(speed, acceleration, jerk), number('timeout_s', given['timeout_s'], 0.0, TIME_MAX_S)
 
 

@@ -11,6 +11,7 @@ from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge, TrackOrder
 from delta3_pacdrive.errors import (
     Code,
     Delta3Error,
+    ProgramError,
     Reason,
     RefusedError,
     RunError,
@@ -28,12 +29,7 @@ from delta3_pacdrive.motion.belt_meeting import (
     require_bearable,
 )
 from delta3_pacdrive.motion.belt_prediction import SETTLED_CYCLES
-from delta3_pacdrive.motion.belt_synchronization import (
-    ZERO,
-    CannotCatch,
-    Motion,
-    Uncaught,
-)
+from delta3_pacdrive.motion.belt_synchronization import ZERO, CannotCatch, Motion, Uncaught
 from delta3_pacdrive.motion.move import TRACK
 from delta3_pacdrive.motion.program import Dwell, Output
 from delta3_pacdrive.motion.program_planner import Planned
@@ -68,6 +64,7 @@ class BeltOrders(ScriptOrders):
         self.block: Block | None = None
         self._working: Block | None = None  # the last one
         self._leaving: Leaving | None = None
+        self._override_max = math.inf  # at which the TCP keeps its speed limit together with a belt
         self._on_belt_cycle: float | None = None  # in which it is to get on, on a bus with a clock
 
     # work on a belt ---------------------------------------------------------------------------------------------------
@@ -228,7 +225,9 @@ class BeltOrders(ScriptOrders):
         def offset(time_s: float) -> Motion:
             return belt.to_base(offset_on(found, time_s + found.pad_s, block.reference_m))
 
-        require_bearable(planned.plan, -found.pad_s, whole_s, offset, self.parameters, rate)
+        self._override_max = require_bearable(
+            planned.plan, -found.pad_s, whole_s, offset, self.parameters, rate
+        )
         on_it = offset_on(found, whole_s + found.pad_s, block.reference_m)
         require_way_out(planned.plan, block, belt, on_it.place[0], found.speed_m_s, self.parameters, rate)
 
@@ -250,7 +249,8 @@ class BeltOrders(ScriptOrders):
             return belt.to_base(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)))
 
         whole_s = planned.plan.duration_s / rate
-        require_bearable(planned.plan, 0.0, whole_s, offset, self.parameters, rate)
+        allowed = require_bearable(planned.plan, 0.0, whole_s, offset, self.parameters, rate)
+        self._override_max = min(self._override_max, allowed)
         along_m = begun_m + there.speed_m_s * whole_s
         require_way_out(planned.plan, block, belt, along_m, there.speed_m_s, self.parameters, rate)
 
@@ -264,6 +264,25 @@ class BeltOrders(ScriptOrders):
         along = block.part.along_m + there.way_m - block.reference_m
         way = leaving(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)), block.limits)
         self._leaving = Leaving(end, block.belt, way)
+
+    def require_override(self, override: float) -> None:
+        """Refuse an override, 1 = as planned, that breaks a limit in what is driven, or together with a belt."""
+        super().require_override(override)
+        if override > self._override_max and self._goes_with_a_belt:
+            raise ProgramError(
+                f'override is {100.0 * override:g} %, but together with the belt the TCP speed limit allows at most '
+                f'{math.floor(100.0 * self._override_max)} %'
+            )
+
+    @property
+    def _goes_with_a_belt(self) -> bool:
+        if self.block is not None:
+            return self.block.begun
+        last = self._leaving
+        if last is None:
+            return False
+        left_s = (self._link.look().cycle - last.cycle) * self.parameters.bus.cycle_time_s
+        return left_s < last.way.duration_s
 
     def change(self, override: float) -> None:
         """Drive on with an override, 1 = as planned, also after ``hold``."""
@@ -298,7 +317,8 @@ class BeltOrders(ScriptOrders):
         def offset(time_s: float) -> Motion:
             return self._offset_at(tracking, begin + (time_s + pad_s) / cycle_s)
 
-        require_bearable(planned.plan, -pad_s, first_s, offset, self.parameters, rate)
+        allowed = require_bearable(planned.plan, -pad_s, first_s, offset, self.parameters, rate)
+        self._override_max = min(self._override_max, allowed)
 
     def _come_to_rest(self) -> None:
         tracking = self._link.tracking

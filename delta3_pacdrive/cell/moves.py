@@ -256,8 +256,8 @@ class Moves:
         override = 1.0 if timeline.profile is None else timeline.profile.override
         if override > planned.override_max:
             raise ProgramError(
-                f'the override is {100.0 * override:g} %, but with these moves the motors bear at most '
-                f'{100.0 * planned.override_max:.0f} %'
+                f'the override is {100.0 * override:g} %, but with these moves motors and TCP speed limit allow at '
+                f'most {100.0 * planned.override_max:.0f} %'
             )
         extension = extend(timeline, cycle, seam, planned.plan)
         self._note(program, planned, written, again=bool(seam.again))
@@ -288,11 +288,11 @@ class Moves:
         self.timeline.change(profile)
 
     def require_override(self, override: float) -> None:
-        """Refuse an override that the motors do not bear in what is driven; raises ProgramError."""
+        """Refuse an override that breaks a limit of motors or TCP speed in what is driven; raises ProgramError."""
         if self.timeline is not None and override > self._override_max:
             raise ProgramError(
-                f'override is {100.0 * override:g} %, but the motors bear at most {100.0 * self._override_max:.0f} % '
-                'in these moves'
+                f'override is {100.0 * override:g} %, but motors and TCP speed limit allow at most '
+                f'{100.0 * self._override_max:.0f} % in these moves'
             )
 
     def seconds_left(self, cycle: int) -> float:

@@ -289,9 +289,9 @@ class Robot:
         """Drive at so many percent of the planned speed from now on, 1 to 150."""
         with self._told(of_caller()):
             override = number('override', percent, 100.0 * OVERRIDE_MIN, 100.0 * OVERRIDE_MAX, ' %') / 100.0
-            self._orders.moves.require_override(override)
+            self._orders.require_override(override)
             self._order()
-            self._orders.moves.require_override(override)
+            self._orders.require_override(override)
             if not self._orders.held:
                 self._orders.change(override)
             self._orders.moves.override = override

@@ -182,6 +182,10 @@ class ScriptOrders:
         self.moves.follow(profile)
         self.effect = profile.cycle
 
+    def require_override(self, override: float) -> None:
+        """Refuse an override, 1 = as planned, that breaks a limit in what is driven; raises ProgramError."""
+        self.moves.require_override(override)
+
     def change(self, override: float) -> None:
         """Drive on with an override, 1 = as planned, also after ``hold``."""
         seen = self.ready()

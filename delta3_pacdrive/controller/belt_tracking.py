@@ -24,7 +24,7 @@ from delta3_pacdrive.controller.belt_knowledge import (
 )
 from delta3_pacdrive.controller.task_arrays import HISTORY
 from delta3_pacdrive.errors import Code, ProgramError, Reason
-from delta3_pacdrive.motion.belt_meeting import BeltAxes, behind, leaving
+from delta3_pacdrive.motion.belt_meeting import BeltAxes, behind, leaving, speed_before_rest
 from delta3_pacdrive.motion.belt_prediction import BeltObserver
 from delta3_pacdrive.motion.belt_synchronization import (
     ZERO,
@@ -33,8 +33,9 @@ from delta3_pacdrive.motion.belt_synchronization import (
     way_between,
     way_to_stand,
 )
-from delta3_pacdrive.motion.execution import HARD_RISE_S
+from delta3_pacdrive.motion.execution import HARD_RISE_S, Timeline
 from delta3_pacdrive.motion.part_queue import QueuedPart
+from delta3_pacdrive.motion.plan import plan_motion_at
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
 
@@ -102,6 +103,7 @@ class BeltTracking(BeltKnowledge):
     def __init__(self, parameters: Parameters, belts: Sequence[BeltAxes]) -> None:
         super().__init__(parameters, belts)
         self._fault_acceleration = parameters.motion.fault_stop_acceleration_m_s2
+        self._tcp_speed_limit = parameters.motion.tcp_speed_limit_m_s
         self._observers = [BeltObserver(belt.increments_per_m, self._time) for belt in belts]
         self._history = [self.observed] * HISTORY
         # of each belt the bus cycles in which the parts were told
@@ -305,6 +307,29 @@ class BeltTracking(BeltKnowledge):
             self._lose(
                 f'{where}: its encoder has jumped {self.jumps(order.belt) - self._jumps} times, so that nobody knows '
                 'where the part is'
+            )
+
+    def watch_speed(self, cycle: int, timeline: Timeline | None) -> None:
+        """Look whether the robot, if plan and belt come to rest from now on, keeps the limit of its TCP speed.
+
+        ``timeline`` is that of the plan that is driven, None without one.
+        """
+        if self._order is None or self._phase in (Phase.FREE, Phase.STANDING):
+            return
+        parts = [(self.offset.velocity, self.offset.acceleration, self._order.limits.jerk_m_s3)]
+        if timeline is not None:
+            now, plan = timeline.at(cycle), timeline.plan
+            _, first, second = plan_motion_at(now.distance_m, now.number, plan.tables)
+            v, a = now.speed_m_s, now.acceleration_m_s2
+            velocity = tuple(v * p for p in first)
+            acceleration = tuple(a * p + v * v * q for p, q in zip(first, second, strict=True))
+            override = 1.0 if timeline.profile is None else timeline.profile.override
+            parts.append((velocity, acceleration, plan.move(now.number).stop_jerk * max(override, 1.0) ** 3))
+        speed = speed_before_rest(parts)
+        if speed > self._tcp_speed_limit:
+            self._lose(
+                f'belt {self.belts[self._order.belt].name} in bus cycle {cycle}: together with the belt the TCP would '
+                f'run at {speed:.3f} m/s, the limit is {self._tcp_speed_limit:g} m/s'
             )
 
     def _lose(self, sentence: str) -> None:

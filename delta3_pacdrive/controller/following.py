@@ -152,8 +152,8 @@ class Following:
         profile = timeline.profile
         if profile.override > wanted.planned.override_max:
             raise ProgramError(
-                f'the override is {100 * profile.override:g} %, but with these moves the motors bear at most '
-                f'{100 * wanted.planned.override_max:.0f} %'
+                f'the override is {100 * profile.override:g} %, but with these moves motors and TCP '
+                f'speed limit allow at most {100 * wanted.planned.override_max:.0f} %'
             )
         cycle = max(newest_cycle + self._lead_cycles, profile.cycle + 1)
         if profile.held:

@@ -56,7 +56,8 @@ class Override:
         override, override_max = percent / 100.0, self._run.override_max
         if motion in UNDER_WAY and override > override_max:
             raise ProgramError(
-                f'override is {percent:g} %, but the motors bear at most {100 * override_max:.0f} % in this program'
+                f'override is {percent:g} %, but motors and TCP speed limit allow at most {100 * override_max:.0f} % '
+                'in this program'
             )
         sentence = f'override {percent:g} %'
         if motion == MotionState.MOVING:

@@ -433,6 +433,8 @@ class Transformation:
         if self.tracking is not None:
             self._track(cycle, self.tracking)
         command_cycle(cycle, self.record, self.timeline.arrays, self.learned.torques)
+        if self.tracking is not None:
+            self.tracking.watch_speed(cycle, self.timeline if self.loaded else None)
         if self.turning is not None:
             self.turning.command(cycle, self.record, self.timeline)
         self.next_cycle = cycle + 1

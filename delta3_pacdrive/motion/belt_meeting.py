@@ -11,7 +11,7 @@ within its limits, whatever the plan and the belt do meanwhile. When the robot l
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,6 +42,9 @@ from delta3_pacdrive.parameters import Parameters
 AHEAD_S = 0.02  # the robot goes with the belt so long before its first move there ends, and has left it as long before
 SEARCH = 40  # halvings of the time to wait
 SAMPLE_S = 0.004  # between two instants at which a motion is checked
+TCP_SPEED_SHARE = (
+    0.99  # of the limit that is used: the rest is for the noise of encoders and a belt that gets faster
+)
 CHECKED_SHARE = 1.02  # of a limit that a superposed motion may use: the plan keeps its own, but for sampling
 
 
@@ -240,8 +243,10 @@ def require_bearable(
     offset: Callable[[float], Motion],
     parameters: Parameters,
     rate: float,
-) -> None:
+) -> float:
     """Refuse a plan that the robot does not bear together with what is added to it.
+
+    Returns the largest rate at which the TCP keeps its speed limit, whenever the robot goes over to it.
 
     Parameters
     ----------
@@ -259,11 +264,13 @@ def require_bearable(
     Raises
     ------
     ProgramError
-        It leaves the workspace or the range of the arms, or asks too much of a motor; says what, when, and the limit.
+        It leaves the workspace or the range of the arms, asks too much of a motor, or is faster than the TCP may be;
+        says what, when, and the limit.
 
     """
     times = np.linspace(from_s, to_s, max(2, math.ceil((to_s - from_s) / SAMPLE_S)))
     samples, number, tables = np.zeros((len(times), 4, 3)), 0, plan.tables
+    of_plan = of_belt = 0.0  # highest speeds [m/s]
     starts = tables.starts
     for n, time in enumerate(times.tolist()):
         planned = min(rate * max(time, 0.0), plan.duration_s)
@@ -272,6 +279,8 @@ def require_bearable(
         v, a = rate * v, rate * rate * a
         place, first, second = plan_motion_at(s, number, tables)
         beside = offset(time)
+        of_plan = max(of_plan, math.hypot(*first) * abs(v))
+        of_belt = max(of_belt, math.hypot(*beside.velocity))
         samples[n, 0] = np.add(place, beside.place)
         samples[n, 1] = np.add(np.multiply(first, v), beside.velocity)
         samples[n, 2] = np.add(combine(a, first, v * v, second, 0.0, second), beside.acceleration)
@@ -286,9 +295,41 @@ def require_bearable(
     coefficients = legal_coefficients(times, samples, payload, (heaviest,), parameters, where=where)
     # the derivatives are those by the time: as if a master went 1 s in every second
     master = np.column_stack([times, np.ones_like(times), np.zeros_like(times), np.zeros_like(times)])
-    found = excess(timed_dynamics(times, master, samples, coefficients, parameters), parameters, where=where)
+    dynamics = timed_dynamics(times, master, samples, coefficients, parameters)
+    highest = TCP_SPEED_SHARE * parameters.motion.tcp_speed_limit_m_s
+    fastest = int(np.argmax(dynamics.tcp_speed_m_s))
+    if not (speed := float(dynamics.tcp_speed_m_s[fastest])) <= highest:
+        raise ProgramError(
+            f'TCP speed would be {speed:.4g} m/s {where(fastest)}, the limit is {highest:.4g} m/s, '
+            f'{TCP_SPEED_SHARE:.0%} of motion.tcp_speed_limit_m_s'
+        )
+    found = excess(dynamics, parameters, where=where)
     if not found.worst <= CHECKED_SHARE:
         raise ProgramError(found.text)
+    return max(rate, rate * (highest - of_belt) / of_plan) if of_plan > 0.0 else math.inf
+
+
+def speed_before_rest(parts: Sequence[tuple[Vector, Vector, float]]) -> float:
+    """Return the highest speed [m/s] that motions have together if all of them come to rest from now on.
+
+    Each has a velocity [m/s] and an acceleration [m/s^2], which goes to 0 with a jerk [m/s^3] before it brakes.
+    """
+    velocity = np.sum([velocity for velocity, _, _ in parts], axis=0)
+    speed = float(np.linalg.norm(velocity))
+    if speed == 0.0:
+        return 0.0
+    along = [(float(np.dot(acceleration, velocity)) / speed, jerk) for _, acceleration, jerk in parts]
+
+    def gained(time_s: float) -> float:
+        gain = 0.0
+        for acceleration, jerk in along:
+            if acceleration <= 0.0:
+                gain += acceleration * time_s
+            elif t := min(time_s, acceleration / jerk):
+                gain += acceleration * t - 0.5 * jerk * t * t
+        return gain
+
+    return speed + max(0.0, *(gained(max(acceleration, 0.0) / jerk) for acceleration, jerk in along))
 
 
 def first_moved_s(plan: Plan) -> float:

@@ -110,21 +110,20 @@ def excess(
 def compared(
     dynamics: PathDynamics, parameters: Parameters, limits: tuple[Floats, Floats, Floats] | None = None
 ) -> list[Comparison]:
-    """Compare a motion with the limits of the motors and, where there are some, of the TCP: speed, acceleration, jerk.
+    """Compare a motion with the limits of the motors, the TCP speed of the robot and, where there are some, of the TCP.
 
-    ``limits`` of the TCP are [m/s], [m/s^2], [m/s^3], shapes (n,).
+    ``limits`` of its speed, acceleration and jerk are [m/s], [m/s^2], [m/s^3], shapes (n,).
     """
     entries = list(_motor_stretches(dynamics, parameters))
-    if limits is not None:
-        tcp = (dynamics.tcp_speed_m_s, dynamics.tcp_acceleration_m_s2, dynamics.tcp_jerk_m_s3)
-        names = (
-            (Limited.TCP_SPEED, 'm/s'),
-            (Limited.TCP_ACCELERATION, 'm/s2'),
-            (Limited.TCP_JERK, 'm/s3'),
-        )
-        for power, (value, limit, (name, unit)) in enumerate(zip(tcp, limits, names, strict=True), start=1):
-            stretch = np.asarray((value / limit) ** (1.0 / power))
-            entries.append(Comparison(stretch, name, None, unit, value, limit))
+    tcp = (dynamics.tcp_speed_m_s, dynamics.tcp_acceleration_m_s2, dynamics.tcp_jerk_m_s3)
+    names = ((Limited.TCP_SPEED, 'm/s'), (Limited.TCP_ACCELERATION, 'm/s2'), (Limited.TCP_JERK, 'm/s3'))
+    of_robot = np.full(len(tcp[0]), parameters.motion.tcp_speed_limit_m_s)
+    speed, *others = (of_robot,) if limits is None else (np.minimum(limits[0], of_robot), *limits[1:])
+    for power, (value, limit, (name, unit)) in enumerate(
+        zip(tcp, (speed, *others), names, strict=False), start=1
+    ):
+        stretch = np.asarray((value / limit) ** (1.0 / power))
+        entries.append(Comparison(stretch, name, None, unit, value, limit))
     return entries
 
 

@@ -13,9 +13,20 @@ TCP_LIMIT_KEYS = ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3')
 LIMIT_KEYS = (*TCP_LIMIT_KEYS, 'torque_rate_n_m_s')
 
 
-def given_limits(fields: Section) -> dict[str, float]:
-    """Return the limits that are given, by their keys."""
-    return {key: fields.read(key, _limit) for key in LIMIT_KEYS if key in fields}
+def given_limits(fields: Section, tcp_speed_limit_m_s: float) -> dict[str, float]:
+    """Return the limits that are given, by their keys; a speed above the limit of the robot [m/s] is refused."""
+
+    def speed(value: Any, where: str) -> float:
+        found = _limit(value, where)
+        if found > tcp_speed_limit_m_s:
+            refuse(
+                f'{where} is {found}, but must not exceed motion.tcp_speed_limit_m_s ({tcp_speed_limit_m_s})'
+            )
+        return found
+
+    return {
+        key: fields.read(key, speed if key == 'speed_m_s' else _limit) for key in LIMIT_KEYS if key in fields
+    }
 
 
 def limits_of(given: dict[str, float], defaults: Limits, time_optimal: bool) -> Limits:

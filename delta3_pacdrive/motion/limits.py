@@ -34,6 +34,7 @@ AXES = 3
 REACH_SAMPLES = 129
 SAME_ANGLE_RAD = 1e-6  # differences between the angles of a TCP and those that it was made of
 BETWEEN_SAMPLES = 0.01  # of a limit that the planner has used up between two samples
+TCP_BETWEEN_SAMPLES = 2e-3  # the same of the TCP speed, which the planner keeps within a thousandth
 
 
 Where = Callable[[int], str]
@@ -274,7 +275,7 @@ def legal_tcp(
 
 
 def check_speed(move: Move, override: float, parameters: Parameters) -> float:
-    """Refuse a move of a foreign writer in which a motor turns too fast at an override; raises ProgramError.
+    """Refuse a move of a foreign writer in which TCP or motor is too fast at an override; raises ProgramError.
 
     Returns the largest override at which it would not be refused.
     """
@@ -288,10 +289,15 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
         raise ProgramError(str(error)) from None
     speed = np.abs(rates * master[:, 1:2] * parameters.dynamics.gear_ratio * override)
     limit = parameters.motor.max_speed_rad_s * (1.0 + BETWEEN_SAMPLES)
-    bound = Bound('motor_speed', speed, limit, True, 'the speed of motor', 'rad/s')
-    CheckedPath(master[:, 0], samples[:, 0]).require(bound)
-    fastest = float(speed.max())
-    return override * limit / fastest if fastest > 0.0 else math.inf
+    tcp = np.linalg.norm(samples[:, 1], axis=1) * np.abs(master[:, 1]) * override
+    tcp_limit = parameters.motion.tcp_speed_limit_m_s * (1.0 + TCP_BETWEEN_SAMPLES)
+    bounds = (
+        Bound('motor_speed', speed, limit, True, 'the speed of motor', 'rad/s'),
+        Bound('tcp_speed', tcp, tcp_limit, True, 'the TCP speed', 'm/s'),
+    )
+    CheckedPath(master[:, 0], samples[:, 0]).require(*bounds)
+    used = max(float(bound.values.max()) / bound.limit for bound in bounds)
+    return override / used if used > 0.0 else math.inf
 
 
 def phase_voltage_max(parameters: Parameters) -> float:

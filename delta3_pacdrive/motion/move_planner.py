@@ -101,7 +101,8 @@ class MovePlanner:
         table, length = self.curve.segments.tobytes(), self.curve.length_m
         course = Course(table, length, self._stretches, changes[1:], step_m, self.curve)
         self.distance, self.places, self.samples, payload, limits = laid_out(course)
-        self.speed, self.acceleration, self.jerk = limits
+        speed, self.acceleration, self.jerk = limits
+        self.speed = np.minimum(speed, self._parameters.motion.tcp_speed_limit_m_s)
         self._coefficients = legal_coefficients(
             self.places, self.samples, payload, carried, self._parameters, self._returning
         )

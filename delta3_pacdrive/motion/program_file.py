@@ -164,7 +164,9 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
     fields = Section(document, 'the program', errors, allowed, ('moves',))
     limits = fields.read(
         'limits',
-        lambda value, where: given_limits(Section(value, where, errors, LIMIT_KEYS)),
+        lambda value, where: given_limits(
+            Section(value, where, errors, LIMIT_KEYS), motion.tcp_speed_limit_m_s
+        ),
         {},
         prefix='',
     )
@@ -188,6 +190,7 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
         fields.read(key, lambda value, where: points.add(value, where, setting), prefix='')
     head = Head(
         Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3),
+        motion.tcp_speed_limit_m_s,
         limits,
         time_optimal,
         in_position,

@@ -43,7 +43,9 @@ def read_statement(
     """
     errors = Errors('')
     defaults = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
-    head = Head(defaults, setting=Setting(frame, tool, {BASE.name: BASE}), outputs=outputs)
+    head = Head(
+        defaults, motion.tcp_speed_limit_m_s, setting=Setting(frame, tool, {BASE.name: BASE}), outputs=outputs
+    )
     reader = StatementReader(head, PointReader(errors), errors)
     found: list[Statement] = []
     with errors.raised_as(ProgramError), errors.noted(None):

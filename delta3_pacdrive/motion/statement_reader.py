@@ -80,6 +80,8 @@ class Head:
     ----------
     defaults
         Limits of moves that tell none.
+    tcp_speed_limit_m_s
+        Highest speed that a move may ask for [m/s].
     limits
         Those that the head tells, by their keys.
     time_optimal, in_position
@@ -96,6 +98,7 @@ class Head:
     """
 
     defaults: Limits
+    tcp_speed_limit_m_s: float
     limits: dict[str, float] = field(default_factory=dict)
     time_optimal: bool = False
     in_position: bool = False
@@ -283,7 +286,7 @@ class StatementReader:
         """Read what all moves along a path may say."""
         head = self._head
         optimal = fields.read('time_optimal', flag, head.time_optimal)
-        own = given_limits(fields)
+        own = given_limits(fields, head.tcp_speed_limit_m_s)
         if 'torque_rate_n_m_s' in own and not optimal:
             refuse(f'{where}.torque_rate_n_m_s is a limit of time-optimal moves: add time_optimal: true')
         given = {**head.limits, **own}

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from delta3_pacdrive.motion.execution import OVERRIDE_MAX
+from delta3_pacdrive.motion.limits import ROUNDING
 from delta3_pacdrive.motion.path_dynamics import PathDynamics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -26,7 +27,7 @@ class ThermalLoad:
     duration_s: float
     dwelling: Floats
     dwell_s: float
-    override_max: float  # at which every motor still keeps its limits
+    override_max: float  # at which every motor and the TCP speed still keep their limits
 
     def times(self, count: float) -> 'ThermalLoad':
         """Return the effort of doing it ``count`` times."""
@@ -67,7 +68,7 @@ class LoadBehind:
 
     @property
     def override_max(self) -> float:
-        """Override at which every motor still keeps its limits."""
+        """Override at which every motor and the TCP speed still keep their limits."""
         return min(self.load.override_max, self.before.override_max)
 
     def rms(self, rate: float, override: float = 1.0) -> Floats:
@@ -84,9 +85,14 @@ def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters
     with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         room = np.maximum(motor.peak_current_a - np.abs(standing), 1e-12) / np.abs(moving)
         speed = motor.max_speed_rad_s / np.abs(d.motor_speed_rad_s)
+        tcp = parameters.motion.tcp_speed_limit_m_s * (1.0 + ROUNDING) / d.tcp_speed_m_s
         volts = parameters.drive.dc_link_voltage_v / np.sqrt(6.0) / np.abs(d.phase_voltage_v)
     override_max = min(
-        float(np.sqrt(room).min()), float(speed.min()), float(np.sqrt(volts).min()), OVERRIDE_MAX
+        float(np.sqrt(room).min()),
+        float(speed.min()),
+        float(np.sqrt(volts).min()),
+        float(tcp.min()),
+        OVERRIDE_MAX,
     )
     return ThermalLoad(
         (w * moving**2).sum(axis=0),

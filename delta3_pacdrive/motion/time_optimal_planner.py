@@ -97,8 +97,16 @@ class TimeOptimalPlanner(MovePlanner):
         demand, jerk_share = self._demand(), np.ones(points)
         before: Floats | None = None
         best, chosen = math.inf, np.empty((0, 5))
-        for _ in range(ROUNDS_MAX):
-            spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat, before)
+        spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat)
+        highest = self._parameters.motion.tcp_speed_limit_m_s
+        if len(spline) and _phases(spline, self._parameter)[:, 2].max() > highest:
+            # a bound that is not reached changes the solution by its rounding: it counts only where it is needed
+            self._limits = (np.minimum(self._limits[0], highest), *self._limits[1:])
+            demand = self._demand()
+            spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat)
+        for n in range(ROUNDS_MAX):
+            if n:
+                spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat, before)
             if not len(spline):
                 require_holdable(excess(self._standing(), self._parameters))
                 raise ProgramError('a motor cannot hold the arm somewhere on the path')

@@ -13,9 +13,9 @@ def quantity(description: str, low: float = -math.inf, high: float = math.inf, *
     return field(metadata={'description': description, 'low': low, 'high': high}, **more)
 
 
-def positive(description: str, high: float = math.inf) -> Any:
+def positive(description: str, high: float = math.inf, **more: Any) -> Any:
     """Declare a number above zero."""
-    return quantity(description, math.nextafter(0.0, 1.0), high)
+    return quantity(description, math.nextafter(0.0, 1.0), high, **more)
 
 
 def switch(description: str) -> Any:

@@ -297,3 +297,6 @@ class Motion:
         60.0,
         default=0.5,
     )
+    tcp_speed_limit_m_s: float = positive(
+        'TCP speed that no motion exceeds: moves, overrides and belts together', 20.0, default=15.0
+    )

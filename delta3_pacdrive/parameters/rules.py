@@ -6,7 +6,7 @@ from typing import Any
 from delta3_pacdrive.errors import shown
 from delta3_pacdrive.parameters.geometry import Kinematics
 from delta3_pacdrive.parameters.notch import NUMBERS, notches
-from delta3_pacdrive.parameters.records import DECOUPLED, Bus, Control, Drive, Dynamics, Motor, Rich
+from delta3_pacdrive.parameters.records import DECOUPLED, Bus, Control, Drive, Dynamics, Motion, Motor, Rich
 from delta3_pacdrive.parameters.rotary import Rotary, broken_rotary
 
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
@@ -35,6 +35,7 @@ def broken_rules(
     motor: Motor,
     control: Control,
     rotary: Rotary,
+    motion: Motion,
     **_: Any,
 ) -> Rules:
     """Tell which rules that join several values are broken."""
@@ -44,6 +45,7 @@ def broken_rules(
     yield from _broken_effects(rich, bus, motor)
     yield from _broken_decoupling(dynamics, rich)
     yield from _broken_shaping(control)
+    yield from _broken_speeds(motion)
     yield from broken_rotary(rotary)
 
 
@@ -135,6 +137,15 @@ def _broken_shaping(control: Control) -> Rules:
         yield (
             'control.shaping_frequency_hz',
             f'control.shaping_frequency_hz is {frequency}, but must be 0 (computed) or at least {SHAPED_MIN_HZ}',
+        )
+
+
+def _broken_speeds(motion: Motion) -> Rules:
+    if motion.speed_max_m_s > motion.tcp_speed_limit_m_s:
+        yield (
+            'motion.speed_max_m_s',
+            f'motion.speed_max_m_s is {motion.speed_max_m_s}, '
+            f'but must not exceed motion.tcp_speed_limit_m_s ({motion.tcp_speed_limit_m_s})',
         )
 
 

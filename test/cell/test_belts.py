@@ -212,3 +212,69 @@ def test_circles_arches_and_cubics_are_driven_in_the_frame_of_the_part(robot):
     on = (np.abs(z - 0.06) < 1e-4) & (y > 5e-3) & (np.hypot(x, y) < 0.08)
     assert on.sum() > 150
     assert np.abs(np.hypot(x, y)[on] - 0.06).max() < MAX_M
+
+
+def works_along(called, override=100.0):
+    """Work on the belt with a move of 0.9 m/s along it."""
+    along = QUICK | {'speed_m_s': 0.9}
+    with called.track('line', **(QUICK | {'speed_m_s': 1.3})):
+        called.move_l(to_mm=[0, 0, 60], **along)
+        called.move_l(to_mm=[120, 0, 60], **along)
+        called.override(override)
+        called.wait()
+
+
+def along_belt(robot, limit_m_s, speed, override=100.0):
+    """Return the highest commanded TCP speed of a bus cycle [m/s], and the error of the script."""
+    limited, error = robot.replace(motion__tcp_speed_limit_m_s=limit_m_s), None
+    with cell.simulate(limited, cell=around(speed, 1, window_mm=[250, 1100])) as called:
+        try:
+            works_along(called, override)
+        except cell.ScriptError as refusal:
+            error = str(refusal)
+    speeds = np.linalg.norm(np.diff(called.trace.signals['tcp_command'], axis=0), axis=1) / 1e-3
+    return speeds.max(), error
+
+
+def test_belt_and_move_together_keep_the_tcp_speed_limit_in_every_cycle(robot):
+    fastest, error = along_belt(robot, 1.92, [speed_of(1.0)])
+    assert error is None
+    assert 0.98 * 1.9 < fastest <= 1.92
+
+
+def test_belt_and_move_that_are_too_fast_together_are_refused_before_anything_moves(robot):
+    fastest, error = along_belt(robot, 1.91, [speed_of(1.0)])
+    assert fastest == 0.0
+    assert 'TCP speed would be 1.89' in error
+    assert 'the limit is 1.891 m/s, 99% of motion.tcp_speed_limit_m_s' in error
+
+
+def test_an_override_on_a_belt_does_not_exceed_the_tcp_speed_limit(robot):
+    fastest, error = along_belt(robot, 2.3, [speed_of(1.0)], override=120.0)
+    assert 'override is 120 %, but together with the belt the TCP speed limit allows at most 108 %' in error
+    assert fastest <= 2.3
+
+
+def test_the_robot_stops_when_the_belt_makes_it_too_fast(robot):
+    faster = {'after_s': 0.65, 'speed_m_s': 1.2, 'acceleration_m_s2': 2.0}
+    fastest, error = along_belt(robot, 1.75, [speed_of(0.8), faster])
+    assert 'together with the belt the TCP would run at 1.7' in error
+    assert 'm/s, the limit is 1.75 m/s' in error
+    assert fastest <= 1.75
+
+
+def test_limits_of_four_metres_a_second_for_belt_and_moves_together_keep_a_limit_of_four(robot):
+    limited = robot.replace(motion__tcp_speed_limit_m_s=4.0)
+    with cell.simulate(limited, cell=around([speed_of(1.5)], 1, window_mm=[250, 1200])) as called:
+        part = called.part('line')
+        with pytest.raises(cell.ScriptError, match=r'TCP speed would be 4\.\d+ m/s'):
+            gets_over(called, part, QUICK)
+        gets_over(called, part, QUICK | {'speed_m_s': 2.0})
+    speeds = np.linalg.norm(np.diff(called.trace.signals['tcp_command'], axis=0), axis=1) / 1e-3
+    assert 2.0 < speeds.max() <= 4.0
+
+
+def gets_over(called, part, limits):
+    with called.track('line', part, **QUICK):
+        called.move_l(to_mm=[0, 0, 60], **limits)
+        called.move_l(to_mm=[250, 0, 60], **limits)

@@ -336,6 +336,9 @@ def test_torques_on_a_belt_are_those_of_the_whole_motion():
         def step(self, cycle, asked):
             return True
 
+        def watch_speed(self, cycle, timeline):
+            pass
+
     robot = parameters.load(parameters.MODEL_CONTROLLER)
     task = Transformation(robot)
     task.locate(kinematics.inverse((0.0, 0.0, -0.8), robot.kinematics) * robot.dynamics.gear_ratio)

@@ -210,7 +210,7 @@ NOTICE = re.compile(
 
 
 def test_the_notice_names_quantity_motor_value_place_and_limit(robot):
-    limits = {'speed_m_s': 20.0, 'acceleration_m_s2': 400.0, 'jerk_m_s3': 1e5}
+    limits = {'speed_m_s': 15.0, 'acceleration_m_s2': 400.0, 'jerk_m_s3': 1e5}
     planned = plan(robot, [to(0.3, 0.0, -0.75, **limits), dwell(10.0)])
     (notice,) = planned.notices
     found = NOTICE.match(notice)
@@ -255,11 +255,11 @@ def test_the_speed_that_is_refused_is_the_motors_greatest_on_the_way(robot):
     ('moves', 'what'),
     [
         (
-            [to(0.3, 0.0, -0.75, speed_m_s=20.0, acceleration_m_s2=600.0, jerk_m_s3=1e6, strict=True)],
+            [to(0.3, 0.0, -0.75, speed_m_s=15.0, acceleration_m_s2=600.0, jerk_m_s3=1e6, strict=True)],
             'current of motor',
         ),
         (
-            [to(0.0, 0.4, -0.9, speed_m_s=20.0, acceleration_m_s2=300.0, jerk_m_s3=1e6, strict=True)],
+            [to(0.0, 0.4, -0.9, speed_m_s=15.0, acceleration_m_s2=300.0, jerk_m_s3=1e6, strict=True)],
             ' of motor ',
         ),
         ([around((0.02, 0.02, -0.76), (0.04, 0.0, -0.75), strict=True)], 'TCP acceleration would be '),

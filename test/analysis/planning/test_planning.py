@@ -14,7 +14,7 @@ from delta3_pacdrive.motion.virtual_master import sample_master
 from thoroughness import some
 
 START = [-0.2, 0.0, -0.8]
-FREE = {'speed_m_s': 100.0, 'acceleration_m_s2': 1e6, 'jerk_m_s3': 1e9}
+FREE = {'speed_m_s': 15.0, 'acceleration_m_s2': 1e6, 'jerk_m_s3': 1e9}
 SLOW_ARC = {'via_m': [0.0, 0.06, -0.8], 'to_m': [-0.2, 0.12, -0.8]}
 REST = {'dwell': {'time_s': 10.0}}
 # what is planned, and what has to limit it
