@@ -283,6 +283,7 @@ TABLES = {
     'extremes.csv': _extremes,
     'moves.csv': _moves,
     'solutions.csv': _solutions,
+    'cell.csv': lambda summary: [list(row.items()) for row in summary['rows']],
     **dict.fromkeys(
         (
             'runs.csv', 'trials.csv', 'residuals.csv', 'contractions.csv', 'minutes.csv', 'missed.csv', 'picks.csv',
