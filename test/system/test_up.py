@@ -108,7 +108,7 @@ def test_moves_are_driven_and_refused_from_the_command_line(robot: subprocess.Po
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert result['ok'] is True
-    assert [answer.split(' ')[0] for answer in result['answers']] == ['planned', 'started', 'the']
+    assert [answer.split(' ')[0] for answer in result['answers']] == ['started', 'the']
     assert delta3('move', 'c', '0', '0.1', '-0.8', '-0.1', '0', '-0.8', '--queue').returncode == 0
     assert delta3('move', 'sb', '0', '-0.1', '-0.82', '0.1', '0', '-0.84', '--queue').returncode == 0
     started = delta3('move', 'start')
@@ -149,7 +149,6 @@ def test_who_moves_the_robot_and_is_ended_leaves_it_standing_on_its_path(
     number: signal.Signals, robot: subprocess.Popen, fork_delta3: Callable, delta3: Runner
 ) -> None:
     client = fork_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
-    assert client.stdout.readline().startswith('planned')
     assert client.stdout.readline().startswith('started')
     client.send_signal(number)
     output, errors = client.communicate(timeout=120.0)
@@ -203,7 +202,6 @@ def test_a_second_client_is_refused_by_the_name_of_the_first_until_it_takes_over
     robot: subprocess.Popen, start_delta3: Callable, delta3: Runner
 ) -> None:
     first = start_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
-    assert first.stdout.readline().startswith('planned')
     assert first.stdout.readline().startswith('started')
     refused = delta3('move', 'override', '50')
     assert refused.returncode == 1
@@ -238,7 +236,7 @@ def test_options_are_obeyed_by_programs_too(robot: subprocess.Popen, delta3: Run
     freely = delta3('move', 'program', program, '--queue').stdout
     assert delta3('move', 'clear').returncode == 0
     capped = delta3('move', 'program', program, '--queue', '--speed', '0.1', '--acceleration', '1').stdout
-    times = [float(text.split(' moves, ')[1].split(' s')[0]) for text in (freely, capped)]
+    times = [float(text.split(' move, ')[1].split(' s')[0]) for text in (freely, capped)]
     assert times[0] < 0.5
     assert times[1] > 1.0
     assert delta3('move', 'clear').returncode == 0
@@ -254,7 +252,7 @@ def test_limits_of_a_single_move_are_obeyed(robot: subprocess.Popen, delta3: Run
         done = delta3('move', 'l', '0.3', '0', '-0.8', '--speed', '1', *options, '--queue')
         assert done.returncode == 0, done.stderr
         assert delta3('move', 'clear').returncode == 0
-        return float(done.stdout.split(' moves, ')[1].split(' s')[0])
+        return float(done.stdout.split(' move, ')[1].split(' s')[0])
 
     free = seconds('--acceleration', '20', '--jerk', '4000')
     gentle, smooth = (
