@@ -56,6 +56,7 @@ class PathSegment:
     turn_rad: tuple[float, float] | None = None  # of the tool, from and to; None: the plan says nothing of it
     heat: float = 0.0  # weight of the motors' heat next to the time, if time-optimal
     is_arch: bool = False
+    constant_speed: bool = False
 
 
 def blended(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import curves
+from delta3_pacdrive.motion import constant_speed, curves
 from delta3_pacdrive.motion.blending import PathSegment, name_of
 from delta3_pacdrive.motion.curves import Curve
 from delta3_pacdrive.motion.energy import Energy, energy
@@ -19,6 +19,7 @@ from delta3_pacdrive.motion.move_grid import GRID_MAX, GRID_MIN, Stretches
 from delta3_pacdrive.motion.move_planner import MovePlanner, require_end_of_time
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import PathDynamics, timed_dynamics
+from delta3_pacdrive.motion.program import Joints, PathMove
 from delta3_pacdrive.motion.shaping import Shaper
 from delta3_pacdrive.motion.thermal_load import ThermalLoad, dwell_load, thermal_load
 from delta3_pacdrive.motion.time_optimal_planner import TimeOptimalPlanner
@@ -158,7 +159,7 @@ def plan_move(
     payloads = [(0.0, payload_kg), *changes]
     name = name_of(segments)
     notices: list[str] = []
-    optimal, rate = _time_optimal(segments), math.inf
+    optimal, even, rate = _time_optimal(segments), constant_speed.is_asked(segments), math.inf
     if optimal:
         rate = min(segment.torque_rate_n_m_s for segment in segments)
         fastest = TimeOptimalPlanner(curve, stretches, payloads, parameters, rate, returning)
@@ -167,6 +168,8 @@ def plan_move(
     else:
         planner = MovePlanner(curve, stretches, payloads, parameters, returning)
         phases, notices = _as_asked(planner, segments, parameters)
+        if even:
+            constant_speed.require(phases, segments[0].limits.speed_m_s)
     if parameters.control.shaping != UNSHAPED:
         arriving = next((kg for at_m, kg in reversed(payloads) if at_m < curve.length_m), payload_kg)
         shaper = shaper_at_end(curve, arriving, parameters)
@@ -231,6 +234,11 @@ def _as_asked(
     return phases, notices
 
 
+def key_of_kept_time(segments: Iterable[PathSegment | PathMove | Joints]) -> str:
+    """Return the key for which moves are refused instead of slowed down as a whole; empty: they may be."""
+    return next((key for one in segments for key in ('strict', 'constant_speed') if getattr(one, key)), '')
+
+
 def shaper_at_end(curve: Curve, payload_kg: float, parameters: Parameters) -> Shaper:
     """Return the shaper of a move: for the vibration that is given, or for one or all at its end with this payload."""
     control = parameters.control
@@ -260,8 +268,8 @@ def _shaped(
         factor, why = planner.stretch(shaped)
         if factor <= allowed:
             return shaped
-        if any(one.strict for one in segments):
-            raise ProgramError(f'shaped against vibration, {why} (strict)')
+        if kept := key_of_kept_time(segments):
+            raise ProgramError(f'shaped against vibration, {why} ({kept})')
         phases = slowed(phases, factor)
     raise ProgramError(f'it cannot be shaped against vibration within its limits: {why}')
 

@@ -41,6 +41,8 @@ class Angle:
 class PathMove:
     """A move along a path: its limits, the blend with the next move, and whether it is refused instead of slowed.
 
+    With ``constant_speed`` its path, the blended moves around it included, is refused unless its speed is constant.
+
     Behind one that ends in position the program goes on only when the robot has followed there.
     A time-optimal one is as fast as the motors allow within its limits, and changes their torques no faster than its
     torque rate. With a turn the tool turns along the path, from the begin of the move to its end.
@@ -52,6 +54,7 @@ class PathMove:
     time_optimal: bool = False
     torque_rate_n_m_s: float = math.inf
     in_position: bool = False
+    constant_speed: bool = False
     turn: Angle | None = None
 
 

@@ -7,6 +7,7 @@ repeat: 1                       # optional
 payload_kg: 0.0                 # optional: carried at the start
 time_optimal: false             # optional: as fast as the motors allow; also in each move
 in_position: false              # optional: wait at each exact stop until the robot is in position; also in each move
+constant_speed: false           # optional: refuse a path that is not driven at constant speed; also in each move
 limits: {speed_m_s: 1.5, acceleration_m_s2: 15.0, jerk_m_s3: 600.0}     # optional, each; torque_rate_n_m_s if optimal
 frames: {box: {origin_m: [0.1, 0.0, -0.9], yaw_deg: 30}}      # optional; or taught_m: 3 points; a parent above
 frame: box                      # optional: in which points are told; also in each move and in each point
@@ -150,6 +151,7 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
         'payload_kg',
         'time_optimal',
         'in_position',
+        'constant_speed',
         'limits',
         'frames',
         'frame',
@@ -172,6 +174,7 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
     )
     time_optimal = fields.read('time_optimal', flag, False, prefix='')
     in_position = fields.read('in_position', flag, False, prefix='')
+    constant_speed = fields.read('constant_speed', flag, False, prefix='')
     frames: Named[Frame] = {BASE.name: BASE}
     tools: Named[Tool] = {}
     patterns: Named[Places] = {}
@@ -194,6 +197,7 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
         limits,
         time_optimal,
         in_position,
+        constant_speed,
         setting,
         tools,
         patterns,

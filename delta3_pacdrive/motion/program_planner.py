@@ -15,7 +15,7 @@ from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move import MOVES_MAX, STANDING, Move
 from delta3_pacdrive.motion.move_grid import Stretches
 from delta3_pacdrive.motion.plan import Plan
-from delta3_pacdrive.motion.planned_move import PlannedMove, grouped, with_timed
+from delta3_pacdrive.motion.planned_move import PlannedMove, grouped, key_of_kept_time, with_timed
 from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, Turn, point_text
 from delta3_pacdrive.motion.program_parts import Part, parts
 from delta3_pacdrive.motion.round_planner import Arches, RoundPlanner
@@ -403,11 +403,11 @@ def _rate_for_rms(
         raise ProgramError(
             f'program "{program.name}": {alone} asks for an rms current of {still:.4g} A, the limit is {nominal:g} A'
         )
-    if any(getattr(statement, 'strict', False) for statement in program.statements):
+    if kept := key_of_kept_time(one for one in program.statements if isinstance(one, PathMove | Joints)):
         whose = f' {OF_TOOL}' if of_tool else ''
         raise ProgramError(
             f'program "{program.name}": the rms current{whose} would be {rms:.4g} A, the limit is {nominal:g} A '
-            '(strict)'
+            f'({kept})'
         )
     low, high = 0.0, 1.0
     for _ in range(40):

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,6 +15,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.arch import Clearances, best_arch
 from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_on, blended, name_of
+from delta3_pacdrive.motion.constant_speed import UnevenSpeedError, advice
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.due_outputs import Due, DueOutputs
 from delta3_pacdrive.motion.energy import heat_weight, price_of_time_w
@@ -173,6 +175,8 @@ class RoundPlanner:
             return
         self.notices.append(f'{last.name}: {OPEN_CORNER}')
         self.open_from = self._segments[0].number - self._dues.before_the_first
+        # the move that follows makes another path of it, which is checked then
+        self._segments = [replace(one, constant_speed=False) for one in self._segments]
 
     def _take(self, statement: Statement, number: int, where: str) -> None:
         if isinstance(statement, Output):
@@ -243,6 +247,7 @@ class RoundPlanner:
                 turn,
                 self._heat_weight(statement),
                 isinstance(statement, Arch),
+                statement.constant_speed,
             )
         )
         self.here = curve.at(curve.length_m)[0]
@@ -392,14 +397,27 @@ class RoundPlanner:
             return
         curve, ends, parts, stretches = blended(segments)
         waits = self._waits_behind(segments[-1])
-        payload = self.payload
+        payload, dues = self.payload, copy(self._dues)
         events, timed = self._dues.on_path(segments, ends, curve, waits)
         for event in sorted(events, key=lambda event: event.distance_m):
             if event.payload_kg is not None:
                 self.payload = event.payload_kg
         returning = self._returning and not self._planned and not self._failed
         with blamed_on(segments[0].number, name_of(segments)):
-            planned = self._plan_segments(segments, curve, ends, stretches, events, payload, returning)
+            try:
+                planned = self._plan_segments(segments, curve, ends, stretches, events, payload, returning)
+            except UnevenSpeedError as error:
+
+                def can(asked: list[PathSegment]) -> bool:
+                    try:
+                        other, middles, _, limits = blended(asked)
+                        due, _ = copy(dues).on_path(asked, middles, other, waits)
+                        self._plan_segments(asked, other, middles, limits, due, payload, returning)
+                    except ProgramError:
+                        return False
+                    return True
+
+                raise advice(error, segments, parts, can) from None
         places = tuple((one.number, end) for one, end in zip(segments, ends, strict=True))
         planned = replace(
             planned,

@@ -57,7 +57,7 @@ ARC_MAX_RAD, ARC_ROUNDING_RAD = ARC_TURNS_MAX * math.tau, 1e-9
 LEVEL_M = 1e-9  # beside the axis of the tool that is rounding
 LEVEL_RAD = 1e-9  # tilt of a frame that is rounding
 FOR_EACH = 'for_each'
-_PATH_KEYS = (*LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal', 'in_position', 'turn_rad')
+_PATH_KEYS = (*LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal', 'in_position', 'constant_speed', 'turn_rad')
 _SETTING_KEYS = ('frame', 'tool')
 _IN_TIME = 'in_time'
 Read = Callable[[Any, str], Any]
@@ -84,7 +84,7 @@ class Head:
         Highest speed that a move may ask for [m/s].
     limits
         Those that the head tells, by their keys.
-    time_optimal, in_position
+    time_optimal, in_position, constant_speed
         Whether moves are that do not say so themselves.
     setting
         Frame and tool of points.
@@ -102,6 +102,7 @@ class Head:
     limits: dict[str, float] = field(default_factory=dict)
     time_optimal: bool = False
     in_position: bool = False
+    constant_speed: bool = False
     setting: Setting = field(default_factory=Setting)
     tools: Mapping[str, Tool | None] = field(default_factory=dict)
     patterns: Mapping[str, Places | None] = field(default_factory=dict)
@@ -302,6 +303,7 @@ class StatementReader:
             'blend_m': blend_m,
             'strict': fields.read('strict', flag, False),
             'in_position': in_position,
+            'constant_speed': fields.read('constant_speed', flag, head.constant_speed),
             'turn': fields.read('turn_rad', _told_in(setting, self._angle), None),
         }
 

@@ -19,7 +19,7 @@ from delta3_pacdrive.motion.limits import BETWEEN_SAMPLES, Limits, phase_voltage
 from delta3_pacdrive.motion.move import STANDING, Move, MoveKind
 from delta3_pacdrive.motion.move_grid import Stretches
 from delta3_pacdrive.motion.move_planner import require_end_of_time
-from delta3_pacdrive.motion.planned_move import KEPT, PlannedMove, plan_dwell, slowed_down
+from delta3_pacdrive.motion.planned_move import KEPT, PlannedMove, key_of_kept_time, plan_dwell, slowed_down
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.motion.turns import TURN_COLUMNS, between, sample_turn
 from delta3_pacdrive.motion.virtual_master import plan_master, sample_master
@@ -256,8 +256,8 @@ def plan_turning_move(
     planned = plan(segments, stretches)
     found = turn_excess(planned.move.master, rows, limits)
     if found.worst > KEPT:
-        if any(segment.strict for segment in segments):
-            raise ProgramError(f'{found.text} (strict)')
+        if kept := key_of_kept_time(segments):
+            raise ProgramError(f'{found.text} ({kept})')
         asked_s = planned.move.duration_s
         planned = _slower(plan, segments, stretches, rows, limits)
         planned.notices.append(slowed_down(name, planned.move.duration_s, asked_s, found.text))

@@ -124,8 +124,8 @@ def only(**kind):
         ({}, 'the program: missing key moves'),
         (
             changed(speed=1),
-            "unknown key 'speed', expected one of faults, frame, frames, in_position, limits, moves, name, patterns, "
-            'payload_kg, points, points_mm, repeat, start_m',
+            "unknown key 'speed', expected one of constant_speed, faults, frame, frames, in_position, limits, moves, "
+            'name, patterns, payload_kg, points, points_mm, repeat, start_m',
         ),
         (changed(**{'': 1}), "unknown key ''"),
         ({**GOOD, 1: 2}, 'unknown key 1'),
