@@ -140,7 +140,7 @@ def _largest_speed(segments: list[PathSegment], guess: float, can: Can) -> float
         return can([replace(one, limits=replace(one.limits, speed_m_s=speed)) for one in segments])
 
     low, high = 0.0, (asked := segments[0].limits.speed_m_s)
-    trial = _rounded(min(guess, (1.0 - SPEED_STEP) * high), SPEED_DIGITS[0], math.floor)
+    trial = _rounded(max(min(guess, (1.0 - SPEED_STEP) * high), SPEED_MIN_M_S), SPEED_DIGITS[0], math.floor)
     while not low and trial >= SPEED_MIN_M_S:
         if possible(trial):
             low = trial

@@ -196,3 +196,15 @@ def test_more_than_ten_blends_are_counted(robot):
     text = refusal(robot, [-0.15, -0.05, -0.8], moves, 0.2)
     assert len(NAMED_BLEND.findall(text)) == 10
     assert ' more moves allow 0.2 m/s' in text
+
+
+def test_infinite_jerk_is_no_pause(robot):
+    limits = LIMITS | {'jerk_m_s3': float('inf')}
+    line = [('move_l', {'to_m': [0.1, 0.0, -0.8]})]
+    require_even(planned(robot, [0.0, 0.0, -0.8], line, limits=limits), 0.5)
+    text = refusal(
+        robot, CORNER_START, [('move_l', CORNER[0][1] | {'blend_m': 0.001}), CORNER[1]], limits=limits
+    )
+    named = float(NAMED_SPEED.search(text)[1])
+    require_even(planned(robot, CORNER_START, [('move_l', CORNER[0][1] | {'blend_m': 0.001}), CORNER[1]],
+                         limits=limits | {'speed_m_s': named}), named)  # fmt: skip
