@@ -24,7 +24,9 @@ def base_key(key: Any, allowed: Iterable[str]) -> str:
 
 def with_units(key: Any, allowed: Iterable[str]) -> list[str]:
     """Return the allowed keys, with their converted units, that a key without a unit may mean: ``to`` for ``to_m``."""
-    names = set(allowed) if isinstance(key, str) else set()
+    if not isinstance(key, str):
+        return []
+    names = set(allowed)
     return [
         f'{key}_{unit}'
         for base, units in (('m', ('m', 'mm')), ('rad', ('rad', 'deg')))

@@ -344,7 +344,7 @@ BOMB = 'a: &a [x, x]\n' + '\n'.join(
         ('moves: [', 'is not valid YAML'),
         (
             'moves: []\nmoves: []',
-            "line 2, column 1: the program is not valid YAML: the key 'moves' occurs twice",
+            ":2:1: program file is not valid YAML: the key 'moves' occurs twice",
         ),
         ('[' * 100_000, 'is not valid YAML'),
         ('x' * (4 * 1024 * 1024 + 1), 'is larger than 4 MiB'),

@@ -347,10 +347,12 @@ def _of_line(summary):
 
 
 def _of_one_motor(summary):
+    peak, peak_limit = summary['current_peak_a'], summary['current_peak_limit_a']
+    rms, rms_limit = summary['current_rms_a'], summary['current_rms_limit_a']
     for begin, *values in (
         ('load I_Load', summary['load_inertia_kg_m2'], summary['load_torque_n_m'], summary['coupling_effect'],
          1e4 * summary['shaft_inertia_kg_m2']),
-        ('A peak,', summary['current_peak_a'], summary['current_rms_a']),
+        ('A peak,', peak, PERCENT * peak / peak_limit, peak_limit, rms, PERCENT * rms / rms_limit, rms_limit),
         ('rad/s max, phase voltage', summary['speed_max_rad_s'], summary['voltage_max_v']),
         ('set point', MM * summary['position_error_max_rad'], MM * summary['position_error_rms_rad']),
         ('in robot', MM * summary['from_robot_max_rad'], MM * summary['from_robot_rms_rad']),
