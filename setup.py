@@ -138,6 +138,7 @@ setup(
     data_files=data_files,
     zip_safe=False,
     install_requires=[
+        'backports.zstd>=1.0; python_version < "3.14"',
         'matplotlib>=3.8',
         'numba>=0.59',
         'numpy>=1.26',

@@ -42,7 +42,11 @@ OPTIONAL = {
     'msgspec',
 }
 WITHOUT_ROSDEP_KEY = {'ruckig'}  # named in a comment of package.xml
-DISTRIBUTIONS = {'yaml': 'PyYAML', 'mpl_toolkits': 'matplotlib'}  # the others bear the name that is imported
+DISTRIBUTIONS = {
+    'yaml': 'PyYAML',
+    'mpl_toolkits': 'matplotlib',
+    'backports': 'backports.zstd',
+}  # the others bear the name that is imported
 
 
 @pytest.fixture(scope='module')
@@ -184,7 +188,9 @@ def test_every_import_is_of_a_declared_dependency(path, requirements):
             imported.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level:
             imported.add(node.module)
-    names = {name.partition('.')[0] for name in imported} - sys.stdlib_module_names - {PACKAGE}
+    names = (
+        {name.partition('.')[0] for name in imported} - sys.stdlib_module_names - {PACKAGE, 'compression'}
+    )  # of Python 3.14
     assert {DISTRIBUTIONS.get(name, name) for name in names} <= declared
 
 

@@ -20,7 +20,6 @@ from delta3_pacdrive.cli.command import (
     option,
 )
 from delta3_pacdrive.cli.option_types import finite_number
-from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.controller.messages import STOPS
 from delta3_pacdrive.controller.motion_state import UNDER_WAY, at_percent
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
@@ -307,6 +306,8 @@ STATE_FACTS = (
 
 
 def _state_text(facts: dict[str, Any]) -> str:
+    from delta3_pacdrive.configuration.checked import counted
+
     enabled = 'enabled' if facts['enabled'] else 'not enabled'
     parts = [
         str(facts['state']),

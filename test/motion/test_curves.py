@@ -249,7 +249,9 @@ def test_the_long_way_round_is_taken_if_the_circle_point_lies_there():
 @given(points, points)
 def test_coincident_points_of_an_arc_are_named(a, b):
     assume(math.dist(a, b) > 1e-3)
-    assert refusal(curves.arc, a, b, a) == 'start and end of the circle coincide'
+    assert refusal(curves.arc, a, b, a) == (
+        'start and end of the circle coincide: for a full circle give two other points of it, and angle_deg: 360'
+    )
     assert refusal(curves.arc, a, a, b) == 'start and circle point of the circle coincide'
     assert refusal(curves.arc, a, b, b) == 'circle point and end of the circle coincide'
 
