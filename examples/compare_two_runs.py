@@ -12,7 +12,7 @@ output = Path(sys.argv[1] if len(sys.argv) > 1 else 'nominal_and_built.html')
 nominal, built = runs.load('experiment1'), runs.load('experiment1', 'rich')
 found = run_comparison.compare(nominal, built)
 
-print(f'aligned by {found.alignment.by}, motor speeds correlate by {found.alignment.correlation:.5f}')
+print(f'aligned by {found.alignment.by}, correlation {found.alignment.correlation:.5f}')
 for name in ('tcp_actual', 'tcp_true'):
     figure = found.figures[name]
     print(f'{name}: {1e3 * figure.rms:.3f} mm rms apart, at most {1e3 * figure.largest:.3f} mm')

@@ -20,7 +20,8 @@ def test_units_in_the_header_are_turned_into_si(tmp_path):
 
 # written down from the definitions of the units, not from the reader's table
 ONE_UNIT_IN_SI = {
-    's': 1.0, 'ms': 0.001, 'us': 1e-6, 'ns': 1e-9, 'rad': 1.0, 'deg': 0.017453292519943295, 'rev': 6.283185307179586, 'rad/s': 1.0,
+    's': 1.0, 'ms': 0.001, 'us': 1e-6, 'ns': 1e-9,
+    'rad': 1.0, 'deg': 0.017453292519943295, 'rev': 6.283185307179586, 'rad/s': 1.0,
     'deg/s': 0.017453292519943295, 'rpm': 0.10471975511965977, 'A': 1.0, 'mA': 0.001, 'm': 1.0, 'mm': 0.001, 'V': 1.0,
     'N m': 1.0, 'm/s': 1.0, 'mm/s': 0.001, 'm/s2': 1.0, 'mm/s2': 0.001, 'rad/s2': 1.0,
     'deg/s2': 0.017453292519943295, 'kg': 1.0, 'increments': 1.0, 'bits': 1.0, 'Pa': 1.0,
