@@ -150,13 +150,16 @@ def ignore() -> None:
 
 
 def end_within(seconds: float, status: int) -> None:
-    """End the process with a status after a time, whatever threads the end of the interpreter still waits for."""
+    """End the process with a status after a time, even if threads keep the interpreter from ending.
+
+    A process that only calls a command as a function goes on.
+    """
 
     def leave() -> None:
         time.sleep(seconds)
         os._exit(status)
 
-    if threading.active_count() > 1:
+    if _state.installed and threading.active_count() > 1:
         threading.Thread(target=leave, daemon=True).start()
 
 

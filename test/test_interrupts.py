@@ -471,6 +471,7 @@ import sys, threading
 from concurrent.futures import ThreadPoolExecutor
 from delta3_pacdrive import interrupts
 ThreadPoolExecutor(1).submit(threading.Event().wait)
+interrupts.install()
 interrupts.ignore()
 interrupts.end_within(0.1, 3)
 sys.exit(3)
@@ -497,3 +498,16 @@ def test_a_thread_that_never_ends_does_not_keep_the_process():
 def test_work_that_does_not_look_is_left_by_a_later_signal(patience_s, answer):
     done = ended([sys.executable, '-P', '-c', DEAF, patience_s])
     assert (done.returncode, done.stdout, done.stderr) == answer
+
+
+def test_a_process_that_calls_a_command_as_a_function_outlives_the_end_of_its_page():
+    code = """
+import threading, time
+from delta3_pacdrive import interrupts
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+interrupts.end_within(0.0, 3)
+time.sleep(0.2)
+print('goes on')
+"""
+    done = ended([sys.executable, '-P', '-c', code])
+    assert (done.returncode, done.stdout) == (0, 'goes on\n')

@@ -197,4 +197,4 @@ def test_a_robot_is_waited_for_as_long_as_it_takes_only_if_that_is_asked_for(mon
     monkeypatch.setattr(live_view, 'run', lambda *asked: waits.append(asked[2:]))
     assert main(['view']) == 0
     assert main(['view', '--wait', '--namespace', 'cell2']) == 0
-    assert waits == [('/', live_view.APPEAR_S), ('cell2', float('inf'))]
+    assert waits == [('/', live_view.APPEAR_S), ('/cell2', float('inf'))]
