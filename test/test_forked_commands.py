@@ -40,14 +40,18 @@ def lines(folder, environment, text):
 
 @pytest.fixture
 def waiting(environment, tmp_path):
-    """Give a command that waits for its program, and the pipe that it reads from."""
-    pipe = tmp_path / 'pipe'
-    os.mkfifo(pipe)
-    process = subprocess.Popen(
-        ['delta3', 'check', pipe], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    """Give a command that waits for its program on standard input, and the pipe that it reads from."""
+    script = tmp_path / 'waiting.py'
+    script.write_text(
+        'import sys\nfrom delta3_pacdrive import interrupts\nfrom delta3_pacdrive.cli.main import main\n'
+        "interrupts.install()\nprint('begun', flush=True)\nsys.exit(main())\n"
     )
-    with pipe.open('w') as writing:  # waits for the command to open it
-        yield process, writing
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(
+        ['python', script, 'check', '-'], env=environment, stdin=pipe, stdout=pipe, stderr=pipe, text=True
+    )
+    assert process.stdout.readline() == 'begun\n'
+    yield process, process.stdin
     process.kill()
     process.communicate(timeout=WAIT_S)
 
