@@ -26,6 +26,7 @@ CONFIGURATION = [path.relative_to(SOURCE) for path in sorted((SOURCE / 'config')
 ROSDEP_KEYS = {
     'PyYAML': 'python3-yaml',
     'rosbags': 'python3-rosbags-pip',
+    'backports.zstd': 'python3-backports-zstd-pip',
 }  # the other keys are python3- and the distribution's name
 # of the extra "test", where benchmarks compare with them, and of those for single commands
 OPTIONAL = {
@@ -162,11 +163,11 @@ def test_package_xml_declares_every_dependency(requirements):
 
 def test_the_lower_bounds_that_are_tried_are_those_that_are_asked_for(distribution):
     tried = dict(
-        re.findall(r'^([\w-]+)==(\S+)', (SOURCE / 'test/lower_bounds.txt').read_text(), re.MULTILINE)
+        re.findall(r'^([\w.-]+)==(\S+)', (SOURCE / 'test/lower_bounds.txt').read_text(), re.MULTILINE)
     )
-    asked = dict(re.match(r'([\w-]+)>=([\d.]+)', line).groups() for line in distribution.requires)
+    asked = dict(re.match(r'([\w.-]+)>=([\d.]+)', line).groups() for line in distribution.requires)
     assert tried.items() <= asked.items()
-    unconditional = [re.match(r'[\w-]+', line)[0] for line in distribution.requires if 'extra' not in line]
+    unconditional = [re.match(r'[\w.-]+', line)[0] for line in distribution.requires if 'extra' not in line]
     assert set(unconditional) <= tried.keys()
 
 
