@@ -242,5 +242,5 @@ def _by_motion(moving: Motions, same_clock: bool, of_second: bool) -> Alignment:
         Fit(shift_s, rate, at_s, 0.0, 0.0) if same_clock else refined(moving, shift_s, rate, at_s, of_second)
     )
     correlation = moving.correlation(fit.shift_s, fit.rate, fit.at_s)
-    told = fit.shift_95_s, *rival, fit.rate, fit.rate_95, fit.at_s, axes
-    return Alignment(BY_CORRELATION, fit.shift_s, correlation, moving.of, *told)
+    figures = fit.shift_95_s, *rival, fit.rate, fit.rate_95, fit.at_s, axes
+    return Alignment(BY_CORRELATION, fit.shift_s, correlation, moving.of, *figures)

@@ -37,7 +37,7 @@ class Track:
     first_s, period_s
         Time of the first row, and distance of the rows.
     rows
-        Shape (n, 9): what is matched, the speeds, and the derivative of what is matched.
+        Shape (n, 9): the matched signal, its speeds, and its derivative.
 
     """
 

@@ -107,10 +107,10 @@ class Fit:
 
     def without(self, symbols: Sequence[str], reason: str) -> 'Fit':
         """Return the fit with quantities that were free, but whose values mean nothing, and why."""
-        told = Verdict.CONFOUNDED
-        estimates = [replace(e, verdict=told) if e.symbol in symbols else e for e in self.estimates]
+        verdict = Verdict.CONFOUNDED
+        estimates = [replace(e, verdict=verdict) if e.symbol in symbols else e for e in self.estimates]
         findings = [
-            replace(f, verdict=told, reason=reason) if f.symbol in symbols else f
+            replace(f, verdict=verdict, reason=reason) if f.symbol in symbols else f
             for f in self.identifiability.findings
         ]
         analysed = replace(self.identifiability, findings=tuple(findings))

@@ -24,8 +24,8 @@ def tables(found: Results) -> list[Table]:
     made = [_signals(found.comparison), _statistics(found.comparison.statistics())]
     if found.attribution is not None:
         made.append(_attribution(found.attribution))
-    if told := _claims(found):
-        made.append(Table.of_rows(TABLES[3], [_claim_row(claim) for claim in told]))
+    if listed := _claims(found):
+        made.append(Table.of_rows(TABLES[3], [_claim_row(claim) for claim in listed]))
     return made
 
 
