@@ -138,6 +138,8 @@ class OperatorNode(PollingNode):
     def _on_state(self, message: String) -> None:
         if self.present.is_alone:
             self._see(message.data)
+        else:  # of a recording, or of a robot not discovered completely: the next report decides
+            self._alone = False
 
     def _see(self, state: str) -> None:
         self.state_changes += state != self.state

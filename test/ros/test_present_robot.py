@@ -134,6 +134,32 @@ def test_the_recording_of_this_very_session_does_not_turn_bus_time_back(clock: C
     assert present.takes(report(LIVE, 400))
 
 
+def test_a_state_that_came_before_the_robot_was_known_to_be_alone_is_taken_from_the_next_report(
+    graph: Any,
+) -> None:
+    task, other = graph.add(Node, 'transformation_task'), graph.add(Node, 'player')
+    played = interfaces.PROGRESS.publisher(other)
+    operator = graph.add(OperatorNode, graph.spin_for)
+    topic = operator.resolve_topic_name(interfaces.PROGRESS.name)
+    graph.spin_until(lambda: operator.get_publishers_info_by_topic(topic), 'the player')
+    operator._on_state(String(data='idle'))
+    assert operator.state == ''
+    other.destroy_publisher(played)
+    told = interfaces.PROGRESS.publisher(task)
+    alive = interfaces.PLANNER_ALIVE.publisher(task)
+    graph.spin_until(
+        lambda: (
+            [w.node_name for w in operator.get_publishers_info_by_topic(topic)] == ['transformation_task']
+        ),
+        'the robot alone',
+    )
+    while not operator.progress:
+        alive.publish(Header(frame_id=f'planner {LIVE}'))
+        told.publish(String(data=json.dumps(report(LIVE, 500, state='idle'))))
+        graph.spin_for(0.05)
+    assert operator.state == 'idle'
+
+
 def test_clients_see_the_robot_and_not_the_recording(graph: Any) -> None:
     task, player = graph.add(Node, 'transformation_task'), graph.add(Node, 'player')
     told = [interfaces.PROGRESS.publisher(node) for node in (task, player)]

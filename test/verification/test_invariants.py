@@ -325,7 +325,10 @@ def test_ten_megabytes_of_its_own_are_the_growth_of_a_process_and_those_of_a_fil
     path = tmp_path / 'file'
     path.write_bytes(b'\1' * 10_000_000)
     resident, own = memory_mb(os.getpid())
-    block = b'\1' * 10_000_000
+    # not of the heap, which may reuse freed memory
+    block = mmap.mmap(-1, 10_000_000, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    for place in range(0, len(block), mmap.PAGESIZE):
+        block[place] = 1
     grown = memory_mb(os.getpid())
     assert grown == pytest.approx((resident + 10.0, own + 10.0), abs=1.0)
     with path.open('rb') as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
