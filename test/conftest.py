@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 from thoroughness import EVERYTHING, examples
 
@@ -66,6 +67,9 @@ def pytest_runtest_logreport(report):
             failed.write(f'{report.nodeid}\n')
 
 
+# Hypothesis also draws constants from the modules outside site-packages that are imported at the time, such as scripts
+# of earlier tests. Examples would depend on the tests that a worker ran before, and there is no setting against it.
+providers.is_local_module_file = lambda path: False
 settings.register_profile('facts', derandomize=True, database=None, deadline=None, max_examples=examples(100))
 settings.load_profile('facts')
 

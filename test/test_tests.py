@@ -1,6 +1,7 @@
 """Facts about the tests: they look at the product from outside, and a file of them can be read in one go."""
 
 import ast
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -8,6 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 TEST = Path(__file__).parent
 FILES = [path.relative_to(TEST) for path in sorted(TEST.rglob('*.py'))]
@@ -118,3 +121,27 @@ def test_what_fails_is_noted_once_so_that_it_can_be_tried_again(workers, tmp_pat
     assert sorted(noted.read_text(encoding='utf-8').splitlines()) == [
         f'test_some.py::{name}' for name in names
     ]
+
+
+def drawn_examples():
+    """Return the numbers that a property draws."""
+    drawn = []
+
+    @settings(max_examples=50)
+    @given(st.lists(st.floats(0.0, 1.0), min_size=5), st.lists(st.integers(0, 10**6), min_size=5))
+    def collect(numbers, counts):
+        drawn.append((numbers, counts))
+
+    collect()
+    return drawn
+
+
+def test_a_property_draws_the_same_examples_after_the_import_of_another_module(tmp_path, monkeypatch):
+    before = drawn_examples()
+    script = tmp_path / 'pick.py'
+    script.write_text(f'numbers = {[k / 997 for k in range(500)]}\ncounts = {list(range(1000, 1500))}\n')
+    spec = importlib.util.spec_from_file_location('constants_of_a_script', script)
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, module)
+    spec.loader.exec_module(module)
+    assert drawn_examples() == before
