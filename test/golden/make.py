@@ -5,9 +5,9 @@
 
 The simulator gives the same bits wherever the same machine code runs. ``maker`` is a digest of what that depends on:
 versions of the interpreter, of numba and its compiler, numpy, scipy, ruckig and the C library, and the kind of
-processor. Figures have nine digits; two digests of each run hold every bit of every signal, one of them
-the signals that all samples of the current loops make. They may change only with the equations, the parameters or the
-programs; a commit that changes them says why.
+processor with its features. Figures have nine digits. Each signal of a run has a digest of its bits, and two digests
+cover all signals: one those made of all samples of the current loops, the other all others. They may change only with
+the equations, the parameters or the programs; a commit that changes them says why.
 """
 
 import hashlib
@@ -25,6 +25,7 @@ from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 FILE = Path(__file__).parent / 'figures.json'
 COMMAND = 'python test/golden/make.py'
 DIGITS = 9
+SHORT = 16  # hexadecimal digits of a digest that only has to differ
 LINE = {
     'start_m': [0.0, 0.0, -0.78],
     'moves': [
@@ -126,9 +127,10 @@ def maker():
         platform.machine(),
         *platform.libc_ver(),
         llvm.get_host_cpu_name(),
+        llvm.get_host_cpu_features().flatten(),
         *packages,
     ]
-    return hashlib.sha256(' '.join(facts).encode()).hexdigest()[:16]
+    return hashlib.sha256(' '.join(facts).encode()).hexdigest()[:SHORT]
 
 
 def _rounded(values):
@@ -161,6 +163,7 @@ def figures(name):
         'sha256': digest(trace, trace.signals.keys() - CURRENT_SIGNALS.keys()),
         'sha256_of_samples': digest(trace, CURRENT_SIGNALS),
         'figures': {key: _rounded(value) for key, value in trace.meta['figures'].items()},
+        'digests': {key: digest(trace, [key])[:SHORT] for key in trace.signals},
     }
     signals = {key: np.sqrt((values**2).mean(axis=0)) for key, values in trace.signals.items()}
     found['rms'] = {key: _rounded(values) for key, values in signals.items()}

@@ -1,10 +1,13 @@
 """Golden figures of whole runs: the simulator is exact to the bit, and so are its figures (golden/make.py)."""
 
+import copy
 import importlib.util
 import json
+import os
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -55,22 +58,78 @@ def test_the_page_for_those_who_carry_on_names_the_command():
     assert block.text.strip() == make.COMMAND
 
 
-@pytest.mark.parametrize('name', make.CASES)
-def test_a_run_has_its_golden_figures(name, made):
-    here = DOCUMENT['maker'] == make.maker()
-    relative, nothing = (SAME, NOTHING) if here else (ELSEWHERE, NOTHING_ELSEWHERE)
-    wanted, found = DOCUMENT['cases'][name], made['cases'][name]
+def compare(wanted, found, *, same_maker):
+    """Compare a run with its golden figures; return the signals with other bits, whose rounded figures agree.
+
+    Where the bits have to be the same, a signal with other bits raises AssertionError, too.
+    """
     assert found.keys() == wanted.keys()
     for key in ('cycles', 'end_cycle', 'stopped', 'lost_telegrams'):
         assert found[key] == wanted[key], key
-    if here:
-        assert found['sha256'] == wanted['sha256']
-        assert found['sha256_of_samples'] == wanted['sha256_of_samples']
+    assert (
+        found['digests'].keys() == wanted['digests'].keys() == wanted['rms'].keys() == wanted['last'].keys()
+    )
+    other = [key for key, digest in wanted['digests'].items() if found['digests'][key] != digest]
+    assert not (same_maker and other), f'other bits on the machine of the golden figures: {", ".join(other)}'
+    for key in ('sha256', 'sha256_of_samples'):
+        assert other or found[key] == wanted[key], key
     for group in ('figures', 'rms', 'last'):
         assert found[group].keys() == wanted[group].keys()
         for key, values in wanted[group].items():
-            least = nothing if here or group != 'last' else HUNTING.get(key, nothing)
+            exact = not other or (key in wanted['digests'] and key not in other)
+            relative, nothing = (SAME, NOTHING) if exact else (ELSEWHERE, NOTHING_ELSEWHERE)
+            least = nothing if exact or group != 'last' else HUNTING.get(key, nothing)
             assert found[group][key] == pytest.approx(values, rel=relative, abs=least), f'{group} {key}'
+    return other
+
+
+def report(name, other, *, ci):
+    """Warn of signals that only their rounded figures were compared of; raise AssertionError in CI."""
+    if other:
+        text = (
+            f'{name}: other bits than in the golden runs; only rms and last value of these signals were '
+            f'compared, to {ELSEWHERE:.1%}: {", ".join(other)}'
+        )
+        assert not ci, f'{text}. In CI every digest has to be equal: see CONTRIBUTING.md, "Golden digests"'
+        warnings.warn(text, stacklevel=2)
+
+
+@pytest.mark.parametrize('name', make.CASES)
+def test_a_run_has_its_golden_figures(name, made):
+    same_maker = DOCUMENT['maker'] == made['maker']
+    other = compare(DOCUMENT['cases'][name], made['cases'][name], same_maker=same_maker)
+    report(name, other, ci=bool(os.environ.get('CI')))
+
+
+@pytest.mark.parametrize('key', ['current', 'tcp_command'])
+def test_a_signal_with_other_bits_is_named_and_fails_on_the_same_machine_and_in_ci(key):
+    name = 'experiment 1'
+    wanted = DOCUMENT['cases'][name]
+    found = copy.deepcopy(wanted)
+    assert compare(wanted, found, same_maker=False) == []
+    found['digests'][key] = found['sha256'] = '0'
+    found['rms'][key] = [value * (1.0 + ELSEWHERE / 2.0) for value in found['rms'][key]]
+    with pytest.raises(AssertionError, match=key):
+        compare(wanted, found, same_maker=True)
+    assert compare(wanted, found, same_maker=False) == [key]
+    with pytest.warns(UserWarning, match=f'{name}.*: {key}$'):
+        report(name, [key], ci=False)
+    with pytest.raises(AssertionError, match=key):
+        report(name, [key], ci=True)
+
+
+@pytest.mark.parametrize('group', ['rms', 'last', 'figures'])
+def test_figures_that_differ_fail_on_every_machine(group):
+    wanted = DOCUMENT['cases']['experiment 1']
+    key = next(key for key, values in wanted[group].items() if values[0])
+    for digests, change in (
+        (wanted['digests'], 1e-6),
+        (dict.fromkeys(wanted['digests'], '0'), 2 * ELSEWHERE),
+    ):
+        found = copy.deepcopy(wanted) | {'digests': digests}
+        found[group][key][0] = found[group][key][0] * (1.0 + change) + change
+        with pytest.raises(AssertionError, match=f'{group} {key}'):
+            compare(wanted, found, same_maker=False)
 
 
 def test_the_runs_that_are_stopped_tell_why_and_when():
