@@ -8,6 +8,7 @@ from delta3_pacdrive.cell.link import Link
 from delta3_pacdrive.cell.moves import Written
 from delta3_pacdrive.cell.script_orders import ScriptOrders
 from delta3_pacdrive.controller.belt_knowledge import BeltKnowledge, TrackOrder
+from delta3_pacdrive.controller.motion_state import percent_allowed
 from delta3_pacdrive.errors import (
     Code,
     Delta3Error,
@@ -271,7 +272,7 @@ class BeltOrders(ScriptOrders):
         if override > self._override_max and self._goes_with_a_belt:
             raise ProgramError(
                 f'override is {100.0 * override:g} %, but together with the belt the TCP speed limit allows at most '
-                f'{math.floor(100.0 * self._override_max)} %'
+                f'{percent_allowed(self._override_max)} %'
             )
 
     @property

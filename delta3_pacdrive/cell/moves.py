@@ -14,6 +14,7 @@ import numpy as np
 
 from delta3_pacdrive.cell.place import NOWHERE, ScriptPlace
 from delta3_pacdrive.configuration.located import Place
+from delta3_pacdrive.controller.motion_state import percent_allowed
 from delta3_pacdrive.controller.planning_job import begins_at_rest
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_planner
@@ -257,7 +258,7 @@ class Moves:
         if override > planned.override_max:
             raise ProgramError(
                 f'the override is {100.0 * override:g} %, but with these moves motors and TCP speed limit allow at '
-                f'most {100.0 * planned.override_max:.0f} %'
+                f'most {percent_allowed(planned.override_max)} %'
             )
         extension = extend(timeline, cycle, seam, planned.plan)
         self._note(program, planned, written, again=bool(seam.again))
@@ -292,7 +293,7 @@ class Moves:
         if self.timeline is not None and override > self._override_max:
             raise ProgramError(
                 f'override is {100.0 * override:g} %, but motors and TCP speed limit allow at most '
-                f'{100.0 * self._override_max:.0f} % in these moves'
+                f'{percent_allowed(self._override_max)} % in these moves'
             )
 
     def seconds_left(self, cycle: int) -> float:

@@ -201,6 +201,7 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
 
 def _print(result: dict[str, Any]) -> None:
     from delta3_pacdrive.analysis.planning.report import limit_text_of, part_text
+    from delta3_pacdrive.controller.motion_state import percent_allowed
     from delta3_pacdrive.motion.move import MoveKind
     from delta3_pacdrive.motion.plan_times import WITHOUT_LENGTH
 
@@ -224,7 +225,7 @@ def _print(result: dict[str, Any]) -> None:
     if 'time_s' in result:
         rounds = f' in {result["repeat"]} rounds' if result['repeat'] > 1 else ''
         print(
-            f' whole  {result["time_s"]:.3f} s{rounds}, override up to {100.0 * result["override_max"]:.0f} %'
+            f' whole  {result["time_s"]:.3f} s{rounds}, override up to {percent_allowed(result["override_max"])} %'
         )
     for name, key in (('note', 'notices'), ('warning', 'warnings'), ('fault', 'faults')):
         for text in result.get(key, ()):

@@ -38,7 +38,7 @@ def with_units(key: Any, allowed: Iterable[str]) -> list[str]:
 def base_unit(key: str) -> str:
     """Return the unit that the values of a key are read in."""
     found = _KEY.fullmatch(key)
-    return _BASE[found['unit']] if found else ''
+    return _BASE[found['unit']] + found['per'].replace('_', '/') if found else ''
 
 
 def in_base_unit(key: str, value: Any) -> Any:

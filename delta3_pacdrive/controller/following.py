@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from delta3_pacdrive.controller.messages import EXTEND
-from delta3_pacdrive.controller.motion_state import at_percent
+from delta3_pacdrive.controller.motion_state import at_percent, percent_allowed
 from delta3_pacdrive.controller.planner_actions import Ordered
 from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX, Behind, Result, unrounded
 from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX, LEAD_FACTOR
@@ -153,7 +153,7 @@ class Following:
         if profile.override > wanted.planned.override_max:
             raise ProgramError(
                 f'the override is {100 * profile.override:g} %, but with these moves motors and TCP '
-                f'speed limit allow at most {100 * wanted.planned.override_max:.0f} %'
+                f'speed limit allow at most {percent_allowed(wanted.planned.override_max)} %'
             )
         cycle = max(newest_cycle + self._lead_cycles, profile.cycle + 1)
         if profile.held:

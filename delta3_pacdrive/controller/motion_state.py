@@ -1,5 +1,6 @@
 """What is done with the TCP, and what leads from one state to the next."""
 
+import math
 from enum import StrEnum
 
 
@@ -54,6 +55,14 @@ TRANSITIONS = {
     **{(state, Event.FAIL): MotionState.ERROR for state in MotionState},
 }
 """Where an event leads from a state; what is not listed is refused, or does not happen."""
+
+
+def percent_allowed(override_max: float) -> int:
+    """Return the largest whole percentage that does not exceed an override, 1 = as planned."""
+    percent = math.floor(100.0 * override_max) + 1
+    while percent / 100.0 > override_max:
+        percent -= 1
+    return percent
 
 
 def at_percent(override: float) -> str:

@@ -6,7 +6,7 @@ motion profile for the task, or what whoever asked is answered with.
 
 from collections.abc import Callable
 
-from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState, at_percent
+from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState, at_percent, percent_allowed
 from delta3_pacdrive.controller.planner_actions import Changed
 from delta3_pacdrive.controller.profile_change import Change, ChangeEvent, ProfileChange
 from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
@@ -56,8 +56,8 @@ class Override:
         override, override_max = percent / 100.0, self._run.override_max
         if motion in UNDER_WAY and override > override_max:
             raise ProgramError(
-                f'override is {percent:g} %, but motors and TCP speed limit allow at most {100 * override_max:.0f} % '
-                'in this program'
+                f'override is {percent:g} %, but motors and TCP speed limit allow at most '
+                f'{percent_allowed(override_max)} % in this program'
             )
         sentence = f'override {percent:g} %'
         if motion == MotionState.MOVING:

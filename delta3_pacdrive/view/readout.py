@@ -98,7 +98,7 @@ def _of_robot(facts: Facts) -> list[str]:
         _pairs(
             ('cycle', f'{facts.cycle}'),
             ('bus time', f'{facts.bus_time_s:.2f} s'),
-            ('override', f'{100.0 * facts.override:.0f} %'),
+            ('override', f'{100.0 * facts.override:.4g} %'),
             ('overruns', f'{facts.overruns}'),
             ('lost AT', f'{facts.lost_telegrams}'),
         ),

@@ -1,7 +1,10 @@
 """Facts about the override: when a change counts, and what becomes of one that comes too late."""
 
+import math
+
 import pytest
 
+from delta3_pacdrive.controller.motion_state import percent_allowed
 from delta3_pacdrive.controller.planner_actions import Changed, Ordered, Replied
 from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX
 from delta3_pacdrive.errors import Code
@@ -13,6 +16,14 @@ from planner_client import Client
 @pytest.fixture
 def client(robot) -> Client:
     return Client(robot)
+
+
+@pytest.mark.parametrize('percent', range(1, 201))
+def test_the_allowed_percentage_is_the_largest_whole_one_that_is_accepted(percent: int) -> None:
+    override = percent / 100.0
+    assert percent_allowed(override) == percent
+    assert percent_allowed(math.nextafter(override, 0.0)) == percent - 1
+    assert percent_allowed(math.nextafter(override, 9.0)) == percent
 
 
 def test_a_change_that_came_too_late_is_planned_farther_ahead_until_that_is_too_far(client: Client) -> None:

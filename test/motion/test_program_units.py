@@ -104,6 +104,14 @@ def test_a_point_is_told_from_one_above_it_and_from_none_below(load, refused):
             "1:30: moves[0].move_l.to_mm[1] must be a number, not 'abc' (in m)",
         ),
         (
+            'moves: [{move_l: {to_mm: [0, 0, -800], speed_mm_s: 20000}}]',
+            '1:52: moves[0].move_l.speed_mm_s is 20.0, but must not exceed motion.tcp_speed_limit_m_s (15.0) (in m/s)',
+        ),
+        (
+            'moves: [{move_l: {to_mm: [0, 0, -800], jerk_mm_s3: -1000}}]',
+            '1:52: moves[0].move_l.jerk_mm_s3 is -1.0, but must be a positive number (in m/s3)',
+        ),
+        (
             'moves: [{dwell: {time_ms: 5}}]',
             "1:18: moves[0].dwell: unknown key 'time_ms', expected one of time_s",
         ),

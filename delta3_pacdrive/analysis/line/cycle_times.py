@@ -159,10 +159,18 @@ class CycleTable:
     def __init__(self, station: Station) -> None:
         belt, window = station.belt, station.robot.window
         self.station, self._speed = station, belt.speed_m_s
-        if self._speed >= station.line.limits.speed_m_s:
-            most = station.line.limits.speed_m_s
+        most, tcp_most = (
+            station.line.limits.speed_m_s,
+            station.line.parameters.motion.tcp_speed_limit_m_s,
+        )
+        if self._speed >= most:
             raise LineError(
                 f'belt {belt.name} runs at {self._speed:g} m/s, but its robots at {most:g} m/s at most'
+            )
+        if self._speed + most > tcp_most:
+            raise LineError(
+                f'belt {belt.name} runs at {self._speed:g} m/s and its robots at up to {most:g} m/s beside it, '
+                f'but motion.tcp_speed_limit_m_s of {station.robot.name} is {tcp_most:g}'
             )
         count = max(ACROSS_MIN, 2 * round(belt.spread_m / ACROSS_STEP_M) + 1) if belt.spread_m else 1
         self._across = np.linspace(-belt.spread_m, belt.spread_m, count)

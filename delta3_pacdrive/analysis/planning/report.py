@@ -11,6 +11,7 @@ from delta3_pacdrive.analysis.planning.study import MoveRow, PlanStudy, Quantity
 from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.analysis.residual_vibration import Swing
 from delta3_pacdrive.configuration.checked import counted
+from delta3_pacdrive.controller.motion_state import percent_allowed
 from delta3_pacdrive.motion.blending import ROUNDING_M
 from delta3_pacdrive.motor import share_text, thermal_warnings
 from delta3_pacdrive.parameters import Parameters
@@ -173,7 +174,7 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
     rows = [
         (
             'whole',
-            f'{planned.plan.duration_s:.3f} s{rounds}, override up to {100.0 * planned.override_max:.0f} %',
+            f'{planned.plan.duration_s:.3f} s{rounds}, override up to {percent_allowed(planned.override_max)} %',
         ),
         ('rms current', f'{currents} A, {share_text(planned.rms_current_a, nominal, "nominal")}'),
         ('energy', found.energy.text(planned.repeat)),

@@ -1,5 +1,7 @@
 """Facts about cycles of robots at belts: tables tell what plans take, and who can be picked from when on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,6 +70,18 @@ def test_a_place_that_no_robot_reaches_is_told_with_the_robot_and_the_type():
     line = line_of_document(given)
     with pytest.raises(LineError, match='robot1 cannot pick bar: '):
         CycleTable(Station(line, line.belts[0], line.robots[0], line.kinds[0]))
+
+
+@pytest.mark.parametrize(('speed_m_s', 'accepted'), [(1.0, True), (1.0 + 1e-9, False)])
+def test_belt_and_robot_together_keep_the_limit_of_tcp_speed(speed_m_s, accepted):
+    line = line_of(1, speed_m_s=speed_m_s)
+    line = replace(line, parameters=line.parameters.replace(motion__tcp_speed_limit_m_s=5.0))
+    assert line.limits.speed_m_s == 4.0
+    if accepted:
+        assert tables_of(line)
+        return
+    with pytest.raises(LineError, match=r'belt infeed runs at 1 m/s and its robots at up to 4 m/s .* is 5$'):
+        tables_of(line)
 
 
 def test_a_belt_that_is_as_fast_as_its_robots_is_refused():
