@@ -142,7 +142,11 @@ def test_a_state_that_came_before_the_robot_was_known_to_be_alone_is_taken_from_
     operator = graph.add(OperatorNode, graph.spin_for)
     topic = operator.resolve_topic_name(interfaces.PROGRESS.name)
     graph.spin_until(lambda: operator.get_publishers_info_by_topic(topic), 'the player')
-    operator._on_state(String(data='idle'))
+    arrived: list[String] = []
+    interfaces.MOTION_STATE.subscription(operator, arrived.append)
+    states = interfaces.MOTION_STATE.publisher(task)
+    states.publish(String(data='idle'))
+    graph.spin_until(lambda: arrived, 'the state')
     assert operator.state == ''
     other.destroy_publisher(played)
     told = interfaces.PROGRESS.publisher(task)
