@@ -49,7 +49,7 @@ def test_with_the_same_limits_it_is_faster(robot):
     limits = {'speed_m_s': 4.0, 'acceleration_m_s2': 100.0, 'jerk_m_s3': 20000.0}
     plain = plan(robot, cycle(**limits), HERE).plan
     optimal = plan(robot, cycle(**limits, **OPTIMAL), HERE).plan
-    assert optimal.duration_s < 0.975 * plain.duration_s
+    assert optimal.duration_s < 0.97 * plain.duration_s  # measured: 163.2 of 168.8 ms
     speed, acceleration, jerk = tcp(optimal)
     assert speed <= SPEED * 4.0
     assert acceleration <= ACCELERATION * 100.0

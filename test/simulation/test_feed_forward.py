@@ -1,7 +1,5 @@
 """Facts about what feed-forward of the whole model reaches: small errors, no higher currents, and stops as before."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -15,12 +13,13 @@ from delta3_pacdrive.simulation.robot import Robot
 
 MODEL = {'control__feed_forward': 'model', 'drive__interpolation': 'cubic'}
 MASSES = ('upper_arm_mass_kg', 'elbow_mass_kg', 'forearm_mass_kg', 'plate_mass_kg')
-# largest TCP error [mm] and how often it goes into that of the controller of the thesis
+# limit of the TCP error [mm], and least factors of its maximum and rms to those of the controller of the thesis
+# (measured for packaging: 0.0671 mm, 12.9, 9.8)
 REACHED = {
-    'experiment1': (0.008, 13.0),
-    'experiment2': (0.007, 15.0),
-    'experiment3': (0.013, 18.0),
-    'packaging': (0.068, 12.0),
+    'experiment1': (0.008, 13.0, 10.4),
+    'experiment2': (0.007, 15.0, 12.0),
+    'experiment3': (0.013, 18.0, 14.4),
+    'packaging': (0.068, 12.6, 9.6),
 }
 
 
@@ -48,11 +47,11 @@ def without(robot):
 
 @pytest.mark.parametrize('program', REACHED)
 def test_the_error_is_a_fraction_of_that_of_the_thesis_and_currents_are_not_higher(program, robot, without):
-    most_mm, times = REACHED[program]
+    most_mm, of_maximum, of_rms = REACHED[program]
     found, before = figures_of(program, robot.replace(**MODEL)), without[program]
     assert found['tcp_error_max_m'] < most_mm * 1e-3
-    assert before['tcp_error_max_m'] > times * found['tcp_error_max_m']
-    assert before['tcp_error_rms_m'] > times * 0.8 * found['tcp_error_rms_m']
+    assert before['tcp_error_max_m'] > of_maximum * found['tcp_error_max_m']
+    assert before['tcp_error_rms_m'] > of_rms * found['tcp_error_rms_m']
     assert max(found['current_peak_a']) <= max(before['current_peak_a'])
     assert max(found['current_rms_a']) <= max(before['current_rms_a'])
 
@@ -82,8 +81,8 @@ def test_the_built_robot_gains_too_as_its_encoders_see_it():
     built = parameters.load('rich')
     before, found = (figures_of('packaging', one) for one in (built, built.replace(**MODEL)))
     assert before['tcp_error_max_m'] == pytest.approx(0.79e-3, rel=0.01)
-    assert found['tcp_error_max_m'] < 0.41e-3
-    assert found['tcp_error_rms_m'] < 0.13e-3
+    assert found['tcp_error_max_m'] < 0.415e-3  # measured: 0.408 and 0.129 mm
+    assert found['tcp_error_rms_m'] < 0.132e-3
     assert max(found['current_peak_a']) < max(before['current_peak_a'])
 
 
@@ -95,10 +94,9 @@ def apart_mm(trace, signal, robot):
     return 1e3 * np.linalg.norm(np.transpose(due) - trace[signal], axis=1)[rows]
 
 
-def assert_peaks(found, before):
-    """Moving the shafts ahead of the gears costs at most 30 % more peak current."""
-    peaks = [max(one.meta['figures']['current_peak_a']) for one in (found, before)]
-    assert peaks[0] < 1.3 * peaks[1]
+def more_peak_current(found, before):
+    """Return the factor by which moving the shafts ahead of the gears raises the peak current."""
+    return max(found.meta['figures']['current_peak_a']) / max(before.meta['figures']['current_peak_a'])
 
 
 @pytest.fixture(scope='module')
@@ -118,19 +116,23 @@ def picks():
     return driven, rigid
 
 
-@pytest.mark.parametrize(('backlash', 'most_mm', 'rms_mm'), [(0.0, 0.18, 0.105), (1.0, 0.135, 0.052)])
+# measured: 0.096 and 0.126 mm on the encoders, 7 and 12 % more peak current
+@pytest.mark.parametrize(
+    ('backlash', 'encoders_mm', 'most_mm', 'rms_mm', 'peak'),
+    [(0.0, 0.098, 0.18, 0.105, 1.09), (1.0, 0.129, 0.135, 0.052, 1.14)],
+)
 def test_who_knows_what_the_gears_give_is_far_nearer_on_the_encoders_and_at_the_tcp(
-    backlash, most_mm, rms_mm, picks
+    backlash, encoders_mm, most_mm, rms_mm, peak, picks
 ):
     driven, (before, robot) = picks
     found, _ = driven(1.0, backlash)
-    assert found.meta['figures']['tcp_error_max_m'] < 0.13e-3
+    assert found.meta['figures']['tcp_error_max_m'] < 1e-3 * encoders_mm
     assert found.meta['figures']['tcp_error_rms_m'] < 0.035e-3
     assert apart_mm(before, 'tcp_true', robot).max() > 0.95
     apart = apart_mm(found, 'tcp_true', robot)
     assert apart.max() < most_mm
     assert np.sqrt((apart**2).mean()) < rms_mm
-    assert_peaks(found, before)
+    assert more_peak_current(found, before) < peak
     # the controller takes its actual TCP from behind the gears
     seen, unseen = (
         np.linalg.norm(one['tcp_actual'] - one['tcp_true'], axis=1).max() for one in (found, before)
@@ -138,24 +140,43 @@ def test_who_knows_what_the_gears_give_is_far_nearer_on_the_encoders_and_at_the_
     assert seen < 0.4 * unseen
 
 
+# measured: errors of 0.400, 0.406, 0.588, 0.751, 0.271, 0.252 times those of rigid gears, and peak currents of 1.14,
+# 1.04, 1.18, 1.25, 1.01, 1.07 times
 @pytest.mark.parametrize(
-    ('stiffness', 'backlash'), [(0.7, 0.0), (1.3, 0.0), *itertools.product((0.7, 1.3), (0.7, 1.3))]
+    ('stiffness', 'backlash', 'share', 'peak'),
+    [
+        (0.7, 0.0, 0.41, 1.17),
+        (1.3, 0.0, 0.42, 1.06),
+        (0.7, 0.7, 0.60, 1.21),
+        (0.7, 1.3, 0.77, 1.28),
+        (1.3, 0.7, 0.28, 1.04),
+        (1.3, 1.3, 0.26, 1.10),
+    ],
 )
-def test_gears_30_percent_wrong_are_better_than_rigid_ones(stiffness, backlash, picks):
+def test_gears_30_percent_wrong_are_better_than_rigid_ones(stiffness, backlash, share, peak, picks):
     driven, (before, robot) = picks
     found, _ = driven(stiffness, backlash)
-    assert found.meta['figures']['tcp_error_max_m'] < 0.8 * before.meta['figures']['tcp_error_max_m']
+    assert found.meta['figures']['tcp_error_max_m'] < share * before.meta['figures']['tcp_error_max_m']
     assert apart_mm(found, 'tcp_true', robot).max() < 0.6 * apart_mm(before, 'tcp_true', robot).max()
-    assert_peaks(found, before)
+    assert more_peak_current(found, before) < peak
 
 
-@pytest.mark.parametrize(('share', 'built'), list(itertools.product((0.7, 1.3), (False, True))))
-def test_with_masses_30_percent_wrong_it_is_better_than_without(share, built, robot):
+# measured: 0.660 and 0.789, 0.812 and 0.902, 0.521 and 0.617, 0.781 and 0.614 of the maximum and the rms without
+@pytest.mark.parametrize(
+    ('share', 'built', 'largest', 'rms'),
+    [
+        (0.7, False, 0.68, 0.81),
+        (0.7, True, 0.83, 0.92),
+        (1.3, False, 0.54, 0.63),
+        (1.3, True, 0.80, 0.63),
+    ],
+)
+def test_with_masses_30_percent_wrong_it_is_better_than_without(share, built, largest, rms, robot):
     one = parameters.load('rich') if built else robot
     before = figures_with_wrong_masses('packaging', one, share)
     found = figures_with_wrong_masses('packaging', one.replace(**MODEL), share)
-    assert found.tcp_error_max_m < 0.82 * before.tcp_error_max_m
-    assert found.tcp_error_rms_m < 0.92 * before.tcp_error_rms_m
+    assert found.tcp_error_max_m < largest * before.tcp_error_max_m
+    assert found.tcp_error_rms_m < rms * before.tcp_error_rms_m
 
 
 def test_the_torque_command_is_a_signal_of_those_who_send_it(robot):

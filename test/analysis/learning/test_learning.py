@@ -77,6 +77,7 @@ def test_of_the_nominal_robot_little_more_than_the_grid_of_the_encoders_is_left(
     assert found.best.current_peak_a < 1.01 * found.repetitions[0].current_peak_a
 
 
+# measured for packaging: 2.84 and 3.20; what is left lies above the 80 Hz of what is learned (with 120 Hz: 6.2 and 5.3)
 @pytest.mark.parametrize(
     ('program', 'largest', 'rms'),
     some([('packaging', 2.8, 3.1), ('experiment2', 3.0, 4.0)], [('packaging', 2.8, 3.1)]),
