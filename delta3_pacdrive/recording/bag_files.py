@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -13,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from rosbags.rosbag2 import Reader
 
+from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording.bag_recovery import Channel, Recovered, recover
+from delta3_pacdrive.recording.bag_recovery import CDR, Channel, Recovered, recover
 from delta3_pacdrive.recording.trace import PACKED, is_bag, reason
 
 if sys.version_info >= (3, 14):  # as rosbags, which brings it
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     Take = Callable[[bytes], None]
 
 ZSTD = b'\x28\xb5\x2f\xfd'  # at the begin of a message that rosbag2 compressed alone
+PIECE_BYTES = 1 << 20  # that are unpacked at once
 
 
 def files_of(path: Path, information: Mapping[str, Any]) -> tuple[list[Path], list[str]]:
@@ -86,7 +87,7 @@ class Store:
     """
 
     path: Path
-    channels: Sequence[Connection | Channel] = ()
+    channels: Sequence[Channel] = ()
     walk: Callable[[Mapping[str, Take]], None] = lambda add: None
     recovered: Recovered | None = None
     damage: str = ''
@@ -103,16 +104,25 @@ class Store:
         """Call functions with the data of the messages of topics; raises TraceError."""
 
         def unpacked(take: Take) -> Take:
-            return lambda data: take(zstd.decompress(data) if data[:4] == ZSTD else data)
+            return lambda data: take(self._unpacked(data) if data[:4] == ZSTD else data)
 
         try:
             self.walk({topic: unpacked(take) for topic, take in add.items()})
-        except TraceError:
+        except (TraceError, MemoryError):
             raise
         except (
             Exception
         ) as error:  # what readers and decompressors trip over in a damaged file is not bounded
             raise damaged(reason(error)) from error
+
+    def _unpacked(self, message: bytes) -> bytes:
+        """Unpack a message that was compressed alone; raises TraceError."""
+        unpacker, limit = zstd.ZstdDecompressor(), whole_file.UNPACKED_BYTES_MAX
+        data = bytes(unpacker.decompress(message, limit))
+        if not unpacker.eof:
+            _require_size(self.path, len(data) + (len(data) == limit))
+            raise damaged('a compressed message ends too early')
+        return data
 
 
 def opened(path: Path) -> Store:
@@ -121,10 +131,14 @@ def opened(path: Path) -> Store:
         return _of_packed(path)
     try:
         with Reader(path) as reader:
-            whole = list(reader.connections)
+            whole = [
+                Channel(one.topic, one.msgtype, one.msgcount, _encoding(one)) for one in reader.connections
+            ]
         if any(channel.msgcount for channel in whole):
             return Store(path, whole, partial(_walk_whole, path))
         damage = 'it holds no message'
+    except MemoryError:
+        raise
     except Exception as error:  # noqa: BLE001  # as above
         damage = reason(error)
     if path.suffix.lower() != '.mcap':
@@ -135,20 +149,25 @@ def opened(path: Path) -> Store:
         return Store(path, damage=damage)
     channels = list(recovered.channels.values())
     if not any(channel.msgcount for channel in channels):
-        return Store(path, damage=damage)
+        return Store(path, damage=recovered.damage or damage)
     return Store(path, channels, partial(_walk_left, path), recovered, damage)
+
+
+def _encoding(connection: Connection) -> str:
+    """Return how the messages of a topic are encoded."""
+    return str(getattr(connection.ext, 'serialization_format', CDR))
 
 
 def _walk_whole(path: Path, add: Mapping[str, Take]) -> None:
     with Reader(path) as reader:
-        wanted = [connection for connection in reader.connections if connection.topic in add]
+        wanted = [one for one in reader.connections if one.topic in add and _encoding(one) == CDR]
         for connection, _, data in reader.messages(wanted) if wanted else ():
             add[connection.topic](data)
 
 
 def _walk_left(path: Path, add: Mapping[str, Take]) -> None:
     def take(channel: Channel, data: bytes) -> None:
-        if channel.topic in add:
+        if channel.topic in add and channel.encoding == CDR:
             add[channel.topic](data)
 
     recover(path, take)
@@ -158,9 +177,17 @@ def _of_packed(path: Path) -> Store:
     """Open a file that was compressed as a whole."""
 
     def unpacked(folder: str) -> Path:
-        plain = Path(folder) / path.name[: -len(PACKED)]
+        plain, size = Path(folder) / path.name[: -len(PACKED)], 0
         with path.open('rb') as packed, zstd.open(packed, 'rb') as source, plain.open('wb') as target:
-            shutil.copyfileobj(source, target)
+            while piece := source.read(PIECE_BYTES):
+                size += len(piece)
+                _require_size(path, size)
+                try:
+                    target.write(piece)
+                except OSError as error:
+                    raise TraceError(
+                        f'{path.name} cannot be unpacked into {folder}: {reason(error)}'
+                    ) from error
         return plain
 
     def walk(add: Mapping[str, Take]) -> None:
@@ -171,10 +198,20 @@ def _of_packed(path: Path) -> Store:
         with TemporaryDirectory() as folder:
             inner = opened(unpacked(folder))
             text = inner.metadata
+    except (TraceError, MemoryError):
+        raise
     except Exception as error:  # noqa: BLE001  # as above
         return Store(path, damage=reason(error))
     recovered = replace(inner.recovered or Recovered(ended=True), metadata=text)
     return Store(path, inner.channels, walk, recovered, inner.damage)
+
+
+def _require_size(path: Path, unpacked_bytes: int) -> None:
+    """Raise TraceError if a file unpacks to more than an input may have."""
+    try:
+        whole_file.require_size(path, unpacked_bytes)
+    except OSError as error:
+        raise TraceError(f'{path.name} cannot be unpacked: {error.strerror}') from error
 
 
 def damaged(why: str) -> TraceError:

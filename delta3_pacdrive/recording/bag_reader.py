@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from delta3_pacdrive.errors import Delta3Error, TraceError
+from delta3_pacdrive.errors import Delta3Error, TraceError, shown
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.recording.bag_files import damaged, files_of, opened
+from delta3_pacdrive.recording.bag_recovery import CDR
 from delta3_pacdrive.recording.bag_writer import METADATA_KEY, OPEN_KEY, STOPPED_KEY
 from delta3_pacdrive.recording.carried import CARRIED
 from delta3_pacdrive.recording.sessions import Sessions
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from rosbags.interfaces import Connection
     from rosbags.typesys.store import Typestore
 
     from delta3_pacdrive.recording.bag_files import Store
@@ -74,17 +74,6 @@ class Bag:
     meta: dict[str, Any]
     read: Callable[[Mapping[str, Take]], None]
 
-    @staticmethod
-    def of(channels: Iterable[Connection | Channel], meta: dict[str, Any], read: Any) -> Bag:
-        """Return the bag with these topics; raises TraceError."""
-        channels = list(channels)
-        names = _cyclic_topics(channels)
-        topic, name = next(iter(names.items()))
-        robot = topic.removesuffix(name)
-        held = {channel.topic for channel in channels if channel.msgcount and channel.msgtype == JOINT_STATE}
-        currents = tuple(robot + motor_current(axis, 0).topic for axis in DRIVES)
-        return Bag(names, currents if held.issuperset(currents) else (), robot, meta, read)
-
 
 def open_bag(path: Path) -> Bag:
     """Look at the topics and the metadata of a bag: a folder or a single file, whole or in parts.
@@ -122,6 +111,8 @@ def open_bag(path: Path) -> Bag:
             'its metadata is missing, gear ratio and torque constant are those of the packaged parameters'
         )
     channels = [channel for store in left for channel in store.channels]
+    names, left_out = _cyclic_topics(channels)
+    notes += left_out
     missing = _missing(information, sum(channel.msgcount for channel in channels), left)
     if notes or missing:
         meta['cut'] = '; '.join(filter(None, [missing, *notes]))
@@ -130,7 +121,11 @@ def open_bag(path: Path) -> Bag:
         for store in left:
             store.read(add)
 
-    return Bag.of(channels, meta, read)
+    topic, name = next(iter(names.items()))
+    namespace = topic.removesuffix(name)
+    held = {one.topic for one in channels if one.msgcount and not _foreign(one, JOINT_STATE)}
+    currents = tuple(namespace + motor_current(axis, 0).topic for axis in DRIVES)
+    return Bag(names, currents if held.issuperset(currents) else (), namespace, meta, read)
 
 
 def _missing(information: Mapping[str, Any], counted: int, stores: Sequence[Store]) -> str:
@@ -222,24 +217,34 @@ def _session_of(message: Any) -> str:
     return words[2] if len(words) == 4 else ''
 
 
-def _cyclic_topics(connections: Iterable[Connection | Channel]) -> dict[str, str]:
-    """Return the relative names of the cyclic topics of the one robot, by topic."""
+def _cyclic_topics(channels: Iterable[Channel]) -> tuple[dict[str, str], list[str]]:
+    """Return the relative names of the cyclic topics of the one robot, and sentences on those that are left out."""
     names: dict[str, str] = {}
+    left_out: list[str] = []
     robots: set[str] = set()
-    for connection in connections:
-        topic = '/' + connection.topic.lstrip('/')
+    for channel in channels:
+        topic = '/' + channel.topic.lstrip('/')
         name = next((name for name in TYPES if topic.endswith('/' + name)), None)
-        if name is None or not connection.msgcount:
+        if name is None or not channel.msgcount:
             continue
-        if connection.msgtype != TYPES[name]:
-            raise TraceError(f'{topic} is of type {connection.msgtype}, not {TYPES[name]}')
-        names[connection.topic] = name
+        if why := _foreign(channel, TYPES[name]):
+            left_out.append(f'{topic} is left out, as it is {why}')
+            continue
+        names[channel.topic] = name
         robots.add(topic.removesuffix('/' + name) or '/')
     if not names:
-        raise TraceError('it holds no cyclic topic of a robot (sercos/mdt, sercos/at/axis1, ...)')
+        found = f': {"; ".join(left_out)}' if left_out else ' (sercos/mdt, sercos/at/axis1, ...)'
+        raise TraceError(f'it holds no cyclic topic of a robot{found}')
     if len(robots) > 1:
         raise TraceError(f'it holds {len(robots)} robots, in the namespaces {", ".join(sorted(robots))}')
-    return names
+    return names, list(dict.fromkeys(left_out))
+
+
+def _foreign(channel: Channel, kind: str) -> str:
+    """Return how the messages of a topic differ from those of the robot; '' if they do not."""
+    if channel.encoding != CDR:
+        return f'encoded as {shown(channel.encoding)}, not as {CDR}'
+    return '' if channel.msgtype == kind else f'of type {channel.msgtype or "unknown"}, not {kind}'
 
 
 def _metadata(custom: Any) -> dict[str, Any]:

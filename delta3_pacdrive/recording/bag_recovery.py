@@ -11,10 +11,10 @@ import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_mcap import decompress
 
 from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.recording.trace import reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,13 +29,26 @@ _CHUNK = struct.Struct(
 _MESSAGE = struct.Struct('<HIQQ')
 
 
+CDR = 'cdr'  # the encoding of messages that ROS 2 writes
+
+
 @dataclass
 class Channel:
-    """A channel is a topic of a file; it knows how many of its messages are left."""
+    """A channel is a topic of a file; it knows how many of its messages are left.
+
+    Types have their long name, ``sensor_msgs/msg/JointState``; converters also write ``sensor_msgs/JointState``.
+    """
 
     topic: str
     msgtype: str
     msgcount: int = 0
+    encoding: str = CDR
+
+    def __post_init__(self) -> None:
+        """Complete a short name of the type."""
+        package, _, name = self.msgtype.partition('/')
+        if name and '/' not in name:
+            self.msgtype = f'{package}/msg/{name}'
 
 
 @dataclass
@@ -50,6 +63,8 @@ class Recovered:
         At its end, which belong to no whole record.
     ended
         Whether its writer ended it: nothing is missing.
+    damage
+        Why its first record that is not whole cannot be read; '' if that is not known.
     metadata
         What rosbag2 keeps in the file of its ``metadata.yaml``, as text; '' in a file that was not ended.
 
@@ -59,6 +74,7 @@ class Recovered:
     metadata: str = ''
     lost_bytes: int = 0
     ended: bool = False
+    damage: str = ''
 
 
 class _DamagedError(Exception):
@@ -80,16 +96,21 @@ class _Scan:
             code, size = _RECORD.unpack_from(data, place)
             body = data[place + _RECORD.size : place + _RECORD.size + size]
             try:
+                if len(body) < size and inside:
+                    break
                 if len(body) < size:
                     return place + (self._cut_chunk(body) if code == CHUNK else 0)
                 self._record(code, body)
-            except (_DamagedError, struct.error, UnicodeDecodeError, ReaderError) as error:
+            except (_DamagedError, struct.error, UnicodeDecodeError) as error:
                 if inside:
-                    raise _DamagedError from error
+                    raise _DamagedError(*error.args) from error
+                self.found.damage = str(error) if isinstance(error, _DamagedError) else ''
                 return place
             place += _RECORD.size + size
             if code == FOOTER:
                 return len(data)
+        if inside and place < len(data):
+            raise _DamagedError('a chunk does not end with a whole record')
         return place
 
     def _record(self, code: int, body: memoryview) -> None:
@@ -99,7 +120,8 @@ class _Scan:
         elif code == CHANNEL:
             number, schema = struct.unpack_from('<HH', body)
             # a summary repeats what the chunks have
-            channel = Channel(_text(body, 4)[0], self._schemas.get(schema, ''))
+            topic, place = _text(body, 4)
+            channel = Channel(topic, self._schemas.get(schema, ''), encoding=_text(body, place)[0])
             self.found.channels.setdefault(number, channel)
         elif code == MESSAGE:
             channel = self._channel_of(body)
@@ -166,4 +188,9 @@ def _unpacked(body: memoryview) -> bytes:
     """Return the records of a whole chunk."""
     _, _, size, checksum = _CHUNK.unpack_from(body)
     compression, place = _text(body, _CHUNK.size)
-    return bytes(decompress(bytes(body[place + 8 :]), compression, size, checksum))
+    try:
+        return bytes(decompress(bytes(body[place + 8 :]), compression, size, checksum))
+    except MemoryError:
+        raise
+    except Exception as error:  # each decompressor has errors of its own
+        raise _DamagedError(reason(error)) from error

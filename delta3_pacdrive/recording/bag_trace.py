@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from contextlib import suppress
-from functools import partial, reduce
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -114,6 +114,7 @@ def _read_bag(path: Path) -> Trace:
     from rosbags.typesys import Stores, get_typestore
 
     from delta3_pacdrive.recording.bag_reader import COURSE, PHASE, Profiles, open_bag
+    from delta3_pacdrive.recording.completeness import common_cycles
     from delta3_pacdrive.recording.current_samples import SampleColumn, of_cycles
 
     bag = open_bag(path)
@@ -145,14 +146,10 @@ def _read_bag(path: Path) -> Trace:
             tables[name] = table
     if not tables:
         raise TraceError('it holds no message of cyclic operation')
-    cycles = reduce(np.intersect1d, (table[0] for table in tables.values()))
-    if not len(cycles):
-        raise TraceError(f'no bus cycle is in all of its topics {", ".join(tables)}')
     sampled, currents = np.empty(0, np.int64), dict[str, 'Floats']()
     if samples:
         sampled, currents = of_cycles([column.table() for column in samples.values()], clock.period_ns)
-    if len(common := np.intersect1d(cycles, sampled)):
-        cycles = common
+    cycles, notices = common_cycles(tables, sampled, counted='lost' in meta)
     if len(cycles) > 1 and (step := int(np.diff(cycles).min())) > 1:
         raise TraceError(
             f'its messages are {step * meta["cycle_time_s"]:g} s apart, '
@@ -170,6 +167,9 @@ def _read_bag(path: Path) -> Trace:
         within = [start for start in profiles.starts if start >= cycles[0]]
         # who joined in the middle of a program knows when it began
         meta['start_cycle'] = within[0] if within else profiles.starts[-1]
+    if notices:
+        meta['notices'] = notices
+        _LOG.warning('note: recording %s: %s', path, '; '.join(notices))
     if 'cut' in meta:
         meta['cut'] += _extent(cycles, meta['cycle_time_s'])
         _LOG.warning('note: recording %s: %s', path, meta['cut'])
@@ -177,7 +177,7 @@ def _read_bag(path: Path) -> Trace:
     if 'current' in signals:
         signals['current'] /= meta['torque_constant_n_m_a']
     _of_tool(signals, meta)
-    if len(common):
+    if np.isin(cycles, sampled).all():
         rows = np.searchsorted(sampled, cycles)
         signals |= {name: currents[name][rows] for name in CURRENT_SIGNALS}
     return Trace(cycles * meta['cycle_time_s'], signals, meta)

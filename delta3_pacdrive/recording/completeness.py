@@ -1,7 +1,23 @@
-"""Completeness of a cyclic topic, as one listener received it: what the stamps of its messages say is missing."""
+"""Completeness of a cyclic topic, as one listener received it, and of all topics of a recording."""
 
+from __future__ import annotations
+
+from functools import reduce
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.sercos.telegram_codec import STAMP
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from delta3_pacdrive.numerics.types import Floats
+
+NEVER = 2**62  # bus cycles between the messages of a topic that has only one
+EDGE_CYCLES = 16  # topics begin and end within so many: a few cycles are under way between the nodes
 
 
 class Completeness:
@@ -50,3 +66,49 @@ class Completeness:
         between = [start for start in self._starts if last_ns < start <= now_ns]
         expected_ns = max([last_ns + self.period_ns, *between])
         return max((now_ns - expected_ns) // self.period_ns, 0)
+
+
+def common_cycles(
+    tables: dict[str, tuple[NDArray[np.int64], Floats]], sampled: NDArray[np.int64], counted: bool
+) -> tuple[NDArray[np.int64], list[str]]:
+    """Return the bus cycles that all topics of a recording have, and sentences on what is left out for that.
+
+    Topics that were recorded less often than others are taken out of the tables.
+
+    Parameters
+    ----------
+    tables
+        Bus cycles and numbers of each topic.
+    sampled
+        Bus cycles with all samples of the current loops.
+    counted
+        Whether the recorder itself has counted what is missing.
+
+    Raises
+    ------
+    TraceError
+        The topics have no bus cycle in common.
+
+    """
+    steps = {name: int(np.diff(own).min(initial=NEVER)) for name, (own, _) in tables.items()}
+    least, notices = min(steps.values()), []
+    for name, step in steps.items():
+        if step > least:
+            del tables[name]
+            few = 'one message' if step == NEVER else f'messages of every {step} bus cycles'
+            notices.append(f'{name} is left out, it has {few} only')
+    held = {name: own for name, (own, _) in tables.items()}
+    cycles = reduce(np.intersect1d, held.values())
+    if not len(cycles):
+        raise TraceError(f'no bus cycle is in all of its topics {", ".join(tables)}')
+    if len(common := np.intersect1d(cycles, sampled)):
+        cycles, held['motor_current'] = common, sampled
+    found = reduce(np.union1d, held.values())
+    begin, end = np.searchsorted(found, cycles[[0, -1]])
+    whole = end - begin + 1 == len(cycles) and max(begin, len(found) - 1 - end) <= EDGE_CYCLES
+    if not whole and not counted:
+        worst = min(held, key=lambda name: len(held[name]))
+        notices.append(
+            f'{len(found) - len(cycles)} of {len(found)} bus cycles are left out, {worst} lacks most of them'
+        )
+    return cycles, notices

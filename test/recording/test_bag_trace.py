@@ -286,12 +286,6 @@ def test_a_robot_that_was_never_heard_is_none(tmp_path):
     assert_holds(trace_file.load(record(tmp_path / 'bag', messages(), types=types)))
 
 
-def test_a_topic_of_another_type_is_named(tmp_path):
-    types = TYPES | {'tcp/error': POINT}
-    sentence = refusal(record(tmp_path / 'bag', messages(), types=types, namespace='/cell2/'))
-    assert '/cell2/tcp/error is of type geometry_msgs/msg/PointStamped, not geometry_msgs/' in sentence
-
-
 def test_a_bag_of_something_else_is_told_what_was_expected(tmp_path):
     data = messages([0], ['tcp/command'])[0][1]
     bag = record(tmp_path / 'bag', [('camera/command', data)], types={'camera/command': POINT})

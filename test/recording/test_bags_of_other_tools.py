@@ -12,20 +12,27 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from bags import (
     CLOCK,
     CYCLES,
+    JSON_SCHEMA,
     META,
+    POINT,
+    PROTOBUF_SCHEMA,
+    RUN,
     STORE,
     TYPES,
     assert_holds,
+    mcap,
     message,
     messages,
     numbers,
     record,
+    refusal,
 )
-from delta3_pacdrive import simulation
+from delta3_pacdrive import simulation, whole_file
 from delta3_pacdrive.cli import compare, export, plot, report
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import bag_trace, trace_file
+from delta3_pacdrive.recording.bag_files import zstd
 from delta3_pacdrive.recording.signals import SIGNALS
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 
@@ -179,6 +186,165 @@ def test_a_file_that_is_none_gets_one_sentence(name, tmp_path):
     with pytest.raises(TraceError, match='it was cut off or is damaged') as caught:
         trace_file.load(tmp_path / name)
     assert '\n' not in str(caught.value)
+
+
+# files without rosbag2 -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('profile', ['', 'ros2'])
+@pytest.mark.parametrize('compression', [None, '', 'zstd', 'lz4'])
+def test_a_file_of_a_small_writer_is_read_with_each_compression_of_its_chunks(profile, compression, tmp_path):
+    bag = mcap(tmp_path / 'a.mcap', messages(), profile=profile, compression=compression)
+    trace = trace_file.load(bag)
+    np.testing.assert_array_equal(trace['motor_command'], RUN['motor_command'])
+    assert bag_trace.cut(bag) == BORROWED
+
+
+@pytest.mark.parametrize('profile', ['', 'ros2'])
+def test_an_unknown_compression_of_chunks_is_named(profile, tmp_path):
+    assert "chunk compression 'brotli'" in refusal(
+        mcap(tmp_path / 'a.mcap', messages(), profile=profile, compression='brotli')
+    )
+
+
+@pytest.mark.parametrize('compression', ['zstd', 'lz4'])
+def test_a_damaged_chunk_ends_what_is_read_and_the_rest_is_named(compression, tmp_path):
+    whole = mcap(tmp_path / 'a.mcap', messages(), compression=compression)
+    content = bytearray(whole.read_bytes())
+    place = content.rindex(compression.encode()) + 30  # in the second of two chunks
+    content[place : place + 40] = b'\xff' * 40
+    whole.write_bytes(content)
+    trace = trace_file.load(whole)
+    np.testing.assert_array_equal(trace['motor_command'], RUN['motor_command'][:HALF])
+    assert 'bytes at its end are no whole message' in trace.meta['cut']
+
+
+def test_topics_of_other_encodings_in_the_same_file_do_no_harm(tmp_path):
+    others = [
+        ('log', JSON_SCHEMA, 'json', b'{"message": "all is well"}'),
+        ('gripper', PROTOBUF_SCHEMA, 'protobuf', b'\x0a\x02ok'),
+        ('tcp/actual', JSON_SCHEMA, 'json', b'{"x": 0.1}'),  # the same topic a second time
+    ]
+    bag = mcap(tmp_path / 'a.mcap', messages(), others=others, compression='zstd')
+    trace = trace_file.load(bag)
+    np.testing.assert_array_equal(trace['tcp_actual'], RUN['tcp_actual'])
+    assert 'refused' not in trace.meta
+    assert "/tcp/actual is left out, as it is encoded as 'json', not as cdr" in trace.meta['cut']
+    assert '/log' not in trace.meta['cut']
+
+
+def test_a_robot_whose_messages_are_all_encoded_otherwise_is_rejected_with_the_encoding(tmp_path):
+    others = [('tcp/actual', JSON_SCHEMA, 'json', b'{}'), ('sercos/mdt', JSON_SCHEMA, 'ros1', b'{}')]
+    sentence = refusal(mcap(tmp_path / 'a.mcap', [], types={}, others=others))
+    assert "/tcp/actual is left out, as it is encoded as 'json', not as cdr" in sentence
+    assert "/sercos/mdt is left out, as it is encoded as 'ros1'" in sentence
+
+
+def test_short_names_of_types_are_those_of_ros(tmp_path):
+    schemas = {topic: (kind.replace('/msg/', '/'), 'ros2msg', '') for topic, kind in TYPES.items()}
+    trace = trace_file.load(mcap(tmp_path / 'a.mcap', messages(), types=schemas))
+    assert list(trace.signals) == list(SIGNALS)
+
+
+def test_a_topic_of_another_type_is_left_out_and_named(tmp_path):
+    bag = record(tmp_path / 'bag', messages(), types=TYPES | {'tcp/error': POINT}, namespace='/cell2/')
+    assert_holds(trace_file.load(bag), signals=[name for name in SIGNALS if name != 'tcp_error'])
+    assert (
+        '/cell2/tcp/error is left out, as it is of type geometry_msgs/msg/PointStamped, not geometry_msgs/msg/Vector3'
+        in bag_trace.cut(bag)
+    )
+
+
+def topics_with(cycles_of, count=60):
+    """Return the messages of a longer run, in which some topics lack bus cycles."""
+    run = {name: np.random.default_rng(i).normal(size=(count, 3)) for i, name in enumerate(SIGNALS)}
+    arrivals = [
+        (topic, message(topic, CLOCK.stamp(k), numbers(topic, k, run)))
+        for k in range(count)
+        for topic in TYPES
+        if k in cycles_of.get(topic, range(count))
+    ]
+    return run, arrivals
+
+
+@pytest.mark.parametrize(
+    ('kept', 'sentence'),
+    [
+        (range(0, 60, 10), 'tcp/actual is left out, it has messages of every 10 bus cycles only'),
+        ([30], 'tcp/actual is left out, it has one message only'),
+    ],
+)
+def test_a_topic_that_was_recorded_less_often_does_not_thin_out_the_others(kept, sentence, tmp_path):
+    run, arrivals = topics_with({'tcp/actual': kept})
+    trace = trace_file.load(record(tmp_path / 'bag', arrivals))
+    assert 'tcp_actual' not in trace.signals
+    np.testing.assert_array_equal(trace['motor_command'], run['motor_command'])
+    assert trace.meta['notices'] == [sentence]
+
+
+@pytest.mark.parametrize(
+    ('kept', 'count', 'is_told'),
+    [
+        (range(60), 60, False),
+        (range(16, 60), 44, False),  # a few bus cycles are under way where a recording begins and ends
+        (range(17, 60), 43, True),
+        (range(44), 44, False),
+        (range(43), 43, True),
+        ([*range(30), *range(31, 60)], 59, True),
+    ],
+)
+def test_bus_cycles_that_one_topic_lacks_are_counted(kept, count, is_told, tmp_path):
+    _, arrivals = topics_with({'tcp/actual': kept})
+    trace = trace_file.load(record(tmp_path / 'bag', arrivals))
+    assert len(trace.time_s) == count
+    told = [f'{60 - count} of 60 bus cycles are left out, tcp/actual lacks most of them'] if is_told else None
+    assert trace.meta.get('notices') == told
+
+
+@pytest.fixture
+def limit(monkeypatch):
+    """Return the largest size [bytes] to which files of this test may unpack."""
+    monkeypatch.setattr(whole_file, 'UNPACKED_BYTES_MAX', 1 << 20)
+    return 1 << 20
+
+
+@pytest.mark.parametrize('listed', [True, False])
+def test_a_compressed_file_is_unpacked_up_to_the_limit_and_no_further(listed, limit, tmp_path):
+    folder = tmp_path / 'bag'
+    plain = record(folder, messages()) / 'bag.mcap'
+    content = plain.read_bytes()
+    plain.unlink()
+    packed = folder / 'bag.mcap.zstd'
+    if listed:
+        changed(folder, relative_file_paths=[packed.name], compression_mode='FILE', compression_format='zstd')
+    else:
+        (folder / 'metadata.yaml').unlink()
+    for size in (limit, limit + 1, 200 * limit):
+        packed.write_bytes(zstd.compress(content + bytes(size - len(content))))
+        assert packed.stat().st_size < limit / 10
+        if size == limit:
+            assert (
+                len(trace_file.load(folder).time_s) == CYCLES
+            )  # what follows its end is no damage of the messages
+        else:
+            assert 'MiB of memory, the limit is 1 MiB' in refusal(folder)
+
+
+@pytest.mark.parametrize(('more', 'read'), [(0, True), (1, False), (1 << 26, False)])
+def test_a_compressed_message_is_unpacked_up_to_the_limit_and_no_further(more, read, limit, tmp_path):
+    bomb = zstd.compress(bytes(limit + more))
+    arrivals = [(topic, zstd.compress(data)) for topic, data in messages()]
+    bag = record(tmp_path / 'bag', [*arrivals, ('tcp/error', bomb)])
+    if read:
+        assert trace_file.load(bag).meta['refused'] == {'tcp/error': 1}
+    else:
+        assert 'bag.mcap cannot be unpacked: it would take 1 MiB' in refusal(bag)
+
+
+def test_a_compressed_message_that_ends_too_early_is_damage(tmp_path):
+    arrivals = [(topic, zstd.compress(data)) for topic, data in messages()]
+    bag = record(tmp_path / 'bag', [*arrivals, ('tcp/error', arrivals[0][1][:-2])])
+    assert 'a compressed message ends too early' in refusal(bag)
 
 
 # commands -------------------------------------------------------------------------------------------------------------

@@ -1,7 +1,9 @@
 """Bags as a robot records them, written message by message."""
 
 import json
+import struct
 
+import lz4.frame
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -9,6 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from delta3_pacdrive.errors import Delta3Error, TraceError
 from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording.bag_files import zstd
 from delta3_pacdrive.recording.signals import SIGNALS
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
 
@@ -89,6 +92,64 @@ def record(folder, arrivals, meta=META, namespace='/', types=TYPES, storage=Stor
         if meta is not None:
             writer.set_custom_data('delta3_pacdrive', meta if isinstance(meta, str) else json.dumps(meta))
     return folder
+
+
+# MCAP without a library of ROS ---------------------------------------------------------------------------------------
+
+PACKING = {'': bytes, 'zstd': zstd.compress, 'lz4': lz4.frame.compress, 'brotli': bytes}
+JSON_SCHEMA = ('foxglove.Log', 'jsonschema', '{"type": "object"}')
+PROTOBUF_SCHEMA = ('foxglove.PoseInFrame', 'protobuf', 'descriptors')
+
+
+def _text(text):
+    data = text if isinstance(text, bytes) else text.encode()
+    return struct.pack('<I', len(data)) + data
+
+
+def _record(code, body):
+    return struct.pack('<BQ', code, len(body)) + body
+
+
+def schema_of(kind):
+    """Return name, encoding and text of the schema of a type, as ROS 2 writes it."""
+    return kind, 'ros2msg', STORE.generate_msgdef(kind)[0]
+
+
+def mcap(path, arrivals, types=TYPES, profile='', compression=None, others=()):
+    """Write an MCAP file without an index, as its smallest writers do.
+
+    ``types`` are types or schemas by topic, ``others`` are (topic, schema, encoding of the messages, data) of messages
+    that come first; with a ``compression`` the messages are in two chunks.
+    """
+    schemas = {topic: schema_of(one) if isinstance(one, str) else one for topic, one in types.items()}
+    channels = [(topic, schema, 'cdr') for topic, schema in schemas.items()]
+    channels += [one[:3] for one in others]
+    head, numbers = b'', {}
+    for number, (topic, (name, kind, text), encoding) in enumerate(channels, start=1):
+        head += _record(3, struct.pack('<H', number) + _text(name) + _text(kind) + _text(text))
+        body = struct.pack('<HH', number, number) + _text('/' + topic) + _text(encoding) + _text('')
+        head += _record(4, body)
+        numbers[topic, encoding] = number
+    rows = [((topic, encoding), data) for topic, _, encoding, data in others]
+    rows += [((topic, 'cdr'), data) for topic, data in arrivals]
+    records = [
+        _record(5, struct.pack('<HIQQ', numbers[key], n, n, n) + data) for n, (key, data) in enumerate(rows)
+    ]
+    half = len(records) // 2
+    if compression is None:
+        body = head + b''.join(records)
+    else:
+        body = b''.join(
+            _record(6, struct.pack('<QQQI', 0, len(rows), len(part), 0) + _text(compression)
+                    + struct.pack('<Q', len(packed)) + packed)
+            for part in (head + b''.join(records[:half]), b''.join(records[half:]))
+            for packed in [PACKING[compression](part)]
+        )  # fmt: skip
+    magic = b'\x89MCAP0\r\n'
+    begin = magic + _record(1, _text(profile) + _text('a test'))
+    end = _record(15, bytes(4)) + _record(2, bytes(20)) + magic
+    path.write_bytes(begin + body + end)
+    return path
 
 
 def assert_holds(trace, cycles=range(CYCLES), signals=SIGNALS):
