@@ -51,6 +51,9 @@ def run(options: Options) -> int:
     robot = core.load(options.parameters)
     outputs = OWN if options.cell is None else cell_file.load(options.cell).output_names
     results = [_result(name, robot, outputs) for name in options.file]
+    programs = [result for result in results if result.get('kind') == 'program']
+    if options.parameters is not None and programs:
+        programs[0]['warnings'] = _inertias(robot, options.parameters)[1]
     if options.derive is not None and results[0]['ok']:
         results[0] |= _derived(options.file[0], results[0]['kind'], Path(options.derive), options.overwrite)
     ok = all(result['ok'] for result in results)
@@ -81,13 +84,13 @@ def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
     if path == Path(name) and not path.exists():
         path, *more = core.parts(name)
         if more:
-            return _parameters(core.load(name))
+            return _parameters(core.load(name), name)
     document = yaml_file.read(path, 'file', ProgramError)
     keys = list(document) if isinstance(document, dict) else []
     if 'moves' not in keys and (isinstance(document, list) or keys in (['faults'],) or 'fault' in keys):
         return {'kind': 'faults', 'faults': _faults(document)}
     if any(isinstance(document[key], dict) and 'ros__parameters' in document[key] for key in keys):
-        return _parameters(core.load(path))
+        return _parameters(core.load(path), name)
     groups = [str(key) for key in keys if str(key).partition('.')[0] in (*core.groups(), *HEADER)]
     if groups:
         raise ParameterError(
@@ -99,26 +102,27 @@ def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
     return _planned(programs.parse(document, robot.motion, path.stem, str(path), outputs), robot)
 
 
-def _parameters(robot: Any) -> dict[str, Any]:
+def _parameters(robot: Any, name: str) -> dict[str, Any]:
     """Return what a parameter file holds, and which of its inertias belong to other arms."""
+    derived, warnings = _inertias(robot, name)
+    return {'kind': 'parameters', 'checksum': robot.checksum, 'derived': derived, 'warnings': warnings}
+
+
+def _inertias(robot: Any, name: str) -> tuple[dict[str, float], list[str]]:
+    """Return the inertias that follow from the arms of a robot, and warnings of those that belong to other arms."""
     from delta3_pacdrive.analysis.derived_inertias import CLOSE, derived_inertias
 
     try:
         derived = derived_inertias(robot)
     except ParameterError as error:
-        derived, other = [], [str(error)]
-    else:
-        other = [one.text for one in derived if not one.fits]
-        if other:
-            other.append(
-                f'--derive NEW.yaml writes the derived values; up to {100.0 * CLOSE:g} % off is accepted'
-            )
-    return {
-        'kind': 'parameters',
-        'checksum': robot.checksum,
-        'derived': {one.name: one.derived for one in derived},
-        'warnings': other,
-    }
+        return {}, [str(error)]
+    other = [one.text for one in derived if not one.fits]
+    if other:
+        other.append(
+            f'delta3 check {name} --derive NEW.yaml writes the derived values; '
+            f'up to {100.0 * CLOSE:g} % off is accepted'
+        )
+    return {one.name: one.derived for one in derived}, other
 
 
 def _derived(name: str, kind: str, path: Path, overwrite: bool) -> dict[str, Any]:

@@ -82,6 +82,24 @@ def test_check_warns_of_other_arms_and_writes_a_file_that_fits_them(other, tmp_p
     assert flat == same
 
 
+def test_check_warns_once_of_other_arms_when_programs_are_checked_for_their_robot(other, tmp_path, capsys):
+    path = tmp_path / 'line.yaml'
+    path.write_text('start_m: [0, 0, -0.8]\nmoves: [{move_l: {to_m: [0.01, 0, -0.8]}}]')
+    status, result = checked(capsys, path, path, '--parameters', other)
+    assert status == 0
+    first, second = result['files']
+    assert [text.split()[0] for text in first['warnings']] == [*NAMES, 'delta3']
+    assert f'delta3 check {other} --derive NEW.yaml' in first['warnings'][-1]
+    assert 'warnings' not in second
+    assert check.main([str(path), '--parameters', str(other)]) == 0
+    output = capsys.readouterr().out
+    assert output.count('warning  ') == 4
+    for parameter_file in ('rich', 'model'):
+        _, result = checked(capsys, path, '--parameters', parameter_file)
+        assert result['files'][0]['warnings'] == []
+    assert 'warnings' not in checked(capsys, path)[1]['files'][0]
+
+
 def test_a_file_that_exists_is_replaced_only_on_demand(other, tmp_path, capsys):
     new = tmp_path / 'new.yaml'
     new.write_text('mine')
