@@ -1,6 +1,8 @@
 """``delta3 view`` with a robot that is up: what people do on the page happens to the robot."""
 
+import ipaddress
 import json
+import os
 import re
 import signal
 import socket
@@ -11,11 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from browser import Visit
 from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.ros import discovery
 from delta3_pacdrive.view.jog import JOG_JERK_M_S3
+from thoroughness import some
 
 pytest.importorskip('viser', reason='the page needs the extra "view"')
 
@@ -189,6 +194,62 @@ def test_a_robot_and_its_page_come_up_together_and_the_robot_outlives_the_page(
     assert 'there is no page any more, the robot goes on' in process.stderr.readline()
     assert state_of(delta3)['state'] == 'idle'
     assert ended(process)[0] == 0
+
+
+def _children(process: subprocess.Popen[str]) -> dict[str, psutil.Process]:
+    """Return the processes of a bring-up by name, with itself as ``up``."""
+    own = psutil.Process(process.pid)
+    return {child.name(): child for child in own.children(recursive=True)} | {'up': own}
+
+
+EMPTY = dict.fromkeys((discovery.RANGE, discovery.PROFILE, discovery.LATER_PROFILE, discovery.PEERS), '')
+LOCALHOST_ONLY = {discovery.LOCALHOST_ONLY: '1'}
+
+
+@pytest.mark.parametrize(
+    'variables', some([{}, EMPTY, LOCALHOST_ONLY, EMPTY | LOCALHOST_ONLY], [EMPTY | LOCALHOST_ONLY])
+)
+def test_no_socket_of_a_whole_robot_is_bound_beyond_this_machine_and_a_page_that_does_not_end_is_killed(
+    variables: dict[str, str], start_delta3: Any, nothing_left_behind: None, tmp_path: Path
+) -> None:
+    clean = {name: value for name, value in os.environ.items() if name not in (*EMPTY, *LOCALHOST_ONLY)}
+    command = ('up', *SLOW[1:], '--view', '--markers', '--bag', str(tmp_path / 'bag'))
+    process = start_delta3(*command, env=clean | variables)
+    found = re.search(r'http\S+', process.stderr.readline())
+    assert found
+    ready(process)
+    wait_for(lambda: served(found[0]), 'a page that is served')
+    children = _children(process)
+    assert len(children) == 10
+    wait_for(lambda: any(s.type == socket.SOCK_DGRAM for s in children['view'].net_connections()), 'its node')
+    sockets = {
+        name: [one for one in child.net_connections() if not one.raddr] for name, child in children.items()
+    }
+    assert min(map(len, sockets.values())) > 0  # all of them are in the domain
+    assert [one for one in sockets['view'] if one.status == psutil.CONN_LISTEN]
+    beyond = {
+        (name, one.laddr.ip)
+        for name, bound in sockets.items()
+        for one in bound
+        if not ipaddress.ip_address(one.laddr.ip).is_loopback
+    }
+    assert beyond == set()
+    children['view'].suspend()  # neither SIGINT nor SIGTERM ends it
+    status, errors = ended(process)
+    assert (status, errors) == (0, 'note: view did not end, or left processes behind, and had to be killed\n')
+
+
+def test_a_page_that_ignores_every_signal_does_not_outlive_the_run_that_has_started_it(
+    start_delta3: Any, nothing_left_behind: None
+) -> None:
+    process = start_delta3('run', 'experiment1', '--view', '--ordinary-priority', '--real-time-factor', '0')
+    found = re.search(r'http\S+', process.stderr.readline())
+    assert found
+    wait_for(lambda: 'view' in _children(process), 'the process of the page')
+    _children(process)['view'].suspend()
+    _, errors = process.communicate(timeout=WAIT_S)
+    assert process.returncode == 0, errors
+    assert errors.endswith('note: view did not end, or left processes behind, and had to be killed\n')
 
 
 @pytest.mark.long
