@@ -493,7 +493,8 @@ REFUSAL = Topic(
 )
 PLANNER_ALIVE = Topic(
     'unit_robot/alive', Header, REPORT, (PLANNER,), (TASK,),
-    'heartbeat: identity of the planner and the session that it knows of in the frame, a number in `stamp.sec`', '5 Hz',
+    'heartbeat: identity of the planner, the session that it knows of and the identifier (GID) of its publisher in the '
+    'frame, a number in `stamp.sec`', '5 Hz',
 )
 
 # operators
@@ -648,6 +649,18 @@ INJECT_FAULT = Service(
     'inject a fault, written as YAML in `load_namespace`; the answer is a sentence',
 )  # fmt: skip
 SERVICES = tuple(item for item in list(vars().values()) if isinstance(item, Service))
+
+
+def read_heartbeat(message: Header) -> tuple[str, str, str]:
+    """Return the identity, the session and the publisher that a heartbeat of a planner names; empty for none."""
+    words = [*message.frame_id.split(' '), '', '']
+    return words[0], words[1], words[2]
+
+
+def publishers_of(node: Node, topic: Topic) -> set[str]:
+    """Return the identifiers of all publishers of a topic, as hexadecimal digits."""
+    found = node.get_publishers_info_by_topic(node.resolve_topic_name(topic.name))
+    return {bytes(info.endpoint_gid).hex() for info in found}
 
 
 def second_writer(node: Node) -> Reason | None:

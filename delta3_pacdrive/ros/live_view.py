@@ -3,6 +3,7 @@
 The view is an operator like ``delta3 move``, in a process of its own.
 """
 
+import math
 import signal
 import time
 from contextlib import suppress
@@ -14,6 +15,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import discovery, domain, node_process
 from delta3_pacdrive.ros.page_scope import PageScope
 from delta3_pacdrive.ros.page_wishes import IN_MOTION, PageWishes
+from delta3_pacdrive.ros.present_robot import RobotWatch
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_reader import RobotReader
 from delta3_pacdrive.view.jog import Jog, Turn, parse
@@ -51,6 +53,8 @@ class LiveView:
         self._jog = Jog()
         self._wishes = PageWishes(page, robot, self._jog)
         self._scope = PageScope(page, robot)
+        self._watch = RobotWatch(robot.operator, page.tell, PICTURE_S, process)
+        self._progress_s = robot.operator.progress_s  # of the newest report
         self._session = ''
         self._planned = self._stands = 0  # changes of the path and of the cell that are drawn
         self._drawn_s = self._read_s = 0.0
@@ -63,7 +67,10 @@ class LiveView:
         self._stopping = True
 
     def run(self, patience_s: float) -> None:
-        """Draw until it is stopped; what the page has set off is held then. Raises RunError if no robot is found."""
+        """Draw until it is stopped, or its process has to join the domain anew; raises RunError if no robot is found.
+
+        When it is stopped, what the page has set off is held.
+        """
         try:
             self._go_on(time.monotonic() + patience_s)
         except RunInterruptedError:
@@ -75,6 +82,12 @@ class LiveView:
         found = False
         while True:
             self.spin_for(PICTURE_S)
+            if self._operator.progress_s > self._progress_s:
+                self._progress_s = self._operator.progress_s
+                self._watch.heard()
+            self._watch.look()
+            if self._process.rejoins:
+                return
             found = found or self._robot.here
             if not found and time.monotonic() > deadline:
                 raise RunError(f'no robot is up in namespace {self._operator.get_namespace()} (delta3 up)')
@@ -221,14 +234,27 @@ def run(page: Page, parameters: Parameters, namespace: str, patience_s: float = 
     """
     absolute = domain.namespace(namespace)
     discovery.keep_to_this_machine()
-    node_process.join()
-    process = node_process.Process()
-    operator = OperatorNode(process.spin_for, namespace=absolute)
-    process.add(operator)
-    view = LiveView(page, RobotReader(operator, parameters), process)
-    operator.spin_for = view.spin_for
-    try:
-        with interrupts.answered_by(view.stop, interrupts.PATIENCE_S):
-            view.run(patience_s)
-    finally:
-        node_process.leave(process)
+    shown: list[LiveView] = []
+
+    def stop() -> None:
+        for view in shown:
+            view.stop()
+
+    with interrupts.answered_by(stop, interrupts.PATIENCE_S):
+        while True:
+            node_process.join()
+            process = node_process.Process()
+            operator = OperatorNode(process.spin_for, namespace=absolute)
+            process.add(operator)
+            robot = RobotReader(operator, parameters)
+            shown[:] = [LiveView(page, robot, process)]
+            operator.spin_for = shown[0].spin_for
+            try:
+                if interrupts.asked():
+                    stop()
+                shown[0].run(patience_s)
+            finally:
+                node_process.leave(process)
+            if not process.rejoins:
+                return
+            parameters, patience_s = robot.parameters, math.inf

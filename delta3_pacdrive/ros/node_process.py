@@ -40,6 +40,11 @@ def rejoins() -> int:
     return _rejoins
 
 
+def is_rejoining() -> bool:
+    """Whether a node that is destroyed now will be made anew, as its process joins the domain again."""
+    return _current is not None and _current.rejoins
+
+
 class PartnerWatch:
     """Notices that a node hears nothing from a partner that it needs, and lets its process join the domain anew.
 
@@ -49,15 +54,19 @@ class PartnerWatch:
 
     Parameters
     ----------
-    node
-        Says so.
+    say
+        Called with a sentence when the process joins anew.
     period_s
         Time between two looks [s].
+    process
+        That joins anew; by default the one that ``run`` spins, if it has a single node.
 
     """
 
-    def __init__(self, node: Node, period_s: float) -> None:
-        self._node, self._period_s = node, period_s
+    def __init__(
+        self, say: Callable[[str], object], period_s: float, process: 'Process | None' = None
+    ) -> None:
+        self._say, self._period_s, self._process = say, period_s, process
         self._silent: dict[str, Watchdog] = {}  # by partner
 
     def heard(self, partner: str) -> None:
@@ -69,16 +78,15 @@ class PartnerWatch:
     def look(self, needed: Sequence[str], now_s: float) -> None:
         """Look which of the partners that are needed now are silent for too long."""
         self._silent = {name: silent for name, silent in self._silent.items() if name in needed}
+        process = self._process or (_current if _separate else None)
         patience_s = min(REJOIN_S * 2**_rejoins_in_vain, REJOIN_MAX_S)
         for partner in needed:
             if partner not in self._silent:
                 self._silent[partner] = Watchdog(self._period_s)
                 self._silent[partner].received(now_s)
-            elif self._silent[partner].silence_s(now_s) > patience_s and _separate and _current is not None:
-                self._node.get_logger().warning(
-                    f'no word of {partner} for {patience_s:g} s: leaves the domain and joins it anew'
-                )
-                _current.rejoin()
+            elif self._silent[partner].silence_s(now_s) > patience_s and process and not process.rejoins:
+                self._say(f'no word of {partner} for {patience_s:g} s: leaves the domain and joins it anew')
+                process.rejoin()
 
 
 SPIN_S = 0.1  # how long a signal may wait for the main thread
@@ -113,6 +121,8 @@ class Process:
 
     def rejoin(self) -> None:
         """End ``spin`` for another process of the same nodes to begin."""
+        global _rejoins, _rejoins_in_vain
+        _rejoins, _rejoins_in_vain = _rejoins + 1, _rejoins_in_vain + 1
         self.rejoins = True
         self.stop()
 
@@ -195,7 +205,7 @@ def run(
     leave_s: float | None = None,
 ) -> int:
     """Be the main function of a process: prepare, build the nodes, spin, clean up; return the exit status."""
-    global _separate, _current, _rejoins, _rejoins_in_vain  # noqa: PLW0603 (facts about the process)
+    global _separate, _current  # noqa: PLW0603 (facts about the process)
     _separate = len(factories) == 1
     _current = None
     asked_to_end = interrupts.Flag()
@@ -213,7 +223,8 @@ def run(
             # a bring-up in the background, or under nohup, ignores signals but sends them to its children
             if stopping != signal.SIGHUP or signal.getsignal(stopping) is not signal.SIG_IGN:
                 signal.signal(stopping, end)
-        while not asked_to_end:
+        begins = not asked_to_end
+        while begins:
             join(arguments)
             _current = process = Process()
             for factory in factories:
@@ -224,11 +235,12 @@ def run(
             memory.collect_often()
             if not asked_to_end:
                 process.spin()
-            if not process.rejoins:
-                break
-            leave(process, patience_s=leave_s or NODES_LEAVE_S)
-            _current = None
-            _rejoins, _rejoins_in_vain = _rejoins + 1, _rejoins_in_vain + 1
+            begins = (
+                process.rejoins
+            )  # also if it was asked to end meanwhile: the next nodes complete what these began
+            if begins:
+                leave(process, patience_s=leave_s or NODES_LEAVE_S)
+                _current = None
     except Delta3Error as error:
         print(f'error: {error}', file=sys.stderr)
         return 1

@@ -1,10 +1,10 @@
 """The transformation task's link to the planner: plans and motion profiles in, verdicts and status out.
 
 In: ``motion/plan`` (moves, faults and the order that ends them), ``motion/change`` (motion profiles),
-``unit_robot/alive`` (heartbeat of the planner: its identity and the session that it knows of, numbered in
-``stamp.sec``). Out: ``motion/status`` (latched, JSON: all that the planner has to know), ``motion/verdict`` (JSON: what
-became of an order or of a change), ``motion/refusal`` (the same for people, if it was refused), ``motion/course``
-(latched: what the master follows).
+``unit_robot/alive`` (heartbeat of the planner: its identity, the session that it knows of and its publisher; numbered
+in ``stamp.sec``). Out: ``motion/status`` (latched, JSON: all that the planner has to know), ``motion/verdict`` (JSON:
+what became of an order or of a change), ``motion/refusal`` (the same for people, if it was refused),
+``motion/course`` (latched: what the master follows).
 """
 
 import time
@@ -54,7 +54,7 @@ class PlannerLink:
         self._slices.cancel()
 
     def _on_alive(self, message: Header) -> None:
-        planner, _, session = message.frame_id.partition(' ')
+        planner, session, _ = interfaces.read_heartbeat(message)
         if self._orders.heard_planner(planner, session, message.stamp.sec, time.monotonic()):
             self._log.info(f'planner {planner}')
             self.tell_status()

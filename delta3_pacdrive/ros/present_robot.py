@@ -1,17 +1,19 @@
-"""The robot that is up, told apart from a recording that is played back: they publish in different sessions.
+"""The robot that is up, as its clients know it: which messages come from it, and whether it is still heard.
 
-Clients of ``motion/progress`` and ``motion/state`` ask it which messages to believe.
+A recording that is played back publishes in another session. Clients of ``motion/progress`` and ``motion/state`` ask
+which messages to believe.
 """
 
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
 from std_msgs.msg import Header
 
 from delta3_pacdrive.controller.task_status import MASTER_SILENT_S
-from delta3_pacdrive.ros import interfaces
+from delta3_pacdrive.ros import interfaces, node_process
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.sercos.words import Phase
 
@@ -19,8 +21,10 @@ from delta3_pacdrive.sercos.words import Phase
 class PresentRobot:
     """The session of the robot in the namespace of a node.
 
-    The planner publishes it with each heartbeat, which recordings of robots do not contain. Without heartbeats the
-    session that was heard first counts, for as long as reports of it arrive.
+    The planner publishes it with each heartbeat, together with the identifier of the heartbeat's publisher. Heartbeats
+    count only if the graph has that publisher, so those in a bag that is played back do not. The first planner counts
+    as long as it is heard. Without heartbeats the session that was heard first counts, for as long as reports of it
+    arrive.
 
     Parameters
     ----------
@@ -36,7 +40,7 @@ class PresentRobot:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._begun_s = time.monotonic()
+        self._undecided_s = time.monotonic()  # since when it is open which session is that of the robot
         self.session = ''
         self._cycles = 0.0  # of the newest report that was taken
         self._heard_s = self._planner_s = -math.inf
@@ -44,10 +48,12 @@ class PresentRobot:
         interfaces.PLANNER_ALIVE.subscription(node, self._on_alive)
 
     def _on_alive(self, message: Header) -> None:
-        planner, _, session = message.frame_id.partition(' ')
+        planner, session, publisher = interfaces.read_heartbeat(message)
         if planner != self._planner and self._planner_is_here:
             return
-        if session and session.encode() != NO_SESSION:
+        if session.encode() in (b'', NO_SESSION):
+            return
+        if publisher in interfaces.publishers_of(self._node, interfaces.PLANNER_ALIVE):
             self._planner, self._planned_in, self._planner_s = planner, session, time.monotonic()
 
     @property
@@ -74,12 +80,52 @@ class PresentRobot:
             present = self._planned_in
         elif now - self._heard_s < MASTER_SILENT_S:
             present = self.session
-        elif now - self._begun_s < MASTER_SILENT_S and not self.is_alone:
-            return False  # a heartbeat decides
         else:
+            self._undecided_s = min(self._undecided_s, now)
+            if now - self._undecided_s < MASTER_SILENT_S and not self.is_alone:
+                return False  # a heartbeat decides
             present = session
         if session != present or (session == self.session and cycles < self._cycles):
             return False
         self._cycles = cycles if cycles < math.inf else 0.0  # bus cycles count from CP4 on
-        self.session, self._heard_s = session, now
+        self.session, self._heard_s, self._undecided_s = session, now, math.inf
         return True
+
+
+class RobotWatch:
+    """Lets the process of a client join the domain anew if a robot is up but not heard.
+
+    A robot is taken for up if this participant has heard it, or knows publishers of its reports.
+
+    Parameters
+    ----------
+    node
+        The client.
+    say
+        Called with a sentence when its process joins anew.
+    period_s
+        Time between two looks [s].
+    process
+        That joins anew; by default that of a single node.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        say: Callable[[str], object],
+        period_s: float,
+        process: node_process.Process | None = None,
+    ) -> None:
+        self._node, self._was_heard = node, False
+        self._partners = node_process.PartnerWatch(say, period_s, process)
+
+    def heard(self) -> None:
+        """Note that the transformation task was heard."""
+        self._was_heard = True
+        self._partners.heard(interfaces.TASK)
+
+    def look(self) -> None:
+        """Look whether it is silent for too long."""
+        is_up = self._was_heard or self._node.count_publishers(interfaces.PROGRESS.name)
+        self._partners.look((interfaces.TASK,) if is_up else (), time.monotonic())

@@ -10,7 +10,7 @@ import pytest
 
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.ros import live_view, page_wishes
+from delta3_pacdrive.ros import live_view, page_wishes, present_robot
 from delta3_pacdrive.ros.live_view import LiveView
 from delta3_pacdrive.view.values import Facts, Wish
 
@@ -55,6 +55,7 @@ class Cell:
         self.cell = SimpleNamespace(now=SimpleNamespace(things=(), changes=0))
         self.stood: list[Any] = []  # what the page was told to draw around the robot
         self.state, self.in_control, self.queue = 'idle', False, SimpleNamespace(moves=0)
+        self.progress_s, self.rejoins, self.publishers, self.silent = 0.0, False, 1, False
         self.states = deque([self.state], ON_ITS_WAY_STEPS)
         self._tell_progress()
         self.view = LiveView(self, self, self)
@@ -95,6 +96,9 @@ class Cell:
             if self.held:
                 self.wishes.append(Wish('press', f'{self.held} 50', time_s=self.now))
 
+    def rejoin(self) -> None:
+        self.rejoins = True
+
     # page
 
     def tell(self, sentence: str, refused: bool = False) -> None:
@@ -115,7 +119,13 @@ class Cell:
 
     # what is known of the robot
 
+    def count_publishers(self, _: str) -> int:
+        return self.publishers
+
     def _tell_progress(self) -> None:
+        if self.silent:
+            return
+        self.progress_s = self.now
         self.progress = {'session': 'a', 'tcp_m': [0.0, 0.0, -0.75], 'state': self.states[0]}
 
     def learn(self) -> bool:
@@ -199,7 +209,7 @@ class Cell:
 @pytest.fixture
 def cell(robot: Parameters, monkeypatch: pytest.MonkeyPatch) -> Cell:
     made = Cell(robot)
-    for module in (live_view, page_wishes):
+    for module in (live_view, page_wishes, present_robot):
         monkeypatch.setattr(module, 'time', SimpleNamespace(monotonic=lambda: made.now))
     return made
 
@@ -424,3 +434,43 @@ def test_the_cell_is_drawn_once_when_it_is_known_and_again_when_it_is_another_on
     cell.at(1.5, lambda: known('belt', 'box'))
     cell.run(3.0)
     assert cell.stood == [('belt',), ('belt', 'box')]
+
+
+def test_a_page_that_does_not_hear_its_robot_any_more_joins_anew_and_asks_nothing_before(cell: Cell) -> None:
+    cell.at(5.0, lambda: setattr(cell, 'silent', True))
+    cell.click(24.99, 'start')
+    cell.run(OVER_S)
+    assert cell.rejoins
+    assert 25.0 < cell.now < 25.1
+    assert [sentence for sentence, _ in cell.told][-1].startswith('no word of transformation_task for 20 s')
+
+
+def test_a_page_that_joins_anew_goes_on_with_what_it_knows_of_the_robot(
+    robot: Parameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told, seen, left = robot.replace(motion__tcp_speed_limit_m_s=2.0), [], []
+
+    class View:
+        def __init__(self, page: Any, reader: Any, process: Any) -> None:
+            self.reader, self.process = reader, process
+            self.spin_for = process.spin_for
+
+        def run(self, patience_s: float) -> None:
+            seen.append((self.reader.parameters, patience_s))
+            self.reader.parameters = told
+            self.process.rejoins = len(seen) < 2
+
+    def process() -> Any:
+        return SimpleNamespace(rejoins=False, add=lambda _: None, spin_for=lambda _: None)
+
+    monkeypatch.setattr(live_view, 'LiveView', View)
+    monkeypatch.setattr(live_view, 'OperatorNode', lambda *_, **__: SimpleNamespace())
+    monkeypatch.setattr(
+        live_view, 'RobotReader', lambda _, known: SimpleNamespace(parameters=known, operator=None)
+    )
+    monkeypatch.setattr(
+        live_view, 'node_process', SimpleNamespace(join=lambda: None, Process=process, leave=left.append)
+    )
+    live_view.run(SimpleNamespace(), robot, '/', 3.0)
+    assert seen == [(robot, 3.0), (told, float('inf'))]
+    assert len(left) == 2

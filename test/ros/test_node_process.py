@@ -89,7 +89,7 @@ discovery.keep_to_this_machine()
 class Deaf(RobotNode):
     def __init__(self):
         super().__init__('deaf')
-        self.partners = node_process.PartnerWatch(self, 0.01)
+        self.partners = node_process.PartnerWatch(self.get_logger().warning, 0.01)
         self.now_s = 0.0
         self.create_timer(0.01, self.look)
         info, = self.get_publishers_info_by_topic('/parameter_events')
@@ -119,3 +119,34 @@ def test_a_node_that_hears_nobody_joins_the_domain_anew_until_it_hears_its_partn
     assert [int(count) for _, count in joined] == [0, 1, 2]
     assert errors.count('no word of master for 0.2 s') == 1
     assert errors.count('no word of master for 0.4 s') == 1  # twice as long
+
+
+# asked to end in the moment in which it joins anew
+ENDED = """
+import os, signal
+from delta3_pacdrive.ros import discovery, node_process
+from delta3_pacdrive.ros.robot_node import RobotNode
+discovery.keep_to_this_machine()
+
+class Recorder(RobotNode):
+    def __init__(self):
+        super().__init__('recorder')
+        self.create_timer(0.01, self.look)
+
+    def look(self):
+        node_process._current.rejoin()
+
+    def destroy_node(self):
+        print('kept' if node_process.is_rejoining() else 'completed', flush=True)
+        os.kill(os.getpid(), signal.SIGTERM)
+        super().destroy_node()
+
+raise SystemExit(node_process.run([Recorder], []))
+"""
+
+
+def test_a_node_that_is_ended_while_it_joins_anew_completes_what_it_has_begun(graph: object) -> None:
+    done = subprocess.run(
+        [sys.executable, '-P', '-c', ENDED], capture_output=True, text=True, timeout=120.0, check=False
+    )
+    assert (done.returncode, done.stdout.split()) == (0, ['kept', 'completed']), done.stderr

@@ -1,6 +1,7 @@
 """Facts about clients of a robot while a recording is played back: they believe the session of the robot that is up."""
 
 import json
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ from delta3_pacdrive.bringup.monitor import RobotMonitor
 from delta3_pacdrive.controller.messages import QueueReport
 from delta3_pacdrive.controller.task_status import MASTER_SILENT_S
 from delta3_pacdrive.ros import interfaces, present_robot
-from delta3_pacdrive.ros.present_robot import PresentRobot
+from delta3_pacdrive.ros.present_robot import PresentRobot, RobotWatch
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from planner_client import progress_text
 
@@ -33,6 +34,15 @@ class Clock:
         return self.now_s
 
 
+class Joined:
+    """A process that only notes that it has to join the domain anew."""
+
+    rejoins = False
+
+    def rejoin(self) -> None:
+        self.rejoins = True
+
+
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     found = Clock()
@@ -41,10 +51,11 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 class Graph:
-    """A node whose graph consists of the names of those who publish ``motion/progress``."""
+    """A node whose graph has the same writers for every topic; the heartbeats have that of the planner as well."""
 
     def __init__(self, *writers: str) -> None:
         self.writers = writers
+        self.planners = {'planner'}
         self.heartbeat: Any = None
 
     def create_subscription(self, _type: Any, _topic: str, take: Any, *_: Any, **_more: Any) -> None:
@@ -53,12 +64,16 @@ class Graph:
     def resolve_topic_name(self, name: str) -> str:
         return name
 
-    def get_publishers_info_by_topic(self, _: str) -> list[Any]:
-        return [type('Writer', (), {'node_name': name}) for name in self.writers]
+    def get_publishers_info_by_topic(self, topic: str) -> list[SimpleNamespace]:
+        names = (*self.writers, *(self.planners if topic == interfaces.PLANNER_ALIVE.name else ()))
+        return [SimpleNamespace(node_name=name, endpoint_gid=name.encode()) for name in names]
+
+    def count_publishers(self, _: str) -> int:
+        return len(self.writers)
 
 
 def beat(graph: Graph, session: str, planner: str = 'planner') -> None:
-    graph.heartbeat(Header(frame_id=f'{planner} {session}'))
+    graph.heartbeat(Header(frame_id=f'{planner} {session} {planner.encode().hex()}'))
 
 
 def test_a_robot_that_is_alone_is_believed_at_once(clock: Clock) -> None:
@@ -94,7 +109,52 @@ def test_the_session_that_was_heard_first_counts_without_heartbeats_until_it_is_
     assert not present.takes(report(PLAYED))
     assert present.takes(report(LIVE))
     clock.now_s += MASTER_SILENT_S + 1e-6
+    assert not present.takes(report(PLAYED))  # the client itself may have been held up
+    clock.now_s += MASTER_SILENT_S
     assert present.takes(report(PLAYED))
+
+
+def test_a_client_that_was_held_up_goes_on_with_the_robot_and_not_with_the_recording(clock: Clock) -> None:
+    graph = Graph('transformation_task', 'rosbag2_player')
+    present = PresentRobot(graph)
+    beat(graph, LIVE)
+    assert present.takes(report(LIVE))
+    clock.now_s += 10.0
+    assert not present.takes(report(PLAYED))
+    beat(graph, LIVE)
+    assert present.takes(report(LIVE))
+
+
+@pytest.mark.parametrize('first', [LIVE, PLAYED])
+def test_heartbeats_in_a_bag_do_not_count_whichever_comes_first(clock: Clock, first: str) -> None:
+    """A bag of "ros2 bag record -a" names a publisher that this graph does not have."""
+    graph = Graph('transformation_task', 'rosbag2_player')
+    present = PresentRobot(graph)
+    beats = {LIVE: 'planner', PLAYED: 'recorded'}
+    for session in (first, LIVE, PLAYED):
+        beat(graph, session, beats[session])
+        assert not present.takes(report(PLAYED))
+    assert present.takes(report(LIVE))
+    clock.now_s += MASTER_SILENT_S - 1e-6
+    beat(graph, PLAYED, 'recorded')
+    beat(graph, LIVE)
+    assert present.is_planner('planner')
+    assert not present.is_planner('recorded')
+    clock.now_s += MASTER_SILENT_S - 1e-6
+    assert not present.takes(report(PLAYED))
+    assert present.takes(report(LIVE))
+
+
+def test_the_planner_that_is_known_counts_before_another_one_until_it_is_silent(clock: Clock) -> None:
+    graph = Graph('transformation_task')
+    graph.planners |= {'second'}
+    present = PresentRobot(graph)
+    beat(graph, LIVE)
+    beat(graph, 'dddd', 'second')
+    assert (present.is_planner('planner'), present.is_planner('second')) == (True, False)
+    clock.now_s += MASTER_SILENT_S
+    beat(graph, 'dddd', 'second')
+    assert (present.is_planner('planner'), present.is_planner('second')) == (False, True)
 
 
 def test_a_new_session_of_the_robot_counts_as_soon_as_its_planner_is_in_it(clock: Clock) -> None:
@@ -113,9 +173,10 @@ def test_heartbeats_of_another_planner_and_of_none_count_only_if_the_known_one_i
 ) -> None:
     graph = Graph('transformation_task', 'rosbag2_player')
     present = PresentRobot(graph)
+    graph.planners |= {'recorded'}
     beat(graph, LIVE)
     beat(graph, PLAYED, 'recorded')
-    graph.heartbeat(Header(frame_id='planner 0000'))
+    beat(graph, '0000')
     graph.heartbeat(Header(frame_id=''))
     assert present.takes(report(LIVE))
     assert (present.is_planner('planner'), present.is_planner('recorded')) == (True, False)
@@ -157,8 +218,9 @@ def test_a_state_that_came_before_the_robot_was_known_to_be_alone_is_taken_from_
         ),
         'the robot alone',
     )
+    (publisher,) = interfaces.publishers_of(task, interfaces.PLANNER_ALIVE)
     while not operator.progress:
-        alive.publish(Header(frame_id=f'planner {LIVE}'))
+        alive.publish(Header(frame_id=f'planner {LIVE} {publisher}'))
         told.publish(String(data=json.dumps(report(LIVE, 500, state='idle'))))
         graph.spin_for(0.05)
     assert operator.state == 'idle'
@@ -170,16 +232,18 @@ def test_clients_see_the_robot_and_not_the_recording(graph: Any) -> None:
     states = [interfaces.MOTION_STATE.publisher(node) for node in (task, player)]
     queues = [interfaces.QUEUE.publisher(node) for node in (task, player)]
     alive = interfaces.PLANNER_ALIVE.publisher(task)
+    (publisher,) = interfaces.publishers_of(task, interfaces.PLANNER_ALIVE)
+    beats = [interfaces.PLANNER_ALIVE.publisher(player), alive]  # of a bag of everything, and of the robot
     operator = graph.add(OperatorNode, graph.spin_for)
     monitor = graph.add(RobotMonitor, '/')
-    alive.publish(Header(frame_id=f'planner {LIVE}'))
     seen: set[Any] = set()
     left = ROUNDS
     while left:
         left -= 1
         if left > MORE and operator.queue and monitor.refusal and operator.state:
             left = MORE
-        alive.publish(Header(frame_id=f'planner {LIVE}'))
+        beats[0].publish(Header(frame_id=f'recorded {PLAYED} {"0f" * 16}'))
+        beats[1].publish(Header(frame_id=f'planner {LIVE} {publisher}'))
         told[1].publish(String(data=json.dumps(report(PLAYED, 9000, state='moving', fault='recorded'))))
         states[1].publish(String(data='moving'))
         told[0].publish(String(data=json.dumps(report(LIVE, 500, state='idle', fault=''))))
@@ -196,3 +260,31 @@ def test_clients_see_the_robot_and_not_the_recording(graph: Any) -> None:
     assert operator.queue is not None
     assert operator.queue.moves == 3
     assert monitor.refusal == 'planner'
+
+
+@pytest.mark.parametrize('was_heard', [False, True])
+def test_a_client_joins_anew_if_a_robot_is_up_but_not_heard(clock: Clock, was_heard: bool) -> None:
+    graph, process, said = Graph('transformation_task'), Joined(), []
+    watch = RobotWatch(graph, said.append, 0.1, process)
+    if was_heard:  # and its publishers are lost
+        watch.heard()
+        graph.writers = ()
+    for _ in range(201):
+        watch.look()
+        assert not process.rejoins
+        clock.now_s += 0.1
+    watch.look()
+    watch.look()
+    assert process.rejoins
+    assert said == ['no word of transformation_task for 20 s: leaves the domain and joins it anew']
+
+
+def test_a_client_waits_for_a_robot_in_peace_and_does_not_leave_one_that_it_hears(clock: Clock) -> None:
+    graph, process = Graph(), Joined()
+    waiting, hearing = (RobotWatch(graph, print, 0.1, process) for _ in range(2))
+    for _ in range(1000):
+        hearing.heard()
+        hearing.look()
+        waiting.look()
+        clock.now_s += 0.1
+    assert not process.rejoins

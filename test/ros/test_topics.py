@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.progress_report import read_progress
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, LATCHED_FROM_MANY, REPORT
@@ -253,3 +254,6 @@ def test_planner_and_operator_send_heartbeats_with_rising_numbers(driven: Driven
         assert len({message.frame_id for message in found}) == 1
         numbers = [message.stamp.sec for message in found]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    planner, _, publisher = interfaces.read_heartbeat(beats['unit_robot/alive'][-1])
+    assert planner == driven.operator.queue.identity
+    assert {publisher} == interfaces.publishers_of(driven.graph.listener, interfaces.PLANNER_ALIVE)

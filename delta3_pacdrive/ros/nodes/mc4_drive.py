@@ -76,7 +76,7 @@ class MC4DriveNode(RobotNode):
         self.drive = bus_drive.drive
         self._settings = DriveParameters(self, axis, bus_drive.register)
         self._participant = Participant(self, axis, parameters)
-        self._partners = node_process.PartnerWatch(self, HOUSEKEEPING_S)
+        self._partners = node_process.PartnerWatch(self.get_logger().warning, HOUSEKEEPING_S)
         self._is_stranger = False
         self._scope = DriveScopeServer(self, axis, bus_drive, drives_of(parameters))
         self.report = DriveReport(self, axis, bus_drive, telegrams)

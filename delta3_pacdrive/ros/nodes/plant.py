@@ -52,7 +52,7 @@ class PlantNode(RobotNode):
         around = (cell.inputs, cell.belts) if cell else ()
         self._participant = Participant(self, PLANT, parameters, *around)
         self.announce = self._participant.announce
-        self._partners = node_process.PartnerWatch(self, HOUSEKEEPING_S)
+        self._partners = node_process.PartnerWatch(self.get_logger().warning, HOUSEKEEPING_S)
         self._is_stranger = False
         faults = Faults(self, PLANT, lambda: plant.clock.cycle, lambda: plant.slave.session)
         self._bus_plant = plant = BusPlant(

@@ -3,6 +3,8 @@
 Out: ``recorder/state``, latched: ``recording``, or ``stopped: ...`` with the reason. A recorder that cannot write any
 more, for want of space, says so and goes on living: it never stops a machine.
 
+A recorder that hears nothing of a robot that is up joins the domain anew and goes on with its bag.
+
 It is longer than other nodes because it has topics of whole robots instead of some of its own.
 """
 
@@ -18,15 +20,17 @@ from std_msgs.msg import String
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording.bag_writer import FLUSH_S
-from delta3_pacdrive.recording.recording import Recording
+from delta3_pacdrive.recording.recording import Recording, Write
 from delta3_pacdrive.ros import discovery, node_process
-from delta3_pacdrive.ros.interfaces import PHASE, PLAN, RECORDED, RECORDER_STATE, Topic
+from delta3_pacdrive.ros.interfaces import PHASE, PLAN, PROGRESS, RECORDED, RECORDER_STATE, Topic
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot, overrides
 from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.present_robot import RobotWatch
 from delta3_pacdrive.ros.told_parameters import ToldParameters
 
 DRAIN_S = 0.02
 QUIET_S = 0.2  # without a message: all that was published has arrived
+_rejoining: 'dict[Path, RecorderNode]' = {}  # whose bags the next nodes of this process go on with
 
 
 class RecorderNode(PollingNode):
@@ -42,8 +46,14 @@ class RecorderNode(PollingNode):
         parameters = declare_robot(self, 'recorder')
         if not folder:
             raise RunError('the recorder needs a folder: parameter bag')
-        self._recording = Recording(Path(folder), program, parameters)
-        self._rotary = parameters.rotary.present
+        self._before = before = _rejoining.pop(Path(folder), None)
+        self._recording: Recording = (
+            before._recording if before else Recording(Path(folder), program, parameters)
+        )
+        self._writes: dict[str, Write] = before._writes if before else {}  # by name of the topic
+        self._sent_ns: dict[str, int] = {}  # when the newest message of a topic was published
+        self._rotary: bool = before._rotary if before else parameters.rotary.present
+        self._robot = RobotWatch(self, self.get_logger().warning, FLUSH_S)
         self._drains = [
             self._subscribe(topic, name) for topic in RECORDED for name in topic.names_of(self._rotary)
         ]
@@ -51,8 +61,10 @@ class RecorderNode(PollingNode):
         self._ready = self._said_stopped = False
         self._begin_ns = time.time_ns()
         self._newest_ns = 0  # when the newest message was published
-        self._recording.bag.begin()
-        self._told = ToldParameters(self) if asks else None
+        if before is None:
+            self._recording.bag.begin()
+        asks &= before is None or before._told is not None
+        self._told: ToldParameters | None = ToldParameters(self) if asks else None
         self.create_timer(DRAIN_S, self._drain)
         self.create_timer(FLUSH_S, self._flush)
 
@@ -60,12 +72,15 @@ class RecorderNode(PollingNode):
         """Return the call that records what has come on a topic."""
         qos = topic.delivery.recorder
         latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        depth = topic.delivery.subscription.depth if latched else qos.depth  # a player of the bag offers it
-        write = self._recording.add_topic(self.resolve_topic_name(name), topic.type_name, depth, latched)
-        if topic is PHASE:
-            write = self._recording.add_phases(write)
-        elif topic.cyclic:
-            write = self._recording.add_cyclic_topic(name, topic.of_exchange, write)
+        if name not in self._writes:
+            depth = (
+                topic.delivery.subscription.depth if latched else qos.depth
+            )  # a player of the bag offers it
+            self._writes[name] = self._writer(topic, name, depth, latched)
+        write = self._writes[name]
+        # what is latched comes once more to a participant that has joined anew
+        known_ns = self._before._sent_ns.get(name, 0) if self._before and latched else 0
+        self._sent_ns[name] = known_ns
         take = self.create_polled_subscription(topic.type, name, qos)
         # A plan that reaches a busy recorder late still stands before what was made of it.
         published = topic.delivery is PLAN
@@ -73,11 +88,23 @@ class RecorderNode(PollingNode):
         def drain() -> None:
             while (taken := take()) is not None:
                 data, info = taken
+                if topic is PROGRESS:
+                    self._robot.heard()
+                if info['source_timestamp'] <= known_ns:
+                    continue
+                self._sent_ns[name] = max(self._sent_ns[name], info['source_timestamp'])
                 sent_ns = max(info['source_timestamp'], self._begin_ns)
                 write(sent_ns if published else info['received_timestamp'], data)
                 self._newest_ns = max(self._newest_ns, info['source_timestamp'])
 
         return drain
+
+    def _writer(self, topic: Topic, name: str, depth: int, latched: bool) -> Write:
+        """Announce a topic in the bag; return the call that writes a message of it."""
+        write = self._recording.add_topic(self.resolve_topic_name(name), topic.type_name, depth, latched)
+        if topic is PHASE:
+            return self._recording.add_phases(write)
+        return self._recording.add_cyclic_topic(name, topic.of_exchange, write) if topic.cyclic else write
 
     def _drain(self) -> None:
         for drain in self._drains:
@@ -86,6 +113,7 @@ class RecorderNode(PollingNode):
 
     def _flush(self) -> None:
         self._recording.bag.flush()
+        self._robot.look()
         self._learn()
         self._announce()
 
@@ -148,7 +176,13 @@ class RecorderNode(PollingNode):
         return self._recording.completeness()
 
     def destroy_node(self) -> None:
-        """Close the bag."""
+        """Close the bag, unless the process joins the domain anew: then the next node goes on with it."""
+        if node_process.is_rejoining():
+            self._drain()
+            self._before = None
+            _rejoining[self._recording.bag.path] = self
+            super().destroy_node()
+            return
         if self._told is not None:
             self.get_logger().warning(
                 'the robot has not told its parameters: the metadata has those of delta3 up'

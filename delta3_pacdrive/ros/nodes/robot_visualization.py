@@ -41,6 +41,7 @@ from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.planner_link import ROW_BYTES_MAX
 from delta3_pacdrive.ros.polling import PollingNode
+from delta3_pacdrive.ros.present_robot import RobotWatch
 from delta3_pacdrive.ros.publishers import Output
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_markers import RobotMarkers
@@ -111,6 +112,7 @@ class RobotVisualizationNode(PollingNode):
         self._turn_rad = self._robot.rotary.home_rad  # until the robot tells it
         self._ticks = 0
         self._time_s = 0.0  # of the bus
+        self._present = RobotWatch(self, self.get_logger().warning, LOOK_S)
         self._cell: CellReader | None = None
         self._cell_markers = CellMarkers()
         MOTION_PLAN.bounded_subscription(
@@ -123,6 +125,7 @@ class RobotVisualizationNode(PollingNode):
 
     def _look(self) -> None:
         """Begin to listen when somebody wants to see something, and end it afterwards."""
+        self._present.look()
         self._bus_clock.look()
         shown = self._output.wanted
         self._joints.listen(shown or self._bus_clock.wanted)
@@ -186,6 +189,7 @@ class RobotVisualizationNode(PollingNode):
         self._markers.plan(self._planned.points_m)
 
     def _on_status(self, message: String) -> None:
+        self._present.heard()
         self._planned.look(Status.from_json(message.data))
         self._markers.plan(self._planned.points_m)
 

@@ -59,13 +59,15 @@ class UnitRobotNode(PollingNode):
         if path:
             program = rest_of(programs.load(path, robot.motion, outputs), own['first_statement'], robot)
         self._participant = Participant(self, UNIT_ROBOT, robot)
-        self._partners = node_process.PartnerWatch(self, LOOK_S)
+        self._partners = node_process.PartnerWatch(self.get_logger().warning, LOOK_S)
         self._identity = identity = self._participant.instance
         cycles = Clock(robot.bus.cycle_time_s)
         self._newest = NewestCycle(self, cycles, self._known_cycle)
         self._planner = planner = Planner(robot, identity, program, self._newest, tolerances)
         self._thread = PlanningThread(robot, self.get_logger().error, outputs)
+        others = interfaces.publishers_of(self, interfaces.PLANNER_ALIVE)
         self._alive = interfaces.PLANNER_ALIVE.publisher(self)
+        self._publisher = ' '.join(interfaces.publishers_of(self, interfaces.PLANNER_ALIVE) - others)
         interfaces.STATUS.bounded_subscription(self, self._on_status)
         interfaces.COURSE.bounded_subscription(self, self._on_profile, ROW_BYTES_MAX)
         interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
@@ -148,9 +150,9 @@ class UnitRobotNode(PollingNode):
         self._carry_out()
 
     def _beat(self) -> None:
-        """Let the transformation task know that this planner is there, and which session it knows of."""
+        """Publish that this planner is there, which session it knows of, and which publisher says so."""
         self._beats += 1
-        message = Header(frame_id=f'{self._identity} {self._session().decode()}')
+        message = Header(frame_id=f'{self._identity} {self._session().decode()} {self._publisher}')
         message.stamp.sec = self._beats
         self._alive.publish(message)
 

@@ -169,6 +169,41 @@ def test_the_robot_that_is_recorded_is_the_one_of_the_namespace_that_is_asked_fo
     assert topics == {f'/cell2/{topic}' for topic in EVERY_TOPIC}
 
 
+def test_a_recorder_that_joins_anew_goes_on_with_its_bag(
+    graph: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is latched comes to it once more, and is not recorded twice; what it has not heard is missing."""
+    studio = Studio(graph, tmp_path / 'bag')
+    told = graph.listener.create_publisher(String, 'motion/state', LATCHED)
+    studio.phase.publish(Header(frame_id='CP4 3fa9'))
+    told.publish(String(data='idle'))
+    for cycle in (0, 1):
+        studio.say(cycle)
+    graph.spin_until(lambda: studio.counts() == (2, 0), 'two messages')
+    with monkeypatch.context() as patch:
+        patch.setattr(node_process, 'is_rejoining', lambda: True)
+        studio.close()
+    studio.say(2)
+    studio.recorder = graph.add(RecorderNode, bag=str(tmp_path / 'bag'), **lists(parameters.load()))
+    heard = graph.listen(String, 'recorder/state', LATCHED)
+    graph.spin_until(studio.phase.get_subscription_count, 'the recorder')
+    for cycle in (3, 4):
+        studio.say(cycle)
+    graph.spin_until(lambda: studio.counts() == (4, 1), 'two more')
+    told.publish(String(data='moving'))
+    graph.spin_for(SOON_S)
+    studio.close()
+    _, meta = closed_bag(tmp_path / 'bag')
+    assert meta['lost'] == {'motion/master': 1}
+    assert not heard
+    with Reader(tmp_path / 'bag') as reader:
+        topics = [connection.topic for connection, _, _ in reader.messages()]
+        assert len(reader.connections) == len(EVERY_TOPIC)
+    assert {name: topics.count(name) for name in set(topics)} == {
+        '/motion/master': 4, '/motion/state': 2, '/sercos/phase': 1,
+    }  # fmt: skip
+
+
 def test_a_recorder_without_a_folder_is_none(graph: Any, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RunError, match='the recorder needs a folder: parameter bag'):
