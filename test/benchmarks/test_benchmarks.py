@@ -5,14 +5,17 @@ import os
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
-from delta3_pacdrive.benchmarks import graph, simulation
-from delta3_pacdrive.benchmarks.case import in_child
+from delta3_pacdrive.benchmarks import graph, motion, robots, shaping, simulation
+from delta3_pacdrive.benchmarks.case import in_child, program_file
 from delta3_pacdrive.bringup import scheduling
 from delta3_pacdrive.cli import bench
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.motion import program_planner
 
 
 def run(capsys, *arguments):
@@ -26,6 +29,108 @@ def test_array_kinematics_come_back_to_where_they_began(capsys, monkeypatch):
     result = run(capsys, 'kinematics')
     assert result['round_trip_max_m'] < 2e-15
     assert set(result['poses_per_s']) == {'inverse', 'forward', 'jacobian', 'singularity', 'capability'}
+
+
+def test_a_rate_is_compared_with_the_aim_of_its_own_direction(capsys):
+    """Ten million inverse and five million forward solutions a second; no aim for the others."""
+    rates = {name: {'median': 4e6, 'best': 6e6} for name in ('inverse', 'forward', 'jacobian')}
+    simulation.show_kinematics({'poses_per_s': rates, 'round_trip_max_m': 1.5e-15, 'poses': 1000})
+    assert [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()] == [
+        'inverse 4.0 M poses/s median, 6.0 best, 0.40 of the aim',
+        'forward 4.0 M poses/s median, 6.0 best, 0.80 of the aim',
+        'jacobian 4.0 M poses/s median, 6.0 best',
+        'round trip 1.5e-15 m at most, 1000 poses',
+    ]
+
+
+@pytest.mark.parametrize('seconds', [1.0, 6.0, 60.0])
+def test_the_program_of_a_benchmark_lasts_about_as_long_as_asked_for(seconds, robot, tmp_path):
+    program = programs.load(program_file(seconds, str(tmp_path)), robot.motion)
+    once = programs.load('experiment1', robot.motion)
+    period = program_planner.plan(once, once.start_m, robot).plan.duration_s
+    planned = program_planner.plan(program, program.start_m, robot)
+    assert planned.plan.duration_s == pytest.approx(seconds, abs=0.51 * period + 0.1)
+
+
+def test_the_benchmark_of_motions_counts_rounds_and_gives_bounds_in_their_order(monkeypatch, capsys):
+    for name, value in (
+        ('ROUNDS', 1),
+        ('PICKS', 2),
+        ('PICK_ROUNDS', 1),
+        ('PACKAGING', ('packaging', 'packaging_stops')),
+    ):
+        monkeypatch.setattr(motion, name, value)
+    result = run(capsys, 'motion', '--no-graph')
+    for name, rounds_a_minute in (('packaging', 150.9), ('packaging_stops', 133.0)):
+        facts = result['packaging'][name]
+        assert facts['per_minute'] == pytest.approx(rounds_a_minute, abs=0.5)
+        assert facts['per_minute'] * facts['cycle_s'] == pytest.approx(60.0)
+    bounds = result['packaging']['bounds']
+    assert bounds['motors alone'] < bounds['free jerk'] < bounds['planned'] == pytest.approx(0.1688, abs=1e-3)
+    assert result['errors']['circle_m'] < 1e-6
+    assert result['errors']['cruise_speed'] < 1e-3
+    motion.show(
+        result | {'packaging': result['packaging'] | {'packaging_fast': result['packaging']['packaging']}}
+    )
+    assert '150.9 per minute' in capsys.readouterr().out
+
+
+def test_the_speed_of_robots_together_is_the_sum_of_theirs(capsys):
+    own = {
+        'cycles': 10_000,
+        'overruns': 5,
+        'lateness_ms': times(0.25),
+        'lost_telegrams': 3,
+        'notes': ['note'],
+    }
+    fast = {
+        'crowded': 'crowded',
+        'robots': {f'/robot{n}': own | {'bus_time_s': 10.0, 'wall_time_s': 2.0 + n} for n in (0, 2)},
+    }
+    slow = {'crowded': '', 'robots': {'/': own | {'bus_time_s': 10.0, 'wall_time_s': 10.0}}}
+    robots.show({'one': slow, 'fast': fast, 'several': {'robots': {}, 'crowded': '', 'error': 'too busy'}})
+    rows = [' '.join(line.split()) for line in capsys.readouterr().out.splitlines() if line]
+    assert rows == [
+        'one robot, real time',
+        '/ 10000 cycles, 5 overruns (0.050%), cycle start late 0.25 / 1.25 / 2.25 / 3.25 ms, 3 lost AT',
+        'note',
+        '2 robots, as fast as possible',
+        'crowded',
+        '/robot0 10000 cycles, 5.00 x real time, 3 lost AT',
+        'note',
+        '/robot2 10000 cycles, 2.50 x real time, 3 lost AT',
+        'note',
+        'together 7.5 x real time',
+        'several: too busy',
+        'times as p50 / p99 / p99.9 / max',
+    ]
+
+
+def test_the_benchmark_of_shaping_counts_the_moves_by_their_reduction(monkeypatch):
+    """Forty moves, of which the shaped ones swing less by 0.5, 1.5 ... 39.5 dB, and take 10 ms longer."""
+    seen, shaped = [], iter(range(40))
+
+    def swing(move, program, planned, one):
+        seen.append(program.payload_kg)
+        return 1e-3 if one.control.shaping == 'none' else 1e-3 * 10.0 ** (-(next(shaped) + 0.5) / 20.0)
+
+    def plan(program, one):
+        move = SimpleNamespace(duration_s=0.2 if one.control.shaping == 'none' else 0.21)
+        return SimpleNamespace(plan=SimpleNamespace(move=lambda _: move))
+
+    monkeypatch.setattr(shaping, 'swing_after', swing)
+    monkeypatch.setattr(shaping.simulation, 'plan_of', plan)
+    found = shaping.measure(40, ('none', 'zv'), ('built',))['robots']['built']
+    assert found['none']['swing_median_m'] == found['none']['swing_max_m'] == 1e-3
+    assert found['none']['less_median_db'] == found['none']['longer_s'] == 0.0
+    one = found['zv']
+    assert one['longer_s'] == pytest.approx(0.01)
+    assert [one[key] for key in ('less_min_db', 'less_5_percent_db', 'less_median_db')] == pytest.approx(
+        [0.5, 2.45, 20.0]
+    )
+    assert one['promised_share'] == 0.5
+    assert one['swing_max_m'] == pytest.approx(1e-3 * 10.0 ** (-0.5 / 20.0))
+    assert 0.0 <= min(seen) < 0.4 < 1.6 < max(seen) <= 2.0
 
 
 def test_mujoco_moves_the_same_mechanism_to_the_same_place(capsys):
@@ -147,6 +252,47 @@ def test_an_option_of_another_benchmark_is_refused_by_name(arguments, reason, ca
     with pytest.raises(SystemExit):
         bench.main(arguments)
     assert reason in capsys.readouterr().err
+
+
+class Measured:
+    """A process that takes 0.45 s of processor time between two looks, and 60 MiB of memory."""
+
+    def __init__(self, pid):
+        self.times = iter([(1.0, 0.5), (1.25, 0.7)])
+        self.pid = pid
+
+    def cpu_times(self):
+        return SimpleNamespace(**dict(zip(('user', 'system'), next(self.times), strict=True)))
+
+    def memory_full_info(self):
+        return SimpleNamespace(pss=60 * 2**20)
+
+
+class Robot:
+    """A robot of two processes that is looked at in bus cycles 100 and 1900."""
+
+    def __init__(self, options):
+        self.options = options
+
+    def processes(self):
+        return [SimpleNamespace(name=name, pid=n) for n, name in enumerate(('plant', 'mc4_drive_1'))]
+
+    def run(self, show):
+        for cycles, finished in ((100, False), (1000, False), (1900, True)):
+            show({'cycles': cycles, 'finished': finished})
+        return {'cycles': 1900}
+
+
+def test_processor_time_is_that_of_all_processes_over_the_cycles_between_two_looks(monkeypatch):
+    monkeypatch.setattr(graph, 'in_child', lambda action: action())
+    monkeypatch.setattr(graph, 'give_up_real_time', lambda: None)
+    monkeypatch.setattr('psutil.Process', Measured)
+    monkeypatch.setattr('delta3_pacdrive.bringup.bringup.Bringup', Robot)
+    found = graph.measure(1.0, ['single'], ['ordinary'], True)['single']['ordinary']
+    assert found['us_per_cycle'] == pytest.approx(1e6 * 2 * 0.45 / 1800)
+    assert found['cores'].keys() == {'plant', 'mc4_drive_1'}
+    assert found['cores']['plant'] == found['cores']['mc4_drive_1'] > 0.0
+    assert found['memory_mib'] == {'plant': 60.0, 'mc4_drive_1': 60.0}
 
 
 def test_who_has_given_up_real_time_is_an_ordinary_user():

@@ -3,6 +3,7 @@
 import json
 import math
 
+import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters
@@ -80,6 +81,29 @@ def test_learned_torques_are_learned_on_the_robot_that_is_driven():
         found[name][control.NOMINAL]['error_max_m'] for name in ('feed-forward', control.LEARNED)
     )
     assert learned < 0.5 * plain
+
+
+def test_the_true_error_is_that_of_the_true_tcp_and_heat_grows_with_the_square_of_the_current(monkeypatch):
+    traces, run = [], control.simulation.run
+
+    def driven(*arguments, machine, **options):
+        traces.append((run(*arguments, machine=machine, **options), machine))
+        return traces[-1][0]
+
+    monkeypatch.setattr(control.simulation, 'run', driven)
+    row = control.measure(['off'], [control.BUILT])['controllers']['off'][control.BUILT]
+    trace, machine = traces[0]
+    first, last = trace.meta['start_cycle'], trace.meta['end_cycle'] + 100
+    cycles = np.arange(len(trace.time_s), dtype=float)
+    ago = np.clip(cycles - machine.following_error_delay_cycles + 1.0, 0.0, None)
+    due = np.transpose([np.interp(ago, cycles, column) for column in trace['tcp_command'].T])
+    off, by_encoders = (
+        np.linalg.norm(due - trace[name], axis=1)[first:last] for name in ('tcp_true', 'tcp_actual')
+    )
+    assert row['error_max_m'] == pytest.approx(by_encoders.max(), rel=0.02)
+    assert row['true_error_max_m'] == pytest.approx(off.max(), rel=0.02)
+    assert row['true_error_rms_m'] == pytest.approx(np.sqrt((off**2).mean()), rel=0.03)
+    assert row['heat'] == pytest.approx((row['rms_current_a'] / 4.1) ** 2)
 
 
 def test_a_run_that_fails_is_told_in_its_place(monkeypatch, capsys):

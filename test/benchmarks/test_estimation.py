@@ -1,7 +1,12 @@
 """What ``delta3 bench estimation`` counts: how often intervals hold the truth."""
 
+from types import SimpleNamespace
+
 import pytest
 
+from delta3_pacdrive.analysis.estimation.identifiability import Verdict
+from delta3_pacdrive.analysis.estimation.quantities import values_of
+from delta3_pacdrive.analysis.estimation.solver import Estimate
 from delta3_pacdrive.benchmarks import estimation
 from delta3_pacdrive.cli import bench
 
@@ -20,6 +25,32 @@ def test_each_seed_counts_once_for_each_quantity_of_a_nominal_robot():
     # widths are of 95 %: with noise of typical sensors a few seeds are off by some deviations at most
     assert all(0.0 < width < found['identifiable_below'] for width in found['half_width_relative'].values())
     assert all(abs(error) < 4.0 for error in found['mean_error_in_deviations'].values())
+
+
+def test_an_interval_holds_the_truth_if_it_is_within_both_of_its_ends(robot, monkeypatch):
+    """Four fits of which R is off by -2, -0.5, 0.5 and 2 half widths, and K_m never."""
+    true, off, started = values_of(robot), iter([-2.0, -0.5, 0.5, 2.0]), []
+    for name in ('simulate', 'with_noise', 'WindingModel', 'TorqueModel', 'Problem'):
+        monkeypatch.setattr(estimation, name, lambda *arguments: arguments)
+
+    def fit(problem, start):
+        started.append(start)
+        width = 0.04 * true['R']
+        return SimpleNamespace(
+            estimates=[
+                Estimate('R', 'Ohm', 0.0, true['R'] + next(off) * width, width, Verdict.IDENTIFIABLE),
+                Estimate('L', 'H', 0.0, 0.0, 1.0, Verdict.WEAK),
+                Estimate('K_m', 'N m/A', 0.0, true['K_m'], 1e-3, Verdict.IDENTIFIABLE),
+            ]
+        )
+
+    monkeypatch.setattr(estimation, 'fit', fit)
+    found = estimation.nominal(4)
+    assert found['coverage'] == {'R': 0.5, 'K_m': 1.0}
+    assert found['pooled'] == 0.75
+    assert found['half_width_relative']['R'] == pytest.approx(0.04)
+    assert found['mean_error_in_deviations'] == pytest.approx({'R': 0.0, 'K_m': 0.0})
+    assert started[0][0] == pytest.approx(1.3 * true['R'])
 
 
 def test_the_command_prints_a_line_for_each_quantity(monkeypatch, capsys):

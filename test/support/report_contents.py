@@ -450,6 +450,16 @@ WORST = {
 
 
 def _of_workspace(summary):
+    rate = 1e-6 * summary['poses_per_s']
+    known = [
+        summary['poses'],
+        MM * summary['resolution_m'],
+        summary['seconds'],
+        rate,
+        summary['poses_in_reach'],
+    ]
+    yield 'the robot may be at', known
+    yield 'accelerations with', [summary['payload_kg'], summary['acceleration_m_s2']]
     yield 'least median largest worst at (mm)', None
     for key, one in summary['quantities'].items():
         end, words, scale = WORST[next(name for name in WORST if key.startswith(name))]
@@ -472,9 +482,27 @@ def _of_plan(summary):
     yield 'to the limits of the serial', [place['serial_singularity'], place['parallel_singularity']]
 
 
+# words of the line, unit in keys, factor, and which number the line has
+LIMITS_OF_A_POSE = {
+    'radius': ('to the rim', '_m', MM, 'distance'),
+    'top': ('to the top', '_m', MM, 'distance'),
+    'bottom': ('to the bottom', '_m', MM, 'distance'),
+    'arm_angle_max': ('arm limits', '_deg', 1.0, 'distance'),
+    'arm_angle_min': ('deg above', '_deg', 1.0, 'distance'),
+    'forearm_swing': ('swing', '_deg', 1.0, 'distance'),
+    'serial_singularity': ('singularity serial', '', 1.0, 'value'),
+    'parallel_singularity': ('parallel', '', 1.0, 'value'),
+}
+
+
 def _of_pose(summary):
     yield 'TCP', [MM * value for value in summary['point_m']]
+    yield 'arm angles', [DEG * angle for angle in summary['arm_angles_rad']]
     yield 'arm angles', summary['arm_angles_deg']
+    limits = {key: [one for one in summary['limits'] if one['quantity'] == key] for key in LIMITS_OF_A_POSE}
+    for key, (words, unit, scale, what) in LIMITS_OF_A_POSE.items():
+        own = limits[key]
+        yield words, [*(scale * one[f'{what}{unit}'] for one in own), scale * own[0][f'limit{unit}']]
     yield 'mirror point', [MM * value for value in summary['mirror_point_m']]
     yield 'condition', [summary['condition'], *summary['singular_values_m_rad']]
     yield 'N m at the arms', [*summary['holding_torque_n_m'], summary['payload_kg']]

@@ -88,6 +88,19 @@ def read_figure(figure):
             assert not unknown, f'{titles}: no curve has the label {unknown}'
 
 
+def curves(figure):
+    """Return the values of all curves of a figure by title, label of the vertical axis, and label of the curve."""
+    return {
+        (
+            axes.get_title('left') or axes.get_title(),
+            axes.get_ylabel(),
+            str(line.get_label()),
+        ): line.get_ydata()
+        for axes in figure.axes
+        for line in axes.get_lines()
+    }
+
+
 @contextmanager
 def reading() -> Iterator[None]:
     """Read every report of a study that is written meanwhile."""

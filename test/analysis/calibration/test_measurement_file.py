@@ -69,17 +69,24 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
         ([HEADER.rpartition(',')[0], '10,20,30,1,2'], 'has no column measured_z'),
         ([HEADER, '10,20,30'], 'line 2 of .* has 3 values, the header 6 columns'),
         ([HEADER, ROW, '10,20,x,1,2,3'], 'line 3 of .* holds .x., not only numbers'),
-        ([HEADER, ROW.replace('30', 'inf')], 'no finite number'),
+        ([HEADER, ROW, ROW.replace('30', 'inf')], r'measurement 2 of .*: axis3 \[deg\] is no finite number'),
         ([HEADER, ROW.replace('30', '')], r'has no axis3 \[deg\]: was it not taken'),
-        (['use,' + HEADER, 'perhaps,' + ROW], 'use is .perhaps., but must be fit or check'),
+        (
+            ['use,' + HEADER, 'perhaps,' + ROW],
+            'measurement 1 of .*: use is .perhaps., but must be fit or check',
+        ),
+        (
+            ['use,' + HEADER, 'fit,' + ROW, ',' + ROW],
+            "measurement 2 of .*: use is '', but must be fit or check",
+        ),
         (['use,' + HEADER, 'check,' + ROW], 'all of them are to check with'),
         ([HEADER + ',object', ROW + ',plate'], 'points of an instrument and touches of objects'),
-        ([TOUCH, '10,20,30,,'], 'does not tell what was touched'),
+        ([TOUCH, '10,20,30,,'], 'measurement 1 of .* does not tell what was touched'),
         (
             [TOUCH, '10,20,30,ball,50', '10,20,31,ball,60'],
             'measurement 2 of .* tells another diameter of ball',
         ),
-        ([TOUCH, '10,20,30,ball,-50'], 'the diameter of ball must be positive'),
+        ([TOUCH, '10,20,30,ball,-50'], 'measurement 1 of .*: the diameter of ball must be positive'),
     ],
 )
 def test_a_table_that_is_none_is_refused_in_one_sentence(lines, sentence, tmp_path):
@@ -104,14 +111,23 @@ def test_a_touch_may_have_a_name_with_the_decimal_mark(tmp_path):
     assert found.diameters_m[1] == pytest.approx(0.0505)
 
 
-def _with_columns(folder, *lines):
-    told = [(f'W{n}', 'arm_position', n, 'deg') for n in (1, 2, 3)]
-    told += [(axis.upper(), 'tcp_measured', axis, 'mm') for axis in 'xyz']
+def test_factor_and_offset_of_a_column_file_apply_to_angles_and_points(tmp_path):
+    """A column file says that the SI value is factor times the number plus the offset."""
+    found = _with_columns(
+        tmp_path, 'W1,W2,W3,X,Y,Z', ROW, factors=', factor: -0.5, offset: 0.25', units=('rad', 'm')
+    )
+    assert found.angles_rad[0] == pytest.approx([0.25 - 5.0, 0.25 - 10.0, 0.25 - 15.0])
+    assert found.points_m[0] == pytest.approx([0.25 - 0.75, 0.25 + 1.25, 0.25 + 400.0])
+
+
+def _with_columns(folder, *lines, units=('deg', 'mm'), factors=''):
+    told = [(f'W{n}', 'arm_position', n, units[0]) for n in (1, 2, 3)]
+    told += [(axis.upper(), 'tcp_measured', axis, units[1]) for axis in 'xyz']
     columns = folder / 'columns.yaml'
     columns.write_text(
         'columns:\n'
         + ''.join(
-            f'- {{column: {column}, signal: {signal}, axis: {axis}, unit: {unit}}}\n'
+            f'- {{column: {column}, signal: {signal}, axis: {axis}, unit: {unit}{factors}}}\n'
             for column, signal, axis, unit in told
         )
     )

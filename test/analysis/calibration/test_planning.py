@@ -89,6 +89,37 @@ def test_numbers_of_poses_that_cannot_be_are_refused(method, number, checks, sen
         planned(robot, method, number, checks)
 
 
+@pytest.mark.parametrize(
+    ('method', 'least'), [('base', 6), ('frame', 8), ('plane', 20), ('ball', 20), ('level', 1)]
+)
+def test_the_least_number_of_poses_of_a_method_is_planned_and_one_less_is_refused(method, least, robot):
+    more = {'height_m': -0.9} if method == 'level' else {}
+    assert len(planned(robot, method, least, 0, **more).points_m) == least
+    with pytest.raises(CalibrationError, match=f'{least - 1} poses are too few .* takes at least {least}$'):
+        planned(robot, method, least - 1, 0, **more)
+
+
+def test_the_uncertainty_of_the_tcp_is_the_rms_of_its_distance_over_the_workspace(robot):
+    """Certain figures but one: the TCP is off as far as that one moves it."""
+    places = estimation.workspace(robot)
+    shafts = estimation.shafts_of(places, robot)
+    for free in (0, 4, 8, 11, 12):
+        x = np.zeros(15)
+        x[free] = 0.7 * model.SCALES[free]
+        off = model.tcp(shafts, x, robot) - model.tcp(shafts, 0.0 * x, robot)
+        expected = np.sqrt((np.linalg.norm(off, axis=1) ** 2).mean())
+        covariance = np.array([[0.7**2]])
+        assert estimation.expected_m(covariance, robot, [free], True) == pytest.approx(expected, rel=1e-2)
+
+
+def test_a_touch_has_the_angles_at_which_the_probe_meets_the_surface(robot):
+    """A probe creeps by 20 um in a bus cycle; the place within it counts."""
+    poses = planned(robot, 'level', 3, 0, height_m=-0.9)
+    found = simulated.touches(poses, robot, 0.0, 0, -0.9)
+    heights = kinematics.forward(found.angles_rad, robot)[:, 2]
+    assert heights == pytest.approx([-0.9] * 3, abs=2e-6)
+
+
 def test_a_plane_that_the_robot_does_not_reach_is_refused(robot):
     with pytest.raises(CalibrationError, match='more than the 0 that there are to choose from'):
         planned(robot, 'level', 3, 0, height_m=-2.0)

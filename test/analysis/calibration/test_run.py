@@ -1,5 +1,6 @@
 """Facts about a whole calibration of the built robot, measured in simulation, and about what it leaves."""
 
+import csv
 import dataclasses
 import json
 from pathlib import Path
@@ -8,16 +9,16 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.analysis.calibration import estimation, measurement_file, model, simulated
-from delta3_pacdrive.analysis.calibration.data import Method, Wanted
+from delta3_pacdrive.analysis.calibration import estimation, figures, measurement_file, model, simulated
+from delta3_pacdrive.analysis.calibration.data import Measurements, Method, Wanted
 from delta3_pacdrive.analysis.calibration.run import Study
-from delta3_pacdrive.analysis.calibration.study import Settings
+from delta3_pacdrive.analysis.calibration.study import Found, Settings
 from delta3_pacdrive.analysis.study import silent
 from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.simulation import run
 from measured import TRUTH, planned
-from reports_read import read_line
+from reports_read import curves, read_line
 
 GOAL_M = 0.03e-3
 
@@ -119,6 +120,40 @@ def test_the_folder_holds_tables_figures_and_the_measurements(summary, folder, c
     assert {'poses.png', 'left.png', 'corrections.png'} <= names
     assert json.loads((folder / 'report.json').read_text(encoding='utf-8'))['directions'] == 15
     assert calibrated.kinematics.upper_arm_correction_m != (0.0, 0.0, 0.0)
+
+
+def test_the_residuals_of_each_use_in_the_table_are_those_of_the_summary(summary, folder):
+    with (folder / 'residuals.csv').open(encoding='utf-8') as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith('#')))
+    assert [int(row['measurement']) for row in rows] == list(range(1, 33))
+    for use, what in (('fit', 'used'), ('check', 'not used')):
+        one = left(summary, what)
+        for key in ('before', 'after'):
+            values = np.array([float(row[f'{key} [m]']) for row in rows if row['use'] == use])
+            assert len(values) == one['count']
+            assert np.sqrt((values**2).mean()) == pytest.approx(one[f'{key}_rms_m'], rel=1e-6)
+            assert values.max() == pytest.approx(one[f'{key}_max_m'], rel=1e-6)
+
+
+def test_the_figure_of_the_residuals_has_each_measurement_under_its_label():
+    checks, before, after = (
+        np.array([False, True, False]),
+        np.array([3e-4, 2e-4, 1e-4]),
+        np.array([3e-5, 2e-5, 1e-5]),
+    )
+    nothing = np.full((3, 3), np.nan)
+    measured = Measurements(nothing, nothing, checks, (), nothing[:, 0])
+    found = Found((), (), 0, 0, (), 1.0, 0.0, (), measured, nothing, (before, after), {})
+    drawn = {
+        label: values
+        for (_, unit, label), values in curves(figures.what_is_left(found)).items()
+        if '[mm]' in unit
+    }
+    assert drawn.keys() == {'before, used', 'before, not used', 'after, used', 'after, not used'}
+    assert drawn['before, used'] == pytest.approx([0.3, 0.1])
+    assert drawn['before, not used'] == pytest.approx([0.2])
+    assert drawn['after, used'] == pytest.approx([0.03, 0.01])
+    assert drawn['after, not used'] == pytest.approx([0.02])
 
 
 def test_the_table_that_it_leaves_gives_the_same_again(summary, folder, tmp_path, undrawn):

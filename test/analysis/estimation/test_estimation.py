@@ -7,7 +7,13 @@ import pytest
 
 from delta3_pacdrive import dynamics, parameters
 from delta3_pacdrive.analysis.estimation import measurement, solver, thesis_setup
-from delta3_pacdrive.analysis.estimation.quantities import COMBINATIONS, start_values, values_of, with_values
+from delta3_pacdrive.analysis.estimation.quantities import (
+    COMBINATIONS,
+    TABLE,
+    start_values,
+    values_of,
+    with_values,
+)
 from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
 from delta3_pacdrive.analysis.estimation.solver import fit
 from delta3_pacdrive.errors import EstimationError
@@ -40,6 +46,20 @@ def test_values_go_into_parameters_and_come_back(robot):
     assert all(back[symbol] == pytest.approx(value, rel=1e-14) for symbol, value in changed.items())
     with pytest.raises(EstimationError, match='cannot be'):
         with_values(robot, {'R': -1.0})
+
+
+def test_values_that_start_beside_the_truth_stay_within_bounds_that_leave_room(robot):
+    """Neighbouring azimuths start in opposite directions: all in one direction would be a turn of the frame."""
+    quantities = [TABLE[s] for s in ('alpha_1', 'alpha_2', 'alpha_3', 'K_m', 'gain_1', 'F_v', 'm_payload')]
+    without = robot.replace(motor__viscous_friction_n_m_s_rad=0.0, dynamics__payload_mass_kg=0.0)
+    true, start = (start_values(quantities, without, off) for off in (0.0, 0.3))
+    a, share = np.radians(60.0), start - true
+    assert share[:3] == pytest.approx([-0.3 * a, 0.3 * a, -0.3 * a])
+    assert start[3:] == pytest.approx([1.3 * true[3], 0.0, 0.0, 0.0])
+    for quantity, value in zip(quantities, start, strict=True):
+        low, high = quantity.bounds(value)
+        assert low <= value < high, quantity.symbol
+        assert high - value >= quantity.extent(value), quantity.symbol
 
 
 @pytest.mark.parametrize('off', [0.3, -0.3])

@@ -36,6 +36,19 @@ def test_verdicts_tell_invisible_confounded_weak_and_identifiable():
     assert report.findings[4].relative_error == pytest.approx(1.0 / np.linalg.norm(c), rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ('percent', 'verdict'),
+    [(9.9, Verdict.IDENTIFIABLE), (10.1, Verdict.WEAK), (19.0, Verdict.WEAK)],
+)
+def test_a_quantity_is_weak_from_a_half_width_of_10_percent_of_its_value_on(percent, verdict):
+    """A single column of length l has the standard deviation 1/l, and 1.96 of these as the half width."""
+    column = np.zeros((100, 1))
+    column[0] = 1.959964 / (1e-2 * percent)
+    (finding,) = analyse_jacobian([column], ['a'], 1e-8).findings
+    assert finding.verdict is verdict
+    assert f'+-{percent:.0f} %' in finding.reason.replace('9.9', '10')
+
+
 def test_nearly_collinear_quantities_are_named():
     generator = np.random.default_rng(2)
     a, b, c = generator.standard_normal((3, 1000))

@@ -8,6 +8,7 @@ from delta3_pacdrive.analysis.estimation import excitation, measurement
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording.trace import Trace
 
 # measurement
 
@@ -36,6 +37,24 @@ def test_the_same_seed_is_the_same_noise_and_no_noise_is_none(bus, robot):
     assert all(quiet[name].tobytes() == bus[name].tobytes() for name in bus.signals)
 
 
+def test_an_encoder_with_noise_reads_the_nearest_increment(robot):
+    exact = np.random.default_rng(8).uniform(-30.0, 30.0, (5000, 3))
+    trace = Trace(1e-3 * np.arange(5000), {'motor_position': exact}, {})
+    sigma = measurement.NOISE.sigmas().get('motor_position', 0.0)
+    seen = measurement.with_noise(trace, robot, 1.0, 1)['motor_position']
+    increment = 2.0 * np.pi / robot.bus.increments_per_rev
+    assert np.abs(seen / increment - np.round(seen / increment)).max() < 1e-6
+    assert np.abs((seen - exact).mean()) < 0.05 * increment + sigma / 50.0
+    assert np.abs(seen - exact).max() <= 0.5 * increment * (1.0 + 1e-6) + 6.0 * sigma
+
+
+@pytest.mark.parametrize(('first', 'begin', 'end'), [(0.0, 3, 7), (2e-3, 1, 5), (5e-3, 0, 2)])
+def test_the_motion_is_from_the_first_cycle_of_the_program_to_its_last_included(first, begin, end):
+    times = first + 1e-3 * np.arange(12)
+    trace = Trace(times, {}, {'cycle_time_s': 1e-3, 'start_cycle': 3, 'end_cycle': 7})
+    assert measurement.moving_rows(trace) == slice(begin, end + 1)
+
+
 def test_a_program_that_changes_the_payload_is_no_measurement(robot):
     with pytest.raises(EstimationError, match='payload'):
         measurement.simulate(programs.load('packaging', robot.motion), robot)
@@ -55,6 +74,28 @@ def test_the_packaged_program_excites_better_than_the_experiments(robot):
         f.relative_error for f in excitation.quality(packaged, 'masses', robot).findings if f.symbol == 'F_v'
     )
     assert worst < 0.01
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_an_exciting_curve_is_closed_and_fills_nine_tenths_of_the_workspace(seed, robot):
+    points = excitation.curve(np.random.default_rng(seed).standard_normal(18), robot)
+    k = robot.kinematics
+    assert np.hypot(*points[:, :2].T).max() == pytest.approx(0.45 * k.workspace_diameter_m, abs=1e-4)
+    middle, half = (
+        (k.workspace_top_m + k.workspace_bottom_m) / 2.0,
+        (k.workspace_top_m - k.workspace_bottom_m) / 2.0,
+    )
+    assert [points[:, 2].min(), points[:, 2].max()] == pytest.approx(
+        [middle - 0.9 * half, middle + 0.9 * half], abs=1e-4
+    )
+    program = programs.parse(excitation.document_of(points, 'curve'), robot.motion)
+    fast, _, slow = excitation.document_of(points, 'curve')['moves']
+    for move, limits in ((fast, excitation.FAST), (slow, excitation.SLOW)):
+        through = move['move_sb']['through_m']
+        assert [*map(tuple, through)] == [*map(tuple, points[1:]), tuple(points[0])]
+        assert {key: move['move_sb'][key] for key in limits} == limits
+    assert excitation.FAST['speed_m_s'] > excitation.SLOW['speed_m_s']
+    assert program.start_m == pytest.approx(tuple(points[0]))
 
 
 def test_a_design_improves_and_the_same_seed_designs_the_same(robot):

@@ -1,15 +1,17 @@
 """Facts about a single motor (8.2): one MC-4, one motor, a load in place of the arms."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
-from delta3_pacdrive.analysis.one_motor import motor_run, report
+from delta3_pacdrive.analysis.one_motor import figures, motor_run, report
 from delta3_pacdrive.analysis.study import silent
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.recording import trace_file
+from reports_read import curves
 
 ROTOR = 0.807e-4  # kg m2
 GEAR = 32.0
@@ -70,6 +72,67 @@ def test_effective_current_and_phase_currents_are_one(as_in_robot):
     phases = as_in_robot.phase_currents
     np.testing.assert_allclose(phases.sum(axis=1), 0.0, atol=1e-9)
     np.testing.assert_allclose(np.sqrt((phases**2).sum(axis=1) / 3.0), np.abs(as_in_robot.current), atol=1e-9)
+
+
+SIGNALS = {
+    'time [s]': 'time_s', 'command [rad]': 'command', 'reference [rad]': 'reference', 'position [rad]': 'position',
+    'speed [rad/s]': 'speed', 'current [A]': 'current', 'voltage [V]': 'voltage', 'torque [N m]': 'torque',
+    'friction [N m]': 'friction', 'load [N m]': 'load', 'coupling [N m]': 'coupling',
+}  # fmt: skip
+
+
+def test_the_table_has_each_signal_under_its_name_every_period_of_the_position_loop(as_in_robot):
+    (table,) = report.tables(as_in_robot)
+    columns = dict(zip(table.header, np.array(table.rows).T, strict=True))
+    assert np.diff(columns['time [s]']) == pytest.approx(250e-6)
+    for heading, name in SIGNALS.items():
+        np.testing.assert_array_equal(columns.pop(heading), getattr(as_in_robot, name)[::4])
+    phases = np.stack([columns.pop(f'I{n}s [A]') for n in (1, 2, 3)], axis=-1)
+    np.testing.assert_array_equal(phases, as_in_robot.phase_currents[::4])
+    assert not columns
+
+
+def test_largest_values_are_those_of_either_sign(as_in_robot):
+    names = ('current', 'speed', 'voltage', 'position_error')
+    other = dataclasses.replace(as_in_robot, **{name: -getattr(as_in_robot, name) for name in names})
+    one, mirrored = report.summary(as_in_robot), report.summary(other)
+    for key in ('current_peak_a', 'speed_max_rad_s', 'voltage_max_v', 'position_error_max_rad'):
+        assert one[key] == mirrored[key] > 0.0, key
+    assert mirrored['final_error_rad'] == -one['final_error_rad']
+
+
+def test_figure_8_2_shows_each_signal_in_the_unit_of_its_axis(as_in_robot):
+    found, rows = as_in_robot, as_in_robot.driven
+    expected = {
+        ('position [rad]', 'command on the bus'): found.command,
+        ('position [rad]', 'shaft'): found.position,
+        ('deviation [mrad]', 'set point less shaft'): 1e3 * (found.reference - found.position),
+        ('deviation [mrad]', 'shaft in the robot less this one'): 1e3 * (found.in_robot - found.position),
+        ('speed [rad/s]', 'reference'): found.speed_reference,
+        ('speed [rad/s]', 'shaft'): found.speed,
+        ('current [A]', 'reference'): found.current_reference,
+        ('current [A]', '$I_{eff}$'): found.current,
+    }
+    drawn = {
+        (unit, label): values for (_, unit, label), values in curves(figures.motor_and_drive(found)).items()
+    }
+    for key, values in expected.items():
+        np.testing.assert_allclose(drawn[key], values[rows], rtol=1e-12, atol=1e-12, err_msg=str(key))
+
+
+def test_figures_8_3_and_8_4_show_the_currents_and_the_torques_by_their_names(as_in_robot):
+    found, rows = as_in_robot, as_in_robot.driven
+    rest = found.torque - found.friction - found.load - found.coupling
+    for figure, expected in (
+        (figures.phase_currents, {f'$I_{{{n + 1}s}}$': found.phase_currents[:, n] for n in range(3)}),
+        (figures.phase_currents, {'$I_{eff}$': found.current, 'of a phase, rms': found.voltage}),
+        (figures.torques, {'$K_m I_{eff}$': found.torque, 'friction': found.friction, 'what is left': rest}),
+        (figures.torques, {r'$\tau_{load} / k_r$': found.load, 'CE d': found.coupling}),
+        (figures.torques, {'inertia times acceleration': found.inertia_kg_m2 * found.acceleration}),
+    ):
+        drawn = {label: values for (*_, label), values in curves(figure(found)).items()}
+        for label, values in expected.items():
+            np.testing.assert_allclose(drawn[label], values[rows], err_msg=label)
 
 
 def test_the_folder_has_figures_8_2_to_8_4_and_the_trace_reads_back(tmp_path, capsys):

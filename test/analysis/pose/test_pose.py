@@ -10,6 +10,7 @@ from delta3_pacdrive.analysis.pose import evaluation, figures, report
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
+from reports_read import read_line
 from thoroughness import some
 
 CLOSED_M = 1e-9
@@ -141,6 +142,67 @@ def test_people_read_millimetres_degrees_and_what_is_beyond(robot):
     assert sum('beyond the limits of the arms' in line for line in lines) == 7
     none = report.text(evaluation.of_point((1.6, 0.0, -0.8), robot), robot)
     assert none[-1].split() == ['solutions', 'none']
+
+
+def test_people_read_the_holding_currents_and_torques_as_shares_of_motor_and_brake(robot):
+    pose = evaluation.of_point((0.2, 0.1, -0.85), robot)
+    lines = [' '.join(line.split()) for line in report.text(pose, robot)]
+    currents, torques = np.abs(pose.holding_current_a), np.abs(pose.holding_torque_n_m) / 32.0
+    read_line(lines, '% of the nominal current', [*(100.0 * currents / 4.1), 4.1])
+    brake = robot.motor.brake_torque_n_m
+    read_line(lines, '% of the brake torque', [*(100.0 * torques / brake), brake])
+
+
+def test_people_read_every_reason_why_a_place_is_refused(robot):
+    pose = evaluation.of_point((0.75, 0.0, -0.6), robot)
+    assert len(pose.refusals) >= 3
+    lines = report.text(pose, robot)
+    (first,) = (n for n, line in enumerate(lines) if line.split()[:1] == ['reachable'])
+    assert lines[first].split(None, 1)[1] == f'no: {pose.refusals[0]}'
+    assert [line.strip() for line in lines[first + 1 : first + len(pose.refusals)]] == list(pose.refusals[1:])
+
+
+@pytest.mark.parametrize('end', ['min', 'max'])
+def test_an_arm_at_exactly_its_limit_is_within_it_and_beyond_it_is_not(end, robot):
+    point = (0.2, 0.1, -0.85)
+    angle = float(getattr(np.degrees(evaluation.of_point(point, robot).arm_angle_rad), end)())
+    legal = []
+    for limit in (
+        angle,
+        np.nextafter(angle, 0.0 if (angle < 0.0) == (end == 'min') else np.inf * np.sign(angle)),
+    ):
+        at = robot.replace(**{f'kinematics__arm_angle_{end}_deg': float(limit)})
+        legal.append(evaluation.of_point(point, at).solutions[0].is_legal)
+    assert legal == [True, False]
+
+
+@pytest.mark.parametrize(('largest_deg', 'works'), [(80.0, True), (10.0, False)])
+def test_the_figure_of_the_solutions_names_the_one_in_which_the_robot_works(largest_deg, works, robot):
+    pose = evaluation.of_point((0.2, 0.1, -0.85), robot.replace(kinematics__arm_angle_max_deg=largest_deg))
+    drawn = [[text.get_text() for text in axes.texts] for axes in figures.eight_solutions(pose, robot).axes]
+    for one, (elbows, told) in zip(pose.solutions, drawn, strict=True):
+        assert elbows == ', '.join(one.elbows)
+        angles, _, words = told.partition(': ')
+        assert angles == ', '.join(f'{angle:z.0f}°' for angle in np.degrees(one.arm_angle_rad))
+        expected = "within the arms' limits" if one.is_legal else "beyond the arms' limits"
+        assert words == ('the robot works here' if one.number == 0 and works else expected)
+
+
+def test_each_arm_has_both_elbows_in_the_figure_of_the_inverse_kinematics(robot):
+    pose = evaluation.of_point((0.2, 0.1, -0.85), robot)
+    panels = [axes for axes in figures.inverse_kinematics(pose, robot).axes if axes.get_xlabel()]
+    k = robot.kinematics
+    for i, axes in enumerate(panels):
+        for label, number in (('elbow outward', 0), ('elbow inward', 7)):
+            (line,) = (line for line in axes.get_lines() if line.get_label() == label)
+            angle = pose.solutions[number].arm_angle_rad[i]
+            bend = 1e3 * np.array(
+                [
+                    k.base_radius_m + k.upper_arm_length_m * math.cos(angle),
+                    -k.upper_arm_length_m * math.sin(angle),
+                ]
+            )
+            assert line.get_xydata()[-1] == pytest.approx(bend)
 
 
 @pytest.mark.parametrize('number', some(range(3), [0]))

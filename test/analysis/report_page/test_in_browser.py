@@ -347,6 +347,35 @@ def test_the_ghost_of_the_command_stands_off_by_the_magnified_error(visit, one):
     np.testing.assert_allclose(ghost, expected, atol=2e-6)
 
 
+def test_the_payload_is_drawn_while_the_robot_carries_it(visit, one):
+    """Half a kilogram on the way there, nothing on the way back."""
+    there, back = (one.moves[n] for n in (0, 2))
+    seen = []
+    for move in (there, back):
+        seek(visit, 0.5 * (move.start_s + move.end_s))
+        seen.append(visit.page.evaluate('delta3.stage.robot.parts.get("payload").visible'))
+    assert seen == [True, False]
+
+
+def test_a_click_on_a_move_of_a_shifted_run_goes_to_its_time_on_the_page(browser, written, tmp_path):
+    """The table has the times of its run; the page shifts the second run by 0.25 s here."""
+    text = Path(written[1].removeprefix('file://')).read_text(encoding='utf-8')
+    begin, _, end = text.rpartition('"shift_s":')
+    shifted = tmp_path / 'shifted.html'
+    shifted.write_text(
+        f'{begin}"shift_s":0.25{end[len(end) - len(end.lstrip(" -.0123456789e")) :]}', encoding='utf-8'
+    )
+    with Visit(browser, shifted.as_uri()) as visit:
+        visit.page.wait_for_selector(READY, state='attached')
+        assert visit.page.evaluate('delta3.report.runs.map(run => run.shift_s)') == [0.0, 0.25]
+        for run, shift_s in enumerate((0.0, 0.25)):
+            row = visit.page.locator(f'tr[data-run="{run}"]').nth(1)
+            row.click()
+            wanted = float(row.get_attribute('data-from')) + shift_s
+            assert visit.page.evaluate('delta3.clock.time') == pytest.approx(wanted, abs=1e-9)
+            assert 'driven' in row.get_attribute('class')
+
+
 @pytest.mark.long
 def test_a_page_of_two_runs_shows_their_difference(browser, written, one):
     built = written[2]

@@ -138,8 +138,36 @@ def test_the_volume_is_written_with_units_and_what_the_codes_mean(found, tmp_pat
         np.testing.assert_allclose(file['increment_m'], found.volume.values['increment'], rtol=1e-6)
         assert about['limits'][int(file['limit'].min())] == 'the robot may be here'
         assert about['command'] == 'test'
+
+
+def test_the_table_of_the_volume_has_the_values_of_each_place(found, robot):
     columns = report.volume_columns(found.volume)
     assert list(columns)[:5] == ['x [m]', 'y [m]', 'z [m]', 'limit', 'condition']
     assert {len(values) for values in columns.values()} == {
         int(np.isfinite(found.volume.values['speed']).sum())
     }
+    here = np.stack([columns[f'{axis} [m]'] for axis in 'xyz'], axis=-1)
+    assert [len(np.unique(axis)) for axis in here.T] == [21, 21, len(found.volume.z_m)]
+    wanted = capability(here, robot)
+    np.testing.assert_array_equal(columns['limit'], wanted.limit)
+    for quantity in evaluation.QUANTITIES:
+        name = f'{quantity.key} [{quantity.unit}]' if quantity.unit else quantity.key
+        np.testing.assert_allclose(columns[name], evaluation.values_of(wanted)[quantity.key], rtol=1e-9)
+
+
+def test_each_slice_has_the_names_of_its_axes_and_its_places(found, robot):
+    quantity = evaluation.QUANTITIES[4]
+    for figure in (
+        figures.reach_map(found, SETTINGS.slices, robot),
+        figures.quantity_map(found, SETTINGS.slices, robot, quantity),
+    ):
+        panels = {axes.get_title(loc='left'): axes for axes in figure.axes}
+        for title, across, up in (
+            ('z = -800 mm', 'x', 'y'),
+            ('y = 100 mm', 'x', 'z'),
+            ('x = 0 mm', 'y', 'z'),
+        ):
+            axes = panels[title]
+            assert (axes.get_xlabel(), axes.get_ylabel()) == (f'{across} [mm]', f'{up} [mm]')
+            low, high = axes.dataLim.intervaly
+            assert (low < -900.0 and high < -400.0) if up == 'z' else low == pytest.approx(-high, rel=0.01)
