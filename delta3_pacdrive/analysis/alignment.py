@@ -16,6 +16,7 @@ import numpy as np
 
 from delta3_pacdrive.analysis import derived_signals
 from delta3_pacdrive.analysis.clock_estimation import (
+    ALIKE,
     SPEEDS,
     Fit,
     Motions,
@@ -33,7 +34,6 @@ from delta3_pacdrive.recording.trace import Trace
 
 START, CORRELATION, NONE = 'start', 'correlation', 'none'  # how runs are aligned
 BY_START, BY_CORRELATION, BY_NOTHING = 'program start', 'best correlation', 'their own times'
-ALIKE = 0.8  # correlation of one motion with itself: below it the motions differ, or signs or axes do
 RIVAL = 0.95  # of the best correlation: another shift that is as good
 COMMAND, MOTOR, TCP = 'motor commands', 'motor speeds', 'TCP velocities'
 
@@ -106,7 +106,7 @@ class Alignment:
         if self.rate != 1.0:
             error = 100.0 * self.clock_error
             found.append(
-                f'the clock of the second run is {abs(error):.4g} % +- {100.0 * self.rate_uncertainty:.1g} % '
+                f'the clock of the second run is {abs(error):.4g} % +- {100.0 * self.rate_uncertainty:.2g} % '
                 f'{"fast" if error > 0.0 else "slow"}; this has been removed'
             )
         if self.by == BY_CORRELATION and self.rival_correlation > RIVAL * self.correlation:
@@ -165,7 +165,7 @@ def align(first: Run, second: Run, how: str = START) -> Alignment:
     if not found:
         raise TraceError(
             f'{first.name} and {second.name} cannot be aligned: one does not tell the start of its program, '
-            'and the motor speeds of both are not recorded'
+            'and there is no signal in which both move'
         )
     same_clock = TABLE not in (first.kind, second.kind) and math.isclose(first.period_s, second.period_s)
     tried = []
@@ -213,7 +213,9 @@ def _tcp_velocities(run: Run) -> Track | None:
     return None
 
 
-def _of_speeds(run: Run, speeds: Floats) -> Track:
+def _of_speeds(run: Run, speeds: Floats) -> Track | None:
+    if not np.nan_to_num(speeds).any():
+        return None
     slopes = np.gradient(speeds, axis=0) / run.period_s if len(speeds) > 1 else speeds
     return Track(float(run.part.time_s[0]), run.period_s, np.hstack([speeds, speeds, slopes]))
 

@@ -14,6 +14,7 @@ from delta3_pacdrive.numerics.types import Floats
 
 ON_GRID = 1e-6  # of a cycle
 OVERLAP_MIN = 0.25  # share of the shorter run that has to have a counterpart
+ALIKE = 0.8  # correlation of one motion with itself: below it the motions differ, or signs or axes do
 ALIKE_CLOCKS = 0.98  # correlation below which other ratios of the clocks are tried
 CLOCKS_MAX = 0.02  # largest deviation of a clock that is searched for
 RATES_MAX = 100  # ratios on either side of 1 that are tried: of long logs smaller deviations
@@ -131,7 +132,7 @@ def searched(moving: Motions, same_clock: bool) -> tuple[NDArray[np.int64], Floa
     peaks = [_correlations(one, moving.second.speeds(coarse_s / rate))[1].max() for rate in rates]
     rate = rates[int(np.argmax(peaks))]
     lags, found = _correlations(moving.first.rows[:, SPEEDS], moving.second.speeds(period / rate))
-    return (lags, found, rate) if found.max() > best[1].max() else best
+    return (lags, found, rate) if found.max() > max(best[1].max(), ALIKE) else best
 
 
 def _correlations(a: Floats, b: Floats) -> tuple[NDArray[np.int64], Floats]:
@@ -195,6 +196,7 @@ def refined(moving: Motions, shift_s: float, rate: float, at_s: float, of_second
     if math.isfinite(fit.rate_95) and (abs(fit.rate - 1.0) <= fit.rate_95 or drift < DRIFT_MIN):
         fit = replace(_least_squares(moving, replace(fit, rate=1.0), of_second, free=1), rate_95=fit.rate_95)
     far = abs(fit.shift_s - begin.shift_s) > REFINED_MAX * coarse + CLOCKS_MAX * length_s
+    far |= abs(fit.rate - begin.rate) > CLOCKS_MAX
     return begin if far or not math.isfinite(fit.shift_95_s) else fit
 
 

@@ -66,6 +66,20 @@ def test_what_shows_no_motion_cannot_be_aligned(one, tmp_path):
         align(one, sampled(one, tmp_path / 'a.csv', 1000.0, 3.3, names=('current',)))
 
 
+def test_logs_of_a_robot_at_rest_cannot_be_aligned(one):
+    signals = {'motor_position': np.full((50, 3), -2.0), 'current': np.full((50, 3), 0.3)}
+    rest = replace(one, kind=runs.TABLE, part=replace(one.part, time_s=one.part.time_s[:50], signals=signals))
+    with pytest.raises(TraceError, match='there is no signal in which both move'):
+        align(one, rest, CORRELATION)
+
+
+def test_clocks_of_different_motions_are_not_compared(one):
+    run, other = moving(one, 5.0, 1), moving(one, 5.0, 2)
+    found = align(run, replace(other, kind=runs.TABLE))
+    assert found.rate == 1.0
+    assert any('the motions differ' in text for text in found.doubts)
+
+
 @pytest.mark.parametrize(('from_s', 'to_s'), [(0.2, 0.6), (0.5, 1.1), (0.3, 1.4)])
 def test_parts_of_runs_are_aligned_by_what_they_share(from_s, to_s, one, tmp_path):
     sampled(one, tmp_path / 'a.csv', 700.0, 0.12)
