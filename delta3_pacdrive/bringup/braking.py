@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 NEWS = 2  # times it has to tell how it is after it has answered: the first may have been on its way
-FRESH_S = 0.5  # for the next progress of a robot that comes up
-SILENCE_S = 0.8  # after which a robot that brakes is left, if it tells nothing any more
+FRESH_S = 1.0  # for the next report of a robot that comes up
+SILENCE_S = 4.0  # without a report, after which a braking robot is given up; 2.4 s occur at load 20
 STOP_TIMEOUT_S = 5.0  # for the drives to brake, before the processes end: they are slow where their clock is
 STOP_WALL_S = 15.0  # all in all: on a machine that is busy a look takes much longer than it should
 
