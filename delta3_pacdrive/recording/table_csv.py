@@ -13,7 +13,6 @@ import io
 import json
 import math
 import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
@@ -28,34 +27,33 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.column_file import Form
 from delta3_pacdrive.recording.quantities import UNITS, parted, plain, unit_named
 from delta3_pacdrive.recording.table import Table
+from delta3_pacdrive.recording.table_form import (
+    BEGIN,
+    COMMA,
+    DATE,
+    LINES_MAX,
+    OF_WINDOWS,
+    cells_of,
+    columns_of,
+    encoding_of,
+    is_number,
+    separator_of,
+)
 from delta3_pacdrive.recording.trace import reason
 
 SIZE_MAX_BYTES = 1 << 31
 PIECE = 1 << 22  # characters that are read at once
-BEGIN = 1 << 16  # characters in which separator and headings are found
 LINE_MAX = 1 << 20  # characters of a line: longer ones are no table
-LINES_MAX = 400  # lines that are looked at for the separator
-MARKS = {b'\xef\xbb\xbf': 'utf-8-sig', b'\xff\xfe\x00\x00': 'utf-32', b'\x00\x00\xfe\xff': 'utf-32',
-         b'\xff\xfe': 'utf-16', b'\xfe\xff': 'utf-16'}  # fmt: skip
-OF_WINDOWS = 'cp1252'
 # a cell that says that there is no number
 NO_NUMBER = re.compile(
     r'(?<![^;,\t|\x1f\n])[ ]*(?:null|n/a|na|#n/a|-{1,3})[ ]*(?![^;,\t|\x1f\n])', re.IGNORECASE
 )
 COMMENT = re.compile('^#.*', re.MULTILINE)
-COMMA, POINT, QUOTE, TAB = ',', '.', '"', '\t'
+POINT, QUOTE = '.', '"'
 CELL_END = '\x1f'  # the separator of ASCII, where cells held others
-WORDY = 0.5  # share of numbers up to which a row is one of words
 NAMES_OF_TIME = ('time', 'timestamp', 'date', 'datetime')
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-SEPARATORS = (';', TAB, '|', COMMA)
-DATE = re.compile(
-    r'(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?\s*(Z|[+-]\d\d:?\d\d)?'
-)  # ISO 8601
 LONG_NUMBER = re.compile(r'-?\d{16,19}')  # nanoseconds since 1970: more digits than a float has
-NUMBER = re.compile(
-    r'[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)|null|n/a|na|#n/a|-{0,3}', re.IGNORECASE
-)
 
 
 def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: str = 'trace') -> Table:
@@ -93,24 +91,6 @@ def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: 
         raise TraceError(f'cannot read {what} {path}: {reason(error)}') from error
 
 
-def encoding_of(begin: bytes) -> str:
-    """Return the encoding of a text by its first bytes, UTF-16 also without a mark; '' for what is no text."""
-    for mark, encoding in MARKS.items():
-        if begin.startswith(mark):
-            return encoding
-    if b'\0' in begin:
-        zeros = [begin[n::2].count(0) for n in (0, 1)]
-        if min(zeros) == 0 and max(zeros) > 0.9 * (len(begin) // 2):  # characters of ASCII
-            return 'utf-16-be' if zeros[0] else 'utf-16-le'
-        return ''
-    try:
-        begin.decode('utf-8')
-    except UnicodeDecodeError as error:
-        if error.start < len(begin) - 4 or len(begin) < BEGIN:  # else a character was cut in two
-            return OF_WINDOWS
-    return 'utf-8'
-
-
 @dataclass
 class _Reader:
     """The reader of one file: what it has found out about its form, and where it is."""
@@ -122,6 +102,7 @@ class _Reader:
     separator: str = COMMA
     headings: list[str] = field(default_factory=list)
     meta: dict[str, Any] = field(default_factory=dict)
+    unnamed: int | None = None  # place of the column by which rows are longer than the headings
     line: int = 0  # the last one of what was read
     decimals: set[str] = field(default_factory=set)
     texts: dict[str, list[str]] = field(default_factory=dict)
@@ -142,6 +123,7 @@ class _Reader:
             raise TraceError(f'{self.path} is empty: it has no headings and no numbers')
         rows = [table for table in tables if len(table)]
         values = np.concatenate(rows) if rows else np.empty((0, len(self.headings)))
+        self._require_unnamed(values)
         kept = [n for n, heading in enumerate(self.headings) if heading]
         filled = [
             n for n, heading in enumerate(self.headings) if not heading and not np.isnan(values[:, n]).all()
@@ -154,6 +136,19 @@ class _Reader:
             self.meta['notices'] = [*self.meta.get('notices', ()), *self.notices]
         about = self.meta, self.texts, self.comments
         return Table(self.path, [self.headings[n] for n in kept], values[:, kept], *about)
+
+    def _require_unnamed(self, values: Floats) -> None:
+        """Raise TraceError if rows longer than the headings neither begin with an index nor end with a separator."""
+        if self.unnamed is None:
+            return
+        column = values[:, self.unnamed]
+        if self.unnamed:
+            wrong, rule = ~np.isnan(column), 'a value behind the last column that has a heading'
+        else:
+            wrong = ~np.concatenate([[True], np.diff(column) > 0.0])
+            rule = 'a first value that does not count the rows, although it has no heading'
+        if wrong.any():
+            raise TraceError(f'row {int(np.argmax(wrong)) + 1} of {self.path} has {rule}')
 
     def _encoding(self, stream: IO[bytes]) -> str:
         begin = stream.read(BEGIN)
@@ -187,7 +182,14 @@ class _Reader:
                 break
         lines, skip = list(io.StringIO(begin)), self.form.skip_lines
         table = [n for n, line in enumerate(lines) if n >= skip and line.strip() and line[0] != '#']
-        first = self._found([lines[n] for n in table[:LINES_MAX]], table) if table else len(lines)
+        first = len(lines)
+        if table:
+            self.separator, place = separator_of([lines[n] for n in table[:LINES_MAX]], self.form)
+            first = table[place]
+        if table and first != table[0]:
+            self.notices.append(
+                f'Lines 1 to {first} are left out as a preamble; the headings are in line {first + 1}'
+            )
         for line in lines[skip:first]:
             if line[0] == '#':
                 self._comment(line)
@@ -199,29 +201,6 @@ class _Reader:
         self._find_exact(lines[self.line :])
         yield ''.join(lines[self.line :])
         yield from pieces
-
-    def _found(self, lines: Sequence[str], places: Sequence[int]) -> int:
-        """Find the separator over the whole beginning, and return the place of the headings."""
-        cells = {mark: [_cells(line, mark) for line in lines] for mark in SEPARATORS}
-        scores = {mark: _score(rows) for mark, rows in cells.items()}
-        self.separator = self.form.separator or max(
-            SEPARATORS, key=lambda mark: (scores[mark], len(cells[mark][0]))
-        )
-        rows = cells[self.separator]
-        usual = _usual(rows)[0]
-        numbers = next((n for n, row in enumerate(rows) if len(row) == usual and _numeric(row) > WORDY), 0)
-        begins_with_table = len(rows[0]) in (usual, usual - 1) and usual > 2
-        if begins_with_table or not numbers or self.form.skip_lines or not self.form.headings:
-            return places[0]
-        above = numbers - 1
-        if above and all(unit_named(cell.strip(' []')) in UNITS for cell in rows[above] if cell):
-            above -= 1  # a row of units
-        if above:
-            line = places[above] + 1
-            self.notices.append(
-                f'Lines 1 to {line - 1} are left out as a preamble; the headings are in line {line}'
-            )
-        return places[above]
 
     def _comment(self, line: str) -> None:
         text = line[1:].strip()
@@ -235,20 +214,23 @@ class _Reader:
 
     def _head(self, line: str, below: Sequence[str]) -> None:
         """Part the headings."""
-        cells = _cells(line, self.separator)
+        cells = cells_of(line, self.separator)
         if not self.form.headings:
             self.headings = [f'column {n}' for n in range(1, len(cells) + 1)]
             return
-        if all(_is_number(cell) for cell in cells):
+        if all(is_number(cell) for cell in cells):
             raise TraceError(f'{self.path} begins with numbers, expected headings like time [s]')
-        rows = [_cells(text, self.separator) for text in below[:LINES_MAX] if text.strip() and text[0] != '#']
-        indexed = rows and all(len(row) == len(cells) + 1 and row[0].isdecimal() for row in rows)
-        self.headings = ['', *cells] if indexed and all(cells) else cells
+        rows = [
+            cells_of(text, self.separator) for text in below[:LINES_MAX] if text.strip() and text[0] != '#'
+        ]
+        self.headings = columns_of(cells, rows)
+        if len(self.headings) > len(cells):
+            self.unnamed = 0 if self.headings[-1] else len(cells)
 
     def _find_exact(self, lines: Sequence[str]) -> None:
         """Find columns of dates, and of times with more digits than a float has: they count from the first value."""
         row = next((line for line in lines if line.strip() and line[0] != '#'), '')
-        for n, cell in enumerate(_cells(row, self.separator)[: len(self.headings)]):
+        for n, cell in enumerate(cells_of(row, self.separator)[: len(self.headings)]):
             name, unit = parted(self.headings[n])
             if DATE.fullmatch(cell):
                 if unit is None and plain(name) in NAMES_OF_TIME:
@@ -262,7 +244,9 @@ class _Reader:
         """Take in a row of units below the headings; return whether there is one."""
         if not lines or not self.form.headings:
             return False
-        cells = [cell.strip() for cell in next(csv.reader([lines[0]], delimiter=self.separator), [])]
+        cells = cells_of(lines[0], self.separator)
+        if self.unnamed is not None and len(cells) < len(self.headings):
+            cells.insert(self.unnamed, '')
         units = [unit_named(cell.removeprefix('[').removesuffix(']')) for cell in cells]
         if len(units) != len(self.headings) or not all(
             unit in UNITS or not heading or (heading in self.words and not unit)
@@ -306,7 +290,7 @@ class _Reader:
             return text, self.separator
         lines = []
         for number, line in enumerate(text.split('\n')[:-1], start=first):
-            cells = _cells(line, self.separator) if line.strip() else []
+            cells = cells_of(line, self.separator) if line.strip() else []
             if len(cells) == len(self.headings) or (cells and not any(cells[len(self.headings) :])):
                 for n, name in words.items():
                     self.texts.setdefault(name, []).append(cells[n])
@@ -361,44 +345,12 @@ class _Reader:
                         f'line {number} of {self.path} has {len(cells)} values, the header {len(self.headings)} columns'
                     )
                 for cell, typed in zip(cells, own.split(mark), strict=False):
-                    if not _is_number(cell):
+                    if not is_number(cell):
                         raise TraceError(
                             f'line {number} of {self.path} holds {shown(typed)}, not only numbers'
                         )
             number += 1
         raise TraceError(f'{self.path} holds a row from line {first} on that is none of numbers')
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return '_' not in text
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
-
-
-def _usual(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
-    """Return the most frequent number of cells of the later rows, and how many of them have it."""
-    later = rows[len(rows) // 2 :]
-    return Counter(map(len, later)).most_common(1)[0] if later else (0, 0)
-
-
-def _score(rows: Sequence[Sequence[str]]) -> float:
-    """Return how much rows look like a table, from 0 to 1: equally long rows of numbers."""
-    later = rows[len(rows) // 2 :]
-    usual, often = _usual(rows)
-    if usual < 2:
-        return 0.0
-    return often / len(later) * sum(_numeric(row) for row in later if len(row) == usual) / often
-
-
-def _numeric(row: Sequence[str]) -> float:
-    """Return which share of the cells are numbers, dates or empty."""
-    return sum(bool(NUMBER.fullmatch(cell) or DATE.fullmatch(cell)) for cell in row) / max(len(row), 1)
 
 
 def _exact(text: str) -> int:

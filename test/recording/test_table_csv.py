@@ -221,6 +221,55 @@ def test_an_index_column_whose_heading_is_missing_is_left_out(tmp_path):
     assert trace.meta['notices'] == ['Columns without a heading are left out: 1']
 
 
+COUNTED = 'time [ms],current_1 [A],current_2 [A],current_3 [A]'  # its times look like an index
+UNIT_ROW = 'time,current_1,current_2,current_3\nms,A,A,A'
+
+
+@pytest.mark.parametrize('separator', [',', ';', '\t'])
+@pytest.mark.parametrize(
+    ('head', 'end'), [(COUNTED, ''), (UNIT_ROW, ''), (UNIT_ROW, ','), (COUNTED + ',', '')]
+)
+def test_a_separator_at_the_end_of_every_row_moves_no_column(head, end, separator, tmp_path):
+    body = ''.join(f'{n},{n}.5,{n + 10},{n + 20},\n' for n in range(5))
+    trace = load(tmp_path / 'a.csv', f'{head}{end}\n{body}'.replace(',', separator))
+    assert trace.time_s.tolist() == [n * 1e-3 for n in range(5)]
+    assert trace['current'].tolist() == [[n + 0.5, n + 10, n + 20] for n in range(5)]
+    assert 'notices' not in trace.meta
+
+
+@pytest.mark.parametrize('first', [0, 1, 1000])
+@pytest.mark.parametrize('head', [COUNTED, UNIT_ROW])
+def test_an_index_is_what_counts_before_the_first_heading_if_rows_have_a_last_cell(head, first, tmp_path):
+    body = ''.join(f'{first + 3 * n},{n},{n}.5,{n + 10},{"" if n else 20}\n' for n in range(5))
+    trace = load(tmp_path / 'a.csv', f'{head}\n{body}', gaps=True)
+    assert trace.time_s.tolist() == [n * 1e-3 for n in range(5)]
+    assert trace['current'][:, 0].tolist() == [n + 0.5 for n in range(5)]
+    assert trace.meta['notices'][0] == 'Columns without a heading are left out: 1'
+
+
+@pytest.mark.parametrize(
+    ('rows', 'sentence'),
+    [
+        (['0,0,1,2,3', '0,1,1,2,3'], 'line 2 of .* has 5 values, the header 4 columns'),  # counts nothing
+        (['1.5,0,1,2,3', '2.5,1,1,2,3'], 'line 2 of .* has 5 values'),
+        (['0,0,1,2,3', '1,1,1,2'], 'line 2 of .* has 5 values'),
+        (['0,1,2,3,', '1,1,2,3'], 'line 2 of .* has 5 values'),
+        (
+            [f'{n},{n},1,2,3' for n in range(500)] + ['7,500,1,2,3'],
+            'row 501 of .* first value that does not count',
+        ),
+        (
+            [f'{n},1,2,3,' for n in range(500)] + ['500,1,2,3,4'],
+            'row 501 of .* a value behind the last column',
+        ),
+    ],
+)
+def test_rows_that_are_longer_for_another_reason_are_rejected_with_their_place(rows, sentence, tmp_path):
+    text = '\n'.join([COUNTED, *rows]) + '\n'
+    with pytest.raises(TraceError, match=sentence):
+        load(tmp_path / 'a.csv', text)
+
+
 def test_nanoseconds_of_an_epoch_keep_every_digit(tmp_path):
     begin = 1_795_800_000_000_000_001
     text = 'time [ns],tcp_error_norm [mm]\n' + ''.join(f'{begin + 3 * n},{n}\n' for n in range(5))
