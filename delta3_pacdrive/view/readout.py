@@ -21,6 +21,7 @@ STATE_COLOURS = {
 }
 SHOWS_MOVE = (*UNDER_WAY, 'playing', 'paused')
 DRIVE_COLOURS = {'ENABLED': GREEN, 'ENABLING': AMBER, 'FAULT': RED}
+COLUMNS = 'repeat(auto-fit,minmax(150px,1fr))'  # of bars: one on a phone
 CUT = 'white-space:nowrap;overflow:hidden;text-overflow:ellipsis'
 HIGH, TOO_HIGH = 0.6, 0.9  # of a limit, from which a bar is amber and red
 
@@ -165,7 +166,7 @@ def bars(instant: Instant, drives: Sequence[DriveFacts], scales: Scales) -> str:
         head += [chip(warning, AMBER) for warning in drive.warnings]
         rows.append(f'<div style="margin-top:5px">{" ".join(head)}</div>')
         rows.append(
-            '<div style="display:grid;grid-template-columns:1fr 1fr;column-gap:14px">'
+            f'<div style="display:grid;grid-template-columns:{COLUMNS};column-gap:14px">'
             + _bar('torque', torque / scales.torque_n_m, f'{torque:.2f} N m')
             + _bar('current', current / scales.current_a, f'{current:.2f} A')
             + _bar('following error', lag / scales.lag_rad, f'{57.29577951 * lag:.4f} deg')

@@ -14,6 +14,7 @@ from scipy import ndimage
 from browser import Visit
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
+from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.jog import BEATS_HZ, SILENT_S
 from delta3_pacdrive.view.values import CellInstant, DriveFacts, Facts, InputFacts, Instant, PartPlace
 
@@ -284,3 +285,26 @@ def test_inputs_have_a_tab_of_their_own_with_what_sets_them(page, visit, robot):
     assert tab.count() == 1
     page.read(Facts(state='idle', phase='CP4'))
     tab.wait_for(state='detached')
+
+
+@pytest.mark.parametrize(('width', 'beside'), [(249, 1), (366, 2)])
+def test_bars_stay_in_the_panel_of_a_phone_and_of_a_screen(width, beside, browser, robot):
+    far = np.full(3, -99.0)
+    shown = readout.bars(
+        Instant(1.0, np.zeros(3), far, far, far),
+        (DriveFacts('ENABLED', 'free'),) * 3,
+        readout.Scales.of(robot),
+    )
+    page = browser.new_page()
+    try:
+        page.set_content(f'<div id="panel" style="width:{width}px;font-family:sans-serif">{shown}</div>')
+        boxes = page.evaluate(
+            '[...document.querySelectorAll("#panel, #panel *")].map((e) => e.getBoundingClientRect().toJSON())'
+        )
+        grids = page.evaluate(
+            '[...document.querySelectorAll("#panel div")].map((e) => getComputedStyle(e).gridTemplateColumns)'
+        )
+    finally:
+        page.close()
+    assert max(box['right'] for box in boxes) <= boxes[0]['right']
+    assert [len(columns.split()) for columns in grids if columns != 'none'] == [beside] * 3
