@@ -26,6 +26,15 @@ COLOURS = (*AXIS_COLOURS, '#CC79A7', NORM_COLOUR, '#56B4E9')
 GRID_COLOUR = '#DDDDDD'
 MUTED = '#888888'
 DASHED = (0, (4, 2))
+# ends of the keys of parameters and results, and their units; an end comes before its own end
+UNITS_OF_KEYS = {
+    '_n_m_s_rad': 'N m s/rad', '_n_m_rad': 'N m/rad', '_n_m_a': 'N m/A', '_v_s_rad': 'V s/rad', '_a_s_rad': 'A s/rad',
+    '_rad_s_rad': '1/s', '_v_a_s': 'V/(A s)', '_a_rad': 'A/rad', '_v_a': 'V/A', '_kg_m2': 'kg m2',
+    '_deg_s3': 'deg/s3', '_deg_s2': 'deg/s2', '_deg_s': 'deg/s', '_rad_s2': 'rad/s2', '_rad_s': 'rad/s',
+    '_m_s3': 'm/s3', '_m_s2': 'm/s2', '_m_s': 'm/s', '_n_m': 'N m', '_per_min': '1/min', '_rpm': 'rpm', '_rad': 'rad',
+    '_deg': 'deg', '_ohm': 'ohm', '_mm': 'mm', '_kg': 'kg', '_hz': 'Hz', '_db': 'dB', '_m': 'm', '_s': 's', '_a': 'A',
+    '_v': 'V', '_h': 'H', '_j': 'J',
+}  # fmt: skip
 
 
 def empty_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
@@ -79,6 +88,15 @@ def finish_over_time(
         axes.ticklabel_format(axis='both', useOffset=False)
     panels[-1].set_xlabel(what)
     panels[0].figure.align_ylabels()
+
+
+def label_of_key(key: str) -> str:
+    """Return a key of a parameter or a result as a label, its unit in square brackets."""
+    name, bracket, index = key.rpartition('[') if key.endswith(']') else (key, '', '')
+    for end, unit in UNITS_OF_KEYS.items():
+        if name.endswith(end):
+            return f'{name.removesuffix(end)}{bracket}{index} [{unit}]'
+    return key
 
 
 def keep_span(panels: Sequence[Axes], least: float) -> None:

@@ -6,6 +6,7 @@ the window, beside how long the work on it takes.
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -221,16 +222,19 @@ def table(result: dict[str, Any]) -> Table:
 
 def drawings(result: dict[str, Any]) -> Drawings:
     """Return what draws each figure, by file name."""
+    return {'picks.png': partial(picks, result), 'errors.png': partial(errors, result)}
 
-    def picks() -> 'Figure':
-        """Picks a minute and picked share over the rate of the parts, for each speed of the belt."""
-        return _over_rate(result, (('picks_per_min', 1.0, 'picks a minute'), ('share', 100.0, 'picked [%]')))
 
-    def errors() -> 'Figure':
-        """How far beside its middle a part is taken, over the rate of the parts, for each speed of the belt."""
-        return _over_rate(result, (('error_rms_m', MM, 'rms [mm]'), ('error_max_m', MM, 'max [mm]')))
+def picks(result: dict[str, Any]) -> 'Figure':
+    """Picks a minute and picked share over the rate of the parts, for each speed of the belt."""
+    return _over_rate(result, (('picks_per_min', 1.0, 'picks [1/min]'), ('share', 100.0, 'picked [%]')))
 
-    return {'picks.png': picks, 'errors.png': errors}
+
+def errors(result: dict[str, Any]) -> 'Figure':
+    """How far beside its middle a part is taken, over the rate of the parts, for each speed of the belt."""
+    return _over_rate(
+        result, (('error_rms_m', MM, 'rms error [mm]'), ('error_max_m', MM, 'largest error [mm]'))
+    )
 
 
 def _over_rate(result: dict[str, Any], panels: Sequence[tuple[str, float, str]]) -> 'Figure':
@@ -243,6 +247,6 @@ def _over_rate(result: dict[str, Any], panels: Sequence[tuple[str, float, str]])
             rates = [row['rate_per_min'] for row in rows]
             values = [factor * row[name] for row in rows]
             axes.plot(rates, values, 'o-', color=colour, label=f'{speed:g} m/s')
-        dress(axes, xlabel='parts a minute', ylabel=label, ylim=(0.0, None))
+        dress(axes, xlabel='parts [1/min]', ylabel=label, ylim=(0.0, None))
         axes.legend(loc='lower right')
     return figure

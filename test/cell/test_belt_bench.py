@@ -5,6 +5,7 @@ import pytest
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.cell import belt_bench
+from reports_read import reading
 
 MISSES, PICKS_ALL = 110.0, 60.0  # parts a minute
 SPEED_M_S = 1.5
@@ -65,7 +66,12 @@ def test_it_says_what_is_driven_and_prints_a_line_for_each_case(told):
 def test_its_folder_holds_table_and_figures(told, tmp_path):
     _, result = told
     folder = ReportFolder(tmp_path, Provenance.of('delta3 bench cell'))
-    folder.results(
-        'Picking', result, belt_bench.text(result), [belt_bench.table(result)], belt_bench.drawings(result)
-    )
+    with reading():
+        folder.results(
+            'Picking',
+            result,
+            belt_bench.text(result),
+            [belt_bench.table(result)],
+            belt_bench.drawings(result),
+        )
     assert {path.name for path in tmp_path.iterdir()} >= {'cell.csv', 'picks.png', 'errors.png', 'index.html'}

@@ -1,18 +1,24 @@
-"""Read reports as people do: cells of tables by heading and numbers of lines of text, against the summary.
+"""Read reports as people do: cells of tables by heading, numbers of lines of text, and curves of figures.
 
-``report_contents`` declares which number of the summary belongs in which cell and in which line. ``reading`` checks
-every report that a test writes.
+``report_contents``, ``series_contents`` and ``text_contents`` declare which number of the summary belongs in which cell
+and in which line, ``place_figures.CONTENTS`` which signals are the curves of a figure. ``reading`` checks every report
+that a test writes.
 """
 
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from unittest import mock
 
+import numpy as np
+
 from delta3_pacdrive.analysis.report_folder import ReportFolder
-from report_contents import LINES, SERIES, TABLES
+from figures_read import function_of, name_of, read_figure
+from place_figures import CONTENTS
+from report_contents import TABLES
+from series_contents import series_of
+from text_contents import LINES
 
 NUMBER = re.compile(r'(?<![\w.^])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.]*\d)')
 
@@ -21,9 +27,10 @@ def read(summary, text, tables):
     """Compare tables and text of a study with its summary."""
     lines = [' '.join(line.split()) for line in text]
     for table in tables:
-        assert table.name in TABLES or SERIES.fullmatch(table.name), f'{table.name} is not in TABLES'
         if expected := TABLES.get(table.name):
             read_table(table, expected(summary))
+        else:
+            read_series(table, summary)
         for words, values in LINES.get(table.name, lambda _: ())(summary):
             read_line(lines, words, values)
 
@@ -38,6 +45,19 @@ def read_table(table, expected):
             # each search continues after the column found before: a heading may occur twice
             cell = next((cell for title, cell in cells if title == heading), KeyError)
             assert same(cell, value), f'{table.name}, {heading}: {cell}, the summary has {value}'
+
+
+def read_series(table, summary):
+    """Compare what is computed of the columns of a table of samples with the summary."""
+    make = series_of(table.name)
+    assert make is not None, f'nothing declares the contents of {table.name}'
+    columns = {}
+    for n, title in enumerate(table.header):
+        values = [row[n] for row in table.rows]
+        columns[title] = np.array(values) if all(isinstance(one, int | float) for one in values) else values
+    for what, found, expected, tolerance in make(summary, columns, table.name):
+        near = abs(found - expected) <= tolerance * abs(expected)
+        assert near, f'{table.name}, {what}: {found}, the summary has {expected}'
 
 
 def same(cell, value):
@@ -68,26 +88,6 @@ def agrees(text, value):
     return abs(float(text) - value) <= 0.501 * unit + 1e-9 * abs(value)
 
 
-UNITS = r'%|[num]?m|m?s|m?deg|m?rad|k?g|[AV]|Hz|dB|N m|rpm|bits|(?:m|deg|rad)/s\S*'
-ROUND = re.compile(rf'\((?:[\d.e-]+ )?(?:{UNITS})\)')
-
-
-def read_figure(figure):
-    """Require a title, no unit in round brackets in the label of an axis, and a curve for each entry of a legend."""
-    titles = [
-        figure.get_suptitle(),
-        *(axes.get_title(at) for axes in figure.axes for at in ('left', 'center')),
-    ]
-    assert any(map(str.strip, titles)), 'a figure has no title'
-    curves = {name for axes in figure.axes for name in axes.get_legend_handles_labels()[1]}
-    for axes in figure.axes:
-        for label in (axes.get_xlabel(), axes.get_ylabel()):
-            assert not ROUND.search(label), f'{label}: units are in square brackets'
-        if legend := axes.get_legend():
-            unknown = {text.get_text() for text in legend.get_texts()} - curves
-            assert not unknown, f'{titles}: no curve has the label {unknown}'
-
-
 def curves(figure):
     """Return the values of all curves of a figure by title, label of the vertical axis, and label of the curve."""
     return {
@@ -112,20 +112,24 @@ def reading() -> Iterator[None]:
         return results(folder, title, document, text, tables, drawings)
 
     def read_figures(folder, drawings, with_foot=False):
-        return figures(folder, {name: _read_drawing(draw) for name, draw in drawings.items()}, with_foot)
+        return figures(folder, {name: _read(draw) for name, draw in drawings.items()}, with_foot)
 
     with mock.patch.multiple(ReportFolder, results=read_results, figures=read_figures):
         yield
 
 
-def _read_drawing(draw):
-    def drawn():
-        figure = draw()
-        read_figure(figure)
-        return figure
+def read_drawing(draw):
+    """Draw a figure and compare it with its signals; return the figure."""
+    function, arguments, named = function_of(draw)
+    figure = draw()
+    read_figure(figure, *CONTENTS[name_of(function)](*arguments, **named))
+    return figure
 
-    function = draw
-    while isinstance(function, partial):
-        function = function.func
-    drawn.__doc__ = function.__doc__  # the caption
+
+def _read(draw):
+    def drawn():
+        return read_drawing(draw)
+
+    drawn.__doc__ = function_of(draw)[0].__doc__  # the caption
+    drawn.__wrapped__ = draw
     return drawn

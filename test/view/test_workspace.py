@@ -1,5 +1,7 @@
 """Facts about the volume of a workspace on the page: its slices are those of the file, in the colours of the legend."""
 
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ pytest.importorskip('viser', reason='the page needs the extra "view"')
 
 from delta3_pacdrive.view.page import Page
 from delta3_pacdrive.view.workspace import GREY, Scale, Slices, Volume, colours, legend
+from gui_stand_in import Gui
 
 SPEED = 'speed_m_s'
 
@@ -96,3 +99,36 @@ def test_another_measure_is_shown_when_it_is_chosen(volume, robot, browser):
             panel.wait_for(state='hidden')
     finally:
         page.close()
+
+
+def test_each_choice_of_a_volume_draws_its_slices_anew(volume):
+    page = MagicMock()
+    page.server.gui = gui = Gui()
+    Slices(page, volume)
+    drawn = page.server.scene.add_point_cloud
+
+    def last():
+        (path, places, shades), more = drawn.call_args
+        drawn.reset_mock()
+        return path, places, shades, more['visible']
+
+    assert [call.args[0] for call in drawn.call_args_list] == ['/volume/x', '/volume/y', '/volume/z']
+    drawn.reset_mock()
+    for axis, letter in enumerate('xyz'):
+        own = volume.axes_m[axis]
+        gui[f'{letter} mm'].use(1e3 * float(own[3]))
+        path, places, _, visible = last()
+        assert path == f'/volume/{letter}'
+        np.testing.assert_allclose(places[:, axis], own[3], atol=1e-6)
+        assert visible is gui[f'slice {letter}'].value
+        gui[f'slice {letter}'].use(not visible)
+        assert last()[3] is not visible
+    for name in volume.values:
+        gui['colour'].use(name)
+        _, index = volume.slice(2, volume.axes_m[2][3])
+        np.testing.assert_array_equal(last()[2], colours(volume, name, index))
+    assert set(gui.things) == {
+        'colour',
+        *(f'slice {letter}' for letter in 'xyz'),
+        *(f'{letter} mm' for letter in 'xyz'),
+    }

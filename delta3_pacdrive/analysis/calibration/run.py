@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +61,7 @@ class Study(studies.Study):
         folder.add(measurement_file.write(folder.path / POSES, poses, angles, folder.provenance))
         document = simulated.program(poses, f'{len(poses.points_m)} poses of a calibration')
         folder.add(report.write_program(folder.path / PROGRAM, document, folder.provenance))
-        folder.figures({'poses.png': lambda: figures.plan_of(poses, self.robot)}, with_foot=True)
+        folder.figures({'poses.png': partial(figures.plan_of, poses, self.robot)}, with_foot=True)
         told = report.plan_document(poses, self.settings.wanted)
         return folder.summary('Poses of a calibration', told, report.plan_text(told))
 

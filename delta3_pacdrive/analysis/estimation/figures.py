@@ -132,7 +132,7 @@ def residuals(fit: Fit, problem: Problem) -> Figure:
         right.axhspan(-bound, bound, color='#EEEEEE', zorder=0)
         dress(right, 'autocorrelation', ylim=(-0.5, 1.05))
     grid[-1, 0].set_xlabel('time [s]')
-    grid[-1, 1].set_xlabel(f'lag (samples of {problem.blocks[-1].period_s * 1e3:.3g} ms)')
+    grid[-1, 1].set_xlabel(f'lag [samples of {problem.blocks[-1].period_s * 1e3:.3g} ms]')
     grid[0, 0].legend(ncols=3, loc='upper right', **SMALL)
     return figure
 

@@ -35,7 +35,7 @@ def robots_figure(results: Results) -> Figure:
     picks = [float(which.sum()) / shift_min for _, which in own]
     busy = [100.0 * float(belt.cycle_s[which].sum()) / results.line.shift_s for belt, which in own]
     places = np.arange(len(names))
-    for n, (values, label) in enumerate(((picks, 'picks a minute'), (busy, 'busy [%]')), start=1):
+    for n, (values, label) in enumerate(((picks, 'picks [1/min]'), (busy, 'busy [%]')), start=1):
         axes = figure.add_subplot(1, 2, n)
         axes.bar(places, values, color=COLOURS[n - 1])
         axes.set_xticks(places, names, rotation=30, ha='right')
@@ -58,6 +58,6 @@ def minutes_figure(results: Results) -> Figure:
         ):
             sums = np.add.reduceat(counts, edges) / np.diff(np.append(edges, len(counts)))
             axes.step(edges, sums, where='post', color=colour, label=label)
-        dress(axes, xlabel='minute', ylabel=f'{belt.belt}: parts a minute', ylim=(0.0, None))
+        dress(axes, xlabel='time [min]', ylabel=f'{belt.belt}: parts [1/min]', ylim=(0.0, None))
         axes.legend(loc='center right')
     return figure

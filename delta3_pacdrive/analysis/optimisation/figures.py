@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.figure_style import COLOURS, MUTED, dress, legend_above, titled_figure
+from delta3_pacdrive.analysis.figure_style import (
+    COLOURS,
+    MUTED,
+    dress,
+    label_of_key,
+    legend_above,
+    titled_figure,
+)
 from delta3_pacdrive.analysis.report_folder import Drawings
 
 if TYPE_CHECKING:
@@ -60,7 +67,7 @@ def history_figure(found: Trials) -> Figure:
     base = found.value(found.base)
     if base is not None:
         axes.axhline(base, color=COLOURS[1], linestyle='--', linewidth=1.0, label='values of the files')
-    dress(axes, xlabel='trial', ylabel=found.wanted.goal)
+    dress(axes, xlabel='trial', ylabel=label_of_key(found.wanted.goal))
     legend_above(axes)
     return figure
 
@@ -81,7 +88,7 @@ def value_figure(found: Trials) -> Figure:
         ):
             places: Any = [_place(one.values[key]) for one in trials]
             axes.scatter(places, _values(found, trials), s=size, color=colour, marker=marker)
-        dress(axes, xlabel=key, ylabel=found.wanted.goal)
+        dress(axes, xlabel=label_of_key(key), ylabel=label_of_key(found.wanted.goal))
     return figure
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delta3_pacdrive.analysis.figure_style import COLOURS, dress, titled_figure
+from delta3_pacdrive.analysis.figure_style import COLOURS, dress, label_of_key, titled_figure
 from delta3_pacdrive.analysis.report_folder import Drawings
 from delta3_pacdrive.analysis.sweep.design import Law, Runs
 from delta3_pacdrive.analysis.sweep.effects import effects
@@ -60,7 +60,7 @@ def distribution_figure(found: Runs, names: list[str]) -> Figure:
     for axis, name in zip(axes, names, strict=True):
         values = found.kept[name][_known(found, name)]
         axis.hist(values, bins=min(60, max(10, len(values) // 20)), color=COLOURS[0])
-        dress(axis, xlabel=name, ylabel='runs')
+        dress(axis, xlabel=label_of_key(name), ylabel='runs')
         if name in found.sweep.limits:
             axis.axvline(found.sweep.limits[name], color=LIMIT)
     return figure
@@ -101,7 +101,7 @@ def scatter_figure(found: Runs, name: str, keys: list[str]) -> Figure:
             markersize=2,
             color=COLOURS[0],
         )
-        dress(axis, xlabel=key, ylabel=name)
+        dress(axis, xlabel=label_of_key(key), ylabel=label_of_key(name))
         if name in found.sweep.limits:
             axis.axhline(found.sweep.limits[name], color=LIMIT)
     return figure

@@ -189,7 +189,7 @@ def effects(variants: dict[str, Variant]) -> Figure:
                            linewidth=1.0, label=name if i == 0 else None)  # fmt: skip
         panels[-1].plot(effect.time_s, 1e6 * effect.tcp_error_m, color=colour, linewidth=1.0)
     drives = [f'arm {axis}' if axis != TOOL_AXIS else 'motor of the tool' for axis in axes]
-    labels = [*(f'{drive}\n[0.001 deg]' for drive in drives), 'TCP error\n[um]']
+    labels = [*(f'{drive}\n[mdeg]' for drive in drives), 'TCP error\n[µm]']
     finish_over_time(panels, labels, 'time from the start of the program [s]')
     if panels[0].get_legend_handles_labels()[0]:
         figure.legend(loc='outside upper right', ncols=2, **LEGEND)
@@ -245,7 +245,7 @@ def sweep(points: list[SweepPoint], swept: str) -> Figure:
                 axes.axvspan(point.value - half, point.value + half, color=colour, zorder=0, linewidth=0)
     middle.axhline(0.0, color=MUTED, linewidth=0.8)
     told = 'red: a loop is unstable; yellow: one is somewhere in the workspace, or the program trips a drive'
-    dress(top, told, ylabel='following error\n[0.001 deg, arm]')
+    dress(top, told, ylabel='following error of the arm\n[mdeg]')
     dress(middle, ylabel='phase margin [deg]')
     dress(bottom, ylabel='overshoot of a step [%]', xlabel=f'{swept} [SI]')
     for axes in (top, middle):

@@ -47,8 +47,9 @@ def quantity_map(
     known = np.concatenate([values for values in inside if len(values)] or [np.array([0.0, 1.0])])
     low, high = float(known.min()), float(known.max())
     levels = MaxNLocator(LEVELS).tick_values(low, high if high > low else low + 1.0)
-    unit = f' ({_unit(quantity)})' if quantity.shown_unit else ''
-    figure, panels = _panels(slices, f'{quantity.what[0].upper()}{quantity.what[1:]}{unit}')
+    unit = f' [{_unit(quantity)}]' if quantity.shown_unit else ''
+    title = f'{quantity.what[0].upper()}{quantity.what[1:]}{unit}'
+    figure, panels = _panels(slices, title)
     colours = 'viridis_r' if quantity.worst_is_large else 'viridis'
     filled = None
     for axes, plane, grid in zip(panels, slices, found.slices, strict=True):

@@ -1,5 +1,6 @@
 """Facts about the report page in a real browser: what it draws, and that everything follows one time."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -424,3 +425,167 @@ def test_a_browser_without_3d_shows_everything_else(browser, written):
         visit.page.wait_for_selector(READY, state='attached')
         assert 'No 3-D here' in visit.page.locator('#told').text_content()
         assert visit.page.locator('.u-over').count() >= 6
+
+
+# each button and choice of the page is used once
+
+
+@pytest.mark.parametrize(
+    ('name', 'towards'),
+    [('front', (0, -1, 0)), ('side', (1, 0, 0)), ('top', (0, 0, 1)), ('3-D', (0.6, -0.75, 0.27))],
+)
+def test_each_view_looks_from_where_its_name_says(name, towards, visit):
+    visit.page.get_by_role('button', name=name, exact=True).click()
+    eye = visit.page.evaluate(
+        'delta3.stage.camera.position.clone().sub(delta3.stage.controls.target).toArray()'
+    )
+    np.testing.assert_allclose(eye / np.linalg.norm(eye), towards, atol=0.02)
+
+
+def test_the_button_of_the_theme_makes_the_page_dark_and_light_again(visit):
+    for is_dark in (True, False):
+        visit.page.locator('#theme').click()
+        assert bool(pixels(visit)[-3, 3].mean() < 60.0) is is_dark
+
+
+def test_each_speed_of_the_list_is_that_of_the_clock(visit):
+    speeds = visit.page.locator('#speed option').evaluate_all('all => all.map(one => one.value)')
+    assert speeds == ['0.01', '0.02', '0.05', '0.1', '0.25', '0.5', '1', '2', '4']
+    for speed in speeds:
+        visit.page.select_option('#speed', speed)
+        assert visit.page.evaluate('delta3.clock.speed') == float(speed)
+
+
+def test_buttons_show_less_time_more_and_everything(visit):
+    visit.page.evaluate('delta3.clock.show(0.3, 0.5); delta3.clock.seek(0.4)')
+    whole = visit.page.evaluate('[delta3.clock.first, delta3.clock.last]')
+    for name, window in (('closer', [0.35, 0.45]), ('wider', [0.3, 0.5]), ('all', whole)):
+        visit.page.locator(f'#{name}').click()
+        assert visit.page.evaluate('delta3.clock.window') == pytest.approx(window, abs=1e-9), name
+
+
+def test_each_chip_shows_and_hides_the_plot_of_its_name(visit):
+    chips = visit.page.locator('#chips button')
+    titles = chips.all_text_contents()
+    groups = visit.page.locator('#panels .group')
+    assert len(titles) == groups.count() >= 6
+    for n, title in enumerate(titles):
+        group, chip = groups.nth(n), chips.nth(n)
+        assert group.locator('figcaption b').first.text_content() == title
+        before = group.is_visible()
+        for shown in (not before, before):
+            chip.click()
+            assert group.is_visible() is shown
+            assert chip.get_attribute('aria-pressed') == str(shown).lower()
+
+
+def test_each_entry_of_a_legend_hides_its_curve_and_shows_it_again(visit):
+    entries = visit.page.locator('#panels figure').filter(has_text='Current').first.locator('button.entry')
+    shown = """delta3.plots.panels.find(one => one.element.textContent.startsWith('Current'))
+               .chart.series.slice(1).map(one => one.show)"""
+    whole = visit.page.evaluate(shown)
+    assert all(whole)
+    hidden = []
+    for n in range(entries.count()):
+        entries.nth(n).click()
+        hidden.append({i for i, one in enumerate(visit.page.evaluate(shown)) if not one})
+        entries.nth(n).click()
+        assert visit.page.evaluate(shown) == whole
+    assert all(hidden)
+    assert set().union(*hidden) == set(range(len(whole)))
+    assert sum(map(len, hidden)) == len(whole)  # each curve has one entry
+
+
+def test_each_box_shows_and_hides_what_it_names_in_the_scene(visit):
+    found = """() => ({
+        ...Object.fromEntries(delta3.stage.ghosts.map(one => [one.text, one.robot.group.visible])),
+        'planned path': delta3.stage.paths.filter(one => one.style.kind === 'planned').every(one => one.line.visible),
+        travelled: delta3.stage.paths.filter(one => one.style.kind === 'travelled').every(one => one.line.visible),
+        workspace: delta3.stage.robot.parts.get('workspace').visible })"""
+    seek(visit, 0.1)
+    names = visit.page.locator('#options label').all_text_contents()
+    assert names == ['command', 'true pose', 'planned path', 'travelled', 'workspace']
+    for name in names:
+        box = visit.page.locator('#options label').filter(has_text=re.compile(f'^{name}$')).locator('input')
+        before, was = visit.page.evaluate(found), box.is_checked()
+        for checked in (not was, was):
+            box.set_checked(checked)
+            seek(visit, 0.1)
+            assert visit.page.evaluate(found) == before | {name: checked}
+
+
+def test_each_block_and_mark_of_the_track_goes_to_its_time(visit, one):
+    blocks = visit.page.locator('#track .move')
+    assert blocks.all_text_contents() == [str(move.number) for move in one.moves]
+    for block, move in zip(blocks.all(), one.moves, strict=True):
+        block.dispatch_event('click')
+        assert visit.page.evaluate('delta3.clock.time') == pytest.approx(
+            max(move.start_s, one.part.time_s[0]), abs=1e-6
+        )
+        assert block.get_attribute('title').startswith(f'move {move.number}, ')
+    for mark in visit.page.locator('#track .mark').all():
+        mark.dispatch_event('click')
+        told = float(mark.get_attribute('title').partition(' s: ')[0])
+        assert visit.page.evaluate('delta3.clock.time') == pytest.approx(told, abs=6e-4)
+
+
+@pytest.mark.parametrize('way', ['click', 'Enter'])
+def test_a_row_of_the_table_of_moves_goes_to_its_move(way, visit, one):
+    move = one.moves[1]
+    row = visit.page.locator('tr[data-from]').nth(1)
+    if way == 'click':
+        row.click()
+    else:
+        row.press('Enter')
+    low, high = visit.page.evaluate('delta3.clock.window')
+    assert visit.page.evaluate('delta3.clock.time') == pytest.approx(move.start_s, abs=1e-6)
+    assert low < move.start_s < move.end_s < high < low + 2.0 * (move.end_s - move.start_s)
+
+
+@pytest.mark.parametrize(('key', 'zooms'), [('Control', True), ('Shift', True), ('', False)])
+def test_the_wheel_zooms_around_its_place_with_a_key_only(key, zooms, visit):
+    before = visit.page.evaluate('delta3.clock.window')
+    place = visit.page.evaluate(
+        """key => {
+            const { chart } = delta3.plots.panels.find(one => one.chart);
+            const box = chart.over.getBoundingClientRect(), clientX = box.left + 0.25 * box.width;
+            chart.over.dispatchEvent(new WheelEvent('wheel', {
+                deltaY: -240, clientX, ctrlKey: key === 'Control', shiftKey: key === 'Shift', cancelable: true }));
+            return 0.25;
+        }""",
+        key,
+    )
+    low, high = visit.page.evaluate('delta3.clock.window')
+    if not zooms:
+        assert [low, high] == before
+        return
+    middle = before[0] + place * (before[1] - before[0])
+    assert high - low == pytest.approx(0.5 * (before[1] - before[0]), rel=1e-6)
+    assert low + place * (high - low) == pytest.approx(middle, abs=2e-3)  # a pixel
+
+
+def test_one_finger_moves_the_instant_and_two_zoom(visit):
+    times, windows = visit.page.evaluate(
+        """() => {
+            const { chart } = delta3.plots.panels.find(one => one.chart), { over } = chart;
+            const box = over.getBoundingClientRect(), times = [], windows = [];
+            const touch = (kind, pointerId, share) => over.dispatchEvent(new PointerEvent(kind, {
+                pointerId, pointerType: 'touch', clientX: box.left + share * box.width }));
+            touch('pointerdown', 1, 0.2);
+            for (const share of [0.3, 0.6]) { touch('pointermove', 1, share); times.push(delta3.clock.time) }
+            touch('pointerdown', 2, 0.8);
+            touch('pointermove', 2, 0.7);
+            windows.push(delta3.clock.window);
+            touch('pointermove', 2, 0.8);
+            windows.push(delta3.clock.window);
+            for (const id of [1, 2]) touch('pointerup', id, 0.5);
+            touch('pointermove', 1, 0.1);
+            times.push(delta3.clock.time);
+            return [times, windows];
+        }"""
+    )
+    first, last = visit.page.evaluate('[delta3.clock.first, delta3.clock.last]')
+    place = [first + share * (last - first) for share in (0.3, 0.6, 0.6)]
+    assert times == pytest.approx(place, abs=2e-3)
+    before, after = windows
+    assert after[1] - after[0] == pytest.approx(0.5 * (before[1] - before[0]), rel=1e-2)

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
+from delta3_pacdrive.analysis.figure_style import label_of_key
 from delta3_pacdrive.analysis.sweep import figures, report
 from delta3_pacdrive.analysis.sweep.design import Law, Outcome, Runs, Sampling, Sweep, Variation
 from delta3_pacdrive.analysis.sweep.effects import distributions, effects, worst, yields
 from delta3_pacdrive.analysis.sweep.sampling import values_of
 from delta3_pacdrive.analysis.sweep.study import Results
-from reports_read import read
+from reports_read import read, read_drawing
 
 A, B, C = (Variation(f'x.{name}', Law.UNIFORM, (-1.0, 1.0)) for name in 'abc')
 WORD = Variation('x.word', Law.LIST, ('linear', 'cubic'))
@@ -108,4 +109,24 @@ def test_the_summary_for_people_tells_counts_reasons_yield_and_the_command_of_th
     read(document, lines, tables)
     names = [table.name for table in tables]
     assert names == ['distributions.csv', 'effects.csv', 'worst.csv', 'runs.csv']
-    assert set(figures.by_name(some)) == {'distributions.png', 'effects.png', 'scatter_y.png'}
+    drawings = figures.by_name(some)
+    assert set(drawings) == {'distributions.png', 'effects.png', 'scatter_y.png'}
+    for draw in drawings.values():
+        read_drawing(draw)
+
+
+@pytest.mark.parametrize(
+    ('key', 'label'),
+    [
+        ('tcp_error_max_m', 'tcp_error_max [m]'),
+        ('motion.max_speed_m_s', 'motion.max_speed [m/s]'),
+        ('gear_stiffness_n_m_rad', 'gear_stiffness [N m/rad]'),
+        ('rich.azimuth_error_deg[2]', 'rich.azimuth_error[2] [deg]'),
+        ('program.moves[0].move_l.speed_m_s', 'program.moves[0].move_l.speed [m/s]'),
+        ('position_gain_rad_s_rad', 'position_gain [1/s]'),
+        ('y', 'y'),
+        ('seed', 'seed'),
+    ],
+)
+def test_the_label_of_a_key_has_its_unit_in_square_brackets(key, label):
+    assert label_of_key(key) == label
