@@ -301,5 +301,5 @@ def shown(value: object) -> str:
     try:
         text = repr(value)
     except (ValueError, RecursionError):  # whole numbers of thousands of digits, endless nesting
-        text = f'a {type(value).__name__} that is too large to show'
+        text = f'a value of type {type(value).__name__}, too large to show'
     return text if len(text) <= 60 else f'{text[:57]}...'

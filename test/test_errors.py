@@ -56,7 +56,7 @@ def test_a_value_of_60_characters_is_shown_whole_and_a_longer_one_is_cut(length:
 
 
 def test_a_value_that_cannot_be_shown_is_named_by_its_type() -> None:
-    assert shown(10**5000) == 'a int that is too large to show'
+    assert shown(10**5000) == 'a value of type int, too large to show'
 
 
 @pytest.mark.parametrize(
