@@ -8,11 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from delta3_pacdrive import interrupts
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, killed_sentence, respawn
 from delta3_pacdrive.bringup.scheduling import Schedule
 from delta3_pacdrive.view.serving import LISTENING, Place
 
-END_S = 3.0  # for the page to hold the robot, say goodbye to browsers and leave the graph
+END_S = 1.0 + interrupts.END_S  # a page that can ends itself before
 
 
 @contextmanager
