@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from delta3_pacdrive import kinematics, simulation
 from delta3_pacdrive.analysis import measured, oscilloscope_run
+from delta3_pacdrive.analysis.clock_estimation import CLOCKS_MAX
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion.program import Output, Program
@@ -14,6 +16,8 @@ from delta3_pacdrive.recording.trace import Trace
 
 MOVING_RAD_S = 1.0  # a shaft that turns faster moves
 MARGIN_S = 0.02  # kept before and after the motion
+REST_S = 0.05  # of the command, after which the robot rests
+EVEN_CLOCK = 1e-6  # deviation of a clock that is rounding
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,82 @@ def completed(trace: Trace, parameters: Parameters) -> Trace:
     if 'motor_speed' not in signals and 'motor_position' in signals:
         signals['motor_speed'] = np.gradient(signals['motor_position'], sample_time_s(trace), axis=0)
     return Trace(trace.time_s, signals, trace.meta)
+
+
+def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trace], list[str]]:
+    """Return the parts of a recording between its gaps, and sentences on what is left out or corrected.
+
+    The first part counts as it is. Each later one begins after 50 ms in which the command, or the speed, rests: what
+    has moved in the gap is not known. Parts without motion are left out. A clock whose samples are nearly one bus cycle
+    apart is that of the controller: its times are bus times, multiplied by a constant.
+
+    Raises
+    ------
+    Delta3Error
+        The recording is too short, or no part of it shows a motion.
+
+    """
+    notes: list[str] = []
+    if 'cycle_time_s' not in trace.meta:
+        gridded = measured.on_grid(trace, name)
+        origin = gridded.meta['origin_s']
+        trace = Trace(gridded.time_s + origin, gridded.signals, gridded.meta)
+    period = float(np.median(np.diff(trace.time_s))) if len(trace.time_s) > 1 else 0.0
+    cycle = parameters.bus.cycle_time_s
+    rows = np.rint((trace.time_s - trace.time_s[:1]) / (period or 1.0)).astype(np.int64)
+    fast = period / cycle - 1.0
+    if EVEN_CLOCK < abs(fast) <= CLOCKS_MAX:
+        notes.append(
+            f'The clock is {100.0 * abs(fast):.2g} % {"fast" if fast > 0.0 else "slow"}: its samples are taken as one '
+            f'in each bus cycle of {cycle * 1e3:g} ms'
+        )
+        trace = Trace(trace.time_s[0] + rows * cycle, trace.signals, trace.meta | {'cycle_time_s': cycle})
+    known = np.all([np.isfinite(values).all(axis=1) for values in trace.signals.values()], axis=0)
+    kept = np.flatnonzero(known)
+    pieces = np.split(kept, np.flatnonzero(np.diff(rows[kept]) != 1) + 1)
+    if len(pieces) == 1 and len(kept) == len(rows):
+        return [completed(trace, parameters)], notes
+    parts: list[Trace] = []
+    for number, piece in enumerate(pieces):
+        part = completed(_rows(trace, piece), parameters) if len(piece) > 2 else None
+        part = part if part is None or not number else _from_rest(part)
+        if part is not None and _moves(part):
+            parts.append(part)
+    if not parts:
+        raise EstimationError('no part of the trace between its gaps begins at rest and moves')
+    used = sum(len(part.time_s) for part in parts)
+    notes.append(
+        f'{int(rows[-1]) + 1 - used} of {int(rows[-1]) + 1} instants are left out: gaps, and what follows them until '
+        'the robot rests'
+    )
+    return parts, notes
+
+
+def _rows(trace: Trace, rows: NDArray[np.int64]) -> Trace:
+    return Trace(
+        trace.time_s[rows], {name: values[rows] for name, values in trace.signals.items()}, trace.meta
+    )
+
+
+def _from_rest(part: Trace) -> Trace | None:
+    """Return a part after the first rest of its command, or of its speed; None if it never rests."""
+    count = round(REST_S / sample_time_s(part))
+    if 'motor_command' in part.signals:
+        still = (np.diff(part['motor_command'], axis=0) == 0.0).all(axis=1)
+    else:
+        still = (np.abs(part['motor_speed']) < MOVING_RAD_S).all(axis=1)
+    resting = np.convolve(still, np.ones(count), 'valid') > count - 0.5
+    return (
+        _rows(part, np.arange(int(np.argmax(resting)) + count, len(part.time_s))) if resting.any() else None
+    )
+
+
+def _moves(part: Trace) -> bool:
+    try:
+        moving_rows(part)
+    except EstimationError:
+        return False
+    return True
 
 
 def moving_rows(trace: Trace) -> slice:

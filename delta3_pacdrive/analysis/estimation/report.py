@@ -197,6 +197,7 @@ def text(document: dict[str, Any]) -> list[str]:
             f'{signal["signal"]:>20}  residuals {signal["rms"]:.3g} {signal["unit"]} rms, '
             f'sensor noise {signal["sensor_noise"]:.3g}, {colour}; intervals from {signal["intervals_from"]}'
         )
+    lines += [f'{"note":>14}  {note}' for note in document.get('notes', ())]
     if not document['solver']['converged']:
         lines.append(f'{"note":>14}  {document["solver"]["message"]}')
     if applied := document.get('applied'):

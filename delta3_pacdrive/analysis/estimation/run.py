@@ -20,7 +20,13 @@ from delta3_pacdrive.analysis.estimation import (
     thesis_setup,
 )
 from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
-from delta3_pacdrive.analysis.estimation.measurement import completed, sample_time_s, simulate, with_noise
+from delta3_pacdrive.analysis.estimation.measurement import (
+    completed,
+    parts_of,
+    sample_time_s,
+    simulate,
+    with_noise,
+)
 from delta3_pacdrive.analysis.estimation.model_check import ModelCheck, check
 from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, WindingModel
 from delta3_pacdrive.analysis.estimation.problem import Model, Problem
@@ -39,6 +45,7 @@ from delta3_pacdrive.analysis.estimation.study import Settings
 from delta3_pacdrive.analysis.inputs import is_recording, noted
 from delta3_pacdrive.analysis.provenance import Provenance, excused, write_json
 from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.analysis.runs import notes_of
 from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.motion import program_file as programs
@@ -57,6 +64,7 @@ OF_TIMING = (
     'L',
     't_I',
 )  # what a log of another program shows only together with the timing inside its drives
+TIMING_PERIODS = 2.0  # of the current loop, within which other controllers sample the current
 SETTINGS, ITERATE = 'session.json', 'iterate.json'
 
 
@@ -70,6 +78,7 @@ class Study(studies.Study):
     model_robot: Parameters = field(init=False)
     quantities: tuple[Quantity, ...] = field(init=False, default=())
     timing: tuple[str, ...] = field(init=False, default=())  # free, but no numbers of the robot
+    notes: list[str] = field(init=False, default_factory=list)  # on what recordings lack
 
     def __post_init__(self) -> None:
         """Read the parameters and refuse settings that contradict one another."""
@@ -154,9 +163,8 @@ class Study(studies.Study):
         if self.iterate is not None and len(self.iterate.x) != len(start):
             told = f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values'
             raise EstimationError(told)
-        found = built_fit.fit_built(problem, start, build, self._keep, self.iterate).without(
-            self.timing, TIMING
-        )
+        found = built_fit.fit_built(problem, start, build, self._keep, self.iterate)
+        found = found.without(self.reasons_of_timing(problem, found))
         aside = [
             model
             for trace in self._traces(self.settings.validate)
@@ -166,6 +174,7 @@ class Study(studies.Study):
         better = None if verdict.holds else self._look(traces, found)
         document = report.fit_summary(found, problem, self.robot, self._simulates)
         document = report.judged(document, verdict, better, self.robot, self._simulates)
+        document |= {'notes': self.notes} if self.notes else {}
         self.on_progress('tables and figures', 0, 0)
         folder = ReportFolder(self.folder, self._provenance())
         tables = report.fit_tables(document, found, problem)
@@ -193,6 +202,21 @@ class Study(studies.Study):
         self.timing = tuple(symbol for symbol in OF_TIMING if symbol not in self.settings.free)
         self.model_robot = self.model_robot.replace(bus__exchange_period_s=BUILT_EXCHANGE_S)
 
+    def reasons_of_timing(self, problem: Problem, found: Fit) -> dict[str, str]:
+        """Return why the quantities of the timing mean nothing, each with its interval over the possible instants."""
+        latest = TIMING_PERIODS * self.robot.drive.current_period_s
+        spans = found.spans(problem, 't_I', 0.0, latest)
+        return {
+            symbol: TIMING
+            + (
+                f'; {spans[symbol][0]:.3g} to {spans[symbol][1]:.3g} {TABLE[symbol].unit} if the sample is taken 0 to '
+                f'{1e6 * latest:.0f} us before the AT'
+                if symbol in spans
+                else ''
+            )
+            for symbol in self.timing
+        }
+
     def _run_thesis(self) -> dict[str, Any]:
         chosen = self.settings
         if self._simulates:
@@ -204,7 +228,9 @@ class Study(studies.Study):
         else:
             if len(chosen.inputs) != 1:
                 raise EstimationError('the group thesis takes one trace')
-            (trace,), built, recorded = self._traces(chosen.inputs), None, chosen.inputs[0]
+            (trace, *more), built, recorded = self._traces(chosen.inputs), None, chosen.inputs[0]
+            if more:
+                raise EstimationError('the group thesis takes one trace without gaps')
         wanted = trace, self.robot, self._off, self.on_progress, self._keep, self.iterate
         study = thesis_setup.study(*wanted, built, recorded)
         found, problem = study.cure, study.problem
@@ -266,10 +292,14 @@ class Study(studies.Study):
         if self._simulates and self.settings.group != 'geometry':
             program = programs.load(self.settings.inputs[0], self.robot.motion)
             traces = [simulate(program, self.robot, 'bus')]
-        for text, trace in zip(self.settings.inputs, traces, strict=True):
+        for trace in traces:
             if self._can_replay(trace):
                 apart = before_after.compare(trace, before, after)
-                row = {'input': text, 'rms': apart.rms(), 'text': before_after.sentences(apart)}
+                row = {
+                    'input': trace.meta.get('input', self.settings.inputs[0]),
+                    'rms': apart.rms(),
+                    'text': before_after.sentences(apart),
+                }
                 document['before_after'].append(row)
                 drawings = drawings or before_after.drawings(apart)
         return document, drawings
@@ -328,7 +358,16 @@ class Study(studies.Study):
         settings = self.settings
         if not self._simulates:
             self.on_progress('reading', 0, 0)
-            return [completed(load(text), self.robot) for text in inputs]
+            found: list[Trace] = []
+            for text in inputs:
+                trace, notes = load(text, gaps=True), list[str]()
+                if settings.group == 'geometry':
+                    parts = [completed(trace, self.robot)]
+                else:
+                    parts, notes = parts_of(trace, self.robot, text)
+                found += [Trace(one.time_s, one.signals, one.meta | {'input': text}) for one in parts]
+                self.notes += [f'{text}: {note}' for note in (*notes_of(parts[0]), *notes)]
+            return found
         sampling = settings.sampling
         if settings.group == 'geometry' or (sampling == 'auto' and self.robot.rich.enabled):
             sampling = 'bus'

@@ -1,6 +1,6 @@
 """Least squares with bounds and scales, covariance that holds for coloured residuals, confidence intervals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +25,7 @@ BLOCK_PER_LAG = 12  # correlation lengths in a block of residuals that is indepe
 BLOCKS_MIN = 12
 LENGTH_MIN = 8  # samples in a block
 PRIOR = 1.0  # scales that a start may be off: holds what signals hardly show, and nothing else
+NORMAL_95 = 1.96  # standard deviations
 FAR = 0.5  # relative way from the start of a quantity that starts a second time
 
 
@@ -105,16 +106,43 @@ class Fit:
     converged: bool
     message: str
 
-    def without(self, symbols: Sequence[str], reason: str) -> 'Fit':
-        """Return the fit with quantities that were free, but whose values mean nothing, and why."""
+    def without(self, reasons: Mapping[str, str]) -> 'Fit':
+        """Return the fit with quantities that were free, but whose values mean nothing, each with the reason."""
         verdict = Verdict.CONFOUNDED
-        estimates = [replace(e, verdict=verdict) if e.symbol in symbols else e for e in self.estimates]
+        estimates = [replace(e, verdict=verdict) if e.symbol in reasons else e for e in self.estimates]
         findings = [
-            replace(f, verdict=verdict, reason=reason) if f.symbol in symbols else f
+            replace(f, verdict=verdict, reason=reasons[f.symbol]) if f.symbol in reasons else f
             for f in self.identifiability.findings
         ]
         analysed = replace(self.identifiability, findings=tuple(findings))
         return replace(self, estimates=tuple(estimates), identifiability=analysed)
+
+    def spans(self, problem: Problem, symbol: str, low: float, high: float) -> dict[str, tuple[float, float]]:
+        """Return the interval [SI] of each other estimated quantity if one lies between two values [SI].
+
+        The others follow it to first order, as the signals ask for; half widths of 95 % are added at both ends.
+        """
+        columns = list(self.identifiability.estimated)
+        symbols = [problem.quantities[j].symbol for j in columns]
+        if symbol not in symbols:
+            return {}
+        own = symbols.index(symbol)
+        rest = [k for k in range(len(columns)) if k != own]
+        normal = np.zeros((len(columns), len(columns)))
+        for part, white in zip(problem.jacobian(self.x, columns), self.whiteness, strict=True):
+            rows = part.reshape(-1, len(columns)) / max(white.rms, 1e-300)
+            normal += rows.T @ rows
+        inverse = np.linalg.inv(normal[np.ix_(rest, rest)])
+        follow, halves = -inverse @ normal[rest, own], NORMAL_95 * np.sqrt(np.diag(inverse))
+        values, scales = self.x[columns], problem.scales[columns]
+        changes = (np.array([low, high]) - values[own]) / scales[own]
+        return {
+            symbols[k]: (
+                float(values[k] + scales[k] * (min(slope * changes) - half)),
+                float(values[k] + scales[k] * (max(slope * changes) + half)),
+            )
+            for k, slope, half in zip(rest, follow, halves, strict=True)
+        }
 
 
 def fit(
