@@ -90,6 +90,10 @@ def _sentence(error: Exception) -> str | None:
     if isinstance(error, ImportError) and 'map segment' in str(error):
         return f'there is not enough memory: {error}'
     if isinstance(error, OSError):
+        try:
+            os.getcwd()
+        except FileNotFoundError:
+            return 'the working folder does not exist any more'
         place = f' {error.filename}' if error.filename else ''
         return f'cannot read or write{place}: {error.strerror}' if error.strerror else str(error)
     if isinstance(error, UnicodeError):

@@ -121,7 +121,8 @@ def be_gone() -> None:
 class Server:
     """Takes command lines, tells how they end, and lets none survive the stand-in that it runs for."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, environment: dict[str, str]) -> None:
+        self._environment = environment  # what was read early: libraries add to it while they are loaded
         self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._listening.bind(address)
         self._listening.listen(64)
@@ -161,7 +162,7 @@ class Server:
         for _, _, data in attached:
             streams.frombytes(data)
         request = json.loads(text)
-        if read_early(request['environment']) != read_early(dict(os.environ)):
+        if read_early(request['environment']) != self._environment:
             client.send(json.dumps(NOT_TAKEN).encode())
         else:
             self._start(client, request, list(streams))
@@ -206,7 +207,8 @@ class Server:
 
 if __name__ == '__main__':
     atexit.register(be_gone)  # the first one is called last
+    first = read_early(dict(os.environ))
     load()
-    server = Server(sys.argv[1])
+    server = Server(sys.argv[1], first)
     print('ready', flush=True)
     server.serve()

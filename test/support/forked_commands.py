@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -13,18 +14,19 @@ HERE = Path(__file__).parent
 servers: list[int] = []  # process numbers; they stay until all tests are over
 
 
-def folder() -> Path:
+def folder(environment: Mapping[str, str] | None = None) -> Path:
     """Return the folder of commands that hand their lines to a server, which starts with the first call.
 
-    ``python`` does so with scripts only; everything else that it is asked for it does itself.
+    ``python`` does so with scripts only; everything else that it is asked for it does itself. The server has the
+    environment of this process, or another one.
     """
-    return _folder(
-        os.environ.get('ROS_DOMAIN_ID', '')
-    )  # whose processes tests look for by their first environment
+    own = os.environ if environment is None else environment
+    # tests look for the processes of a domain by their first environment
+    return _folder(own.get('ROS_DOMAIN_ID', ''), None if environment is None else tuple(sorted(own.items())))
 
 
 @cache
-def _folder(domain: str) -> Path:
+def _folder(_: str, environment: tuple[tuple[str, str], ...] | None) -> Path:
     made = Path(tempfile.mkdtemp(prefix='delta3_commands_'))
     atexit.register(shutil.rmtree, made, ignore_errors=True)
     socket, client = made / 'socket', HERE / 'forked_command.py'
@@ -33,6 +35,7 @@ def _folder(domain: str) -> Path:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
+        env=None if environment is None else dict(environment),
         # in the session of the tests: the kernel shares processors between sessions, and may let a small one wait
         process_group=0,
     )

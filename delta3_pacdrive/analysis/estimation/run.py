@@ -205,17 +205,14 @@ class Study(studies.Study):
     def reasons_of_timing(self, problem: Problem, found: Fit) -> dict[str, str]:
         """Return why the quantities of the timing mean nothing, each with its interval over the possible instants."""
         latest = TIMING_PERIODS * self.robot.drive.current_period_s
-        spans = found.spans(problem, 't_I', 0.0, latest)
-        return {
-            symbol: TIMING
-            + (
-                f'; {spans[symbol][0]:.3g} to {spans[symbol][1]:.3g} {TABLE[symbol].unit} if the sample is taken 0 to '
-                f'{1e6 * latest:.0f} us before the AT'
-                if symbol in spans
-                else ''
-            )
-            for symbol in self.timing
-        }
+        reasons = dict.fromkeys(self.timing, TIMING)
+        for symbol, (low, high) in found.spans(problem, 't_I', 0.0, latest).items():
+            if symbol in reasons:
+                interval = f'{max(low, 0.0):.3g} to {high:.3g} {TABLE[symbol].unit}'
+                reasons[symbol] += (
+                    f'; {interval} if the sample is taken 0 to {1e6 * latest:.0f} us before the AT'
+                )
+        return reasons
 
     def _run_thesis(self) -> dict[str, Any]:
         chosen = self.settings

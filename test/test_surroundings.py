@@ -1,0 +1,295 @@
+"""Facts about every command in hostile surroundings: it gives its result, or one sentence and a status."""
+
+import importlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import pytest
+
+import forked_commands
+from delta3_pacdrive import parameters, simulation
+from delta3_pacdrive.cli import main
+from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.numerics.kernel import CACHE_DIRECTORY
+from thoroughness import EVERYTHING
+
+pytestmark = pytest.mark.timeout(600)
+# each command in its cheapest real call; files named out are made where it is called
+CALLS = {
+    'run': ['run', 'missing.yaml'],
+    'up': ['up', '--parameters', 'missing.yaml'],
+    'move': ['move', 'program', 'missing.yaml'],
+    'faults': ['faults', 'list'],
+    'soak': ['soak', '--minutes', '0'],
+    'drive': ['drive', 'list'],
+    'io': ['io', 'part', 'maybe'],
+    'scope': ['scope', 'list'],
+    'check': ['check', 'program.yaml'],
+    'plan': ['plan', 'program.yaml'],
+    'pose': ['pose', '0', '0', '-0.75'],
+    'workspace': ['workspace', '--resolution', '120'],
+    'simulate': ['simulate', 'program.yaml', '--trace', 'out.npz'],
+    'view': ['view', 'missing.npz'],
+    'record': ['record', 'there'],
+    'export': ['export', 'trace', 'trace.npz', '--output', 'out.csv'],
+    'plot': ['plot', 'trace.npz', '--signals', 'current', '--output', 'out'],
+    'report': ['report', 'trace.npz', '--output', 'out.html'],
+    'compare': ['compare', 'trace.npz', 'trace.npz'],
+    'arm': ['arm'],
+    'jacobian': ['jacobian', 'trace.npz', '--output', 'out'],
+    'estimate': ['estimate', '--group', 'geometry', 'program.yaml', '--output', 'out'],
+    'calibrate': ['calibrate', 'plan', '--number', '24', '--output', 'out'],
+    'experiment': ['experiment', '1', '--no-attribution', '--seeds', '0', '--output', 'out'],
+    'tune': ['tune', '--excite', 'out.npz'],
+    'learn': ['learn', 'program.yaml', '--repetitions', '1', '--parameters', 'model', '--output', 'out'],
+    'ripple': ['ripple', 'program.yaml', '--cycle-time', '1', '--output', 'out'],
+    'sweep': ['sweep', 'sweep.yaml', '--dry-run'],
+    'optimise': ['optimise', 'optimise.yaml', '--workers', '1', '--output', 'out'],
+    'line': ['line', 'line', '--hours', '0.01', '--plans', '1', '--output', 'out'],
+    'completion': ['completion', 'bash'],
+    'bench': ['bench', 'shaping', '--moves', '1'],
+}
+REJECTED = {'run': 1, 'up': 1, 'move': 1, 'soak': 2, 'io': 2, 'view': 1, 'record': 1}  # status of these calls
+# calls that take more than a second of processor time
+SLOW = {'jacobian', 'estimate', 'calibrate', 'experiment', 'tune', 'learn', 'ripple', 'optimise', 'line'}
+PROGRAM = 'start_m: [0, 0, -0.75]\nmoves: [{move_l: {to_m: [0.02, 0.01, -0.76]}}]\n'
+VARIED = 'program: program.yaml\nvary: {drive.interpolation: {list: [linear, cubic]}}\n'
+CACHED = {'NUMBA_CACHE_DIR': str(CACHE_DIRECTORY.parent)}  # kernels are compiled once for all surroundings
+LOADER = {name: value for name, value in os.environ.items() if name.startswith(('LD_', '_ROS_WHEELS'))}
+KEPT = {name: value for name, value in os.environ.items() if name not in ('HOME', 'XDG_CACHE_HOME')} | CACHED
+BARE = (
+    CACHED
+    | LOADER
+    | {
+        'LC_ALL': 'C',
+        'PYTHONUTF8': '0',
+        'PYTHONCOERCECLOCALE': '0',
+        'TMPDIR': '/nowhere',
+        'PYTHONSAFEPATH': '1',
+    }
+)
+HOMELESS = KEPT | {'PYTHONIOENCODING': 'cp1252', 'HOME': '/dev/null', 'COLUMNS': '1', 'NO_COLOR': '1'}
+# without a home matplotlib makes a folder that each fork would delete at its end
+OF_WINDOWS = HOMELESS | {'MPLCONFIGDIR': mpl.get_cachedir()}
+NAMESPACES = ['cell 2', '2cell', 'a//b', 'cell-2']
+LIMIT_S = 300.0
+
+
+@pytest.fixture(scope='module')
+def files(tmp_path_factory):
+    """Return a folder with the inputs of the calls."""
+    folder = tmp_path_factory.mktemp('inputs')
+    for name, text in {
+        'program': PROGRAM,
+        'sweep': f'{VARIED}runs: 1\n',
+        'optimise': f'{VARIED}trials: 1\ngoal: {{minimise: tcp_error_max_m}}\n',
+    }.items():
+        (folder / f'{name}.yaml').write_text(text, encoding='utf-8')
+    robot = parameters.load()
+    simulation.run(programs.load(folder / 'program.yaml', robot.motion), robot).save(folder / 'trace.npz')
+    (folder / 'there').mkdir()
+    return folder
+
+
+def calls(everything=EVERYTHING):
+    """Return the command lines of a sweep: the help of each command, and its call."""
+    helped = [[name, '--help'] for name in main.COMMANDS]
+    return helped + [CALLS[name] for name in main.COMMANDS if everything or name not in SLOW]
+
+
+def fault_of(done, arguments, expected=None, quiet=False):
+    """Return what is wrong with how a command ended; '' if nothing is."""
+    status, output, errors = done.returncode, done.stdout, done.stderr
+    lines = [line for line in errors.splitlines() if line.strip()]
+    if 'Traceback' in output + errors or 'Exception ignored' in errors or status < 0:
+        return f'status {status}: {errors[-600:]}'
+    if expected is not None and status != expected:
+        return f'status {status} instead of {expected}: {errors[-300:]}'
+    if status == 0:
+        return '' if output or quiet else 'no output'
+    told = [line for line in lines if 'error: ' in line]
+    if quiet and not lines:  # the reader has gone
+        return ''
+    return '' if len(told) == 1 and told[0] == lines[-1] else f'not one sentence: {errors[-300:]}'
+
+
+def sweep(run, arguments_of_all, files, tmp_path, **expected):
+    """Run command lines, each in a folder of its own; return what is wrong, by command line."""
+    wrong = {}
+    for number, arguments in enumerate(arguments_of_all):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        own = [str(files / word) if (files / word).exists() else word for word in arguments]
+        done = run(own, folder)
+        status = 0 if arguments[-1] == '--help' else REJECTED.get(arguments[0], 0)
+        fault = fault_of(done, arguments, **{'expected': status} | expected)
+        made = [word for word in arguments if word.startswith('out')]
+        if not fault and not done.returncode and 'expected' not in expected:
+            fault = ', '.join(f'{name} is missing' for name in made if not (folder / name).exists())
+        if fault:
+            wrong[shlex.join(arguments)] = fault
+    return wrong
+
+
+def ended(command, folder, environment, shell='', **options):
+    """Return a command that has ended; ``shell`` follows it on a line of bash."""
+    if shell:
+        command = ['bash', '-c', f'set -o pipefail; "$@" {shell}', 'bash', *command]
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, errors='replace', timeout=LIMIT_S,
+        stdin=subprocess.DEVNULL, check=False,
+    )  # fmt: skip
+
+
+def afresh(arguments, folder, environment, shell=''):
+    """Run a command in an interpreter of its own."""
+    return ended([sys.executable, '-P', '-m', main.__name__, *arguments], folder, environment, shell)
+
+
+def forked(environment, folder=None, shell=''):
+    """Return what runs a command by a fork of an interpreter that was started with this environment."""
+    command = str(forked_commands.folder(environment) / 'delta3')
+
+    def run(arguments, own):
+        return ended([command, *arguments], folder or own, environment, shell)
+
+    return run
+
+
+def test_every_command_is_swept():
+    assert CALLS.keys() == main.COMMANDS.keys()
+    assert all(arguments[0] == name for name, arguments in CALLS.items())
+
+
+def test_without_environment_and_in_ascii_every_command_works(files, tmp_path):
+    assert sweep(forked(BARE), calls(), files, tmp_path) == {}
+
+
+@pytest.mark.long
+def test_with_the_encoding_of_windows_without_a_home_and_one_column_wide_every_command_works(files, tmp_path):
+    assert sweep(forked(OF_WINDOWS), calls(), files, tmp_path) == {}
+
+
+@pytest.mark.long
+def test_where_nothing_can_be_written_and_nobody_reads_every_command_ends_in_one_sentence(files, tmp_path):
+    run = forked(OF_WINDOWS, '/proc', '| head -0')
+    assert sweep(run, calls(everything=False), files, tmp_path, expected=None, quiet=True) == {}
+    assert list(Path('/proc').glob('out*')) == []
+
+
+@pytest.mark.long
+def test_figures_are_drawn_without_a_home(files, tmp_path):
+    def run(arguments, folder):
+        return afresh(arguments, folder, HOMELESS)
+
+    assert sweep(run, [CALLS['plot']], files, tmp_path) == {}
+
+
+@pytest.mark.parametrize('shell', ['<&- >&-', pytest.param('2>&-', marks=pytest.mark.long)])
+def test_with_closed_streams_every_command_works(shell, files, tmp_path):
+    lines = calls() if EVERYTHING else [[name, '--help'] for name in main.COMMANDS]
+
+    def run(arguments, folder):
+        return afresh(arguments, folder, KEPT, shell)
+
+    assert sweep(run, lines, files, tmp_path, quiet=True) == {}
+
+
+@pytest.mark.parametrize('line', ['run missing.yaml', 'sweep sweep.yaml --dry-run', 'plan program.yaml'])
+def test_a_working_folder_that_is_gone_is_named(line, files, tmp_path):
+    gone = tmp_path / 'gone'
+    gone.mkdir()
+    script = f'rmdir {gone}; exec "$0" "$@"'
+    own = [str(files / word) if (files / word).exists() else word for word in line.split()]
+    command = [sys.executable, '-P', '-m', main.__name__, *own]
+    done = ended(['bash', '-c', script, *command], gone, KEPT)
+    if done.returncode:
+        assert done.stderr == 'error: the working folder does not exist any more\n'
+    else:
+        assert line.startswith('plan')
+
+
+def foreign(folder, library, code):
+    """Make a library of another Python, and return the environment in which it comes first."""
+    (folder / library).mkdir(parents=True)
+    (folder / library / '__init__.py').write_text(code, encoding='utf-8')
+    return KEPT | {'PYTHONPATH': str(folder)}
+
+
+@pytest.mark.parametrize(
+    ('library', 'code'),
+    [
+        ('rclpy', 'from rclpy.impl import missing'),
+        pytest.param('numpy', 'raise ImportError("made for Python 3.10")', marks=pytest.mark.long),
+        pytest.param('yaml', 'print "made for Python 2"', marks=pytest.mark.long),
+        pytest.param('numba', '__version__ = "0.1"', marks=pytest.mark.long),
+    ],
+)
+def test_a_foreign_library_that_comes_first_is_named_in_one_sentence(library, code, files, tmp_path):
+    environment = foreign(tmp_path / 'foreign', library, code)
+    names = sorted(main.OF_ROBOTS) if library == 'rclpy' else list(main.COMMANDS)
+    lines = [CALLS[name] for name in names if name not in SLOW]
+    told = []
+
+    def run(arguments, folder):
+        done = afresh(arguments, folder, environment)
+        told.append(f'cannot load {library} from {tmp_path}/foreign/{library}' in done.stderr)
+        return done
+
+    assert sweep(run, lines, files, tmp_path, expected=None) == {}
+    assert any(told)
+
+
+def with_namespace():
+    """Return the commands that take a namespace."""
+    commands = {name: importlib.import_module(f'delta3_pacdrive.cli.{name}').main for name in main.COMMANDS}
+    return [name for name, command in commands.items() if '--namespace' in command.words()]
+
+
+OF_NAMESPACES = {
+    'run': ['run'],
+    'up': ['up'],
+    'move': ['move', 'state'],
+    'faults': ['faults', 'inject', 'overload axis1 torque_n_m 2'],
+    'drive': ['drive', 'axis1', 'S-0-0104'],
+    'io': ['io'],
+    'scope': ['scope', 'axis1.current'],
+    'record': ['record', 'bag'],
+    'view': ['view'],
+    'tune': ['tune', '--apply'],
+}
+
+
+@pytest.mark.parametrize('name', OF_NAMESPACES)
+def test_an_invalid_namespace_is_one_sentence(name, tmp_path, monkeypatch, capfd):
+    pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(110 + os.getpid() % 100))
+    assert sorted(with_namespace()) == sorted(OF_NAMESPACES)
+    for namespace in NAMESPACES:
+        try:
+            status = main.main([*OF_NAMESPACES[name], '--namespace', namespace])
+        except SystemExit as end:
+            status = end.code
+        output, errors = capfd.readouterr()
+        assert status in (1, 2)
+        assert output == ''
+        last = errors.splitlines()[-1]
+        assert re.search(r'error: .*(namespace|no gains)', last), errors  # tune looks for the gains first
+        assert len(errors.splitlines()) == 1 or 'usage' in errors
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.long
+def test_a_robot_runs_without_a_home(files, tmp_path):
+    pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
+    line = ['run', str(files / 'program.yaml'), '--single-process', '--real-time-factor', '0', '--bag', 'bag']
+    environment = HOMELESS | {'ROS_DOMAIN_ID': str(110 + os.getpid() % 100)}
+    done = afresh(line, tmp_path, environment)
+    assert fault_of(done, line, expected=0) == ''
+    assert (tmp_path / 'bag' / 'metadata.yaml').exists()
