@@ -71,8 +71,9 @@ def test_a_pose_agrees_with_its_document(place, robot):
     read(pose_report.document(pose, robot), pose_report.text(pose, robot), [table])
 
 
-def test_a_plan_agrees_with_its_document(robot):
-    program = program_file.load('experiment1', robot.motion)
+@pytest.mark.parametrize('name', ['experiment1', 'experiment2', 'experiment3'])
+def test_a_plan_agrees_with_its_document(name, robot):
+    program = program_file.load(name, robot.motion)
     found = plans.study(program_planner.plan(program, program.start_m, robot), robot)
     document = plan_report.document(found, robot)
     read(document, plan_report.text(found, robot), plan_report.tables(found))

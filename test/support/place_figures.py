@@ -145,11 +145,17 @@ def three_spheres(pose, robot):
         found = places_of(axes)
         for n, colour in enumerate(AXIS_COLOURS):
             near(found[colour.upper()], [centres[n]], 'elbow')
-            for end in (pose.point_m, pose.mirror_m):
-                near(found[colour.upper()], [centres[n], end], 'forearm')
+            rods = [one for one in axes.lines if look(one)[0] == colour.lower() and len(one.get_xdata()) == 2]
+            dashed = [one.is_dashed() for one in rods]
+            forearms = [one for one in found[colour.upper()] if len(one) == 2]
+            for end, is_dashed in ((pose.point_m, False), (pose.mirror_m, True)):
+                own = [one for one, other in zip(forearms, dashed, strict=True) if other is is_dashed]
+                near(own, [centres[n], end], 'forearm')
                 assert abs(np.linalg.norm(end - centres[n]) - arm.forearm_length_m) < 1e-9
-        for end in (pose.point_m, pose.mirror_m):
-            near(found[NORM_COLOUR.upper()], [end], 'where the spheres meet')
+        marks = [one for one in axes.lines if look(one)[0] == NORM_COLOUR.lower()]
+        for one, end, is_filled in zip(marks, (pose.point_m, pose.mirror_m), (True, False), strict=True):
+            agree(np.ravel(one.get_data_3d()), MM * end, 'where the spheres meet')
+            assert (one.get_markerfacecolor() != 'white') is is_filled
         (circle,) = [one for one in found['#222222'] if len(one) > 10]
         for centre in centres[:2]:
             assert np.abs(np.linalg.norm(circle - centre, axis=1) - arm.forearm_length_m).max() < 1e-9

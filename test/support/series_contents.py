@@ -146,6 +146,17 @@ def one_motor(summary, columns, name):
 
 def plan(summary, columns, name):
     move = np.asarray(columns['move']).astype(int)
+    time, way, speed = (columns[title] for title in ('time [s]', 'distance [m]', 'speed [m/s]'))
+    coarse = 1e-3  # of integrals over samples
+    yield 'distance by the speed', np.trapezoid(speed, time), way[-1] - way[0], coarse
+    yield (
+        'speed by the acceleration',
+        1.0 + np.trapezoid(columns['acceleration [m/s2]'], time),
+        1.0 + speed[-1],
+        coarse,
+    )
+    steps = np.diff(np.stack([columns[f'{axis} [m]'] for axis in 'xyz']), axis=1)
+    yield 'distance by the places', np.linalg.norm(steps, axis=0).sum(), way[-1] - way[0], coarse
     for row in summary['moves']:
         own = move == row['number']
         if len(move) > 50_000 or not own.any():
