@@ -73,9 +73,8 @@ class RecorderNode(PollingNode):
         qos = topic.delivery.recorder
         latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         if name not in self._writes:
-            depth = (
-                topic.delivery.subscription.depth if latched else qos.depth
-            )  # a player of the bag offers it
+            # a player of the bag offers this depth
+            depth = topic.delivery.subscription.depth if latched else qos.depth
             self._writes[name] = self._writer(topic, name, depth, latched)
         write = self._writes[name]
         # what is latched comes once more to a participant that has joined anew
