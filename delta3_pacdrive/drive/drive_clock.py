@@ -119,7 +119,7 @@ class DriveClock:
         self._commands = {key: value for key, value in self._commands.items() if key >= cycle}
         self._shafts = {key: value for key, value in self._shafts.items() if key >= self.exchange}
         self._newest = max(self._commands, default=-1)
-        self.running, self._parting = True, False
+        self.running, self._parting, self._parted = True, False, 0
         self._advance()
 
     def part(self) -> None:

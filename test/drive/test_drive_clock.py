@@ -156,6 +156,24 @@ def test_who_parts_waits_for_no_command_and_stops_within_a_bounded_time(rig: Rig
     assert not rig.clock.running
 
 
+def test_a_drive_that_has_parted_and_joined_again_extrapolates_lost_commands_as_before(rig: Rig) -> None:
+    rig.run(0, 5)
+    rig.clock.part()
+    cycle = 5
+    while not rig.stood:
+        rig.shafts(cycle)
+        cycle += 1
+    rig.clock.begin(cycle)
+    rig.run(cycle, cycle + 5)
+    for lost in (cycle + 5, cycle + 6):
+        rig.clock.take_command(lost, None)
+        rig.shafts(lost)
+    assert rig.answers[-7:] == list(range(cycle, cycle + 7))
+    assert rig.drive.fault
+    assert rig.clock.running
+    assert rig.stood == 1
+
+
 def test_who_has_left_stands_without_torque_and_takes_nothing_until_it_joins_again(rig: Rig) -> None:
     rig.run(0, 200, ENABLE)
     rig.clock.leave()
