@@ -64,7 +64,8 @@ OF_TIMING = (
     'L',
     't_I',
 )  # what a log of another program shows only together with the timing inside its drives
-TIMING_PERIODS = 2.0  # of the current loop, within which other controllers sample the current
+# periods of the current loop by which other drives may differ: samples up to two earlier, dead times by one
+TIMING_PERIODS = (-1.0, 3.0)
 SETTINGS, ITERATE = 'session.json', 'iterate.json'
 
 
@@ -204,13 +205,13 @@ class Study(studies.Study):
 
     def reasons_of_timing(self, problem: Problem, found: Fit) -> dict[str, str]:
         """Return why the quantities of the timing mean nothing, each with its interval over the possible instants."""
-        latest = TIMING_PERIODS * self.robot.drive.current_period_s
+        early, late = (n * self.robot.drive.current_period_s for n in TIMING_PERIODS)
         reasons = dict.fromkeys(self.timing, TIMING)
-        for symbol, (low, high) in found.spans(problem, 't_I', 0.0, latest).items():
+        for symbol, (low, high) in found.spans(problem, 't_I', early, late).items():
             if symbol in reasons:
                 interval = f'{max(low, 0.0):.3g} to {high:.3g} {TABLE[symbol].unit}'
                 reasons[symbol] += (
-                    f'; {interval} if the sample is taken 0 to {1e6 * latest:.0f} us before the AT'
+                    f'; {interval} if these differ from here by {1e6 * early:.4g} to {1e6 * late:.4g} us'
                 )
         return reasons
 
