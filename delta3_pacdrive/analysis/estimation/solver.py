@@ -25,7 +25,6 @@ BLOCK_PER_LAG = 12  # correlation lengths in a block of residuals that is indepe
 BLOCKS_MIN = 12
 LENGTH_MIN = 8  # samples in a block
 PRIOR = 1.0  # scales that a start may be off: holds what signals hardly show, and nothing else
-NORMAL_95 = 1.96  # standard deviations
 FAR = 0.5  # relative way from the start of a quantity that starts a second time
 
 
@@ -120,7 +119,7 @@ class Fit:
     def spans(self, problem: Problem, symbol: str, low: float, high: float) -> dict[str, tuple[float, float]]:
         """Return the interval [SI] of each other estimated quantity if one lies between two values [SI].
 
-        The others follow it to first order, as the signals ask for; half widths of 95 % are added at both ends.
+        The others follow it to first order, as the signals ask for; their half widths are added at both ends.
         """
         columns = list(self.identifiability.estimated)
         symbols = [problem.quantities[j].symbol for j in columns]
@@ -132,17 +131,14 @@ class Fit:
         for part, white in zip(problem.jacobian(self.x, columns), self.whiteness, strict=True):
             rows = part.reshape(-1, len(columns)) / max(white.rms, 1e-300)
             normal += rows.T @ rows
-        inverse = np.linalg.inv(normal[np.ix_(rest, rest)])
-        follow, halves = -inverse @ normal[rest, own], NORMAL_95 * np.sqrt(np.diag(inverse))
+        follow = -np.linalg.solve(normal[np.ix_(rest, rest)], normal[rest, own])
         values, scales = self.x[columns], problem.scales[columns]
         changes = (np.array([low, high]) - values[own]) / scales[own]
-        return {
-            symbols[k]: (
-                float(values[k] + scales[k] * (min(slope * changes) - half)),
-                float(values[k] + scales[k] * (max(slope * changes) + half)),
-            )
-            for k, slope, half in zip(rest, follow, halves, strict=True)
-        }
+        found = {}
+        for k, slope in zip(rest, follow, strict=True):
+            ends, half = values[k] + scales[k] * slope * changes, self.estimates[columns[k]].half_width
+            found[symbols[k]] = float(ends.min() - half), float(ends.max() + half)
+        return found
 
 
 def fit(
