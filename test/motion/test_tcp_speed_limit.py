@@ -80,7 +80,9 @@ def test_a_move_that_asks_for_more_is_refused_with_value_rule_and_place(speed_m_
 
 def test_millimetres_have_the_same_limit(slow):
     assert plan(slow, {'move_l': {'to_m': list(END), 'speed_mm_s': 2000}})
-    with pytest.raises(ProgramError, match=r'move_l\.speed_mm_s is 2\.001, but must not exceed .* \(in m\)'):
+    with pytest.raises(
+        ProgramError, match=r'move_l\.speed_mm_s is 2\.001, but must not exceed .* \(in m/s\)'
+    ):
         plan(slow, {'move_l': {'to_m': list(END), 'speed_mm_s': 2001}})
 
 

@@ -65,7 +65,8 @@ def arm_velocities(trace):
     run = program_part(trace)
     actual, command = on_arm(run, 'motor_speed'), on_arm(run, 'motor_command')
     speed = derivatives(command, run.meta['cycle_time_s'])[0]
-    begin = busiest(run.time_s, speed)
+    degrees = np.degrees(command)  # other units may decide between equally fast changes otherwise
+    begin = busiest(run.time_s, derivatives(degrees, run.meta['cycle_time_s'])[0])
     part = (run.time_s >= begin) & (run.time_s <= begin + ZOOM_S)
     panels = []
     for i, name in enumerate(arms(r'$\dot\theta_{}$')):

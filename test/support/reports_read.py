@@ -122,6 +122,8 @@ def read_drawing(draw):
     """Draw a figure and compare it with its signals; return the figure."""
     function, arguments, named = function_of(draw)
     figure = draw()
+    if not function.__module__.startswith('delta3_pacdrive.'):
+        return figure  # of a test
     read_figure(figure, *CONTENTS[name_of(function)](*arguments, **named))
     return figure
 
