@@ -282,10 +282,13 @@ def loading_failure(error: BaseException) -> str | None:
             library, file = name, frame.f_code.co_filename
         trace = trace.tb_next
     if not library and isinstance(error, ImportError | AttributeError):  # some of it is missing
-        module = error.obj if isinstance(error, AttributeError) else sys.modules.get(error.name or '')
-        library = error.name or '' if isinstance(error, ImportError) else ''
+        library = '' if isinstance(error, AttributeError) else (error.name or '').partition('.')[0]
+        module = error.obj if isinstance(error, AttributeError) else sys.modules.get(library)
         if isinstance(module, ModuleType):
             library, file = module.__name__, getattr(module, '__file__', None)
+    elif not library and isinstance(error, SyntaxError):  # it is not compiled, so it has no frame
+        file = error.filename
+        library = _module_of(file)
     library = library.partition('.')[0]
     if library in ('', *_OWN):
         return None
@@ -294,6 +297,16 @@ def loading_failure(error: BaseException) -> str | None:
     hint = f'; PYTHONPATH is {path}, whose libraries come first' if path else ''
     text = ' '.join(str(error).split())
     return f'cannot load {library}{place} with Python {sys.version.split()[0]}: {type(error).__name__}: {text}{hint}'
+
+
+def _module_of(file: str | None) -> str:
+    """Return the module of a source file, below a folder of the import path; empty if it is not below any."""
+    from pathlib import Path
+
+    for folder in filter(None, sys.path):
+        if file and Path(file).is_relative_to(folder):
+            return '.'.join(Path(file).relative_to(folder).with_suffix('').parts)
+    return ''
 
 
 def shown(value: object) -> str:

@@ -28,6 +28,8 @@ def failure(code, tmp_path, monkeypatch):
         ),
         ('import os; os.no_such_call()', 'AttributeError: '),
         ('raise TypeError("two\\nlines")', 'TypeError: two lines'),
+        ('print "made for Python 2"', "SyntaxError: Missing parentheses in call to 'print'"),
+        ('import foreign_library.core', "ModuleNotFoundError: No module named 'foreign_library.core'"),
     ],
 )
 def test_a_library_that_cannot_be_loaded_is_named_with_its_file(code, cause, tmp_path, monkeypatch):
