@@ -286,7 +286,7 @@ def loading_failure(error: BaseException) -> str | None:
         module = error.obj if isinstance(error, AttributeError) else sys.modules.get(library)
         if isinstance(module, ModuleType):
             library, file = module.__name__, getattr(module, '__file__', None)
-    elif not library and isinstance(error, SyntaxError):  # it is not compiled, so it has no frame
+    elif not library and isinstance(error, SyntaxError):  # it was not compiled and has no frame
         file = error.filename
         library = _module_of(file)
     library = library.partition('.')[0]
@@ -300,12 +300,12 @@ def loading_failure(error: BaseException) -> str | None:
 
 
 def _module_of(file: str | None) -> str:
-    """Return the module of a source file, below a folder of the import path; empty if it is not below any."""
+    """Return the top-level module of a source file on the import path; empty if it is elsewhere."""
     from pathlib import Path
 
     for folder in filter(None, sys.path):
         if file and Path(file).is_relative_to(folder):
-            return '.'.join(Path(file).relative_to(folder).with_suffix('').parts)
+            return Path(file).with_suffix('').relative_to(folder).parts[0]
     return ''
 
 

@@ -164,8 +164,8 @@ def align(first: Run, second: Run, how: str = START) -> Alignment:
         return Alignment(by, 0.0, correlation, found[0].of if found else MOTOR)
     if not found:
         raise TraceError(
-            f'{first.name} and {second.name} cannot be aligned: one does not tell the start of its program, '
-            'and there is no signal in which both move'
+            f'{first.name} and {second.name} cannot be aligned: one does not contain the start of its program, '
+            'and no signal shows motion in both'
         )
     same_clock = TABLE not in (first.kind, second.kind) and math.isclose(first.period_s, second.period_s)
     tried = []
@@ -189,12 +189,7 @@ def _commands(run: Run) -> Track | None:
     if command is None:
         return None
     speeds = derivatives(command, run.period_s)[0]
-    moves = np.nan_to_num(speeds).any()
-    return (
-        Track(float(run.part.time_s[0]), run.period_s, np.hstack([command, speeds, speeds]))
-        if moves
-        else None
-    )
+    return _track(run, command, speeds, speeds)
 
 
 def _motor_speeds(run: Run) -> Track | None:
@@ -214,10 +209,15 @@ def _tcp_velocities(run: Run) -> Track | None:
 
 
 def _of_speeds(run: Run, speeds: Floats) -> Track | None:
+    slopes = np.gradient(speeds, axis=0) / run.period_s if len(speeds) > 1 else speeds
+    return _track(run, speeds, speeds, slopes)
+
+
+def _track(run: Run, values: Floats, speeds: Floats, slopes: Floats) -> Track | None:
+    """Return the track of a run, None if nothing moves."""
     if not np.nan_to_num(speeds).any():
         return None
-    slopes = np.gradient(speeds, axis=0) / run.period_s if len(speeds) > 1 else speeds
-    return Track(float(run.part.time_s[0]), run.period_s, np.hstack([speeds, speeds, slopes]))
+    return Track(float(run.part.time_s[0]), run.period_s, np.hstack([values, speeds, slopes]))
 
 
 def _by_motion(moving: Motions, same_clock: bool, of_second: bool) -> Alignment:

@@ -65,7 +65,7 @@ class BeltOrders(ScriptOrders):
         self.block: Block | None = None
         self._working: Block | None = None  # the last one
         self._leaving: Leaving | None = None
-        self._override_max = math.inf  # at which the TCP keeps its speed limit together with a belt
+        self._override_max = math.inf  # with which the TCP keeps its speed limit on the belt
         self._on_belt_cycle: float | None = None  # in which it is to get on, on a bus with a clock
 
     # work on a belt ---------------------------------------------------------------------------------------------------
@@ -267,7 +267,7 @@ class BeltOrders(ScriptOrders):
         self._leaving = Leaving(end, block.belt, way)
 
     def require_override(self, override: float) -> None:
-        """Refuse an override, 1 = as planned, that breaks a limit in what is driven, or together with a belt."""
+        """Reject an override (1 = as planned) that exceeds a limit of the motion, alone or together with the belt."""
         super().require_override(override)
         if override > self._override_max and self._goes_with_a_belt:
             raise ProgramError(

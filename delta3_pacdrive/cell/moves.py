@@ -289,7 +289,7 @@ class Moves:
         self.timeline.change(profile)
 
     def require_override(self, override: float) -> None:
-        """Refuse an override that breaks a limit of motors or TCP speed in what is driven; raises ProgramError."""
+        """Reject an override that exceeds a motor limit or the TCP speed limit; raises ProgramError."""
         if self.timeline is not None and override > self._override_max:
             raise ProgramError(
                 f'override is {100.0 * override:g} %, but motors and TCP speed limit allow at most '

@@ -183,7 +183,7 @@ class ScriptOrders:
         self.effect = profile.cycle
 
     def require_override(self, override: float) -> None:
-        """Refuse an override, 1 = as planned, that breaks a limit in what is driven; raises ProgramError."""
+        """Reject an override (1 = as planned) that exceeds a limit of the motion; raises ProgramError."""
         self.moves.require_override(override)
 
     def change(self, override: float) -> None:

@@ -42,9 +42,7 @@ from delta3_pacdrive.parameters import Parameters
 AHEAD_S = 0.02  # the robot goes with the belt so long before its first move there ends, and has left it as long before
 SEARCH = 40  # halvings of the time to wait
 SAMPLE_S = 0.004  # between two instants at which a motion is checked
-TCP_SPEED_SHARE = (
-    0.99  # of the limit that is used: the rest is for the noise of encoders and a belt that gets faster
-)
+TCP_SPEED_SHARE = 0.99  # of the limit; the rest is a reserve for encoder noise and a belt that accelerates
 CHECKED_SHARE = 1.02  # of a limit that a superposed motion may use: the plan keeps its own, but for sampling
 
 

@@ -75,7 +75,7 @@ def is_asked(segments: Sequence[PathSegment]) -> bool:
 
 
 def require(phases: Floats, speed_m_s: float) -> None:
-    """Refuse a master whose speed is not constant between run-up and run-out; raises UnevenSpeedError."""
+    """Require a constant speed between run-up and run-out; raises UnevenSpeedError."""
     times = np.unique(np.concatenate([phases[:, 0], extremes(phases)[0]]))
     place, speed, acceleration, _ = sample_master(times, phases).T
     reached = np.flatnonzero(speed >= (1.0 - KEPT) * speed_m_s)
@@ -187,7 +187,7 @@ def _larger_blends(segments: list[PathSegment], number: int, can: Can) -> list[f
 
 
 def _least_blend(before: PathSegment, after: PathSegment) -> float:
-    """Return the smallest blend [m], not below the present one, whose bend allows the speed asked for; 0: none."""
+    """Return the smallest blend [m], at least the present one, that allows the requested speed; 0: none."""
     limits = before.limits.lower(after.limits)
 
     def allows(radius_m: float) -> bool:

@@ -275,7 +275,7 @@ def legal_tcp(
 
 
 def check_speed(move: Move, override: float, parameters: Parameters) -> float:
-    """Refuse a move of a foreign writer in which TCP or motor is too fast at an override; raises ProgramError.
+    """Reject a move of another writer that is too fast for TCP or motor at an override; raises ProgramError.
 
     Returns the largest override at which it would not be refused.
     """

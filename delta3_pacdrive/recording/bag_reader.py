@@ -218,7 +218,7 @@ def _session_of(message: Any) -> str:
 
 
 def _cyclic_topics(channels: Iterable[Channel]) -> tuple[dict[str, str], list[str]]:
-    """Return the relative names of the cyclic topics of the one robot, and sentences on those that are left out."""
+    """Return the relative names of the cyclic topics of the only robot, and notes on the omitted topics."""
     names: dict[str, str] = {}
     left_out: list[str] = []
     robots: set[str] = set()

@@ -71,9 +71,9 @@ class Completeness:
 def common_cycles(
     tables: dict[str, tuple[NDArray[np.int64], Floats]], sampled: NDArray[np.int64], counted: bool
 ) -> tuple[NDArray[np.int64], list[str]]:
-    """Return the bus cycles that all topics of a recording have, and sentences on what is left out for that.
+    """Return the bus cycles that all topics of a recording contain, and notes on omitted topics and cycles.
 
-    Topics that were recorded less often than others are taken out of the tables.
+    Removes topics that were recorded less often than the others from ``tables``.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def common_cycles(
     sampled
         Bus cycles with all samples of the current loops.
     counted
-        Whether the recorder itself has counted what is missing.
+        Whether the recorder counted the missing messages.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Form of a text table: its encoding, its separator, the line of its headings, and columns without a heading.
 
-All of that is found in the beginning of the file, by what is in its cells.
+All of them are detected from the cells at the beginning of the file.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.recording.column_file import Form
 
 COMMA, TAB = ',', '\t'
-BEGIN = 1 << 16  # characters in which separator and headings are found
+BEGIN = 1 << 16  # characters that are searched for separator and headings
 LINES_MAX = 400  # lines that are looked at for the separator
 MARKS = {b'\xef\xbb\xbf': 'utf-8-sig', b'\xff\xfe\x00\x00': 'utf-32', b'\x00\x00\xfe\xff': 'utf-32',
          b'\xff\xfe': 'utf-16', b'\xfe\xff': 'utf-16'}  # fmt: skip
@@ -35,7 +35,7 @@ NUMBER = re.compile(
 
 
 def encoding_of(begin: bytes) -> str:
-    """Return the encoding of a text by its first bytes, UTF-16 also without a mark; '' for what is no text."""
+    """Return the encoding of a text by its first bytes, UTF-16 also without a mark; '' if it is not a text."""
     for mark, encoding in MARKS.items():
         if begin.startswith(mark):
             return encoding

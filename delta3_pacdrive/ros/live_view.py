@@ -69,7 +69,7 @@ class LiveView:
     def run(self, patience_s: float) -> None:
         """Draw until it is stopped, or its process has to join the domain anew; raises RunError if no robot is found.
 
-        When it is stopped, what the page has set off is held.
+        When it is stopped, it holds the motion that the page has started.
         """
         try:
             self._go_on(time.monotonic() + patience_s)

@@ -235,9 +235,8 @@ def run(
             memory.collect_often()
             if not asked_to_end:
                 process.spin()
-            begins = (
-                process.rejoins
-            )  # also if it was asked to end meanwhile: the next nodes complete what these began
+            # also if it was asked to end meanwhile: the next nodes complete the bags of these
+            begins = process.rejoins
             if begins:
                 leave(process, patience_s=leave_s or NODES_LEAVE_S)
                 _current = None

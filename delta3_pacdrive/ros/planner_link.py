@@ -4,7 +4,7 @@ In: ``motion/plan`` (moves, faults and the order that ends them), ``motion/chang
 ``unit_robot/alive`` (heartbeat of the planner: its identity, the session that it knows of and its publisher; numbered
 in ``stamp.sec``). Out: ``motion/status`` (latched, JSON: all that the planner has to know), ``motion/verdict`` (JSON:
 what became of an order or of a change), ``motion/refusal`` (the same for people, if it was refused),
-``motion/course`` (latched: what the master follows).
+``motion/course`` (latched: the profile of the master).
 """
 
 import time

@@ -62,14 +62,14 @@ def test_a_table_without_motor_speeds_is_aligned_by_its_tcp(one, tmp_path):
 
 
 def test_what_shows_no_motion_cannot_be_aligned(one, tmp_path):
-    with pytest.raises(TraceError, match='cannot be aligned: one does not tell the start of its program'):
+    with pytest.raises(TraceError, match='cannot be aligned: one does not contain the start of its program'):
         align(one, sampled(one, tmp_path / 'a.csv', 1000.0, 3.3, names=('current',)))
 
 
 def test_logs_of_a_robot_at_rest_cannot_be_aligned(one):
     signals = {'motor_position': np.full((50, 3), -2.0), 'current': np.full((50, 3), 0.3)}
     rest = replace(one, kind=runs.TABLE, part=replace(one.part, time_s=one.part.time_s[:50], signals=signals))
-    with pytest.raises(TraceError, match='there is no signal in which both move'):
+    with pytest.raises(TraceError, match='and no signal shows motion in both'):
         align(one, rest, CORRELATION)
 
 

@@ -123,7 +123,7 @@ def test_runs_without_a_common_signal_or_time_are_refused_in_one_sentence(one):
         compare(alone, other)
     with pytest.raises(TraceError, match=r'have no time in common: -0.05 to 1.482 s, and 9.95 to 11.482 s$'):
         compare(one, later(one, 10_000, knows_start=True))
-    with pytest.raises(TraceError, match=r'cannot be aligned: one does not tell the start of its program'):
+    with pytest.raises(TraceError, match=r'cannot be aligned: one does not contain the start of its program'):
         compare(alone, later(alone, 3))
 
 

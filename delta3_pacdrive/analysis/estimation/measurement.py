@@ -69,11 +69,11 @@ def completed(trace: Trace, parameters: Parameters) -> Trace:
 
 
 def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trace], list[str]]:
-    """Return the parts of a recording between its gaps, and sentences on what is left out or corrected.
+    """Return the parts of a recording between its gaps, and notes on omitted samples and corrected times.
 
-    The first part counts as it is. Each later one begins after 50 ms in which the command, or the speed, rests: what
-    has moved in the gap is not known. Parts without motion are left out. A clock whose samples are nearly one bus cycle
-    apart is that of the controller: its times are bus times, multiplied by a constant.
+    The first part is used as it is. Each later part begins once the command, or else the speed, has rested for 50 ms,
+    because the motion during the gap is unknown. Parts without motion are omitted. Samples that are nearly one bus
+    cycle apart come from the clock of the controller: their times are bus times, multiplied by a constant.
 
     Raises
     ------
@@ -111,8 +111,8 @@ def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trac
         raise EstimationError('no part of the trace between its gaps begins at rest and moves')
     used = sum(len(part.time_s) for part in parts)
     notes.append(
-        f'{int(rows[-1]) + 1 - used} of {int(rows[-1]) + 1} instants are left out: gaps, and what follows them until '
-        'the robot rests'
+        f'{int(rows[-1]) + 1 - used} of {int(rows[-1]) + 1} instants are left out: gaps, and the motion after '
+        'them until the robot rests'
     )
     return parts, notes
 

@@ -79,7 +79,7 @@ class Study(studies.Study):
     model_robot: Parameters = field(init=False)
     quantities: tuple[Quantity, ...] = field(init=False, default=())
     timing: tuple[str, ...] = field(init=False, default=())  # free, but no numbers of the robot
-    notes: list[str] = field(init=False, default_factory=list)  # on what recordings lack
+    notes: list[str] = field(init=False, default_factory=list)  # on incomplete recordings
 
     def __post_init__(self) -> None:
         """Read the parameters and refuse settings that contradict one another."""

@@ -106,7 +106,7 @@ class Fit:
     message: str
 
     def without(self, reasons: Mapping[str, str]) -> 'Fit':
-        """Return the fit with quantities that were free, but whose values mean nothing, each with the reason."""
+        """Return the fit without the values of free quantities that are not identifiable, each with the reason."""
         verdict = Verdict.CONFOUNDED
         estimates = [replace(e, verdict=verdict) if e.symbol in reasons else e for e in self.estimates]
         findings = [

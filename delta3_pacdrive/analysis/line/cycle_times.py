@@ -159,10 +159,8 @@ class CycleTable:
     def __init__(self, station: Station) -> None:
         belt, window = station.belt, station.robot.window
         self.station, self._speed = station, belt.speed_m_s
-        most, tcp_most = (
-            station.line.limits.speed_m_s,
-            station.line.parameters.motion.tcp_speed_limit_m_s,
-        )
+        most = station.line.limits.speed_m_s
+        tcp_most = station.line.parameters.motion.tcp_speed_limit_m_s
         if self._speed >= most:
             raise LineError(
                 f'belt {belt.name} runs at {self._speed:g} m/s, but its robots at {most:g} m/s at most'

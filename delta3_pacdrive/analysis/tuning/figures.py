@@ -95,12 +95,16 @@ def steps(variants: dict[str, Variant]) -> Figure:
         dress(axes, TITLES[variants[names[0]].loops[number].name], ylim=(1.1 * lowest - 0.05, highest),
               xlabel='time [ms]', xlim=(0.0, 1e3 * shown if shown > 0.0 else None))  # fmt: skip
     panels[0].set_ylabel('actual value, share of the step [1]')
-    # a loop that is not stable, or the same before and after, is told in the label
-    told = dict(
+    # the label says whether a loop is unstable, or unchanged
+    entries = dict(
         pair for axes in panels for pair in zip(*reversed(axes.get_legend_handles_labels()), strict=True)
     )
     figure.legend(
-        told.values(), told.keys(), loc='outside upper right', ncols=3 if len(told) == 3 else 2, **LEGEND
+        entries.values(),
+        entries.keys(),
+        loc='outside upper right',
+        ncols=3 if len(entries) == 3 else 2,
+        **LEGEND,
     )
     return figure
 
@@ -162,12 +166,12 @@ def measured_response(one: MeasuredResponse, loop: LoopResult | None) -> Figure:
         inside = (bench.frequencies_hz >= frequencies[0]) & (bench.frequencies_hz <= frequencies[-1])
         _points(pair, bench, linear, POINTS | {'color': COLOURS[0]}, 'drive on the bench', inside)
     bottom.plot(frequencies, one.measured.coherence, color=COLOURS[1], linewidth=1.0)
-    told = 'nothing is trusted'
+    title = 'nothing is trusted'
     if (band := one.measured.band_hz()) is not None:
-        told = f'trusted (shaded): {band[0]:.3g} to {band[1]:.4g} Hz'
+        title = f'trusted (shaded): {band[0]:.3g} to {band[1]:.4g} Hz'
         for axes in (top, middle, bottom):
             axes.axvspan(*band, color='#EEF5EE', zorder=0)
-    dress(top, told, xscale='log', ylabel='magnitude [dB]')
+    dress(top, title, xscale='log', ylabel='magnitude [dB]')
     dress(middle, xscale='log', ylabel='phase [deg]')
     dress(bottom, xscale='log', ylabel='coherence [1]', ylim=(-0.05, 1.05), xlabel='frequency [Hz]')
     top.legend(loc='lower left', **LEGEND)
@@ -244,8 +248,8 @@ def sweep(points: list[SweepPoint], swept: str) -> Figure:
             for axes in (top, middle, bottom):
                 axes.axvspan(point.value - half, point.value + half, color=colour, zorder=0, linewidth=0)
     middle.axhline(0.0, color=MUTED, linewidth=0.8)
-    told = 'red: a loop is unstable; yellow: one is somewhere in the workspace, or the program trips a drive'
-    dress(top, told, ylabel='following error of the arm\n[mdeg]')
+    title = 'red: a loop is unstable; yellow: one is somewhere in the workspace, or the program trips a drive'
+    dress(top, title, ylabel='following error of the arm\n[mdeg]')
     dress(middle, ylabel='phase margin [deg]')
     dress(bottom, ylabel='overshoot of a step [%]', xlabel=f'{swept} [SI]')
     for axes in (top, middle):

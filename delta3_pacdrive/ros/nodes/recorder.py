@@ -30,7 +30,7 @@ from delta3_pacdrive.ros.told_parameters import ToldParameters
 
 DRAIN_S = 0.02
 QUIET_S = 0.2  # without a message: all that was published has arrived
-_rejoining: 'dict[Path, RecorderNode]' = {}  # whose bags the next nodes of this process go on with
+_rejoining: 'dict[Path, RecorderNode]' = {}  # the next nodes of this process continue their bags
 
 
 class RecorderNode(PollingNode):
@@ -77,7 +77,7 @@ class RecorderNode(PollingNode):
             depth = topic.delivery.subscription.depth if latched else qos.depth
             self._writes[name] = self._writer(topic, name, depth, latched)
         write = self._writes[name]
-        # what is latched comes once more to a participant that has joined anew
+        # a participant that has rejoined receives latched messages again
         known_ns = self._before._sent_ns.get(name, 0) if self._before and latched else 0
         self._sent_ns[name] = known_ns
         take = self.create_polled_subscription(topic.type, name, qos)
@@ -89,9 +89,10 @@ class RecorderNode(PollingNode):
                 data, info = taken
                 if topic is PROGRESS:
                     self._robot.heard()
-                if info['source_timestamp'] <= known_ns:
-                    continue
-                self._sent_ns[name] = max(self._sent_ns[name], info['source_timestamp'])
+                if latched:
+                    if info['source_timestamp'] <= known_ns:
+                        continue
+                    self._sent_ns[name] = max(self._sent_ns[name], info['source_timestamp'])
                 sent_ns = max(info['source_timestamp'], self._begin_ns)
                 write(sent_ns if published else info['received_timestamp'], data)
                 self._newest_ns = max(self._newest_ns, info['source_timestamp'])
