@@ -30,7 +30,7 @@ from delta3_pacdrive.motion.belt_meeting import (
     require_bearable,
 )
 from delta3_pacdrive.motion.belt_prediction import SETTLED_CYCLES
-from delta3_pacdrive.motion.belt_synchronization import ZERO, CannotCatch, Motion, Uncaught
+from delta3_pacdrive.motion.belt_synchronization import ZERO, CannotCatch, MissReason, Motion
 from delta3_pacdrive.motion.move import TRACK
 from delta3_pacdrive.motion.program import Dwell, Output
 from delta3_pacdrive.motion.program_planner import Planned
@@ -143,9 +143,9 @@ class BeltOrders(ScriptOrders):
             if isinstance(found, Meeting) and found.wait_s <= SURE_S:
                 break
             reason = found.reason if isinstance(found, CannotCatch) else None
-            backwards = min(backwards, seen.cycle) if reason is Uncaught.BACKWARDS else NEVER
+            backwards = min(backwards, seen.cycle) if reason is MissReason.BACKWARDS else NEVER
             settles = backwards <= seen.cycle < backwards + SETTLED_CYCLES
-            if isinstance(found, CannotCatch) and reason is not Uncaught.NOT_COMING and not settles:
+            if isinstance(found, CannotCatch) and reason is not MissReason.NOT_COMING and not settles:
                 raise refused(f'belt {tracking.belts[block.belt].name}: {found.sentence}')
             if seen.cycle >= latest:
                 why = (

@@ -19,7 +19,14 @@ from delta3_pacdrive.controller.planning_job import begins_at_rest
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import MotionProfile, Timeline
-from delta3_pacdrive.motion.extension import Driven, Extension, Seam, SeamError, driven, extend
+from delta3_pacdrive.motion.extension import (
+    Extension,
+    RunningProgram,
+    Splice,
+    SpliceError,
+    extend,
+    extended_program,
+)
 from delta3_pacdrive.motion.move import EVENT_NAMES, TRACK, Move
 from delta3_pacdrive.motion.planned_move import grouped
 from delta3_pacdrive.motion.program import (
@@ -102,7 +109,7 @@ class Moves:
         self._name, self._parameters = name, parameters
         self.timeline: Timeline | None = None
         self._stands_rad: float | None = None  # of the tool
-        self._driven: Driven | None = None
+        self._driven: RunningProgram | None = None
         self._override_max = 1.0
         self.override = 1.0
         self.payload_kg = parameters.dynamics.payload_mass_kg
@@ -145,15 +152,15 @@ class Moves:
             return self._from_rest(written, cycle, here_m, turn_rad)
         self._stands_rad = turn_rad
         statements = [statement for statement, _ in written]
-        seam = known.seam(rounded=not begins_at_rest(statements))
-        if len(seam.again) + len(written) > REPLANNED_MAX:
-            seam = known.seam(rounded=False)
+        splice = known.splice(rounded=not begins_at_rest(statements))
+        if len(splice.again) + len(written) > REPLANNED_MAX:
+            splice = known.splice(rounded=False)
             self._note_corner(written, f'more than {REPLANNED_MAX} moves would be one')
         try:
-            return self._following(written, cycle, timeline, known, seam)
-        except SeamError:
+            return self._following(written, cycle, timeline, known, splice)
+        except SpliceError:
             self._note_corner(written, 'it is too late')
-            return self._following(written, cycle, timeline, known, known.seam(rounded=False))
+            return self._following(written, cycle, timeline, known, known.splice(rounded=False))
 
     def preview(self, written: Sequence[Written], here_m: Point, turn_rad: float | None = None) -> Planned:
         """Return the plan of statements behind all that is ordered, which nobody drives; raises ProgramError.
@@ -209,14 +216,14 @@ class Moves:
         _, place = written[0]
         self.notices.append(f'{place}: the corner before this is not rounded: {why}')
 
-    def _program(self, written: Sequence[Written], seam: Seam | None) -> Program:
-        again = () if seam is None else seam.again
+    def _program(self, written: Sequence[Written], splice: Splice | None) -> Program:
+        again = () if splice is None else splice.again
         stood = [*self._places[len(self._places) - len(again) :], *(place for _, place in written)]
         source = next((place.file for _, place in written if place != NOWHERE), '')
         at = [Place(place.line, place.column) if place.file == source else None for place in stood]
         places = tuple(at) if source else ()
         statements = (*again, *(statement for statement, _ in written))
-        payload = self.payload_kg if seam is None else seam.payload_kg
+        payload = self.payload_kg if splice is None else splice.payload_kg
         return Program(self._name, statements, payload_kg=payload, source=source, places=places)
 
     def _from_rest(
@@ -235,24 +242,29 @@ class Moves:
         self._places = []
         self._note(program, planned, written, again=False)
         override = min(self.override, planned.override_max)
-        self._driven, self._override_max = Driven.of(program, planned), planned.override_max
+        self._driven, self._override_max = RunningProgram.of(program, planned), planned.override_max
         self.timeline = Timeline(planned.plan, self._parameters.bus.cycle_time_s)
         self.timeline.start(cycle, override)
         return Start(planned, cycle, override)
 
     def _following(
-        self, written: Sequence[Written], cycle: int, timeline: Timeline, known: Driven, seam: Seam
+        self,
+        written: Sequence[Written],
+        cycle: int,
+        timeline: Timeline,
+        known: RunningProgram,
+        splice: Splice,
     ) -> Extension:
-        program = self._program(written, seam)
+        program = self._program(written, splice)
         first = timeline.at(cycle - 1).number
         planned = program_planner.plan(
             program,
-            seam.start_m,
+            splice.start_m,
             self._parameters,
             open_end=True,
-            before=known.load(min(first, seam.kept), seam.kept),
+            before=known.load(min(first, splice.kept), splice.kept),
             arches=self._arches,
-            turn_rad=self._stands_rad if seam.turn_rad is None else seam.turn_rad,
+            turn_rad=self._stands_rad if splice.turn_rad is None else splice.turn_rad,
         )
         override = 1.0 if timeline.profile is None else timeline.profile.override
         if override > planned.override_max:
@@ -260,14 +272,14 @@ class Moves:
                 f'the override is {100.0 * override:g} %, but with these moves motors and TCP speed limit allow at '
                 f'most {percent_allowed(planned.override_max)} %'
             )
-        extension = extend(timeline, cycle, seam, planned.plan)
-        self._note(program, planned, written, again=bool(seam.again))
-        self._driven = driven(known, extension, seam, program, planned)
+        extension = extend(timeline, cycle, splice, planned.plan)
+        self._note(program, planned, written, again=bool(splice.again))
+        self._driven = extended_program(known, extension, splice, program, planned)
         self._override_max = min(self._override_max, planned.override_max)
         self.timeline = extension.timeline
         return extension
 
-    def _turn_behind(self, known: Driven) -> float | None:
+    def _turn_behind(self, known: RunningProgram) -> float | None:
         end = known.plan.end_turn_rad
         return self._stands_rad if end is None else end
 

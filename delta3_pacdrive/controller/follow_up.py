@@ -14,7 +14,7 @@ from delta3_pacdrive.controller.program_run import ProgramRun, RunState
 from delta3_pacdrive.controller.readiness import Readiness
 from delta3_pacdrive.controller.request_service import LOST_CONTROL, RequestService
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
-from delta3_pacdrive.motion.extension import SeamError
+from delta3_pacdrive.motion.extension import SpliceError
 
 
 class FollowUp:
@@ -61,7 +61,7 @@ class FollowUp:
         """Let them be planned, with or without a rounded corner before them; raises ProgramError."""
         waiting = self._requests.tracker.following
         behind = self._following.behind(waiting, rounded, self._newest_cycle())
-        here = np.array(behind.seam.start_m)
+        here = np.array(behind.splice.start_m)
         self._planning.begin(here, self._following.take, request.text, request.adaptation, True, behind)
 
     def lose_control(self) -> None:
@@ -89,7 +89,7 @@ class FollowUp:
             elif self._run.state is not RunState.RUNNING:
                 lost = Reason(Code.STATE, 'the program that they were to follow was given up')
                 raise RefusedError(self._readiness.refusal or lost)
-        except SeamError:
+        except SpliceError:
             self.plan(request, rounded=False)
         except Delta3Error as error:
             self._following.end()

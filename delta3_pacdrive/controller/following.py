@@ -14,7 +14,7 @@ from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_M
 from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.execution import Timeline
-from delta3_pacdrive.motion.extension import Driven, Extension, Seam, driven, extend
+from delta3_pacdrive.motion.extension import Extension, RunningProgram, Splice, extend, extended_program
 from delta3_pacdrive.motion.move import MOVES_MAX
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned
@@ -85,8 +85,8 @@ class Following:
         self.state = FollowState.NONE
         self.number, self.since_s = 0, 0.0
         self._base = 0  # newest order that was accepted
-        self._driven: Driven | None = None
-        self._seam: Seam | None = None
+        self._driven: RunningProgram | None = None
+        self._splice: Splice | None = None
         self._wanted: _Wanted | None = None
         self._extension: Extension | None = None
         self._lead_cycles = LEAD_CYCLES
@@ -94,7 +94,7 @@ class Following:
     def begin(self, number: int, program: Program | None, planned: Planned | None) -> None:
         """Note that a program is driven under the number of its order; None: nothing can follow it."""
         known = program is not None and planned is not None
-        self._base, self._driven = number, Driven.of(program, planned) if known else None  # type: ignore[arg-type]
+        self._base, self._driven = number, RunningProgram.of(program, planned) if known else None  # type: ignore[arg-type]
 
     def happen(self, event: FollowEvent) -> None:
         """Let an event happen."""
@@ -122,11 +122,13 @@ class Following:
         timeline, known = self._run.timeline, self._driven
         if known is None or timeline is None:
             raise ProgramError('a program that goes on after a fault takes no more moves')
-        self._seam = seam = known.seam(rounded)
+        self._splice = splice = known.splice(rounded)
         first = timeline.at(cycle).number if timeline.start_cycle <= cycle else 0
         x, y, z = known.plan.end_m().tolist()
         self.happen(FollowEvent.CORNER if self.busy else FollowEvent.ASK)
-        return Behind(seam, (x, y, z), known.load(min(first, seam.kept), seam.kept), FOLLOWING_MAX - waiting)
+        return Behind(
+            splice, (x, y, z), known.load(min(first, splice.kept), splice.kept), FOLLOWING_MAX - waiting
+        )
 
     def take(self, result: Result) -> None:
         """Take what was planned."""
@@ -140,14 +142,14 @@ class Following:
 
         Raises
         ------
-        SeamError
+        SpliceError
             The corner cannot be rounded any more.
         ProgramError
             They cannot follow.
 
         """
-        timeline, wanted, seam = self._run.timeline, self._wanted, self._seam
-        if timeline is None or timeline.profile is None or wanted is None or seam is None:
+        timeline, wanted, splice = self._run.timeline, self._wanted, self._splice
+        if timeline is None or timeline.profile is None or wanted is None or splice is None:
             return None
         profile = timeline.profile
         if profile.override > wanted.planned.override_max:
@@ -158,7 +160,7 @@ class Following:
         cycle = max(newest_cycle + self._lead_cycles, profile.cycle + 1)
         if profile.held:
             cycle = max(cycle, timeline.end_cycle)
-        self._extension = extension = extend(timeline, cycle, seam, wanted.planned.plan)
+        self._extension = extension = extend(timeline, cycle, splice, wanted.planned.plan)
         self.number, self.since_s = self._numbers.next(), now_s
         self._run.lengthen(extension.timeline)
         self.happen(FollowEvent.SEND)
@@ -181,22 +183,22 @@ class Following:
 
     def taken(self) -> tuple[int, str]:
         """Note that they are driven; returns how many statements they are, and a sentence."""
-        known, extension, seam, wanted = self._driven, self._extension, self._seam, self._wanted
-        if known is None or extension is None or seam is None or wanted is None:
+        known, extension, splice, wanted = self._driven, self._extension, self._splice, self._wanted
+        if known is None or extension is None or splice is None or wanted is None:
             raise ProgramError('no moves were to follow')
         self._base = self.number
-        self._driven = driven(known, extension, seam, wanted.program, wanted.planned)
+        self._driven = extended_program(known, extension, splice, wanted.program, wanted.planned)
         before = self._run.program
         whole: Program | None = None
         if before is not None:
-            statements = before.statements * before.repeat + wanted.program.statements[len(seam.again) :]
+            statements = before.statements * before.repeat + wanted.program.statements[len(splice.again) :]
             if len(statements) <= MOVES_MAX:
                 whole = replace(before, statements=statements, repeat=1, source='', places=())
         self._run.lengthened(whole, min(self._run.override_max, wanted.planned.override_max))
         self._lead_cycles = LEAD_CYCLES
         self.happen(FollowEvent.END)
         corner = ''
-        if known.open_from is not None and not seam.again:
+        if known.open_from is not None and not splice.again:
             why = (
                 unrounded(known.statements[known.open_from :], wanted.program.statements) or 'it was too late'
             )

@@ -318,7 +318,7 @@ class Origin:
     Attributes
     ----------
     kind
-        What the row is: ``ORDER``, ``EXACT``, ``EXTEND``, ``FAULT``, ``REVOKE``, ``COURSE``, or the kind of a move.
+        What the row is: ``ORDER``, ``EXACT``, ``EXTEND``, ``FAULT``, ``REVOKE``, ``PROFILE``, or the kind of a move.
     planner
         Identity of its sender.
     session
@@ -346,7 +346,7 @@ class Origin:
         return Origin(words[0], words[1], words[2], int(words[3]))
 
 
-ORDER, EXTEND, FAULT, REVOKE, COURSE = 'ORDER', 'EXTEND', 'FAULT', 'REVOKE', 'COURSE'
+ORDER, EXTEND, FAULT, REVOKE, PROFILE = 'ORDER', 'EXTEND', 'FAULT', 'REVOKE', 'COURSE'
 EXACT = 'EXACT'  # an order that begins in its bus cycle, or not at all
 ORDERS = (ORDER, EXACT)
 LAST = (*ORDERS, EXTEND)  # rows that end a plan

@@ -10,7 +10,7 @@ from typing import Any
 from delta3_pacdrive.controller.control import Control
 from delta3_pacdrive.controller.messages import (
     ACCEPTED,
-    COURSE,
+    PROFILE,
     REVOKE,
     Numbering,
     Origin,
@@ -154,7 +154,7 @@ class Orders:
     def profile_label(self) -> str:
         """Return the label of the next motion profile that is told."""
         self._profiles += 1
-        return Origin(COURSE, self._planner, self._session, self._profiles).label()
+        return Origin(PROFILE, self._planner, self._session, self._profiles).label()
 
     # plans and motion profiles ----------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.adaptation import Adaptation
 from delta3_pacdrive.motion.adapted_program import adapted
-from delta3_pacdrive.motion.extension import Seam
+from delta3_pacdrive.motion.extension import Splice
 from delta3_pacdrive.motion.output_names import OWN, OutputNames
 from delta3_pacdrive.motion.program import Cubic, Dwell, Joints, Output, Program, Statement, Turn
 from delta3_pacdrive.motion.program_planner import Planned
@@ -61,7 +61,7 @@ class Behind:
 
     Attributes
     ----------
-    seam
+    splice
         From where on it is planned.
     end_m
         Where those moves end.
@@ -72,7 +72,7 @@ class Behind:
 
     """
 
-    seam: Seam
+    splice: Splice
     end_m: Point
     load: ThermalLoad | None
     room: int
@@ -168,7 +168,7 @@ def _follow(
     job: Job, behind: Behind, more: Program, robot: Parameters, progress: Callable[[int, int], None]
 ) -> Result:
     """Plan statements behind moves that are driven; raises ProgramError."""
-    statements, seam = more.statements * more.repeat, behind.seam
+    statements, splice = more.statements * more.repeat, behind.splice
     if more.faults or more.payload_kg is not None:
         raise ProgramError(
             'faults and payload_kg of a program count from its start: none while the robot moves'
@@ -179,28 +179,28 @@ def _follow(
             f'{FOLLOWING_MAX} are free'
         )
     program_planner.require_start(more, behind.end_m)
-    if seam.again and unrounded(seam.again, statements):
+    if splice.again and unrounded(splice.again, statements):
         return Result(job.number, None, None, UNROUNDED)
-    count = len(seam.again)
+    count = len(splice.again)
     places = (None,) * count + more.places if more.places and more.repeat == 1 else ()
     names = ('',) * count + more.names if more.repeat == 1 else ()
     program = replace(
         more,
-        statements=seam.again + statements,
+        statements=splice.again + statements,
         start_m=None,
         repeat=1,
-        payload_kg=seam.payload_kg,
+        payload_kg=splice.payload_kg,
         places=places,
         names=names,
     )
     planned = program_planner.plan(
         program,
-        seam.start_m,
+        splice.start_m,
         robot,
         open_end=True,
         progress=progress,
         before=behind.load,
-        turn_rad=job.turn_rad if seam.turn_rad is None else seam.turn_rad,
+        turn_rad=job.turn_rad if splice.turn_rad is None else splice.turn_rad,
     )
     return Result(job.number, program, planned, None, len(statements))
 

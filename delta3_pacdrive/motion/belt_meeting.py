@@ -22,16 +22,16 @@ from delta3_pacdrive.motion.belt_synchronization import (
     STANDS_M_S,
     ZERO,
     CannotCatch,
+    MissReason,
     Motion,
     TrackLimits,
     TrackWindow,
-    Uncaught,
     Vector,
     Way,
     refusal,
     way_between,
 )
-from delta3_pacdrive.motion.excess import excess
+from delta3_pacdrive.motion.excess import limit_violation
 from delta3_pacdrive.motion.limits import legal_coefficients
 from delta3_pacdrive.motion.move import STANDING
 from delta3_pacdrive.motion.path_dynamics import timed_dynamics
@@ -219,7 +219,7 @@ def meet(
     done = met + speed * (work.whole_s - work.first_s)
     if done > window.end_m:
         return CannotCatch(
-            Uncaught.GONE,
+            MissReason.GONE,
             f'the part would be met at {1e3 * met:.1f} mm and done with at {1e3 * done:.1f} mm, but the window ends '
             f'at {1e3 * window.end_m:.1f} mm',
         )
@@ -301,7 +301,7 @@ def require_bearable(
             f'TCP speed would be {speed:.4g} m/s {where(fastest)}, the limit is {highest:.4g} m/s, '
             f'{TCP_SPEED_SHARE:.0%} of motion.tcp_speed_limit_m_s'
         )
-    found = excess(dynamics, parameters, where=where)
+    found = limit_violation(dynamics, parameters, where=where)
     if not found.worst <= CHECKED_SHARE:
         raise ProgramError(found.text)
     return max(rate, rate * (highest - of_belt) / of_plan) if of_plan > 0.0 else math.inf

@@ -68,7 +68,7 @@ class TrackWindow:
     end_m: float
 
 
-class Uncaught(StrEnum):
+class MissReason(StrEnum):
     """Why a part is not caught."""
 
     GONE = 'gone'  # it would leave the window before the work is done
@@ -80,7 +80,7 @@ class Uncaught(StrEnum):
 class CannotCatch(NamedTuple):
     """A part that is not caught: why, and the sentence about it."""
 
-    reason: Uncaught
+    reason: MissReason
     sentence: str
 
 
@@ -230,20 +230,20 @@ def _excess(way: Way, limits: TrackLimits, belt_speed: float) -> float:
 def refusal(part_m: float, speed: float, window: TrackWindow, limits: TrackLimits) -> CannotCatch | None:
     """Return why nothing can be caught at this speed of the belt, whatever the robot does."""
     if speed < -STANDS_M_S:
-        return CannotCatch(Uncaught.BACKWARDS, f'the belt runs backwards, at {-speed:g} m/s')
+        return CannotCatch(MissReason.BACKWARDS, f'the belt runs backwards, at {-speed:g} m/s')
     if speed >= limits.speed_m_s:
         return CannotCatch(
-            Uncaught.TOO_FAST,
+            MissReason.TOO_FAST,
             f'the belt runs at {speed:g} m/s, the robot at {limits.speed_m_s:g} m/s at most',
         )
     if part_m > window.end_m:
         return CannotCatch(
-            Uncaught.GONE,
+            MissReason.GONE,
             f'the part is at {1e3 * part_m:.1f} mm, the window ends at {1e3 * window.end_m:.1f} mm',
         )
     if speed <= STANDS_M_S and part_m < window.begin_m:
         return CannotCatch(
-            Uncaught.NOT_COMING,
+            MissReason.NOT_COMING,
             f'the belt stands, with the part at {1e3 * part_m:.1f} mm, and the window begins at '
             f'{1e3 * window.begin_m:.1f} mm',
         )

@@ -54,7 +54,7 @@ class Comparison(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Excess:
+class LimitViolation:
     """How far a timed motion exceeds its limits.
 
     Attributes
@@ -80,18 +80,18 @@ class Excess:
         return float(self.stretch.max())
 
 
-def require_holdable(found: Excess) -> None:
+def require_holdable(found: LimitViolation) -> None:
     """Refuse what no slowness makes possible; raises ProgramError."""
     if not math.isfinite(found.worst):
         raise ProgramError(f'{found.text}, even at standstill')
 
 
-def excess(
+def limit_violation(
     dynamics: PathDynamics,
     parameters: Parameters,
     limits: tuple[Floats, Floats, Floats] | None = None,
     where: Where | None = None,
-) -> Excess:
+) -> LimitViolation:
     """Tell how far a motion exceeds the limits that it is ``compared`` with."""
     entries = compared(dynamics, parameters, limits)
     total = np.maximum.reduce([entry.stretch for entry in entries])
@@ -104,7 +104,7 @@ def excess(
         what = f'{found.name} would be {found.value[worst]:.4g} {found.unit}'
         return f'{what} {place}, the limit is {bound:.4g} {found.unit}'
 
-    return Excess(total, text)
+    return LimitViolation(total, text)
 
 
 def compared(

@@ -25,12 +25,12 @@ ROOM_M = 1e-6  # before a blend, where the paths with and without it part
 End = tuple[int, float]
 
 
-class SeamError(ProgramError):
+class SpliceError(ProgramError):
     """The corner between a plan that is driven and the moves that follow cannot be rounded any more."""
 
 
 @dataclass(frozen=True)
-class Driven:
+class RunningProgram:
     """A planner knows this of a plan that is driven, so that more moves may follow.
 
     Attributes
@@ -57,11 +57,11 @@ class Driven:
     payload_kg: float
 
     @staticmethod
-    def of(program: Program, planned: Planned) -> 'Driven':
+    def of(program: Program, planned: Planned) -> 'RunningProgram':
         """Return what is known of a program that is planned."""
         # the last move has the statements of all rounds, if none of them stops the robot
         earlier = program.repeat - 1 if len(parts(program)) == 1 else 0
-        return Driven(
+        return RunningProgram(
             planned.plan,
             planned.loads,
             program.statements * (earlier + 1),
@@ -70,16 +70,16 @@ class Driven:
             planned.payload_kg,
         )
 
-    def seam(self, rounded: bool) -> 'Seam':
+    def splice(self, rounded: bool) -> 'Splice':
         """Return where moves that follow are planned from; the corner is rounded if the last move has a blend."""
         last = self.plan.move(len(self.plan) - 1)
         if self.open_from is None or not rounded:
-            return Seam(
+            return Splice(
                 len(self.plan), (), self.plan.end_m(), self.payload_kg, np.inf, self.plan.end_turn_rad
             )
         again = self.statements[self.open_from :]
         blend = next(one.blend_m for one in reversed(again) if isinstance(one, PathMove))
-        return Seam(
+        return Splice(
             len(self.plan) - 1,
             again,
             last.start_m(),
@@ -100,7 +100,7 @@ class Driven:
 
 
 @dataclass(frozen=True)
-class Seam:
+class Splice:
     """Moves that follow are planned from here.
 
     Attributes
@@ -199,12 +199,12 @@ class Extension:
         return Row(base, self.first, self.kept, order, self.profile).to_array()
 
 
-def extend(timeline: Timeline, cycle: int, seam: Seam, more: Plan) -> Extension:
+def extend(timeline: Timeline, cycle: int, splice: Splice, more: Plan) -> Extension:
     """Return how a plan that is driven is extended from a bus cycle on.
 
     Raises
     ------
-    SeamError
+    SpliceError
         The corner cannot be rounded any more; the moves can follow from rest.
     ProgramError
         The longer plan is too large, or cannot follow.
@@ -214,11 +214,11 @@ def extend(timeline: Timeline, cycle: int, seam: Seam, more: Plan) -> Extension:
     if profile is None:
         raise ProgramError('no program runs')
     first, now = timeline.at(cycle - 1).number, timeline.at(cycle)
-    plan = timeline.plan.extended(first, seam.kept, more)
-    if now.number >= seam.kept:
-        table = go_over(timeline, cycle, more.move(0), seam.common_m)
+    plan = timeline.plan.extended(first, splice.kept, more)
+    if now.number >= splice.kept:
+        table = go_over(timeline, cycle, more.move(0), splice.common_m)
         if table is None:
-            raise SeamError('the corner to the moves that follow cannot be rounded any more')
+            raise SpliceError('the corner to the moves that follow cannot be rounded any more')
     elif profile.held or cycle >= timeline.end_cycle:
         place = now.distance_m if profile.held else timeline.plan.move(now.number).length_m
         # two phases: one alone, at 0, would be the start of a program
@@ -226,19 +226,21 @@ def extend(timeline: Timeline, cycle: int, seam: Seam, more: Plan) -> Extension:
     else:
         table = timeline.rest_of_move(cycle)
     follows = replace(profile, cycle=cycle, number=now.number - first, table=table)
-    return Extension(first, seam.kept, more, follows, timeline.extended(plan, follows))
+    return Extension(first, splice.kept, more, follows, timeline.extended(plan, follows))
 
 
-def driven(before: Driven, extension: Extension, seam: Seam, program: Program, planned: Planned) -> Driven:
-    """Return what is known of a plan once it is extended by a program: the statements of the seam and those behind."""
+def extended_program(
+    before: RunningProgram, extension: Extension, splice: Splice, program: Program, planned: Planned
+) -> RunningProgram:
+    """Return the running program after an extension: statements of the splice, then the appended ones."""
     first, kept = extension.first, extension.kept
-    stay = len(before.statements) - len(seam.again)
+    stay = len(before.statements) - len(splice.again)
     ends = [end and (end[0] - first, end[1]) for end in before.ends[:stay]]
     gone = next((n for n, end in enumerate(ends) if end is not None and end[0] >= 0), stay)
     used = np.unique(before.plan.tables.order[first:kept])
     later = [end and (end[0] + kept - first, end[1]) for end in planned.ends]
     new = len(before.statements[gone:stay])
-    return Driven(
+    return RunningProgram(
         extension.timeline.plan,
         (*(before.loads[int(n)] for n in used), *planned.loads),
         before.statements[gone:stay] + program.statements,

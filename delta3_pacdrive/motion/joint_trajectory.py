@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion.excess import excess
+from delta3_pacdrive.motion.excess import limit_violation
 from delta3_pacdrive.motion.joint_path import tcp_samples
 from delta3_pacdrive.motion.limits import legal_coefficients, legal_tcp
 from delta3_pacdrive.motion.move import Move, MoveKind
@@ -35,8 +35,8 @@ NOWHERE = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class JointCourse:
-    """The course of the arm angles over time.
+class JointTrajectory:
+    """Arm angles over time.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class JointCourse:
         return np.asarray(after - before)
 
 
-def course(points: Sequence[JointPoint], here_rad: Floats) -> JointCourse:
+def joint_trajectory(points: Sequence[JointPoint], here_rad: Floats) -> JointTrajectory:
     """Join points, from where the arms stand on.
 
     Raises
@@ -123,7 +123,7 @@ def course(points: Sequence[JointPoint], here_rad: Floats) -> JointCourse:
     segments = np.zeros((len(times) - 1, SEGMENT_COLUMNS))
     segments[:, 0] = times[:-1]
     segments[:, 1:] = _pieces(knots, np.diff(times)).reshape(len(segments), -1)
-    return JointCourse(times, np.array([knot.angles_rad for knot in knots]), segments, first)
+    return JointTrajectory(times, np.array([knot.angles_rad for knot in knots]), segments, first)
 
 
 def _require_rest(last: JointPoint, number: int) -> None:
@@ -181,7 +181,7 @@ def plan_joints(
         It breaks a limit; says which quantity, arm or motor, its value, the limit, and at which point.
 
     """
-    path = course(points, kinematics.inverse(here_m, parameters.kinematics))
+    path = joint_trajectory(points, kinematics.inverse(here_m, parameters.kinematics))
     times = path.sample_times()
     where = path.where(times)
     angles = sample_path(times, path.segments)
@@ -196,7 +196,7 @@ def plan_joints(
     master = np.zeros((len(times), 4))
     master[:, 0], master[:, 1] = times, 1.0
     d = timed_dynamics(times, master, samples, coefficients, parameters)
-    found = excess(d, parameters, where=place)
+    found = limit_violation(d, parameters, where=place)
     if found.worst > KEPT:
         raise ProgramError(found.text)
     jumps = _jump_dynamics(path, payload_kg, parameters)
@@ -207,7 +207,7 @@ def plan_joints(
         at = f'at point {point}' if point else 'at the start'
         return f'for a jump of speed by {np.abs(speeds[n]).max():.4g} rad/s within a bus cycle {at}'
 
-    found = excess(jumps, parameters, where=jump)
+    found = limit_violation(jumps, parameters, where=jump)
     if found.worst > KEPT:
         raise ProgramError(f'{found.text}; between points with speeds there is no jump')
     stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
@@ -226,7 +226,7 @@ def plan_joints(
     return PlannedMove(move, replace(load, override_max=min(load.override_max, room)), name)
 
 
-def _jump_dynamics(path: JointCourse, payload_kg: float, parameters: Parameters) -> PathDynamics:
+def _jump_dynamics(path: JointTrajectory, payload_kg: float, parameters: Parameters) -> PathDynamics:
     """Return what it takes to change the speeds within a bus cycle where they jump."""
     count = len(path.times_s)
     angles = np.zeros((count, 4, 3))

@@ -9,7 +9,7 @@ import numpy as np
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_parametrization
 from delta3_pacdrive.motion.curves import Curve
-from delta3_pacdrive.motion.excess import Excess, excess, require_holdable
+from delta3_pacdrive.motion.excess import LimitViolation, limit_violation, require_holdable
 from delta3_pacdrive.motion.limits import highest_motor_speed, legal_coefficients
 from delta3_pacdrive.motion.move_grid import GRID_M, Course, Stretches, laid_out, worse_of_both
 from delta3_pacdrive.motion.path import sample_path
@@ -126,9 +126,9 @@ class MovePlanner:
         master[-1, 2], master[-1, 3] = end_acceleration(phases), phases[-2, 4]
         return passed[:, 0], master
 
-    def excess(self, dynamics: PathDynamics) -> Excess:
+    def limit_violation(self, dynamics: PathDynamics) -> LimitViolation:
         """Compare a timed motion with the limits of the grid."""
-        return excess(dynamics, self._parameters, (self.speed, self.acceleration, self.jerk))
+        return limit_violation(dynamics, self._parameters, (self.speed, self.acceleration, self.jerk))
 
     def place_limits(
         self, with_motors: bool, speed: Floats, acceleration: Floats
@@ -274,7 +274,7 @@ class MovePlanner:
     def _holdable(self, profile: Floats, window: float) -> Floats:
         """Return a profile of the speed; refuse one that stands still somewhere, or takes too long."""
         if not len(profile) or not profile[1:-1].all():
-            require_holdable(excess(self._standing(), self._parameters))
+            require_holdable(limit_violation(self._standing(), self._parameters))
             raise ProgramError('a motor cannot hold the arm somewhere on the path')
         require_end_of_time(time_parametrization.duration(self.distance, profile) + window)
         return profile
@@ -283,7 +283,7 @@ class MovePlanner:
         """Factor of time that each place asks for, and the share of the limit of speed there, shapes (n,)."""
         if with_motors:
             d = self.dynamics(phases)
-            found = self.excess(d)
+            found = self.limit_violation(d)
             needed, speed = found.stretch, d.tcp_speed_m_s
             if not math.isfinite(found.worst):
                 raise ProgramError(found.text)
@@ -313,7 +313,7 @@ class MovePlanner:
 
     def stretch(self, phases: Floats) -> tuple[float, str]:
         """Factor of time that a master needs to keep every limit, below 1 if it keeps them all, and why."""
-        found = self.excess(self.dynamics(phases))
+        found = self.limit_violation(self.dynamics(phases))
         return max(found.worst, float(self._stretch_at_joints(phases).max())), found.text
 
     def _stretch_at_joints(self, phases: Floats) -> Floats:

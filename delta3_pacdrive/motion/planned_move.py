@@ -12,7 +12,7 @@ from delta3_pacdrive.motion import constant_speed, curves
 from delta3_pacdrive.motion.blending import PathSegment, name_of
 from delta3_pacdrive.motion.curves import Curve
 from delta3_pacdrive.motion.energy import Energy, energy
-from delta3_pacdrive.motion.excess import excess, require_holdable
+from delta3_pacdrive.motion.excess import limit_violation, require_holdable
 from delta3_pacdrive.motion.limits import Limits, legal_coefficients
 from delta3_pacdrive.motion.move import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.motion.move_grid import GRID_MAX, GRID_MIN, Stretches
@@ -221,7 +221,7 @@ def _as_asked(
         phases = planner.fastest(with_motors=False)
     asked = float(phases[-1, 0])
     notices: list[str] = []
-    found = planner.excess(planner.dynamics(phases))
+    found = planner.limit_violation(planner.dynamics(phases))
     if found.worst > KEPT:
         if any(segment.strict for segment in segments):
             raise ProgramError(f'{found.text} (strict)')
@@ -305,7 +305,7 @@ def plan_cubic(
     duration = curve.length_m
     times = np.linspace(0.0, duration, min(max(GRID_MIN, int(duration / SAMPLE_S)), GRID_MAX))
     d = _even(curve, times, 1.0, payload_kg, parameters, returning)
-    found = excess(d, parameters)
+    found = limit_violation(d, parameters)
     require_holdable(found)
     load = thermal_load(d, np.gradient(times), duration, parameters)
     factor, notices = 1.0, []
@@ -330,7 +330,7 @@ def plan_dwell(
     """Let the robot stand at a point [m] for a time [s]; refuse a point at which a motor cannot hold its arm."""
     curve = curves.point(here)
     d = _even(curve, np.zeros(1), 0.0, payload_kg, parameters)
-    require_holdable(excess(d, parameters))
+    require_holdable(limit_violation(d, parameters))
     move = Move(kind, rest(time_s), curve.segments, payload_kg=payload_kg)
     return PlannedMove(move, dwell_load(d, time_s), name)
 

@@ -21,7 +21,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import time_optimal
 from delta3_pacdrive.motion.barrier import Demand, in_blocks
 from delta3_pacdrive.motion.curves import Curve
-from delta3_pacdrive.motion.excess import excess, require_holdable
+from delta3_pacdrive.motion.excess import limit_violation, require_holdable
 from delta3_pacdrive.motion.limits import legal_coefficients, phase_voltage_max
 from delta3_pacdrive.motion.move_grid import Stretches, limits_at, worse_of_both
 from delta3_pacdrive.motion.move_planner import NEARLY_KEPT, MovePlanner
@@ -108,7 +108,7 @@ class TimeOptimalPlanner(MovePlanner):
             if n:
                 spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat, before)
             if not len(spline):
-                require_holdable(excess(self._standing(), self._parameters))
+                require_holdable(limit_violation(self._standing(), self._parameters))
                 raise ProgramError('a motor cannot hold the arm somewhere on the path')
             phases = _phases(spline, self._parameter)
             stretch = self._third_order_stretch(phases)
@@ -206,7 +206,7 @@ class TimeOptimalPlanner(MovePlanner):
 
     def _third_order_stretch(self, phases: Floats) -> Floats:
         """Factor of time that each grid point of the parameter needs to keep every limit."""
-        found = self.excess(self.dynamics(phases))
+        found = self.limit_violation(self.dynamics(phases))
         places = np.maximum(worse_of_both(found.stretch), self._stretch_at_joints(phases))
         distance = self._parameter.distance_m
         stretch = np.interp(distance, self.distance, places)

@@ -79,7 +79,7 @@ class TurnLimits:
 
 
 @dataclass(frozen=True)
-class TurnExcess:
+class TurnViolation:
     """How far a timed turn exceeds its limits.
 
     Attributes
@@ -116,7 +116,7 @@ def turn_motion(times_s: Floats, master: Floats, rows: Floats) -> tuple[Floats, 
     return m, np.stack(turn, axis=1)
 
 
-def turn_excess(master: Floats, rows: Floats, limits: TurnLimits) -> TurnExcess:
+def turn_violation(master: Floats, rows: Floats, limits: TurnLimits) -> TurnViolation:
     """Compare the turn of a move with the limits of the rotary axis."""
     joints, duration = master[1:, 0], float(master[-1, 0])
     times = np.unique(
@@ -152,7 +152,7 @@ def turn_excess(master: Floats, rows: Floats, limits: TurnLimits) -> TurnExcess:
         told[1] = 'the current of the motor of the rotary axis', current, most, 'A'
     what, value, limit, unit = told[quantity]
     text = f'{what} would be {value:.4g} {unit} at s = {m[n, 0]:.4f} m, the limit is {limit:.4g} {unit}'
-    return TurnExcess(m[:, 0], stretches.max(axis=0), text)
+    return TurnViolation(m[:, 0], stretches.max(axis=0), text)
 
 
 def check_turn(move: Move, override: float, parameters: Parameters) -> float:
@@ -254,14 +254,14 @@ def plan_turning_move(
 
     """
     planned = plan(segments, stretches)
-    found = turn_excess(planned.move.master, rows, limits)
+    found = turn_violation(planned.move.master, rows, limits)
     if found.worst > KEPT:
         if kept := key_of_kept_time(segments):
             raise ProgramError(f'{found.text} ({kept})')
         asked_s = planned.move.duration_s
         planned = _slower(plan, segments, stretches, rows, limits)
         planned.notices.append(slowed_down(name, planned.move.duration_s, asked_s, found.text))
-    override = 1.0 / max(turn_excess(planned.move.master, rows, limits).worst, 1.0 / OVERRIDE_MAX)
+    override = 1.0 / max(turn_violation(planned.move.master, rows, limits).worst, 1.0 / OVERRIDE_MAX)
     load = replace(planned.load, override_max=max(1.0, min(planned.load.override_max, override)))
     return replace(planned, move=replace(planned.move, turns=rows), load=load)
 
@@ -282,7 +282,7 @@ def _slower(
         if len(segments) == 1:
             lower_segments = [replace(segments[0], limits=lower[0][1])]
         planned = plan(lower_segments, lower)
-        found = turn_excess(planned.move.master, rows, limits)
+        found = turn_violation(planned.move.master, rows, limits)
         if found.worst <= KEPT:
             return planned
         stretch = np.searchsorted(ends[:-1], found.distance, side='left')

@@ -44,7 +44,7 @@ SPOILT = (
     TypeError,
     ValueError,
 )
-COURSE, PHASE = 'motion/course', 'sercos/phase'
+PROFILE, PHASE = 'motion/course', 'sercos/phase'
 PROFILE_OF_START = 9  # numbers of a motion profile with a single phase
 PROFILE_ROW = 6  # numbers that tell a start of a program from a change of its motion profile
 

@@ -113,7 +113,7 @@ def _read_bag(path: Path) -> Trace:
     # what only bags need takes longer to import than everything else here
     from rosbags.typesys import Stores, get_typestore
 
-    from delta3_pacdrive.recording.bag_reader import COURSE, PHASE, Profiles, open_bag
+    from delta3_pacdrive.recording.bag_reader import PHASE, PROFILE, Profiles, open_bag
     from delta3_pacdrive.recording.completeness import common_cycles
     from delta3_pacdrive.recording.current_samples import SampleColumn, of_cycles
 
@@ -133,7 +133,7 @@ def _read_bag(path: Path) -> Trace:
     profiles = Profiles(typestore)
     add = {topic: columns[name].add for topic, name in bag.names.items()}
     add |= {topic: column.add for topic, column in samples.items()}
-    bag.read(add | {bag.robot + COURSE: profiles.add, bag.robot + PHASE: profiles.sessions.add})
+    bag.read(add | {bag.robot + PROFILE: profiles.add, bag.robot + PHASE: profiles.sessions.add})
     meta = bag.meta
     if 'cycle_time_s' not in meta:
         meta['cycle_time_s'] = _cycle_time(

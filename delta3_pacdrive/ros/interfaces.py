@@ -476,7 +476,7 @@ MOTION_CHANGE = Topic(
     'motion/change', Float64MultiArray, CHANGE_OF_PLAN, (PLANNER, SCRIPT), (TASK,),
     'motion profile that the planner asks for: override, resume', ASKED,
 )
-COURSE = Topic(
+PROFILE = Topic(
     'motion/course', Float64MultiArray, LATCHED, (TASK,), (PLANNER,),
     'motion profile: what the master follows from which cycle on: start, stop, resume, override', CHANGE, recorded=True,
 )

@@ -44,7 +44,7 @@ class PlannerLink:
         self._status = interfaces.STATUS.publisher(node)
         self._verdicts = interfaces.VERDICT.publisher(node)
         self._refusals = interfaces.REFUSAL.publisher(node)
-        self._profile = interfaces.COURSE.publisher(node)
+        self._profile = interfaces.PROFILE.publisher(node)
         interfaces.MOTION_PLAN.bounded_subscription(node, self._on_row, ROW_BYTES_MAX, self._refuse_foreign)
         interfaces.MOTION_CHANGE.bounded_subscription(
             node, self._on_profile, ROW_BYTES_MAX, self._refuse_foreign

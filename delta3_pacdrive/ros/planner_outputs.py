@@ -10,7 +10,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, String
 
 from delta3_pacdrive.controller import planner_actions
-from delta3_pacdrive.controller.messages import COURSE, REVOKE, Origin
+from delta3_pacdrive.controller.messages import PROFILE, REVOKE, Origin
 from delta3_pacdrive.controller.plan_rows import PlanRows
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.ros import interfaces
@@ -66,7 +66,7 @@ class PlannerOutputs:
                     self._rows.clear()
                     self._plan.publish(self._numbered(REVOKE, number, []))
                 case planner_actions.Changed(number, profile):
-                    self._change.publish(self._numbered(COURSE, number, profile.to_array()))
+                    self._change.publish(self._numbered(PROFILE, number, profile.to_array()))
                 case planner_actions.Replied(request, reason, sentence):
                     self._operators.reply(request, reason, sentence)
                 case planner_actions.Reported(report):

@@ -14,7 +14,7 @@ import rclpy
 from std_msgs.msg import String
 
 from delta3_pacdrive.controller.belt_knowledge import TrackOrder
-from delta3_pacdrive.controller.messages import COURSE, EXACT, EXTEND, ORDER, Origin, Verdict
+from delta3_pacdrive.controller.messages import EXACT, EXTEND, ORDER, PROFILE, Origin, Verdict
 from delta3_pacdrive.controller.plan_rows import PlanRows
 from delta3_pacdrive.controller.planner_actions import Ordered
 from delta3_pacdrive.controller.script_service import (
@@ -195,7 +195,7 @@ class ScriptNode(OperatorNode):
     def change(self, profile: MotionProfile) -> int:
         """Go over to another motion profile; return the bus cycle from which on it is followed."""
         self._orders += 1
-        self._change.publish(self._numbered(COURSE, self._orders, profile.to_array()))
+        self._change.publish(self._numbered(PROFILE, self._orders, profile.to_array()))
         return self._verdict(self._orders)
 
     def _numbered(self, kind: str, number: int, values: Any) -> Any:

@@ -10,14 +10,14 @@ import pytest
 from bags import CLOCK, META, STORE, TYPES, message, messages, numbers, record
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.analysis import runs
-from delta3_pacdrive.controller.messages import COURSE, EXTEND, ORDER, Origin
+from delta3_pacdrive.controller.messages import EXTEND, ORDER, PROFILE, Origin
 from delta3_pacdrive.errors import ProgramError, TraceError
 from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.faults.schedule import Scheduled
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
-from delta3_pacdrive.motion.extension import Driven, extend
+from delta3_pacdrive.motion.extension import RunningProgram, extend
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.program import MoveL, Program, Target
 from delta3_pacdrive.motion.resume import resume
@@ -54,7 +54,7 @@ def row(label, values):
 
 def followed(profile, number, planner='a', session='3fa9'):
     """Return a motion profile as the robot tells it."""
-    return row(Origin(COURSE, planner, session, number).label(), profile.to_array())
+    return row(Origin(PROFILE, planner, session, number).label(), profile.to_array())
 
 
 def text(document):
@@ -232,7 +232,7 @@ def test_a_bag_tells_moves_that_followed_while_the_robot_moved(tmp_path, robot):
     timeline = Timeline(planned.plan, 1e-3)
     timeline.start(STARTS)
     more = program_planner.plan(Program('more', (lines[1],)), planned.plan.end_m(), robot).plan
-    extension = extend(timeline, STARTS + 20, Driven.of(program, planned).seam(True), more)
+    extension = extend(timeline, STARTS + 20, RunningProgram.of(program, planned).splice(True), more)
     arrivals = []
     for number, plan, kind, last in (
         (1, planned.plan, ORDER, [-1.0, 1.0, 0.0]),

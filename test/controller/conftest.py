@@ -13,7 +13,7 @@ from delta3_pacdrive.controller import planner_actions
 from delta3_pacdrive.controller.control import Control, Operator
 from delta3_pacdrive.controller.cycle import ControllerCycle
 from delta3_pacdrive.controller.enabling import Enabling
-from delta3_pacdrive.controller.messages import COURSE, FAULT, REVOKE, Origin, Request
+from delta3_pacdrive.controller.messages import FAULT, PROFILE, REVOKE, Origin, Request
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
@@ -188,7 +188,7 @@ class Rig:
             case planner_actions.Revoked(number):
                 self.row(REVOKE, number, np.zeros(0))
             case planner_actions.Changed(number, profile):
-                self.orders.take_profile(self.label(COURSE, number), profile.to_array())
+                self.orders.take_profile(self.label(PROFILE, number), profile.to_array())
             case planner_actions.Reported(report):
                 self.reports.append(report)
             case planner_actions.Replied(request, reason, sentence):

@@ -12,7 +12,7 @@ from delta3_pacdrive.controller.planned_path import PIECES_MAX, POINTS_MAX, STEP
 from delta3_pacdrive.errors import ProgramError, TelegramError
 from delta3_pacdrive.motion import program_file, program_planner
 from delta3_pacdrive.motion.execution import Timeline
-from delta3_pacdrive.motion.extension import Driven, driven, extend
+from delta3_pacdrive.motion.extension import RunningProgram, extend, extended_program
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import MoveL, Program, Target
@@ -63,18 +63,18 @@ class Stream:
         self.robot = robot
         program = Program('driven', statements)
         planned = program_planner.plan(program, HOME, robot, open_end=True)
-        self.known, self.number = Driven.of(program, planned), 1
+        self.known, self.number = RunningProgram.of(program, planned), 1
         self.timeline = Timeline(planned.plan, CYCLE_S)
         self.timeline.start(100)
         self.rows = ordered(planned.plan, 1)
 
     def follow(self, cycle: int, *statements: Any) -> Rows:
         """Return the rows of moves that follow from a bus cycle on."""
-        seam = self.known.seam(rounded=True)
-        program = Program('more', (*seam.again, *statements), payload_kg=seam.payload_kg)
-        planned = program_planner.plan(program, seam.start_m, self.robot, open_end=True)
-        extension = extend(self.timeline, cycle, seam, planned.plan)
-        self.known = driven(self.known, extension, seam, program, planned)
+        splice = self.known.splice(rounded=True)
+        program = Program('more', (*splice.again, *statements), payload_kg=splice.payload_kg)
+        planned = program_planner.plan(program, splice.start_m, self.robot, open_end=True)
+        extension = extend(self.timeline, cycle, splice, planned.plan)
+        self.known = extended_program(self.known, extension, splice, program, planned)
         self.timeline, self.number = extension.timeline, self.number + 1
         row = extension.row(self.number - 1)
         return [*moves_of(planned.plan, self.number), (label(EXTEND, self.number), row)]

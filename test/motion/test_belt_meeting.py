@@ -20,10 +20,10 @@ from delta3_pacdrive.motion.belt_meeting import (
 from delta3_pacdrive.motion.belt_synchronization import (
     ZERO,
     CannotCatch,
+    MissReason,
     Motion,
     TrackLimits,
     TrackWindow,
-    Uncaught,
 )
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.program import Dwell, MoveL, Program, Target
@@ -76,10 +76,10 @@ def test_what_is_added_begins_as_it_was_and_ends_with_the_part():
 
 
 REFUSED = {
-    Uncaught.GONE: (0.9, 1.0, 'the window ends at 1000.0 mm'),
-    Uncaught.NOT_COMING: (0.2, 0.0, 'the belt stands, with the part at 200.0 mm'),
-    Uncaught.BACKWARDS: (0.5, -0.2, 'the belt runs backwards, at 0.2 m/s'),
-    Uncaught.TOO_FAST: (0.5, 4.0, 'the belt runs at 4 m/s, the robot at 4 m/s at most'),
+    MissReason.GONE: (0.9, 1.0, 'the window ends at 1000.0 mm'),
+    MissReason.NOT_COMING: (0.2, 0.0, 'the belt stands, with the part at 200.0 mm'),
+    MissReason.BACKWARDS: (0.5, -0.2, 'the belt runs backwards, at 0.2 m/s'),
+    MissReason.TOO_FAST: (0.5, 4.0, 'the belt runs at 4 m/s, the robot at 4 m/s at most'),
 }
 
 

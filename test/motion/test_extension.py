@@ -10,7 +10,14 @@ from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import program_file, program_planner
 from delta3_pacdrive.motion.execution import Timeline
-from delta3_pacdrive.motion.extension import Driven, Extension, Seam, SeamError, driven, extend
+from delta3_pacdrive.motion.extension import (
+    Extension,
+    RunningProgram,
+    Splice,
+    SpliceError,
+    extend,
+    extended_program,
+)
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import EXTENDED_MOVES_MAX
@@ -32,17 +39,17 @@ class Drive:
         self.robot = robot
         self.program = Program('driven', statements)
         self.planned = program_planner.plan(self.program, HOME, robot, open_end=True)
-        self.known = Driven.of(self.program, self.planned)
+        self.known = RunningProgram.of(self.program, self.planned)
         self.timeline = Timeline(self.planned.plan, CYCLE_S)
         self.timeline.start(100, override)
 
-    def follow(self, cycle: int, *statements: Any, rounded: bool = True) -> tuple[Extension, Seam, Planned]:
-        seam = self.known.seam(rounded)
-        program = Program('more', (*seam.again, *statements), payload_kg=seam.payload_kg)
-        planned = program_planner.plan(program, seam.start_m, self.robot, open_end=True)
-        extension = extend(self.timeline, cycle, seam, planned.plan)
-        self.known = driven(self.known, extension, seam, program, planned)
-        return extension, seam, planned
+    def follow(self, cycle: int, *statements: Any, rounded: bool = True) -> tuple[Extension, Splice, Planned]:
+        splice = self.known.splice(rounded)
+        program = Program('more', (*splice.again, *statements), payload_kg=splice.payload_kg)
+        planned = program_planner.plan(program, splice.start_m, self.robot, open_end=True)
+        extension = extend(self.timeline, cycle, splice, planned.plan)
+        self.known = extended_program(self.known, extension, splice, program, planned)
+        return extension, splice, planned
 
 
 def place(timeline: Timeline, cycle: int) -> np.ndarray:
@@ -85,20 +92,20 @@ def test_a_dwell_goes_on_for_what_is_left_of_it(robot: Any) -> None:
 def test_a_corner_is_rounded_before_its_blend_and_not_behind_it(robot: Any) -> None:
     blended = replace(FIRST, blend_m=0.03)
     drive = Drive(robot, blended)
-    extension, seam, _ = drive.follow(150, SECOND)
-    assert (seam.kept, seam.again) == (0, (blended,))
-    assert seam.common_m == pytest.approx(0.07, abs=1e-5)
+    extension, splice, _ = drive.follow(150, SECOND)
+    assert (splice.kept, splice.again) == (0, (blended,))
+    assert splice.common_m == pytest.approx(0.07, abs=1e-5)
     path = np.array([place(extension.timeline, cycle) for cycle in range(150, extension.timeline.end_cycle)])
     assert np.linalg.norm(path - [0.1, 0.0, -0.75], axis=1).min() > 1e-3
     late = Drive(robot, blended)
     behind = next(c for c in range(150, 9999) if late.timeline.at(c).distance_m > 0.071)
-    with pytest.raises(SeamError, match='rounded'):
+    with pytest.raises(SpliceError, match='rounded'):
         late.follow(behind, SECOND)
     from_rest, _, _ = late.follow(behind, SECOND, rounded=False)
     assert (from_rest.first, from_rest.kept) == (0, 1)
     held = Drive(robot, blended)
     held.timeline.change(held.timeline.stop(behind))
-    with pytest.raises(SeamError, match='rounded'):
+    with pytest.raises(SpliceError, match='rounded'):
         held.follow(held.timeline.end_cycle, SECOND)
 
 
@@ -141,7 +148,7 @@ def test_the_rms_current_of_what_is_still_to_come_is_kept(robot: Any) -> None:
     swing = tuple(MoveL(Target((x, 0.0, -0.85)), limits=hard) for x in (0.3, -0.3) * 4)
     nominal = robot.motor.nominal_current_a
     first = program_planner.plan(Program('swing', swing, payload_kg=10.0), HOME, robot)
-    known = Driven.of(Program('swing', swing, payload_kg=10.0), first)
+    known = RunningProgram.of(Program('swing', swing, payload_kg=10.0), first)
     end = first.plan.end_m()
     load = known.load(0, len(first.plan))
     assert load is not None
@@ -149,7 +156,7 @@ def test_the_rms_current_of_what_is_still_to_come_is_kept(robot: Any) -> None:
     behind = program_planner.plan(
         Program('more', (Dwell(5.0), *swing), payload_kg=10.0), end, robot, before=load
     )
-    total = load + Driven.of(Program('more', (Dwell(5.0), *swing)), behind).load(0, len(behind.plan))  # type: ignore[operator]
+    total = load + RunningProgram.of(Program('more', (Dwell(5.0), *swing)), behind).load(0, len(behind.plan))  # type: ignore[operator]
     assert load.rms(1.0).max() <= nominal * 1.001
     assert total.rms(1.0).max() <= nominal * 1.001
     assert behind.rms_current_a[0] == pytest.approx(float(total.rms(1.0)[0]), rel=1e-6)

@@ -9,7 +9,7 @@ import numpy as np
 from delta3_pacdrive.cell.link import Seen
 from delta3_pacdrive.controller.belt_axes import belts_text
 from delta3_pacdrive.controller.control import Operator
-from delta3_pacdrive.controller.messages import COURSE, EXACT, EXTEND, ORDER, Origin, Request
+from delta3_pacdrive.controller.messages import EXACT, EXTEND, ORDER, PROFILE, Origin, Request
 from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
 from delta3_pacdrive.controller.robot_actions import Answered, Asked
 from delta3_pacdrive.controller.robot_controller import RobotController
@@ -334,7 +334,7 @@ class ServedNode:
 
     def change(self, profile: Any) -> int:
         self._orders += 1
-        self.controller.orders.take_profile(self._label(COURSE), profile.to_array())
+        self.controller.orders.take_profile(self._label(PROFILE), profile.to_array())
         return self._verdict()
 
     def _label(self, kind: str) -> str:

@@ -37,7 +37,7 @@ from delta3_pacdrive.motion.path_dynamics import (
 )
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned, plan
-from delta3_pacdrive.motion.turning_move import TurnLimits, turn_excess, turn_motion
+from delta3_pacdrive.motion.turning_move import TurnLimits, turn_motion, turn_violation
 from delta3_pacdrive.motion.virtual_master import extremes, master_at_distances, sample_master
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -257,7 +257,9 @@ def _is_turn_at_limit(move: Move, parameters: Parameters) -> bool:
     """Whether the rotary axis keeps a move from being faster."""
     if not len(move.turns) or not parameters.rotary.present:
         return False
-    return turn_excess(move.master, move.turns, TurnLimits.of(parameters, move.payload_kg)).worst >= AT_LIMIT
+    return (
+        turn_violation(move.master, move.turns, TurnLimits.of(parameters, move.payload_kg)).worst >= AT_LIMIT
+    )
 
 
 def _of_axes(values: Floats) -> tuple[float, ...]:

@@ -69,7 +69,7 @@ class UnitRobotNode(PollingNode):
         self._alive = interfaces.PLANNER_ALIVE.publisher(self)
         self._publisher = ' '.join(interfaces.publishers_of(self, interfaces.PLANNER_ALIVE) - others)
         interfaces.STATUS.bounded_subscription(self, self._on_status)
-        interfaces.COURSE.bounded_subscription(self, self._on_profile, ROW_BYTES_MAX)
+        interfaces.PROFILE.bounded_subscription(self, self._on_profile, ROW_BYTES_MAX)
         interfaces.VERDICT.bounded_subscription(self, self._on_verdict)
         self._operators = PlannerServices(self, planner, identity, self._thread.progress, self._carry_out)
         self._trajectories = self._offer_trajectories(tolerances, cycles)

@@ -14,7 +14,7 @@ from delta3_pacdrive.bringup.robot_processes import PROCESS_OF
 from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.ros.fault_injection import read_schedule
-from delta3_pacdrive.ros.interfaces import COURSE, DIAGNOSTICS, FAULT_SCHEDULE
+from delta3_pacdrive.ros.interfaces import DIAGNOSTICS, FAULT_SCHEDULE, PROFILE
 from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.qos import REPORT
 from delta3_pacdrive.sercos.bus_time import NEVER
@@ -45,7 +45,7 @@ class FaultObserver(AutomatedOperator):
         self._drives: dict[str, dict[str, str]] = {}  # diagnostics of the drives, by axis
         self._log = TelegramLog(self.operator, robot, lambda _: None)
         FAULT_SCHEDULE.subscription(self.operator, self._on_schedule)
-        COURSE.bounded_subscription(self.operator, self._on_profile)
+        PROFILE.bounded_subscription(self.operator, self._on_profile)
         DIAGNOSTICS.subscription(self.operator, self._on_diagnostics)
         self.operator.create_subscription(Log, '/rosout', self._on_log, REPORT)
 
