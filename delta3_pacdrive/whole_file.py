@@ -22,7 +22,7 @@ NAME_LENGTH = 60  # of the file, in the name beside it, which must not become to
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def atomic_path(path: Path) -> Iterator[Path]:
     """Give the name under which a file is to be written; it takes the place of ``path`` if nothing goes wrong.
 
     A reader sees the old file or the new one, never half of it. What is no file, but a device or a pipe, is written
@@ -46,8 +46,8 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_text(text: str, path: Path) -> Path:
-    """Write a text file as ``replacing`` does; raises OSError."""
-    with replacing(path) as partial:
+    """Write a text file as ``atomic_path`` does; raises OSError."""
+    with atomic_path(path) as partial:
         partial.write_text(text, encoding='utf-8')
     return path
 

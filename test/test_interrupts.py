@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from delta3_pacdrive import interrupts
-from delta3_pacdrive.cli.output import guarded
+from delta3_pacdrive.cli.output import run_and_report
 from delta3_pacdrive.errors import RunInterruptedError
 from delta3_pacdrive.recording import trace_file
 from thoroughness import some
@@ -240,7 +240,7 @@ def test_signals_that_the_parent_ignores_stay_ignored(tmp_path):
 SWALLOWED = """
 import ctypes, signal, time
 from delta3_pacdrive import interrupts
-from delta3_pacdrive.cli.output import guarded
+from delta3_pacdrive.cli.output import run_and_report
 interrupts.install()
 
 @ctypes.CFUNCTYPE(None)
@@ -255,7 +255,7 @@ def work():
     return 0
 
 with interrupts.raising():
-    raise SystemExit(guarded(work))
+    raise SystemExit(run_and_report(work))
 """
 
 
@@ -270,7 +270,7 @@ def test_an_interrupt_that_a_callback_swallows_is_raised_again():
 CONVERTED = """
 import signal
 from delta3_pacdrive import interrupts
-from delta3_pacdrive.cli.output import guarded
+from delta3_pacdrive.cli.output import run_and_report
 interrupts.install()
 
 def work():
@@ -280,7 +280,7 @@ def work():
         raise RuntimeError('as the import of an extension does')
 
 with interrupts.raising():
-    raise SystemExit(guarded(work))
+    raise SystemExit(run_and_report(work))
 """
 
 
@@ -300,9 +300,9 @@ def test_a_signal_that_ros_has_taken_for_itself_is_an_interrupt_too(capfd):
     def run():
         raise RunInterruptedError('interrupted')
 
-    assert guarded(run) == 130
+    assert run_and_report(run) == 130
     assert_one_sentence(capfd.readouterr().err, 'interrupted')
-    assert guarded(work) == 130
+    assert run_and_report(work) == 130
     assert_one_sentence(capfd.readouterr().err, 'interrupted')
 
 
@@ -311,7 +311,7 @@ def test_a_mistake_in_the_code_keeps_its_traceback():
         raise RuntimeError('a mistake')
 
     with pytest.raises(RuntimeError, match='a mistake'):
-        guarded(work)
+        run_and_report(work)
 
 
 @pytest.mark.parametrize(
@@ -327,7 +327,7 @@ def test_errors_of_the_machine_are_one_sentence(error, sentence, capfd):
     def work():
         raise error
 
-    assert guarded(work) != 0
+    assert run_and_report(work) != 0
     assert_one_sentence(capfd.readouterr().err, sentence)
 
 

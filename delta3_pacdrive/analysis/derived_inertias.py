@@ -99,7 +99,7 @@ def write(source: str, derived: Sequence[Derived], path: Path) -> bool:
     wanted = robot.replace(**{one.name.replace('.', '__'): one.derived for one in derived})
     files = core.parts(source)
     text = _with_values(files[0], derived) if len(files) == 1 else None
-    with whole_file.replacing(path) as partial:
+    with whole_file.atomic_path(path) as partial:
         if text is not None:
             partial.write_text(text, encoding='utf-8')
             if core.load(partial) == wanted:

@@ -124,5 +124,5 @@ def save(figure: Figure, path: Path, metadata: Mapping[str, str]) -> None:
     """Write a figure as PNG, with ``metadata`` in the text fields of the file; raises OSError."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with whole_file.replacing(path) as partial:
+    with whole_file.atomic_path(path) as partial:
         FigureCanvasAgg(figure).print_png(partial, metadata=metadata)

@@ -11,7 +11,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from delta3_pacdrive.analysis.provenance import excused
+from delta3_pacdrive.analysis.provenance import os_errors_as
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -112,7 +112,7 @@ def _data(path: Path, content: bytes) -> str:
 
 
 def _read(path: Path) -> bytes:
-    with excused(f'cannot read {path}'):
+    with os_errors_as(f'cannot read {path}'):
         return path.read_bytes()
 
 

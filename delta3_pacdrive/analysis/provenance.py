@@ -78,7 +78,7 @@ def versions() -> str:
 
 
 @contextmanager
-def excused(told: str, kind: type[Delta3Error] = ReportError) -> Iterator[None]:
+def os_errors_as(told: str, kind: type[Delta3Error] = ReportError) -> Iterator[None]:
     """Make an error of the file system, meanwhile, one of this package: ``told``, and why."""
     try:
         yield
@@ -89,7 +89,7 @@ def excused(told: str, kind: type[Delta3Error] = ReportError) -> Iterator[None]:
 def digest(path: Path) -> str:
     """Return a short digest of a file, or of the files in a folder; raises ReportError."""
     total = hashlib.sha256()
-    with excused(f'cannot read {path}'):
+    with os_errors_as(f'cannot read {path}'):
         files = sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
         for file in files:
             whole_file.require_regular(file)
@@ -105,14 +105,14 @@ def json_text(document: Any) -> str:
 
 def write_json(document: Any, path: Path) -> Path:
     """Write a document as ``write_text`` does, with the folder that it needs; raises ReportError."""
-    with excused(f'cannot write {path}'):
+    with os_errors_as(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)
     return write_text(json_text(document), path)
 
 
 def write_text(text: str, path: Path) -> Path:
     """Write a text so that a reader sees the old file or the new one, never half of it; raises ReportError."""
-    with excused(f'cannot write {path}'):
+    with os_errors_as(f'cannot write {path}'):
         return whole_file.write_text(text, path)
 
 
@@ -129,10 +129,10 @@ def write_table(
         The file cannot be written.
 
     """
-    with excused(f'cannot write {path}'):
+    with os_errors_as(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)
         with (
-            whole_file.replacing(path) as partial,
+            whole_file.atomic_path(path) as partial,
             partial.open('w', encoding='utf-8', newline='') as file,
         ):
             for name, text in provenance.lines().items():

@@ -21,8 +21,8 @@ from delta3_pacdrive.analysis.figure_style import add_foot, save
 from delta3_pacdrive.analysis.index_page import IndexPage, offered
 from delta3_pacdrive.analysis.provenance import (
     Provenance,
-    excused,
     json_text,
+    os_errors_as,
     write_json,
     write_table,
     write_text,
@@ -118,7 +118,7 @@ class ReportFolder:
             path, figure = self.path / name, draw()
             if with_foot:
                 add_foot(figure, self.provenance)
-            with excused(f'cannot write figures to {self.path}', FigureError):
+            with os_errors_as(f'cannot write figures to {self.path}', FigureError):
                 self.path.mkdir(parents=True, exist_ok=True)
                 save(figure, path, self.provenance.lines())
             paths.append(path)
@@ -169,12 +169,12 @@ class ReportFolder:
 
     def make(self) -> None:
         """Make the folder before anything is computed for it; raises ReportError."""
-        with excused(f'cannot write to {self.path}'):
+        with os_errors_as(f'cannot write to {self.path}'):
             self.path.mkdir(parents=True, exist_ok=True)
 
     def clear(self, patterns: Iterable[str]) -> None:
         """Remove what an earlier command left, so that nothing looks complete; raises ReportError."""
-        with excused(f'cannot write to {self.path}'):
+        with os_errors_as(f'cannot write to {self.path}'):
             for pattern in (SUMMARY, INDEX, *patterns):
                 for path in self.path.glob(pattern):
                     path.unlink()

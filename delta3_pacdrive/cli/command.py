@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from delta3_pacdrive.cli.option_types import FREQUENCY, STATEMENT, filled
-from delta3_pacdrive.cli.output import guarded
+from delta3_pacdrive.cli.output import run_and_report
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
@@ -269,7 +269,7 @@ class Command(Generic[Chosen]):
     def __call__(self, arguments: Sequence[str] | None = None) -> int:
         """Run with these arguments, else with those of the process."""
         options = self.read(list(sys.argv[1:] if arguments is None else arguments))
-        return guarded(lambda: self._run(options), getattr(options, 'json', False))
+        return run_and_report(lambda: self._run(options), getattr(options, 'json', False))
 
 
 class _Parser(argparse.ArgumentParser):

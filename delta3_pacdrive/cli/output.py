@@ -40,7 +40,7 @@ def discard_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def guarded(action: Callable[[], int], as_json: bool = False) -> int:
+def run_and_report(action: Callable[[], int], as_json: bool = False) -> int:
     """Run a command; every error of this package and of the machine becomes one sentence and exit status 1.
 
     Ctrl-C, SIGTERM and SIGHUP become one sentence and the status 130, 143 or 129.

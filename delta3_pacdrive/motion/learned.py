@@ -201,7 +201,7 @@ def save(learned: Learned, path: str | Path) -> Path:
     arrays = {name: getattr(origin, name) for name in _ARRAYS[1:]}
     told = json.dumps({'program': origin.program, 'parameters': origin.parameters})
     try:
-        with whole_file.replacing(path) as partial, partial.open('wb') as file:
+        with whole_file.atomic_path(path) as partial, partial.open('wb') as file:
             np.savez(file, torques=learned.torques, origin=np.array(told), **arrays)
     except OSError as error:
         raise LearnedError(f'cannot write learned torques {path}: {error.strerror or error}') from None

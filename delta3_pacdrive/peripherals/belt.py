@@ -251,7 +251,7 @@ class BeltState:
         Those on it; they come at its begin.
     count
         Of the encoder at the begin of this bus cycle.
-    told
+    latches
         What the light barrier tells in this bus cycle: what it has latched, once its delay has passed.
 
     """
@@ -262,7 +262,7 @@ class BeltState:
         self.belt, self._cycle_time_s, self._start = belt, cycle_time_s, start_cycle
         self._motion = BeltMotion(belt)
         self.parts: list[OnBelt] = []
-        self.told: list[Latch] = []
+        self.latches: list[Latch] = []
         self.count = 0
         self._way = 0.0
         self._waiting = self._drawn(generator)
@@ -339,7 +339,7 @@ class BeltState:
                     more = self._generator.uniform(0.0, barrier.bounce_s, BOUNCES_MAX).tolist()
                     self._barred += [(passed + later, part.number) for later in sorted(more)]
         now = self.time_s(cycle)
-        self.told = [Latch(number, self._count(at), cycle) for at, number in self._barred if at <= now]
+        self.latches = [Latch(number, self._count(at), cycle) for at, number in self._barred if at <= now]
         self._barred = [one for one in self._barred if one[0] > now]
 
     def _passing(self, part: OnBelt, cycle: int) -> float:

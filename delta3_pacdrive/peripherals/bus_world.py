@@ -129,7 +129,7 @@ class BusWorld:
         how = 'tells again what is true' if value is None else f'is {"on" if value else "off"}'
         return f'{name} {how} from bus cycle {self.cycle + 1} on'
 
-    def told(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """Return inputs and outputs of the last bus cycle, and what is not over yet, as ``tell_parts`` tells it."""
         forced = self._world.forced
         return {

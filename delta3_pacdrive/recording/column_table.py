@@ -69,7 +69,7 @@ def write(table: ColumnTable, path: str | Path, what: str = 'table') -> Path:
     if why := suffix_refusal(path):
         raise TraceError(f'cannot write {what} {path}: {why}')
     kind = path.suffix.lower()
-    with told(f'write {what} {path}'), whole_file.replacing(path) as partial:
+    with told(f'write {what} {path}'), whole_file.atomic_path(path) as partial:
         if kind == '.parquet':
             table_parquet.write(partial, table.headings, table.units, table.columns, table.meta)
         elif kind == '.npz':

@@ -55,7 +55,7 @@ class Trace:
         """Write to a ``.npz`` file, whole or not at all; raises TraceError."""
         with (
             told(f'write trace {path}'),
-            whole_file.replacing(Path(path)) as partial,
+            whole_file.atomic_path(Path(path)) as partial,
             partial.open('wb') as file,
         ):
             np.savez_compressed(

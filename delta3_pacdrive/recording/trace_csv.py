@@ -53,7 +53,7 @@ def write(trace: Trace, path: str | Path) -> Path:
     is_file = path.is_file() or not path.exists()
     with (
         told(f'write trace {path}'),
-        whole_file.replacing(path) as partial,
+        whole_file.atomic_path(path) as partial,
         partial.open('w', encoding='utf-8', newline='') as file,
     ):
         if about:

@@ -92,7 +92,7 @@ def _write_parquet(trace: Trace, path: Path) -> None:
     headings = ['time [s]', *(heading for name in named for heading in quantities.headings(name))]
     units = [quantities.parted(heading)[1] or quantities.ONE for heading in headings]
     columns = np.column_stack([trace.time_s, *(trace[name] for name in named)]).T
-    with told(f'write trace {path}'), whole_file.replacing(path) as partial:
+    with told(f'write trace {path}'), whole_file.atomic_path(path) as partial:
         table_parquet.write(partial, headings, units, list(columns), trace.meta)
 
 

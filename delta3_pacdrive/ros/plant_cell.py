@@ -217,7 +217,7 @@ class InputRequests:
         if around is None:
             raise ProgramError('this robot has no inputs: bring it up with --cell')
         if not text:
-            return json.dumps(around.told())
+            return json.dumps(around.to_dict())
         if len(text) > REQUEST_MAX:
             raise ProgramError(f'the request has {len(text)} characters, the limit is {REQUEST_MAX}')
         return self._set(*read_request(yaml_file.parse(text, 'the request', ProgramError)))

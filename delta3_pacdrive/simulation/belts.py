@@ -33,7 +33,7 @@ def readings(world: World) -> list[BeltReading]:
     return [
         BeltReading(
             state.count,
-            () if name in world.sightings else tuple(latch.count for latch in state.told),
+            () if name in world.sightings else tuple(latch.count for latch in state.latches),
             tuple(
                 Sighted(one.type, one.along_m, one.across_m, one.angle_rad, one.count)
                 for one in world.sightings.get(name, ())

@@ -104,7 +104,7 @@ def test_the_light_barrier_latches_the_encoder_its_delay_after_the_middle_of_a_p
     state, latches = ran(belt(), 0), []
     for cycle in range(601):
         state.step(cycle)
-        latches += state.told
+        latches += state.latches
     motion = BeltMotion(belt())
     first, second = latches
     assert (first.part, second.part) == (0, 1)

@@ -155,7 +155,7 @@ def test_what_is_not_over_in_the_end_is_told_to_who_asks(bench, tcp):
     wanted = json.loads(json.dumps(bench.simulated.report()))
     assert wanted['missed'] + wanted['outcomes']['in hand'] == 1
     assert bench.log().report() != wanted
-    assert bench.log(bench.around.told()['under_way']).report() == wanted
+    assert bench.log(bench.around.to_dict()['under_way']).report() == wanted
 
 
 PASSING = {
@@ -287,14 +287,14 @@ def test_an_input_that_is_set_from_outside_counts_until_it_is_let_go(bench):
     bench.run(1)
     assert bench.around.force('start', True) == 'start is on from bus cycle 1 on'
     bench.run(1)
-    assert bench.around.told()['inputs']['start'] == {'value': True, 'forced': True}
+    assert bench.around.to_dict()['inputs']['start'] == {'value': True, 'forced': True}
     assert bench.around.force('start', False) == 'start is off from bus cycle 2 on'
     bench.run(5)
     assert not bench.inputs[6]['start']
     assert bench.around.force('start', None) == 'start tells again what is true from bus cycle 7 on'
     bench.run(1)
     assert bench.inputs[7]['start']
-    assert not bench.around.told()['inputs']['start']['forced']
+    assert not bench.around.to_dict()['inputs']['start']['forced']
 
 
 def test_an_input_that_there_is_not_is_refused_by_the_names_that_there_are(bench):

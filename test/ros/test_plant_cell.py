@@ -52,7 +52,7 @@ class Plant:
         self.cell.around.step(self.cell.around.cycle + 1, (0.0, 0.0, -0.8))
 
     def forced(self) -> dict[str, bool]:
-        told = self.cell.around.told()['inputs']
+        told = self.cell.around.to_dict()['inputs']
         return {name: one['value'] for name, one in told.items() if one['forced']}
 
     def set(self, key: str, value: str) -> None:

@@ -22,7 +22,7 @@ from delta3_pacdrive.analysis.calibration import (
 from delta3_pacdrive.analysis.calibration.data import Left, Measurements, Method, Poses
 from delta3_pacdrive.analysis.calibration.study import Found, Settings
 from delta3_pacdrive.analysis.inputs import noted
-from delta3_pacdrive.analysis.provenance import Provenance, excused
+from delta3_pacdrive.analysis.provenance import Provenance, os_errors_as
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.motion.program_file import parse
@@ -72,7 +72,7 @@ class Study(studies.Study):
         folder.clear((CALIBRATED, *report.TABLES, *figures.NAMES))
         if path is None:
             folder.add(self._write_measured(folder, found.measurements))
-        with excused(f'cannot write {folder.path / CALIBRATED}'):
+        with os_errors_as(f'cannot write {folder.path / CALIBRATED}'):
             folder.make()
             head = report.head(found, folder.provenance)
             folder.add(core.write(calibrated, folder.path / CALIBRATED, head))

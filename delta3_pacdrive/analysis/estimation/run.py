@@ -43,7 +43,7 @@ from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
 from delta3_pacdrive.analysis.estimation.solver import Fit, Iterate
 from delta3_pacdrive.analysis.estimation.study import Settings
 from delta3_pacdrive.analysis.inputs import is_recording, noted
-from delta3_pacdrive.analysis.provenance import Provenance, excused, write_json
+from delta3_pacdrive.analysis.provenance import Provenance, os_errors_as, write_json
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.runs import notes_of
 from delta3_pacdrive.analysis.study import OnProgress
@@ -392,7 +392,7 @@ class Study(studies.Study):
 
 def _read_json(path: Path, what: str) -> Any:
     try:
-        with excused(f'{what} {path.parent}', EstimationError):
+        with os_errors_as(f'{what} {path.parent}', EstimationError):
             return json.loads(path.read_text(encoding='utf-8'))
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise EstimationError(f'{path} is damaged: {error}') from error

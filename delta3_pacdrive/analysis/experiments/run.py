@@ -19,7 +19,7 @@ from delta3_pacdrive.analysis.experiments.claims import ArmSpeeds
 from delta3_pacdrive.analysis.experiments.compared_signals import Run
 from delta3_pacdrive.analysis.experiments.comparison import Comparison
 from delta3_pacdrive.analysis.experiments.study import Pair, Results, Settings
-from delta3_pacdrive.analysis.provenance import Provenance, digest, excused
+from delta3_pacdrive.analysis.provenance import Provenance, digest, os_errors_as
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.run_comparison import compare
 from delta3_pacdrive.analysis.runs import named
@@ -142,7 +142,7 @@ class Study(studies.Study):
         return replace(origin, parameters=both)
 
     def _write_parameters(self) -> dict[str, Path]:
-        with excused(f'cannot write to {self.folder}'):
+        with os_errors_as(f'cannot write to {self.folder}'):
             self.folder.mkdir(parents=True, exist_ok=True)
             return {who: core.write(robot, self.folder / FILES[who]) for who, robot in self.robots.items()}
 

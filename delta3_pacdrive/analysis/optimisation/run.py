@@ -15,7 +15,7 @@ from delta3_pacdrive.analysis.optimisation import figures, report, specification
 from delta3_pacdrive.analysis.optimisation.design import BASE, Optimisation, Trial, Trials
 from delta3_pacdrive.analysis.optimisation.search import NEEDED, Search, base_values, trial_of
 from delta3_pacdrive.analysis.optimisation.study import Results
-from delta3_pacdrive.analysis.provenance import Provenance, excused
+from delta3_pacdrive.analysis.provenance import Provenance, os_errors_as
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.sweep import engine, store
 from delta3_pacdrive.analysis.sweep.run import require_engine
@@ -100,7 +100,7 @@ class Study(studies.Study):
             f'{self.wanted.goal} {found.value(found.best):.6g}',
             f'made by: {self.command}',
         ]
-        with excused(f'cannot write to {self.folder}', SweepError):
+        with os_errors_as(f'cannot write to {self.folder}', SweepError):
             core.write(runner.made(found.best.values)[0], files[0], head)
             yaml_file.write(files[1], runner.document(found.best.values), head)
         for path in files:

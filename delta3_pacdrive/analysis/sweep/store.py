@@ -62,7 +62,7 @@ class Store:
                 ]
                 if left:
                     raise SweepError(f'{self._folder} holds {left[0]}, but does not tell of which sweep')
-                with whole_file.replacing(manifest) as path:
+                with whole_file.atomic_path(manifest) as path:
                     path.write_text(json.dumps(told, indent=1), encoding='utf-8')
             paths = [
                 path for path in (self._folder / TABLE, *sorted(self._folder.glob(PARTS))) if path.exists()
@@ -102,7 +102,7 @@ class Store:
         columns = {name: pa.array([row.get(name) for row in rows], _kind(pa, name, rows)) for name in names}
         table = pa.table(columns)
         try:
-            with whole_file.replacing(path) as unfinished:
+            with whole_file.atomic_path(path) as unfinished:
                 parquet.write_table(table, unfinished)
         except OSError as error:
             raise SweepError(f'cannot write {path}: {error.strerror or error}') from error

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from delta3_pacdrive import whole_file
-from delta3_pacdrive.analysis.provenance import excused
+from delta3_pacdrive.analysis.provenance import os_errors_as
 from delta3_pacdrive.drive.operation_data import OF_PARAMETER, TABLE
 from delta3_pacdrive.errors import Delta3Error, ProgramError, TuningError
 from delta3_pacdrive.sercos.configuration_check import DRIVES
@@ -55,7 +55,7 @@ class Record:
 
     def save(self, folder: Path) -> None:
         """Keep it in a folder; raises ReportError."""
-        with excused(f'cannot write to {folder}'):
+        with os_errors_as(f'cannot write to {folder}'):
             folder.mkdir(parents=True, exist_ok=True)
             whole_file.write_text(json.dumps({'robot': asdict(self)}, indent=2) + '\n', folder / FILE)
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from delta3_pacdrive.analysis.provenance import Provenance, excused
+from delta3_pacdrive.analysis.provenance import Provenance, os_errors_as
 from delta3_pacdrive.analysis.tuning.proposal import Proposal
 from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.configuration.checked import Errors
@@ -22,7 +22,7 @@ def write(proposal: Proposal, path: Path, provenance: Provenance) -> None:
         f'delta3 takes them with --parameters ROBOT+{path.name}, nodes with --params-file behind that of the robot.',
         *(f'{name}: {text}' for name, text in provenance.lines().items()),
     ]
-    with excused(f'cannot write {path}'):
+    with os_errors_as(f'cannot write {path}'):
         parameter_file.write({'drive': proposal.gains.values()}, path, head)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from delta3_pacdrive import parameters, whole_file
-from delta3_pacdrive.analysis.provenance import excused
+from delta3_pacdrive.analysis.provenance import os_errors_as
 from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.errors import ParameterError, TuningError
 
@@ -46,7 +46,7 @@ def apply(gains: Mapping[str, float], path: Path) -> None:
     for name, value in gains.items():
         changed = _with(changed, name, value, path)
     wanted = tree | {'drive': dict(tree.get('drive') or {}) | dict(gains)}
-    with excused(f'cannot change {path}'):
+    with os_errors_as(f'cannot change {path}'):
         trial = beside(path, '.new')
         try:
             whole_file.write_text(changed, trial)
@@ -68,7 +68,7 @@ def undo(path: Path) -> None:
     before = beside(path, BEFORE)
     if not before.is_file():
         raise TuningError(f'there is nothing to be undone: no {before} is kept')
-    with excused(f'cannot change {path}'):
+    with os_errors_as(f'cannot change {path}'):
         text = before.read_bytes()
         if path.read_bytes() != text and not _is_as_applied(path):
             raise TuningError(

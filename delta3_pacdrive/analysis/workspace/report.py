@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive import whole_file
-from delta3_pacdrive.analysis.provenance import excused
+from delta3_pacdrive.analysis.provenance import os_errors_as
 from delta3_pacdrive.analysis.report_folder import Table
 from delta3_pacdrive.analysis.workspace.evaluation import LIMITS, QUANTITIES
 from delta3_pacdrive.analysis.workspace.study import Extreme, Grid, Quantity, Results, Settings
@@ -152,8 +152,8 @@ def save_volume(volume: Grid, path: Path, meta: Mapping[str, str]) -> Path:
     for quantity in QUANTITIES:
         arrays[key_of(quantity)] = volume.values[quantity.key].astype(np.float32)
     about = {'limits': list(LIMITS), **meta}
-    with excused(f'cannot write {path}'):
+    with os_errors_as(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole_file.replacing(path) as partial, partial.open('wb') as file:
+        with whole_file.atomic_path(path) as partial, partial.open('wb') as file:
             np.savez_compressed(file, about=np.array(json.dumps(about)), **arrays)
     return path
