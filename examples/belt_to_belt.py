@@ -28,7 +28,7 @@ def main(robot):
 
 if __name__ == '__main__':
     with cell.simulate(
-        'model', around=Path(__file__).with_name('two_belts.yaml'), signals=['cell_belts']
+        'model', cell=Path(__file__).with_name('two_belts.yaml'), signals=['cell_belts']
     ) as simulated:
         main(simulated)
     trace = simulated.trace

@@ -26,7 +26,7 @@ def main(robot):
 
 
 if __name__ == '__main__':
-    with cell.simulate('model', around=Path(__file__).with_name('two_belts.yaml')) as simulated:
+    with cell.simulate('model', cell=Path(__file__).with_name('two_belts.yaml')) as simulated:
         main(simulated)
     found = simulated.trace.meta['cell']
     far = [

@@ -8,7 +8,7 @@ from delta3_pacdrive.analysis.calibration.data import Method, Wanted
 
 NOISE_M = 2e-5  # of each coordinate that the instrument tells
 
-robot = d3.load_parameters('rich')
+robot = d3.load_parameters('built')
 poses = planning.plan(Wanted(Method.BASE, number=24, checks=8, noise_m=NOISE_M), robot)
 # of a robot that stands here: measurement_file.read('measured.csv')
 measured = simulated.points(poses, robot, Method.BASE, NOISE_M, seed=1)

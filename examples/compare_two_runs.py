@@ -9,7 +9,7 @@ from delta3_pacdrive.analysis.report_page import page
 
 output = Path(sys.argv[1] if len(sys.argv) > 1 else 'nominal_and_built.html')
 
-nominal, built = runs.load('experiment1'), runs.load('experiment1', 'rich')
+nominal, built = runs.load('experiment1'), runs.load('experiment1', 'built')
 found = run_comparison.compare(nominal, built)
 
 print(f'aligned by {found.alignment.by}, correlation {found.alignment.correlation:.5f}')

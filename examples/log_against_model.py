@@ -13,7 +13,7 @@ from delta3_pacdrive.analysis.experiments.study import Pair
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else '.')
 
 # the built robot stands in for a real one: its log has a rate, a clock and units of its own
-robot = d3.load_parameters('rich')
+robot = d3.load_parameters('built')
 run = d3.simulate('experiment1', robot)
 time_s = np.arange(0.0, run.time_s[-1], 1.0 / 700.0)
 angles = np.degrees(run['motor_position'] / robot.dynamics.gear_ratio)

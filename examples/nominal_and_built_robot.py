@@ -4,7 +4,7 @@ import numpy as np
 
 import delta3_pacdrive as d3
 
-ROBOTS = {'nominal': d3.load_parameters(), 'built': d3.load_parameters('rich')}
+ROBOTS = {'nominal': d3.load_parameters(), 'built': d3.load_parameters('built')}
 
 
 def largest_mm(vectors):

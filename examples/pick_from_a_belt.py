@@ -18,7 +18,7 @@ around = {
 for speed in (0.5, 1.0, 1.5):
     belts = {'line': line | {'speed': [{'after_s': 0.0, 'speed_m_s': speed}]}}
     with cell.simulate(
-        'model', around=cell_file.parse(around | {'belts': belts}), signals=['cell_belts']
+        'model', cell=cell_file.parse(around | {'belts': belts}), signals=['cell_belts']
     ) as robot:
         for n in range(PARTS):
             try:

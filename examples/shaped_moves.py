@@ -6,7 +6,7 @@ import delta3_pacdrive as d3
 from delta3_pacdrive.analysis.residual_vibration import after_stop, swing_m
 
 STANDS_S = 0.4
-robot = d3.load_parameters('rich+model')
+robot = d3.load_parameters('built+model')
 document = {
     'start_m': [-0.1525, 0.0, -0.85],
     'payload_kg': 0.5,

@@ -28,7 +28,7 @@ def main(robot, count=6):
 
 
 if __name__ == '__main__':
-    with cell.simulate('model+rotary', around=Path(__file__).with_name('skewed_parts.yaml')) as simulated:
+    with cell.simulate('model+rotary', cell=Path(__file__).with_name('skewed_parts.yaml')) as simulated:
         main(simulated)
     put = [one['stays'] for one in simulated.trace.meta['cell']['parts'] if one['where'] == 'out']
     for name, stay, along in (('before', 0, 0.0), ('after', -1, math.pi)):

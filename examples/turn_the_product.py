@@ -25,7 +25,7 @@ document = {
     'limits': {'speed_m_s': 4.0, 'acceleration_m_s2': 100.0, 'jerk_m_s3': 20000.0},
     'moves': [*half_cycle(WAY_M, 180), *half_cycle(-WAY_M, 0)],
 }
-for name in ('delta3+rotary', 'model+rotary', 'rich+model+rotary'):
+for name in ('delta3+rotary', 'model+rotary', 'built+model+rotary'):
     robot = d3.load_parameters(name)
     figures = d3.simulate(d3.load_program(document, robot), robot).meta['figures']
     place, way = (math.degrees(figures[f'turn_{what}error_max_rad']) for what in ('place_', ''))

@@ -30,7 +30,7 @@ def main(robot, count=10):
 
 
 if __name__ == '__main__':
-    with cell.simulate('model', around=Path(__file__).with_name('two_belts.yaml')) as simulated:
+    with cell.simulate('model', cell=Path(__file__).with_name('two_belts.yaml')) as simulated:
         main(simulated)
     parts = simulated.trace.meta['cell']['parts']
     put = Counter((one['type'], one['where']) for one in parts if one['outcome'] == 'placed')

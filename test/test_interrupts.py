@@ -28,7 +28,7 @@ LOOK_S = 1e-3  # between two looks
 OFFLINE = {
     'simulate': ['simulate', '--trace', 'trace.npz'],
     'plot': ['plot', '{trace}'],
-    'arm': ['arm', '--figures', 'arm'],
+    'two-link': ['two-link', '--figures', 'arm'],
     'check': ['check', 'packaging'],
     'completion': ['completion', 'bash'],
     'experiment': ['experiment', '1', '--no-attribution'],
@@ -231,7 +231,7 @@ def test_signals_that_the_parent_ignores_stay_ignored(tmp_path):
     def ignore():
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
 
-    process = start(['arm'], tmp_path, preexec_fn=ignore)
+    process = start(['two-link'], tmp_path, preexec_fn=ignore)
     process.send_signal(signal.SIGHUP)
     process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0
@@ -332,7 +332,7 @@ def test_errors_of_the_machine_are_one_sentence(error, sentence, capfd):
 
 
 @pytest.mark.parametrize(
-    'arguments', [['--help'], ['simulate', '--help'], ['arm'], ['arm', '--json'], ['drive', 'list']]
+    'arguments', [['--help'], ['simulate', '--help'], ['two-link'], ['two-link', '--json'], ['drive', 'list']]
 )
 def test_a_full_disk_behind_the_output_is_told(arguments):
     with open('/dev/full', 'w') as full:
@@ -381,7 +381,7 @@ def test_a_robot_that_is_not_up_is_told_with_its_namespace(asked_of_nobody):
 
 def test_commands_without_a_graph_do_not_care_for_the_domain():
     environment = os.environ | {'ROS_DOMAIN_ID': 'abc'}
-    for command in (['arm'], ['drive', 'list'], ['move', '--help']):
+    for command in (['two-link'], ['drive', 'list'], ['move', '--help']):
         done = ended([*COMMAND, *command], env=environment)
         assert done.returncode == 0, done.stderr
 
@@ -402,7 +402,7 @@ def test_names_that_are_no_text_are_names(tmp_path):
     done = ended([*COMMAND, 'simulate', name])
     assert done.returncode == 1
     assert_one_sentence(done.stderr, 'cannot read program file a\\udcff')
-    done = ended([*COMMAND, 'arm', '--figures', name], cwd=tmp_path)
+    done = ended([*COMMAND, 'two-link', '--figures', name], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert list((tmp_path / name).glob('*.png'))
 
@@ -412,7 +412,7 @@ def test_no_home_is_no_obstacle(tmp_path):
     environment = {key: value for key, value in os.environ.items() if key not in caches}
     for home in ({}, {'HOME': '/proc'}):  # none, and one in which nothing can be written
         done = ended(
-            [*COMMAND, 'arm'],
+            [*COMMAND, 'two-link'],
             env=environment | home,
             cwd=tmp_path,
         )

@@ -362,7 +362,7 @@ def test_the_rich_robot_is_the_default_one_with_its_effects_on(robot):
     rich = parameters.load('rich')
     assert rich == robot.replace(rich__enabled=True, bus__exchange_period_s=125e-6)
     assert rich.rich.effects == rich.rich
-    for path in ('rich.yaml', parameters.config_directory() / 'rich.yaml'):
+    for path in ('built', 'rich.yaml', parameters.config_directory() / 'rich.yaml'):
         assert parameters.load(path) == rich
     assert parameters.load('delta3') == parameters.load('delta3.yaml') == robot
 

@@ -1,6 +1,5 @@
 """Facts about every command in hostile surroundings: it gives its result, or one sentence and a status."""
 
-import importlib
 import os
 import re
 import shlex
@@ -40,7 +39,7 @@ CALLS = {
     'plot': ['plot', 'trace.npz', '--signals', 'current', '--output', 'out'],
     'report': ['report', 'trace.npz', '--output', 'out.html'],
     'compare': ['compare', 'trace.npz', 'trace.npz'],
-    'arm': ['arm'],
+    'two-link': ['two-link'],
     'jacobian': ['jacobian', 'trace.npz', '--output', 'out'],
     'estimate': ['estimate', '--group', 'geometry', 'program.yaml', '--output', 'out'],
     'calibrate': ['calibrate', 'plan', '--number', '24', '--output', 'out'],
@@ -247,8 +246,7 @@ def test_a_foreign_library_that_comes_first_is_named_in_one_sentence(library, co
 
 def with_namespace():
     """Return the commands that take a namespace."""
-    commands = {name: importlib.import_module(f'delta3_pacdrive.cli.{name}').main for name in main.COMMANDS}
-    return [name for name, command in commands.items() if '--namespace' in command.words()]
+    return [name for name in main.COMMANDS if '--namespace' in main.load_command(name).words()]
 
 
 OF_NAMESPACES = {

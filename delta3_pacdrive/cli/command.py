@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # options that take the name of a program: completion offers those that are packaged
 PROGRAMS = ('program', 'file', 'inputs', 'values', 'run')
 PARAMETERS = (
-    'parameter file instead of the packaged one, or a packaged one: rich, model, rotary, gears; joined by +'
+    'parameter file instead of the packaged one, or a packaged one: built, model, rotary, gears; joined by +'
 )
 
 
@@ -50,23 +50,38 @@ def option(
     default: Any = None,
     names: Sequence[str] = (),
     only: Sequence[str] = (),
+    formerly: str = '',
     **more: Any,
 ) -> Any:
-    """Declare an option with a value; ``names`` are its own, if it is not called like the field."""
-    return _declared(default, only, names, {'help': help_text, 'metavar': metavar, **more}, True)
+    """Declare an option with a value.
+
+    Parameters
+    ----------
+    names
+        Spellings on the command line; default: derived from the field name.
+    formerly
+        Deprecated spelling. It still works, with a message on standard error, but help and completion omit it.
+
+    """
+    return _declared(default, only, names, {'help': help_text, 'metavar': metavar, **more}, True, formerly)
 
 
-def flag(help_text: str, *, names: Sequence[str] = (), only: Sequence[str] = ()) -> Any:
-    """Declare an option without a value."""
-    return _declared(False, only, names, {'help': help_text, 'action': 'store_true'}, True)
+def flag(help_text: str, *, names: Sequence[str] = (), only: Sequence[str] = (), formerly: str = '') -> Any:
+    """Declare an option without a value; parameters as for ``option``."""
+    return _declared(False, only, names, {'help': help_text, 'action': 'store_true'}, True, formerly)
 
 
 def _declared(
-    default: Any, only: Sequence[str], names: Sequence[str], more: Any, optional: bool = False
+    default: Any,
+    only: Sequence[str],
+    names: Sequence[str],
+    more: Any,
+    optional: bool = False,
+    formerly: str = '',
 ) -> Any:
     return field(
         default=None if default is MISSING else default,
-        metadata={'only': only, 'names': names, 'parser': more, 'optional': optional},
+        metadata={'only': only, 'names': names, 'parser': more, 'optional': optional, 'formerly': formerly},
     )
 
 
@@ -160,19 +175,19 @@ class ReferenceOptions(ProgramOptions):
         'column file: what the columns of the table with the reference are, if its headings do not say it',
         'FILE',
     )
-    smooth: float | None = option(
-        'low pass of a noisy reference, without any delay: what is faster than this [Hz] is taken away, and what that '
-        'changes is told',
+    lowpass: float | None = option(
+        'zero-phase low-pass filter for a noisy reference: cut-off [Hz]; the resulting change is reported',
         'HZ',
         type=FREQUENCY,
+        formerly='--smooth',
     )
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
         if self.columns and not self.reference:
             return '--columns is for --reference: a program has no columns'
-        if self.smooth and not self.reference:
-            return '--smooth is for --reference: a program has no noise'
+        if self.lowpass and not self.reference:
+            return '--lowpass is for --reference: a program has no noise'
         if self.first and (self.reference or self.program.endswith('.py')):
             return f'{NO_PROGRAM} {"reference" if self.reference else "script"}'
         if self.reference and 'program' in self.given():
@@ -258,6 +273,7 @@ class Command(Generic[Chosen]):
     def read(self, arguments: Sequence[str]) -> Chosen:
         """Return the options; ends the program with a usage error if they are wrong."""
         parser = self.parser()
+        arguments = self._current_spelling(arguments)
         found = (parser.parse_intermixed_args if self._mixed else parser.parse_args)(arguments)
         typed = f'{parser.prog} {shlex.join(arguments)}'.strip()
         typed = typed.encode(errors='backslashreplace').decode()  # names need not be text
@@ -266,10 +282,29 @@ class Command(Generic[Chosen]):
             parser.error(refusal)
         return options
 
+    def _current_spelling(self, arguments: Sequence[str]) -> list[str]:
+        """Return the arguments with deprecated option names replaced; warns on standard error for each."""
+        current = {
+            one.metadata['formerly']: name(one) for one in _options(self._options) if one.metadata['formerly']
+        }
+        end = arguments.index('--') if '--' in arguments else len(arguments)
+        renamed = list(arguments)
+        for index, argument in enumerate(arguments[:end]):
+            old, equals, value = argument.partition('=')
+            if old in current:
+                warn_renamed(old, current[old])
+                renamed[index] = f'{current[old]}{equals}{value}'
+        return renamed
+
     def __call__(self, arguments: Sequence[str] | None = None) -> int:
         """Run with these arguments, else with those of the process."""
         options = self.read(list(sys.argv[1:] if arguments is None else arguments))
         return run_and_report(lambda: self._run(options), getattr(options, 'json', False))
+
+
+def warn_renamed(old: str, new: str) -> None:
+    """Warn on standard error that the name of an option or a command is deprecated."""
+    print(f'warning: {old} is deprecated and will be removed in the next release; use {new}', file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -4,12 +4,11 @@ It is made from the declarations of the commands and holds all words: no interpr
 tab key.
 """
 
-import importlib
 from dataclasses import dataclass
 
 from delta3_pacdrive.cli.command import Command, argument
 from delta3_pacdrive.cli.command import Options as CommonOptions
-from delta3_pacdrive.cli.main import COMMANDS
+from delta3_pacdrive.cli.main import COMMANDS, load_command
 
 BASH = """\
 _delta3() {{
@@ -36,9 +35,8 @@ class Options(CommonOptions):
 
 def run(_: Options) -> int:
     """Run the command; return the exit status."""
-    commands = {name: importlib.import_module(f'delta3_pacdrive.cli.{name}').main for name in COMMANDS}
     cases = '\n'.join(
-        f'            {name}) words="{" ".join(main.words())}" ;;' for name, main in commands.items()
+        f'            {name}) words="{" ".join(load_command(name).words())}" ;;' for name in COMMANDS
     )
     print(BASH.format(commands=' '.join([*COMMANDS, '--help', '--version']), cases=cases), end='')
     return 0

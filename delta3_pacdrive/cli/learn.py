@@ -24,8 +24,10 @@ class Options(JsonOptions):
         'parameter file of a robot whose controller feeds the torque of the model forward, such as model',
         'FILE',
     )
-    machine: str | None = option(
-        'parameter file of the robot that is driven, where the controller takes it for another one', 'FILE'
+    plant: str | None = option(
+        'parameter file of the simulated robot, if it differs from the one that the controller assumes',
+        'FILE',
+        formerly='--machine',
     )
     repetitions: int = option('repeat it so often at most', 'N', default=10, type=integer_within(1, 100))
     bandwidth: float = option(
@@ -40,10 +42,10 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.learning import report, run, study
 
     options.parameters = core.of_run(options.parameters, options.program)
-    if options.machine is not None:
-        options.machine = core.of_run(options.machine, options.program)
+    if options.plant is not None:
+        options.plant = core.of_run(options.plant, options.program)
     settings = study.Settings(
-        options.program, options.parameters, options.machine, options.repetitions, options.bandwidth
+        options.program, options.parameters, options.plant, options.repetitions, options.bandwidth
     )
     folder = Path(options.output).absolute()
     studies: list[run.Study] = []

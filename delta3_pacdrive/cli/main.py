@@ -15,41 +15,54 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Any
 
-COMMANDS = {
-    'run': 'start a robot, run a program, stop everything',
-    'up': 'start a robot and keep it up for moves, until Ctrl-C',
-    'move': 'send moves and programs to a robot that is up; hold, resume, override, abort',
-    'faults': 'inject faults; the catalogue of every fault in every state',
-    'soak': 'random programs with random faults, for minutes or hours',
-    'drive': 'read and write values of a drive by IDN, while the robot is up',
-    'io': 'inputs and outputs of a robot with a cell; set inputs from outside',
-    'scope': 'the oscilloscope of the drives: channels at 16 kHz, triggers, pre-trigger',
-    'check': 'read and plan program, parameter and fault files; every move, every mistake',
-    'plan': 'what the planner makes of a program, without running it: what limits each move',
-    'pose': 'one place: kinematics, all eight solutions, limits, torques, what the robot can do there',
-    'workspace': 'maps of speed, acceleration, payload, accuracy and singularity; a million poses in seconds',
-    'simulate': 'run a program without ROS, as fast as possible',
-    'view': 'the robot, or a recording, in three dimensions in the browser',
-    'record': 'record a running robot into a rosbag2 folder',
-    'export': 'the robot as URDF or MJCF; the signals of a recording as a table',
-    'plot': 'draw the figures of a bag or a trace',
-    'report': 'one HTML page of one or more runs: 3-D, all signals, moves, figures',
-    'compare': 'how far two runs are apart, signal by signal and move by move',
-    'arm': 'kinematics of the two-link arm of chapter 3',
-    'jacobian': 'joint motion through the Jacobian, with exact and with inexact lengths (11.2)',
-    'estimate': 'parameters of motors, masses and geometry from traces (chapter 9)',
-    'calibrate': 'how each arm is built, from measured places of the TCP; poses, parameters, zero angles',
-    'experiment': 'experiments 1 to 3 of the thesis: model against robot (chapter 11)',
-    'tune': 'step and frequency responses of the loops, margins, effect of gains on a program',
-    'learn': 'the torques that a program still lacks, from repetitions of it, for simulate and run',
-    'ripple': 'currents inside a bus cycle: cycle times and fine interpolations side by side',
-    'sweep': 'many runs with varying parameters, on all cores or a cluster: distributions, effects, yield',
-    'optimise': 'values of parameters and programs for which a number is best, within limits',
-    'line': 'a shift of several robots at belts: who picks what by which rule, what is missed and why',
-    'completion': 'print what a shell needs to complete all of this',
-    'bench': 'measure: graph, robots, motion, simulate, kinematics, estimation, control, cell, sweep, network',
+COMMAND_GROUPS = {
+    'Robots': {
+        'run': 'start a robot, run a program, stop the robot',
+        'up': 'start a robot and keep it running until Ctrl-C',
+        'move': 'send moves and programs to a running robot; hold, resume, override, abort, reset',
+        'io': 'list the inputs and outputs of a running robot; set inputs',
+        'drive': 'read and write drive parameters by IDN through the service channel',
+        'scope': 'oscilloscope in the drives: up to 16 kHz, with trigger and pre-trigger',
+        'view': 'show a running robot or a recording in 3-D in the browser',
+        'record': 'record a running robot into a rosbag2 folder',
+    },
+    'Programs without a robot': {
+        'check': 'validate program, parameter, cell and fault files; list moves and errors',
+        'plan': 'plan a program without running it; show what limits each move',
+        'pose': 'analyse one pose: kinematics, all eight solutions, limits, torques, capability',
+        'workspace': 'map speed, acceleration, payload, accuracy and singularities over the workspace',
+        'simulate': 'run a program or script without ROS, as fast as possible',
+        'plot': 'plot a bag or a trace',
+        'export': 'export the robot as URDF or MJCF, or the signals of a recording as a table',
+        'report': 'write an HTML report of one or more runs: 3-D, signals, moves, figures',
+        'compare': 'compare two runs signal by signal and move by move',
+    },
+    'Studies': {
+        'experiment': 'repeat experiments 1 to 3 of the thesis: model against robot (chapter 11)',
+        'jacobian': 'joint motion through the Jacobian with exact and inexact lengths (section 11.2)',
+        'learn': 'learn the feed-forward torques of a program by iterative learning control',
+        'line': 'simulate a shift of several robots at common belts',
+        'sweep': 'run a program many times with varied parameters, on all cores or on a cluster',
+        'optimise': 'optimise values of parameters and programs under constraints',
+        'ripple': 'motor currents within a bus cycle for different cycle times and interpolations',
+        'two-link': 'kinematics of the planar two-link arm (chapter 3)',
+        'tune': 'step and frequency responses, stability margins, gains',
+        'estimate': 'estimate parameters of motors, masses and geometry from traces (chapter 9)',
+        'calibrate': 'identify the geometry of each arm from measured TCP positions',
+    },
+    'Faults': {
+        'faults': 'inject faults; test every fault in every state',
+        'soak': 'run random programs with random faults for minutes or hours',
+    },
+    'Tools': {
+        'bench': 'benchmarks: graph, robots, planning, simulation, kinematics, control, network',
+        'completion': 'print the completion script for bash',
+    },
 }
+COMMANDS = {name: text for group in COMMAND_GROUPS.values() for name, text in group.items()}
+FORMER_NAMES = {'arm': 'two-link'}  # deprecated names of commands
 # these have a robot to bring to rest before they end
 OF_ROBOTS = frozenset(
     {'run', 'up', 'move', 'faults', 'soak', 'drive', 'io', 'scope', 'view', 'record', 'bench'}
@@ -68,10 +81,9 @@ options:
   -h, --help  show this text
   --version   show the version
 
-commands:
 {commands}
 
-delta3 COMMAND --help tells the options of a command.
+delta3 COMMAND --help shows the options of a command.
 """
 
 
@@ -156,11 +168,12 @@ def _cannot_write(error: OSError) -> int:
 
 
 def _dispatch(arguments: list[str]) -> int:
-    import importlib
-
     if not arguments or arguments[0] in ('-h', '--help'):
-        lines = '\n'.join(f'  {name:<10} {text}' for name, text in COMMANDS.items())
-        sys.stdout.write(HELP.format(commands=lines))
+        blocks = [
+            '\n'.join([f'{title}:', *(f'  {name:<10} {text}' for name, text in group.items())])
+            for title, group in COMMAND_GROUPS.items()
+        ]
+        sys.stdout.write(HELP.format(commands='\n\n'.join(blocks)))
         return 0 if arguments else 2
     if arguments[0] == '--version':
         from importlib import metadata
@@ -168,6 +181,11 @@ def _dispatch(arguments: list[str]) -> int:
         print(f'delta3_pacdrive {metadata.version("delta3_pacdrive")}')
         return 0
     command, *rest = arguments
+    if command in FORMER_NAMES:
+        from delta3_pacdrive.cli.command import warn_renamed
+
+        former, command = command, FORMER_NAMES[command]
+        warn_renamed(f'delta3 {former}', f'delta3 {command}')
     if command not in COMMANDS:
         from difflib import get_close_matches
 
@@ -180,9 +198,17 @@ def _dispatch(arguments: list[str]) -> int:
     except RunError as error:
         print(f'error: {error}', file=sys.stderr)
         return 1
-    module = importlib.import_module(f'delta3_pacdrive.cli.{command}')
+    run = load_command(command)
     with interrupts.raising(command in OF_ROBOTS):
-        return int(module.main(rest))
+        return int(run(rest))
+
+
+def load_command(name: str) -> Any:
+    """Import the module of a command and return its entry point."""
+    import importlib
+
+    module = importlib.import_module(f'delta3_pacdrive.cli.{name.replace("-", "_")}')
+    return module.main
 
 
 def _check_surroundings(command: str, rest: list[str]) -> None:

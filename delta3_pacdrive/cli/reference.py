@@ -53,7 +53,7 @@ def program_of(options: ReferenceOptions) -> Iterator[Chosen]:
     robot = core.load(options.parameters)
     if options.exchange_period is not None:
         robot = robot.replace(bus__exchange_period_s=options.exchange_period)
-    played = reference.load(options.reference, robot, options.columns, options.smooth)
+    played = reference.load(options.reference, robot, options.columns, options.lowpass)
     inputs = (options.reference, *filter(None, [options.columns]))
     with tempfile.TemporaryDirectory(prefix='delta3-reference-') as folder:
         path = played.write(Path(folder) / 'reference.yaml')

@@ -30,7 +30,9 @@ class GraphOptions(NodeOptions, RobotOptions):
 
     real_time_factor: float = option('bus time over wall time; 0: no clock', 'F', default=1.0, type=float)
     single_process: bool = flag('all nodes in one process')
-    ordinary_priority: bool = flag('no real-time scheduling even where it is permitted')
+    no_realtime: bool = flag(
+        'do not use real-time scheduling, even if it is permitted', formerly='--ordinary-priority'
+    )
     bag: str | None = option('record every cyclic topic into a new rosbag2 folder', 'DIR')
     learned: str | None = option(
         'follow the torques that delta3 learn has found for this program; they are refused, or dropped, with any other',
@@ -138,7 +140,7 @@ def asked_for(options: GraphOptions, program: str | None = None, script: bool = 
         bag=Path(options.bag).absolute() if options.bag else None,
         single_process=options.single_process,
         exchange_period_s=options.exchange_period,
-        real_time_priority=not options.ordinary_priority,
+        real_time_priority=not options.no_realtime,
         markers=options.markers,
         joint_motion=options.joint_motion,
         learned=Path(options.learned).absolute() if options.learned else None,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 ROBOT = 'robot'  # instead of a file: the one that is up
 TOOL_AXIS = 4
-OF_ARMS = '--pose', '--auto', '--apply', '--excite', '--recording'
+OF_ARMS = '--pose', '--propose', '--apply', '--excite', '--recording'
 
 
 @dataclass
@@ -49,17 +49,18 @@ class Options(RobotOptions):
         names=('--set',),
         action='append',
     )
-    auto: bool = flag(
-        'look for the gains of velocity and position loop, and for a notch filter where gears give, that keep the '
-        'margins over the whole workspace; --payload is the largest one then'
+    propose: bool = flag(
+        'propose gains of the velocity and position loops, and a notch filter for elastic gears, that keep the margins '
+        'in the whole workspace with any payload up to --payload',
+        formerly='--auto',
     )
     phase_margin: float | None = option(
-        'phase margin that --auto keeps (default: 45, and gains only if they are better)',
+        'phase margin that --propose keeps (default: 45, and gains only if they are better)',
         'DEG',
         type=finite_number,
     )
     gain_margin: float | None = option(
-        'gain margin that --auto keeps, up and down (default: 6, likewise)', 'DB', type=finite_number
+        'gain margin that --propose keeps, up and down (default: 6, likewise)', 'DB', type=finite_number
     )
     sweep: str | None = option('draw margins and errors over N values of a gain', 'NAME=LOW:HIGH:N')
     program: str | None = option(
@@ -67,14 +68,14 @@ class Options(RobotOptions):
         'PROGRAM',
     )
     apply: str | None = option(
-        'write the gains of --auto, or those that it has left in the folder, into this parameter file, or without one '
-        'into the drives of the robot that is up; what was before is kept',
+        'write the gains of --propose, or those of an earlier run in the output folder, to this parameter file, or '
+        'without FILE to the drives of the running robot; the previous values are kept',
         'FILE',
         nargs='?',
         const=ROBOT,
     )
     undo: str | None = option(
-        'take back what --apply has written, into the same file or into the robot',
+        'restore the values before --apply, in the same file or in the running robot',
         'FILE',
         nargs='?',
         const=ROBOT,
@@ -91,25 +92,25 @@ class Options(RobotOptions):
 
     def check(self) -> str:
         """Return why options do not fit one another; empty if they do."""
-        if self.excite and (self.recording or self.changes or self.sweep or self.auto):
-            return '--excite only writes a recording: it takes no --recording, --set, --sweep or --auto'
-        if self.auto and (self.changes or self.sweep):
-            return '--auto looks for the gains itself: it takes no --set or --sweep'
+        if self.excite and (self.recording or self.changes or self.sweep or self.propose):
+            return '--excite only writes a recording: it takes no --recording, --set, --sweep or --propose'
+        if self.propose and (self.changes or self.sweep):
+            return '--propose looks for the gains itself: it takes no --set or --sweep'
         if self.undo is not None and set(self.given()) - {'--undo', '--output', '--json'}:
             return '--undo takes back what was applied: it takes nothing but --output and --json'
         if self.undo not in (None, ROBOT) and '--output' in self.given():
             return '--undo FILE takes no --output: what was before is kept beside the file'
-        if self.apply is not None and not self.auto:
+        if self.apply is not None and not self.propose:
             dropped = sorted(set(self.given()) - {'--apply', '--output', '--json', '--namespace'})
             if dropped:
-                return f'--apply without --auto writes the gains that stand in the folder: it takes no {dropped[0]}'
+                return f'--apply without --propose writes the gains that stand in the folder: it takes no {dropped[0]}'
         if self.apply is not None and self.recording:
-            return '--apply writes the gains of --auto: it takes no --recording'
+            return '--apply writes the gains of --propose: it takes no --recording'
         if self.namespace != '/' and self.apply != ROBOT:
             return '--namespace is for --apply without a file'
         for name in ('--phase-margin', '--gain-margin'):
-            if not self.auto and name in self.given():
-                return f'{name} is for --auto'
+            if not self.propose and name in self.given():
+                return f'{name} is for --propose'
         if self.axis == TOOL_AXIS and (found := [name for name in OF_ARMS if name in self.given()]):
             return f'{found[0]} is for the drives of the arms: --axis {TOOL_AXIS} takes none'
         if self.excite and self.exchange_period is not None:
@@ -125,7 +126,7 @@ def run(options: Options) -> int:
         return _undo(options)
     if options.apply is None:
         return _study(options)
-    if options.auto:
+    if options.propose:
         _require_target(options)
         return _study(options, lambda: {'applied': _apply(options)})
     return print_answer(_apply(options), options)
@@ -148,7 +149,7 @@ def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> int
         options.program,
         options.recording,
         options.exchange_period,
-        options.auto,
+        options.propose,
         options.phase_margin,
         options.gain_margin,
     )

@@ -10,6 +10,7 @@ from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters.robot import Parameters, flat_document, from_tree, groups
 
 DEFAULT_FILE = 'delta3.yaml'
+ALIASES = {'built': 'rich'}  # the packaged file has the name of its parameter group
 THESIS_CONTROLLER, MODEL_CONTROLLER = 'delta3', 'model'  # files that say which controller a run has
 
 
@@ -79,8 +80,9 @@ def parts(path: str | Path) -> list[Path]:
 def find(path: str | Path) -> Path:
     """Return the parameter file that ``path`` means: itself, else the packaged one of that name."""
     path = Path(path)
+    name = ALIASES.get(str(path), str(path))
     for own in config_directory().glob('*.yaml'):
-        if str(path) in (own.name, own.stem) and not packaged.is_own(path):
+        if name in (own.name, own.stem) and not packaged.is_own(path):
             return own
     return path
 

@@ -75,7 +75,7 @@ def make() -> Figure:
 
 def _picked() -> Trace:
     """Return the trace of a script that picks one part from the belt."""
-    with cell.simulate(around=cell_file.parse(AROUND), signals=['cell_belts']) as robot:
+    with cell.simulate(cell=cell_file.parse(AROUND), signals=['cell_belts']) as robot:
         with robot.track('line', timeout_s=5.0, **QUICK):
             robot.move_l(to_mm=[0, 0, 40], **QUICK)
             robot.move_l(to_mm=[0, 0, 20], **QUICK)

@@ -17,6 +17,6 @@ if TYPE_CHECKING:
 
 def make() -> Figure:
     """Calibrate the built robot, and draw what is left."""
-    settings = Settings(None, 'rich', Wanted(Method.BASE, 24, 8, 2e-5), 0)
+    settings = Settings(None, 'built', Wanted(Method.BASE, 24, 8, 2e-5), 0)
     found, _ = Study(settings, Path(), 'docs/figures/draw.py', silent).found()
     return figures.what_is_left(found)

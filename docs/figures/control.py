@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE, GREEN = AXIS_COLOURS
 CONTROLLERS = (
-    ('off: one inertia per axis', BLUE, 'delta3', 'rich', 'none'),
-    ('the whole model', ORANGE, 'model', 'rich+model', 'none'),
-    ('the whole model, shaped (smooth)', GREEN, 'model', 'rich+model', 'smooth'),
+    ('off: one inertia per axis', BLUE, 'delta3', 'built', 'none'),
+    ('the whole model', ORANGE, 'model', 'built+model', 'none'),
+    ('the whole model, shaped (smooth)', GREEN, 'model', 'built+model', 'smooth'),
 )
 
 

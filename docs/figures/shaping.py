@@ -44,7 +44,7 @@ def make() -> Figure:
 
 def _stopped(moves: list[dict], shaping: str) -> tuple[np.ndarray, np.ndarray]:
     """Return time [ms] and true TCP beside its place [m] after a stop."""
-    robot = d3.load_parameters('rich+model').replace(control__shaping=shaping)
+    robot = d3.load_parameters('built+model').replace(control__shaping=shaping)
     document = {
         'start_m': [-0.1525, 0.0, -0.85],
         'payload_kg': 0.5,

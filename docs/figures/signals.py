@@ -143,7 +143,7 @@ def built_robot() -> Figure:
     """Draw what elastic gears, stiction and inexact lengths do to currents and to the true TCP."""
     runs = {
         'nominal': d3.simulate('experiment1'),
-        'built': d3.simulate('experiment1', d3.load_parameters('rich')),
+        'built': d3.simulate('experiment1', d3.load_parameters('built')),
     }
     figure, (top, bottom) = panels((1, 1), 4.6)
     for (name, trace), colour in zip(runs.items(), (AXIS_COLOURS[0], AXIS_COLOURS[1]), strict=True):

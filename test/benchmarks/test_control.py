@@ -72,7 +72,7 @@ def test_the_drives_are_stable_on_every_robot_and_lighter_masses_leave_less_gain
     # to the lightest mode a gain of the velocity loop is one over its mass
     assert nominal - lighter == pytest.approx(-20.0 * math.log10(1.0 - control.MASSES_OFF), abs=1.0)
     assert heavier > nominal
-    assert built < 2.0  # the resonance of its gears: what delta3 tune --auto is for
+    assert built < 2.0  # the resonance of its gears: what delta3 tune --propose is for
 
 
 def test_learned_torques_are_learned_on_the_robot_that_is_driven():

@@ -1,14 +1,13 @@
 """Facts about how a command is declared: what is typed reaches it, what it does not obey is refused by name."""
 
 from dataclasses import dataclass
-from importlib import import_module
 
 import pytest
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.cli import progress
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
-from delta3_pacdrive.cli.main import COMMANDS
+from delta3_pacdrive.cli.main import COMMANDS, load_command
 from delta3_pacdrive.cli.option_types import finite_number
 from delta3_pacdrive.numerics import kernel
 
@@ -26,7 +25,8 @@ class Options(JsonOptions):
     speed: float = option('how fast', 'V', default=0.0, type=finite_number, only=('go',))
     pose: tuple[float, float] | None = option('where', ('X', 'Y'), nargs=2, type=float)
     changes: list[str] | None = option('what', 'NAME', names=('--set', '-s'), action='append')  # noqa: RUF009
-    now: bool = flag('at once', only=('go', 'stop', 'wait'))
+    now: bool = flag('at once', only=('go', 'stop', 'wait'), formerly='--immediately')
+    limit: float | None = option('how far', 'M', type=float, formerly='--bound')
 
     def check(self):
         return self.refusal(self.action)
@@ -56,6 +56,20 @@ def test_a_command_runs_with_its_options_and_returns_its_status():
     assert options.command_line == 'delta3 try go 1 --set a 2 -s b --now --speed -1e-3 --json'
 
 
+def test_a_deprecated_name_works_with_a_warning_and_is_in_neither_help_nor_completion(capsys):
+    options = read('go', '--immediately', '--bound=-2')
+    assert (options.now, options.limit) == (True, -2.0)
+    assert options.command_line == 'delta3 try go --now --limit=-2'
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith('warning: --immediately is deprecated')
+    assert first.endswith('use --now')
+    assert second.startswith('warning: --bound is deprecated')
+    assert '--bound' not in command().parser().format_help()
+    assert '--bound' not in command().words()
+    assert read('go', '--now').now
+    assert not capsys.readouterr().err
+
+
 @pytest.mark.parametrize('text', ['-1', '-.5', '-1e3', '-2.5E-7', '-inf'])
 def test_a_negative_number_is_no_option(text):
     assert read('go', text).inputs == [text]
@@ -82,7 +96,7 @@ def test_what_is_empty_is_refused_by_name(arguments, name, capsys):
 def test_every_name_of_a_file_or_a_folder_must_not_be_empty(capsys):
     seen = 0
     for name in COMMANDS:
-        command = import_module(f'delta3_pacdrive.cli.{name}').main
+        command = load_command(name)
         for option_name in (
             sorted(NAMES_OF_FILES & set(command.words())) if isinstance(command, Command) else ()
         ):

@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 from delta3_pacdrive.cli import check, completion
-from delta3_pacdrive.cli.main import COMMANDS, main
+from delta3_pacdrive.cli.main import COMMANDS, load_command, main
 from delta3_pacdrive.cli.output import print_figures
 from delta3_pacdrive.motion import program_file as programs
 
@@ -218,10 +218,17 @@ def test_bash_completes_commands_options_choices_and_programs(capsys):
     assert completed(script, 'delta3', 'nosuch', '--') == []
 
 
-def test_every_command_has_a_parser_of_its_name():
-    import importlib
+def test_a_former_name_of_a_command_works_with_a_warning(capsys):
+    assert main(['arm', '--json']) == 0
+    output, errors = capsys.readouterr()
+    assert json.loads(output)['provenance']
+    assert errors.startswith('warning: delta3 arm is deprecated')
+    assert main(['two-link']) == 0
+    assert not capsys.readouterr().err
 
+
+def test_every_command_has_a_parser_of_its_name():
     for command in COMMANDS:
-        parser = importlib.import_module(f'delta3_pacdrive.cli.{command}').main.parser()
+        parser = load_command(command).parser()
         assert parser.prog == f'delta3 {command}'
         assert 'None' not in parser.format_help()

@@ -249,7 +249,7 @@ def test_an_option_of_estimate_is_a_setting_of_the_study_and_changes_no_other(ar
 LEARN = {
     ('--bandwidth', '60'): {'bandwidth_hz': 60.0},
     ('--repetitions', '3'): {'repetitions': 3},
-    ('--machine', 'rich'): {'machine': 'model+rich'},
+    ('--plant', 'rich'): {'machine': 'model+rich'},
     ('--parameters', 'rich'): {'parameters': 'model+rich'},
     ('experiment3', '--parameters', 'model'): {'program': 'experiment3'},
 }

@@ -71,7 +71,7 @@ RUN = {
     ('--real-time-factor', '0.5'): {'real_time_factor': 0.5},
     ('--real-time-factor', '0'): {'real_time_factor': 0.0},
     ('--single-process',): {'single_process': True},
-    ('--ordinary-priority',): {'real_time_priority': False},
+    ('--no-realtime',): {'real_time_priority': False},
     ('--bag', 'a_bag'): {'bag': Path('a_bag').absolute()},
     ('--learned', 'a.npz'): {'learned': Path('a.npz').absolute()},
     ('--cell', 'cell'): {'cell': FOLDER / 'cell.yaml'},
@@ -93,7 +93,7 @@ def test_the_reference_of_a_run_is_read_with_its_columns_and_its_low_pass(monkey
     monkeypatch.setattr(reference, 'load', asking())
     file, robot, columns, smooth = asked(run, ['--reference', 'a.csv'])
     assert (file, columns, smooth) == ('a.csv', None, None)
-    assert asked(run, ['--reference', 'a.csv', '--columns', 'b.yaml', '--smooth', '40'])[2:] == (
+    assert asked(run, ['--reference', 'a.csv', '--columns', 'b.yaml', '--lowpass', '40'])[2:] == (
         'b.yaml',
         40.0,
     )
@@ -141,7 +141,7 @@ def test_a_script_asks_before_each_move_where_that_is_wanted(step, brought_up, m
 
 def test_every_option_of_run_is_looked_at(capsys):
     given = {one for arguments in RUN for one in arguments if one.startswith('--')}
-    others = {'--reference', '--columns', '--smooth', '--view', '--view-port', '--step'}
+    others = {'--reference', '--columns', '--lowpass', '--view', '--view-port', '--step'}
     assert options_of(run, capsys) == given | others
 
 

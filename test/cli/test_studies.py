@@ -55,7 +55,7 @@ def test_gains_that_are_looked_for_and_applied_are_told_in_one_document(tmp_path
     monkeypatch.setattr('delta3_pacdrive.analysis.tuning.run.Study', _Found)
     file, output = tmp_path / 'mine.yaml', str(tmp_path / 'tuning')
     shutil.copy(parameters.config_directory() / parameters.DEFAULT_FILE, file)
-    assert main(['tune', '--auto', '--apply', str(file), '--output', output, '--json']) == 0
+    assert main(['tune', '--propose', '--apply', str(file), '--output', output, '--json']) == 0
     told = json.loads(capsys.readouterr().out)
     assert told['ok']
     assert told['applied'].startswith(f'{file}: position_gain_rad_s_rad = 49.77')
@@ -67,6 +67,6 @@ def test_a_file_that_gains_cannot_go_into_is_refused_before_they_are_looked_for(
     monkeypatch.setattr('delta3_pacdrive.simulation.load_kernels', lambda *_: None)
     monkeypatch.setattr('delta3_pacdrive.analysis.tuning.run.Study', _Found)
     output = tmp_path / 'tuning'
-    assert main(['tune', '--auto', '--apply', str(tmp_path / 'no.yaml'), '--output', str(output)]) == 1
+    assert main(['tune', '--propose', '--apply', str(tmp_path / 'no.yaml'), '--output', str(output)]) == 1
     assert 'no.yaml' in capsys.readouterr().err
     assert not output.exists()

@@ -35,7 +35,7 @@ def test_the_pages_build_without_a_warning(html):
 def test_every_command_shows_its_help(html):
     from delta3_pacdrive.cli.main import COMMANDS
 
-    shown = set(re.findall(r'usage: delta3 (\w+)', html['commands.html']))
+    shown = set(re.findall(r'usage: delta3 ([\w-]+)', html['commands.html']))
     assert shown == set(COMMANDS)
 
 

@@ -197,7 +197,7 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
     fork_delta3: Callable[..., subprocess.Popen[str]], delta3: Runner, nothing_left_behind: None
 ) -> None:
     """The life of a robot: a drive's process dies in motion, comes back, and the program is resumed."""
-    process = fork_delta3('up', '--ordinary-priority', '--real-time-factor', '0.25')
+    process = fork_delta3('up', '--no-realtime', '--real-time-factor', '0.25')
     assert process.stderr is not None
     read_until(process.stderr, 'ready after')
     assert process.stderr.readline() == 'controller: torque of the whole model, cubic set points\n'

@@ -25,7 +25,7 @@ def robot(
     fork_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
 ) -> Iterator[subprocess.Popen[str]]:
     """Bring a robot up with markers, and end it with Ctrl-C."""
-    process = fork_delta3('up', '--markers', '--ordinary-priority')
+    process = fork_delta3('up', '--markers', '--no-realtime')
     assert process.stderr is not None
     lines = iter(process.stderr.readline, '')
     assert any(line.startswith('controller: ') for line in lines)  # behind that it is ready

@@ -138,7 +138,7 @@ class Robot:
             'up',
             '--real-time-factor',
             '0.1',
-            '--ordinary-priority',
+            '--no-realtime',
             '--json',
         ]
         pipes: dict[str, Any] = {'stdout': subprocess.PIPE, 'text': True}

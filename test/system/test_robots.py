@@ -14,7 +14,7 @@ from delta3_pacdrive.recording import trace_file
 from robots import Deadline, read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
-SLOW = ('--ordinary-priority', '--real-time-factor', '0.2')
+SLOW = ('--no-realtime', '--real-time-factor', '0.2')
 LOOKS = 20  # of an operator, a second each
 AHEAD_S = 0.3  # of bus time: cycles by which one may be ahead, and between two reports
 

@@ -26,7 +26,7 @@ pytest.importorskip('viser', reason='the page needs the extra "view"')
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 WAIT_S = 180.0  # a browser without a graphics card, on a machine that has other things to do
-SLOW = ('--single-process', '--ordinary-priority', '--real-time-factor', '0.3')
+SLOW = ('--single-process', '--no-realtime', '--real-time-factor', '0.3')
 JERK_OVER_S = 0.02
 CELL = """
 name: one supply
@@ -242,7 +242,7 @@ def test_no_socket_of_a_whole_robot_is_bound_beyond_this_machine_and_a_page_that
 def test_a_page_that_ignores_every_signal_does_not_outlive_the_run_that_has_started_it(
     start_delta3: Any, nothing_left_behind: None
 ) -> None:
-    process = start_delta3('run', 'experiment1', '--view', '--ordinary-priority', '--real-time-factor', '0')
+    process = start_delta3('run', 'experiment1', '--view', '--no-realtime', '--real-time-factor', '0')
     found = re.search(r'http\S+', process.stderr.readline())
     assert found
     wait_for(lambda: 'view' in _children(process), 'the process of the page')

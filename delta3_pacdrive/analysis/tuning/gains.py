@@ -30,14 +30,14 @@ def read(folder: Path) -> dict[str, float]:
     """Return the gains that a proposal has left in a folder; raises TuningError."""
     path = folder / FILE
     if not path.is_file():
-        raise TuningError(f'there are no gains to be applied: {path} is what --auto leaves')
+        raise TuningError(f'there are no gains to be applied: {path} is what --propose leaves')
     try:
         tree = parameter_file.read(path)
         given = {str(name): value for name, value in tree['drive'].items()}
     except (ParameterError, KeyError, AttributeError):
         given = {}
     if not given:
-        raise TuningError(f'{path} holds no gains of --auto')
+        raise TuningError(f'{path} holds no gains of --propose')
     if unknown := [name for name in given if f'drive.{name}' not in OF_PARAMETER]:
         raise TuningError(f'{path} holds {unknown[0]}, which no drive takes')
     errors = Errors(str(path))

@@ -251,7 +251,7 @@ def test_the_machine_has_the_drives_that_the_controller_takes_it_to_have(tmp_pat
         raise KeyboardInterrupt
 
     monkeypatch.setattr(run.Study, 'run', interrupted)
-    assert main(['learn', 'packaging', '--machine', 'rich', '--output', str(tmp_path)]) == 130
+    assert main(['learn', 'packaging', '--plant', 'rich', '--output', str(tmp_path)]) == 130
     (learning,) = asked
     assert learning.machine.drive == learning.robot.drive
     assert (learning.machine.rich.enabled, learning.robot.rich.enabled) == (True, False)

@@ -31,7 +31,7 @@ GAINS = {
     'notch_1_damping': 0.87,
     'notch_1_depth': 0.1,
 }
-# what --auto finds for the built robot with 30 degrees and 4 dB: not stable without the filter
+# what --propose finds for the built robot with 30 degrees and 4 dB: not stable without the filter
 SHARP = {
     'velocity_gain_a_s_rad': 0.627,
     'velocity_integral_gain_a_rad': 34.1,
@@ -254,25 +254,25 @@ def test_nothing_applied_is_nothing_undone_and_no_gains_are_nothing_to_apply(tmp
 @pytest.mark.parametrize('text', ['a: 1\n', '/**:\n  ros__parameters:\n    drive: {gravity: 1.0}\n', '- 1\n'])
 def test_a_file_that_holds_no_gains_is_refused(text, tmp_path):
     (tmp_path / gains.FILE).write_text(text)
-    with pytest.raises(TuningError, match=r'gains of --auto|which no drive takes'):
+    with pytest.raises(TuningError, match=r'gains of --propose|which no drive takes'):
         gains.read(tmp_path)
 
 
 @pytest.mark.parametrize(
     ('arguments', 'told'),
     [
-        (('--undo', '--auto'), '--undo takes back what was applied'),
+        (('--undo', '--propose'), '--undo takes back what was applied'),
         (('--undo', 'x.yaml', '--output', 'x'), '--undo FILE takes no --output'),
         (('--undo', '--namespace', '/a'), '--undo takes back what was applied'),
         (
             ('--apply', '--set', 'K_Ppos=80'),
-            '--apply without --auto writes the gains that stand in the folder',
+            '--apply without --propose writes the gains that stand in the folder',
         ),
         (('--apply', '--payload', '1'), 'it takes no --payload'),
-        (('--apply', '--auto', '--set', 'K_Ppos=80'), '--auto looks for the gains itself'),
+        (('--apply', '--propose', '--set', 'K_Ppos=80'), '--propose looks for the gains itself'),
         (
-            ('--apply', '--auto', '--recording', 'x.npz'),
-            '--apply writes the gains of --auto: it takes no --recording',
+            ('--apply', '--propose', '--recording', 'x.npz'),
+            '--apply writes the gains of --propose: it takes no --recording',
         ),
         (('--apply', 'x.yaml', '--namespace', '/a'), '--namespace is for --apply without a file'),
         (('--namespace', '/a'), '--namespace is for --apply without a file'),

@@ -157,7 +157,7 @@ def test_margins_out_of_range_are_refused(values, told):
 )
 def test_the_file_of_gains_joined_with_the_robot_is_the_proposal(name, joined, proposals, tmp_path):
     path = tmp_path / gains_file.FILE
-    gains_file.write(proposals(name), path, Provenance.of('tune --auto', proposals(name).robot, None, []))
+    gains_file.write(proposals(name), path, Provenance.of('tune --propose', proposals(name).robot, None, []))
     assert parameters.load(f'{joined}{path}') == proposals(name).robot
     assert '45.0 deg and 6.0 dB' in path.read_text()
 
@@ -165,11 +165,11 @@ def test_the_file_of_gains_joined_with_the_robot_is_the_proposal(name, joined, p
 @pytest.mark.parametrize(
     ('arguments', 'told'),
     [
-        (('--auto', '--set', 'K_Ppos=80'), '--auto looks for the gains itself'),
-        (('--auto', '--sweep', 'K_Ppos=80:90:2'), '--auto looks for the gains itself'),
-        (('--phase-margin', '50'), '--phase-margin is for --auto'),
-        (('--gain-margin', '8'), '--gain-margin is for --auto'),
-        (('--auto', '--excite', 'x.npz'), '--excite only writes a recording'),
+        (('--propose', '--set', 'K_Ppos=80'), '--propose looks for the gains itself'),
+        (('--propose', '--sweep', 'K_Ppos=80:90:2'), '--propose looks for the gains itself'),
+        (('--phase-margin', '50'), '--phase-margin is for --propose'),
+        (('--gain-margin', '8'), '--gain-margin is for --propose'),
+        (('--propose', '--excite', 'x.npz'), '--excite only writes a recording'),
     ],
 )
 def test_options_that_do_not_fit_auto_are_refused(arguments, told, capsys):

@@ -128,7 +128,7 @@ def test_what_it_has_not_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    'more', [['--pose', '0', '0', '-0.8'], ['--auto'], ['--excite', 'a.npz'], ['--recording', 'a.npz']]
+    'more', [['--pose', '0', '0', '-0.8'], ['--propose'], ['--excite', 'a.npz'], ['--recording', 'a.npz']]
 )
 def test_the_command_says_what_is_for_the_arms(more, capsys):
     with pytest.raises(SystemExit):

@@ -289,7 +289,9 @@ def test_figures_that_cannot_be_written_get_one_sentence(tmp_path):
 
 
 def test_the_command_prints_both_solutions_with_jacobian_and_determinant(capsys):
-    assert main(['arm', '--lengths', '0.4', '0.3', '--point', '0.4', '0.3', '--velocity', '0', '0.4']) == 0
+    assert (
+        main(['two-link', '--lengths', '0.4', '0.3', '--point', '0.4', '0.3', '--velocity', '0', '0.4']) == 0
+    )
     text = capsys.readouterr().out
     for part in (
         'reaches from 0.1 to 0.7 m',
@@ -309,7 +311,7 @@ def test_the_command_prints_both_solutions_with_jacobian_and_determinant(capsys)
 @pytest.mark.usefixtures('undrawn')
 def test_the_command_gives_the_same_as_json_in_si_units(capsys, tmp_path):
     arguments = ['--point', '-0.2', '0.4', '--velocity', '0.1', '0', '--figures', str(tmp_path / 'new')]
-    assert main(['arm', '--json', *arguments]) == 0
+    assert main(['two-link', '--json', *arguments]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result['ok'] is True
     assert result['reach_m'] == pytest.approx([0.1, 0.7])
@@ -330,11 +332,11 @@ def test_the_command_gives_the_same_as_json_in_si_units(capsys, tmp_path):
 
 
 def test_the_command_says_that_a_singular_pose_has_no_inverse(capsys):
-    assert main(['arm', '--point', '0', '0.7']) == 0
+    assert main(['two-link', '--point', '0', '0.7']) == 0
     text = capsys.readouterr().out
     assert text.count('none: this pose is singular') == 2
     assert '-0.0' not in text.replace('-0.70000', '').replace('-0.30000', '')
-    assert main(['arm', '--point', '0', '0.7', '--json']) == 0
+    assert main(['two-link', '--point', '0', '0.7', '--json']) == 0
     solution = json.loads(capsys.readouterr().out)['solutions']['elbow_up']
     assert solution['singular'] is True
     assert solution['jacobian_inverse_rad_m'] is None
@@ -356,7 +358,7 @@ def test_the_command_says_that_a_singular_pose_has_no_inverse(capsys):
     ],
 )
 def test_the_command_refuses_with_one_sentence(arguments, sentence, capsys):
-    assert main(['arm', *arguments, '--json']) == 1
+    assert main(['two-link', *arguments, '--json']) == 1
     printed = capsys.readouterr()
     assert printed.err.startswith(sentence)
     assert printed.err.count('\n') == 1
@@ -367,7 +369,7 @@ def test_the_command_refuses_with_one_sentence(arguments, sentence, capsys):
 @pytest.mark.parametrize('value', ['nan', 'inf', 'far', '1e300'])
 def test_the_command_takes_numbers_only(value, capsys):
     with pytest.raises(SystemExit) as end:
-        main(['arm', '--velocity', value, '0'])
+        main(['two-link', '--velocity', value, '0'])
     assert end.value.code == 2
     assert f"argument --velocity: '{value}' is no number from -1e+06 to 1e+06" in capsys.readouterr().err
 
@@ -380,5 +382,5 @@ def test_the_command_takes_numbers_only(value, capsys):
 def test_an_arm_of_equal_lengths_has_infinitely_many_solutions_at_its_base_only(
     lengths, point, infinite, capsys
 ):
-    assert main(['arm', '--lengths', *lengths, '--point', *point]) == 0
+    assert main(['two-link', '--lengths', *lengths, '--point', *point]) == 0
     assert ('infinitely many solutions' in capsys.readouterr().out) == infinite

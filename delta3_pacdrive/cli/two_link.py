@@ -1,4 +1,4 @@
-"""``delta3 arm``: the two-link arm of chapter 3 at one point, and its figures."""
+"""``delta3 two-link``: the two-link arm of chapter 3 at one point, and its figures."""
 
 import argparse
 import math
@@ -131,7 +131,7 @@ def _matrix_rows(name: str, matrix: list[list[float]], unit: str) -> list[tuple[
 
 
 main = Command(
-    'arm',
+    'two-link',
     'Both solutions of the planar two-link arm (chapter 3) for one point, with Jacobian, determinant and inverse.',
     Options,
     run,
