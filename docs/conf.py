@@ -21,7 +21,7 @@ extensions = [
     'tables',
 ]
 source_suffix = {'.md': 'markdown'}
-exclude_patterns = ['_ext']
+exclude_patterns = ['_ext', 'changes']
 
 myst_enable_extensions = ['amsmath', 'colon_fence', 'deflist', 'dollarmath']
 myst_heading_anchors = 3
