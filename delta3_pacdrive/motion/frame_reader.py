@@ -1,4 +1,4 @@
-"""Frames, tools and patterns of places in program files."""
+"""Readers of frames, tools and patterns in program files."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -13,20 +13,20 @@ from delta3_pacdrive.motion.patterns import Grid, Layers, Order, Pattern
 from delta3_pacdrive.motion.point_reader import REACH_M, Named, named, numbers, read_named, vector
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 
-PLACE = 'place'  # names the frame of the present place of a pattern
+PLACE = 'place'  # name of the frame at the current position of a pattern
 RESERVED = (BASE.name, PLACE)
 _TURNED = ('origin_m', 'roll_rad', 'pitch_rad', 'yaw_rad')
 _Made = TypeVar('_Made')
-Places = tuple[Frame, ...]  # the frames at the places of a pattern, in their order
+Places = tuple[Frame, ...]  # frames at the positions of a pattern, in visiting order
 
 
 def read_frames(value: Any, where: str, errors: Errors, found: Named[Frame]) -> None:
-    """Read frames by their names into ``found``; the parent of one stands above it."""
+    """Read named frames into ``found``; a parent must be defined before its children."""
 
     def read(frame: Any, name: str) -> Frame | None:
         called = name.rpartition('.')[2]
         fields = Section(frame, name, errors, (*_TURNED, 'parent', 'taught_m'))
-        parent = fields.read('parent', lambda told, place: named(told, place, found, 'frame'), BASE)
+        parent = fields.read('parent', lambda value, place: named(value, place, found, 'frame'), BASE)
         origin = fields.read('origin_m', _point, (0.0, 0.0, 0.0))
         roll, pitch, yaw = (fields.read(key, number, 0.0) for key in _TURNED[1:])
         taught = fields.read('taught_m', _taught)
@@ -35,21 +35,21 @@ def read_frames(value: Any, where: str, errors: Errors, found: Named[Frame]) -> 
         else:
             given = [key for key in _TURNED if key in fields]
             if given:
-                refuse(f'{name}: a frame that is taught tells its axes: leave out {" and ".join(given)}')
+                refuse(f'{name}: taught_m defines origin and axes of the frame: remove {" and ".join(given)}')
             if taught is None:
                 return None
             made = checked(lambda: Frame.taught(taught, parent, called), name)
-        return None if parent is None else made.in_base  # so that no chain gets long
+        return None if parent is None else made.in_base  # keeps chains of frames short
 
     read_named(value, where, 'frame', found, errors, read, RESERVED)
 
 
 def read_tools(value: Any, where: str, errors: Errors, found: Named[Tool]) -> None:
-    """Read tools by their names into ``found``."""
+    """Read named tools into ``found``."""
 
     def read(tool: Any, name: str) -> Tool:
         fields = Section(tool, name, errors, ('mass_kg', 'offset_m'))
-        offset = fields.read('offset_m', lambda told, place: vector(told, place, 'm'), (0.0, 0.0, 0.0))
+        offset = fields.read('offset_m', lambda value, place: vector(value, place, 'm'), (0.0, 0.0, 0.0))
         mass = fields.read('mass_kg', number_between(0.0, PAYLOAD_MAX_KG), 0.0)
         return checked(lambda: Tool(offset, mass, name.rpartition('.')[2]), name)
 
@@ -64,12 +64,12 @@ def read_patterns(
     frames: Mapping[str, Frame | None],
     default: Frame | None,
 ) -> None:
-    """Read patterns by their names into ``found``; those that name no frame are in the default one."""
+    """Read named patterns into ``found``; a pattern without a frame uses the default frame."""
     of_layers = ('height_m', 'shift_m')
     allowed = ('columns', 'frame', 'layers', 'order', 'pitch_m', 'reverse', 'rows', *of_layers)
 
-    def read(told: Any, name: str) -> Places | None:
-        fields = Section(told, name, errors, allowed, ('columns', 'pitch_m', 'rows'))
+    def read(pattern: Any, name: str) -> Places | None:
+        fields = Section(pattern, name, errors, allowed, ('columns', 'pitch_m', 'rows'))
         frame = fields.read('frame', lambda one, place: named(one, place, frames, 'frame'), default)
         rows, columns = (fields.read(key, whole_number_between(1, MOVES_MAX)) for key in ('rows', 'columns'))
         pitch = fields.read('pitch_m', _pair)
@@ -86,17 +86,17 @@ def read_patterns(
         if rows * columns * layers > MOVES_MAX:
             refuse(f'{name} has {rows * columns * layers} places, the limit is {MOVES_MAX}')
         grid = checked(lambda: Grid(rows, columns, pitch, order, frame or BASE), name)
-        pattern: Pattern = grid
+        filled: Pattern = grid
         if layers > 1:
-            pattern = checked(lambda: Layers(grid, layers, height, shift), name)
-        places = tuple(pattern.frame_at(n, PLACE).in_base for n in range(len(pattern)))
+            filled = checked(lambda: Layers(grid, layers, height, shift), name)
+        places = tuple(filled.frame_at(n, PLACE).in_base for n in range(len(filled)))
         return places[::-1] if reverse else places
 
     read_named(value, where, 'pattern', found, errors, read)
 
 
 def checked(make: Callable[[], _Made], where: str) -> _Made:
-    """Return what is made; refuse what is not as it should be."""
+    """Return the result of a constructor; report its ProgramError as an error of the file."""
     try:
         return make()
     except ProgramError as error:

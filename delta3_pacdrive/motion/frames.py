@@ -1,8 +1,8 @@
-"""Frames of work objects, and tools: where the points of a program are, and what of the robot is to reach them.
+"""User frames and tools of motion programs.
 
-A frame tells points by an origin and three axes of its own, in its parent or, without one, in ``base``: the origin is
-the centre of the base plate, x goes along arm 1, z upwards. The plate of this robot only translates: so a tool is no
-frame, but an offset of the working point, the same at every place, and a mass that the robot carries.
+A frame has an origin and three axes in its parent frame, or in ``base`` if it has no parent: origin at the centre of
+the base plate, x along arm 1, z upwards. The plate of a delta robot only translates. A tool is therefore a constant
+offset of the working point and a mass, not a frame.
 """
 
 import math
@@ -17,26 +17,17 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 
 Axes = tuple[Point, Point, Point]
-ORTHONORMAL = 1e-9  # largest error of lengths of axes, and of scalar products of two of them
-TAUGHT_MIN_M = 1e-3  # between taught points, and of the third from the line through the others
-OFFSET_MAX_M = 1.0  # of a tool, on each axis
+ORTHONORMAL = 1e-9  # allowed error of axis lengths and of scalar products of two axes
+TAUGHT_MIN_M = (
+    1e-3  # minimum distance of taught points, and of the third one from the line through the others
+)
+OFFSET_MAX_M = 1.0  # of a tool, per axis
 ALONG_BASE: Axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
 class Frame:
     """A user frame, or the frame of a work object.
-
-    Attributes
-    ----------
-    origin_m
-        In the parent [m].
-    axes
-        Its x, y and z axis in the parent: unit vectors at right angles to each other, a right-handed system.
-    parent
-        The frame in which it is told; None: ``base``.
-    name
-        In sentences and files.
 
     Raises
     ------
@@ -45,14 +36,14 @@ class Frame:
 
     """
 
-    origin_m: Point = (0.0, 0.0, 0.0)
-    axes: Axes = ALONG_BASE
-    parent: 'Frame | None' = None
+    origin_m: Point = (0.0, 0.0, 0.0)  # in the parent
+    axes: Axes = ALONG_BASE  # unit vectors x, y, z in the parent: orthogonal, right-handed
+    parent: 'Frame | None' = None  # None: ``base``
     name: str = ''
 
     def __post_init__(self) -> None:
-        """Refuse what is no frame."""
-        what = _called('frame', self.name)
+        """Validate origin and axes."""
+        what = _label('frame', self.name)
         origin = _triple(self.origin_m, f'{what}: origin_m')
         axes = _finite(self.axes, (3, 3), f'{what}: axes')
         off = float(np.abs(axes @ axes.T - np.eye(3)).max())
@@ -74,7 +65,7 @@ class Frame:
         parent: 'Frame | None' = None,
         name: str = '',
     ) -> 'Frame':
-        """Return the frame turned by roll about x, then pitch about y, then yaw about z of its parent [rad] (as URDF).
+        """Return a frame rotated about x, y, z of its parent by roll, pitch, yaw [rad], in this order (as in URDF).
 
         Raises
         ------
@@ -82,7 +73,7 @@ class Frame:
             A number is not finite.
 
         """
-        roll, pitch, yaw = _triple((roll_rad, pitch_rad, yaw_rad), f'{_called("frame", name)}: its angles')
+        roll, pitch, yaw = _triple((roll_rad, pitch_rad, yaw_rad), f'{_label("frame", name)}: its angles')
         cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
         cy, sy = math.cos(yaw), math.sin(yaw)
         axes = (
@@ -90,13 +81,13 @@ class Frame:
             (cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr),
             (cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr),
         )
-        return Frame(_triple(origin_m, f'{_called("frame", name)}: origin_m'), axes, parent, name)
+        return Frame(_triple(origin_m, f'{_label("frame", name)}: origin_m'), axes, parent, name)
 
     @staticmethod
     def taught(points_m: ArrayLike, parent: 'Frame | None' = None, name: str = '') -> 'Frame':
-        """Return the frame of three taught points, shape (3, 3): its origin, one on its x axis, one beside that.
+        """Return the frame defined by three taught points [m], shape (3, 3).
 
-        The third point is in the xy plane, where y is positive.
+        The points are the origin, a point on the x axis, and a point in the xy plane with positive y.
 
         Raises
         ------
@@ -104,9 +95,9 @@ class Frame:
             Points are not finite, closer together than a millimetre, or on one line.
 
         """
-        what = _called('frame', name)
+        what = _label('frame', name)
         points = _finite(points_m, (3, 3), f'{what}: its taught points')
-        along, beside = points[1] - points[0], points[2] - points[0]
+        along, third = points[1] - points[0], points[2] - points[0]
         length = float(np.linalg.norm(along))
         if length < TAUGHT_MIN_M:
             raise ProgramError(
@@ -114,7 +105,7 @@ class Frame:
                 f'it must be at least {TAUGHT_MIN_M * 1e3:g} mm'
             )
         x = along / length
-        away = beside - (beside @ x) * x
+        away = third - (third @ x) * x
         lever = float(np.linalg.norm(away))
         if lever < TAUGHT_MIN_M:
             raise ProgramError(
@@ -129,18 +120,18 @@ class Frame:
 
     @property
     def in_base(self) -> 'Frame':
-        """The same frame, told in ``base``."""
+        """The same frame, expressed in ``base``."""
         frame = self
         while frame.parent is not None:
             parent = frame.parent
-            origin = _told(parent, np.array(frame.origin_m)) + np.array(parent.origin_m)
-            axes = _orthonormal(np.stack([_told(parent, np.array(axis)) for axis in frame.axes]))
+            origin = _to_parent(parent, np.array(frame.origin_m)) + np.array(parent.origin_m)
+            axes = _orthonormal(np.stack([_to_parent(parent, np.array(axis)) for axis in frame.axes]))
             frame = Frame(_triple(origin, self.name), _axes(axes), parent.parent, self.name)
         return frame
 
     @property
     def roll_pitch_yaw_rad(self) -> Point:
-        """Angles with which ``turned`` makes its axes in its parent [rad]; roll is 0 where x points along z."""
+        """Roll, pitch and yaw of its axes in its parent [rad], as for ``turned``; roll is 0 where x is along z."""
         x, y, z = self.axes
         pitch = math.atan2(-x[2], math.hypot(x[0], x[1]))
         if math.hypot(x[0], x[1]) < ORTHONORMAL:
@@ -154,7 +145,7 @@ class Frame:
         return math.atan2(math.hypot(z[0], z[1]), z[2])
 
     def to_base(self, points_m: ArrayLike) -> Floats:
-        """Return where points of this frame are in ``base`` [m], shapes (..., 3).
+        """Transform points of this frame to ``base`` [m], shapes (..., 3).
 
         Raises
         ------
@@ -163,10 +154,10 @@ class Frame:
 
         """
         frame = self.in_base
-        return np.asarray(_told(frame, _points(points_m)) + np.array(frame.origin_m))
+        return np.asarray(_to_parent(frame, _points(points_m)) + np.array(frame.origin_m))
 
     def from_base(self, points_m: ArrayLike) -> Floats:
-        """Return points of ``base`` as this frame tells them [m], shapes (..., 3).
+        """Transform points of ``base`` to this frame [m], shapes (..., 3).
 
         Raises
         ------
@@ -175,10 +166,10 @@ class Frame:
 
         """
         frame = self.in_base
-        return _along(frame, _points(points_m) - np.array(frame.origin_m))
+        return _from_parent(frame, _points(points_m) - np.array(frame.origin_m))
 
     def directions_to_base(self, vectors: ArrayLike) -> Floats:
-        """Return steps or velocities along the axes of this frame as those along ``base``, shapes (..., 3).
+        """Rotate displacements or velocities from this frame to ``base``, shapes (..., 3).
 
         Raises
         ------
@@ -186,50 +177,45 @@ class Frame:
             The last dimension is not 3.
 
         """
-        return _told(self.in_base, _points(vectors))
+        return _to_parent(self.in_base, _points(vectors))
 
     def inverse(self) -> 'Frame':
-        """Return the frame that tells the points of ``base``: ``inverse().to_base`` is ``from_base``."""
+        """Return the inverse transform: ``inverse().to_base`` is ``from_base``."""
         frame = self.in_base
-        origin = _along(frame, -np.array(frame.origin_m))
+        origin = _from_parent(frame, -np.array(frame.origin_m))
         return Frame(_triple(origin, self.name), _axes(np.array(frame.axes).T), None, self.name)
 
     def __matmul__(self, other: 'Frame') -> 'Frame':
-        """Return another frame told in this one: (a @ b).to_base(p) = a.to_base(b.to_base(p))."""
+        """Return the composition of two frames: (a @ b).to_base(p) = a.to_base(b.to_base(p))."""
         return replace(other.in_base, parent=self).in_base
 
     def at(self, point_m: ArrayLike, name: str = '') -> 'Frame':
-        """Return the frame with the same axes whose origin is a point of this one [m]."""
-        return Frame(_triple(point_m, f'{_called("frame", name)}: its place'), parent=self, name=name)
+        """Return a frame with the same axes whose origin is a point of this frame [m]."""
+        return Frame(_triple(point_m, f'{_label("frame", name)}: its origin'), parent=self, name=name)
 
 
 @dataclass(frozen=True)
 class Tool:
-    """A tool on the plate: its working point is to reach the points of a program, and its mass is carried.
-
-    Attributes
-    ----------
-    offset_m
-        From the TCP of the plate to the working point [m], along the axes of ``base``, as the plate never turns.
-    mass_kg
-        Counts to the payload.
-    name
-        In sentences and files.
+    """A tool on the plate: programs position its working point, and its mass adds to the payload.
 
     Raises
     ------
     ProgramError
-        A number is not finite, the working point is farther than a metre away, or the mass is beyond the payloads.
+        A number is not finite, an offset exceeds 1 m, or the mass exceeds the maximum payload.
 
     """
 
-    offset_m: Point = (0.0, 0.0, 0.0)
+    offset_m: Point = (
+        0.0,
+        0.0,
+        0.0,
+    )  # from the TCP of the plate to the working point, along the axes of ``base``
     mass_kg: float = 0.0
     name: str = ''
 
     def __post_init__(self) -> None:
-        """Refuse what is no tool."""
-        what = _called('tool', self.name)
+        """Validate offset and mass."""
+        what = _label('tool', self.name)
         offset = _triple(self.offset_m, f'{what}: offset_m')
         if max(abs(value) for value in offset) > OFFSET_MAX_M:
             raise ProgramError(
@@ -242,7 +228,7 @@ class Tool:
         object.__setattr__(self, 'mass_kg', mass)
 
     def plate_m(self, points_m: ArrayLike) -> Floats:
-        """Return where the TCP of the plate is when the working point is at points [m], shapes (..., 3).
+        """Return the TCP positions of the plate for positions of the working point [m], shapes (..., 3).
 
         Raises
         ------
@@ -253,7 +239,7 @@ class Tool:
         return np.asarray(_points(points_m) - np.array(self.offset_m))
 
     def working_point_m(self, plate_m: ArrayLike) -> Floats:
-        """Return where the working point is when the TCP of the plate is at points [m], shapes (..., 3).
+        """Return the positions of the working point for TCP positions of the plate [m], shapes (..., 3).
 
         Raises
         ------
@@ -264,12 +250,12 @@ class Tool:
         return np.asarray(_points(plate_m) + np.array(self.offset_m))
 
 
-def _called(what: str, name: str) -> str:
+def _label(what: str, name: str) -> str:
     return f'{what} {shown(name)}' if name else f'a {what}'
 
 
 def _finite(values: object, shape: tuple[int, ...], what: str) -> Floats:
-    """Return numbers of a shape; refuse others, and what is not finite."""
+    """Convert to a finite array of a shape; raises ProgramError otherwise."""
     numbers = f'{" x ".join(map(str, shape))} numbers' if shape else 'a number'
     try:
         read = np.array(values, dtype=np.float64)
@@ -298,25 +284,25 @@ def _axes(axes: Floats) -> Axes:
     return x, y, z
 
 
-def _told(frame: Frame, vectors: Floats) -> Floats:
-    """Return vectors along the axes of a frame as its parent tells them."""
+def _to_parent(frame: Frame, vectors: Floats) -> Floats:
+    """Rotate vectors from a frame to its parent."""
     return _summed(vectors, np.array(frame.axes))
 
 
-def _along(frame: Frame, vectors: Floats) -> Floats:
-    """Return vectors of the parent of a frame along its axes."""
+def _from_parent(frame: Frame, vectors: Floats) -> Floats:
+    """Rotate vectors from the parent of a frame to the frame."""
     return _summed(vectors, np.array(frame.axes).T)
 
 
 def _summed(vectors: Floats, axes: Floats) -> Floats:
-    """Return the sums of axes times vectors, always in the same order: the same bits on any machine."""
+    """Return vectors @ axes, summed in a fixed order for bit-identical results on every machine."""
     x, y, z = axes
     found: Floats = vectors[..., :1] * x + vectors[..., 1:2] * y + vectors[..., 2:] * z
     return found
 
 
 def _orthonormal(axes: Floats) -> Floats:
-    """Take rounding out of axes, so that no chain is too long."""
+    """Remove rounding errors of axes by one Newton step, so that long chains of frames stay orthonormal."""
     return np.asarray(1.5 * axes - 0.5 * (axes @ axes.T) @ axes)
 
 

@@ -1,13 +1,13 @@
-"""Paths of the arms: the angles are pieces over the master, the TCP follows from them by forward kinematics.
+"""Paths in joint space: arm angles as pieces over the master, TCP by forward kinematics.
 
-The TCP and its derivatives come of s_i = X - C_i, whose length does not change: s.X' = s.C', and so on (4.9).
+Derivatives of the TCP follow from s_i = X - C_i of constant length: s.X' = s.C', and so on (4.9).
 
 Arguments of the kernels here:
 
 ``angles``
     Arm angles [rad] and their first three derivatives by the master, shape (n, 4, 3).
 ``out``
-    Takes positions and their first three derivatives by the master, shape (n, 4, 3).
+    Receives positions and their first three derivatives by the master, shape (n, 4, 3).
 ``geometry_record``
     Array of one ``kinematics.GEOMETRY``, shape (1,).
 ``upper``, ``b``, ``rates``
@@ -28,7 +28,7 @@ from delta3_pacdrive.numerics.vector3 import combine, difference, dot
 
 @kernel
 def _elbow_derivatives(upper, b, rates):
-    """First three derivatives of an elbow, whose tangent turns as b' = -upper, upper' = b."""
+    """First three derivatives of an elbow; its tangent changes as b' = -upper, upper' = b."""
     w, a, j = rates
     return (
         combine(w, b, 0.0, b, 0.0, upper),
@@ -89,9 +89,9 @@ def _tcp_samples(angles, out, geometry_record):
 
 
 def tcp_samples(angles: Floats, kinematics: Lengths) -> Floats:
-    """TCP positions [m] and their first three derivatives by the master for those of the arm angles, shape (n, 4, 3).
+    """Return TCP positions [m] and first three derivatives by the master from those of the arm angles, shape (n, 4, 3).
 
-    Nan where the forearms do not meet.
+    Rows are nan where the forearms do not meet.
     """
     out = np.empty(angles.shape)
     _tcp_samples(np.ascontiguousarray(angles), out, geometry(kinematics))

@@ -1,4 +1,4 @@
-"""Limits of moves in program files."""
+"""Readers of move limits in program files."""
 
 import math
 from typing import Any
@@ -8,13 +8,13 @@ from delta3_pacdrive.configuration.readers import number, number_between
 from delta3_pacdrive.motion.limits import Limits
 
 BLEND_MIN_M, BLEND_MAX_M = 1e-4, 1.0
-LIMIT_MIN, LIMIT_MAX = 1e-6, 1e9  # of speed, acceleration and jerk
+LIMIT_MIN, LIMIT_MAX = 1e-6, 1e9  # for speed, acceleration and jerk
 TCP_LIMIT_KEYS = ('speed_m_s', 'acceleration_m_s2', 'jerk_m_s3')
 LIMIT_KEYS = (*TCP_LIMIT_KEYS, 'torque_rate_n_m_s')
 
 
 def given_limits(fields: Section, tcp_speed_limit_m_s: float) -> dict[str, float]:
-    """Return the limits that are given, by their keys; a speed above the limit of the robot [m/s] is refused."""
+    """Read the limits given in a section, by key; rejects speeds above the TCP speed limit of the robot [m/s]."""
 
     def speed(value: Any, where: str) -> float:
         found = _limit(value, where)
@@ -30,9 +30,9 @@ def given_limits(fields: Section, tcp_speed_limit_m_s: float) -> dict[str, float
 
 
 def limits_of(given: dict[str, float], defaults: Limits, time_optimal: bool) -> Limits:
-    """Return the limits of the TCP; the motors alone limit a time-optimal move where none are given.
+    """Complete TCP limits with defaults.
 
-    Without a torque rate its jerk is limited all the same.
+    Speed and acceleration of a time-optimal move default to unlimited, its jerk only if a torque rate is given.
     """
     if time_optimal:
         jerk = math.inf if 'torque_rate_n_m_s' in given else defaults.jerk_m_s3
@@ -41,7 +41,7 @@ def limits_of(given: dict[str, float], defaults: Limits, time_optimal: bool) -> 
 
 
 def blend(value: Any, where: str) -> float:
-    """Read how far before a corner a blend begins [m]; 0: none."""
+    """Read the distance before a corner at which a blend starts [m]; 0: no blend."""
     found = number_between(0.0, BLEND_MAX_M)(value, where)
     if 0.0 < found < BLEND_MIN_M:
         refuse(f'{where} is {found:g}, but must be 0 or at least {BLEND_MIN_M:g}')

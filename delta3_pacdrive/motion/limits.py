@@ -1,7 +1,7 @@
-"""The limits of a robot, and checks of a path against those of places, before anything moves.
+"""Workspace and arm limits of the robot, and checks of paths against them before a motion starts.
 
-A robot that was pushed beyond a limit may come back by its first move: a path that is ``returning`` and begins beyond a
-limit must come nearer to it, without a step back, and keep it from where it has reached it to its end.
+After the arm was moved beyond a limit by hand, the first move may return from there: a ``returning`` path that starts
+beyond a limit must approach it monotonically, and must respect it from the point where it crosses it.
 """
 
 import math
@@ -29,12 +29,12 @@ from delta3_pacdrive.motion.virtual_master import sample_master
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-ROUNDING = 1e-9  # allowance for rounding where a path runs along a limit
+ROUNDING = 1e-9  # tolerance for paths along a limit
 AXES = 3
 REACH_SAMPLES = 129
-SAME_ANGLE_RAD = 1e-6  # differences between the angles of a TCP and those that it was made of
-BETWEEN_SAMPLES = 0.01  # of a limit that the planner has used up between two samples
-TCP_BETWEEN_SAMPLES = 2e-3  # the same of the TCP speed, which the planner keeps within a thousandth
+SAME_ANGLE_RAD = 1e-6  # tolerance of arm angles after forward and inverse kinematics
+BETWEEN_SAMPLES = 0.01  # share by which a limit may be exceeded between two samples of the planner
+TCP_BETWEEN_SAMPLES = 2e-3  # the same for the TCP speed, which the planner limits to within 0.1 %
 
 
 Where = Callable[[int], str]
@@ -49,12 +49,12 @@ class Limits:
     jerk_m_s3: float
 
     def lower(self, other: 'Limits') -> 'Limits':
-        """Return the lower ones of these limits and others."""
+        """Return the lower limit of both for each quantity."""
         return Limits(*map(min, astuple(self), astuple(other)))
 
 
 class Limit(StrEnum):
-    """A limit of places, by its name in results; what the codes of ``capability`` count."""
+    """Position-dependent limits; the values are keys in results and count the codes of ``capability``."""
 
     ARM_ANGLE_MAX = 'arm_angle_max'
     ARM_ANGLE_MIN = 'arm_angle_min'
@@ -71,29 +71,14 @@ OF_WORKSPACE = (Limit.RADIUS, Limit.TOP, Limit.BOTTOM)
 
 @dataclass(frozen=True)
 class Bound:
-    """A bound is what a quantity of places has to keep.
+    """A limit with the values that must respect it."""
 
-    Attributes
-    ----------
-    key
-        Its name in results, of a place one of ``Limit``.
-    values
-        The quantity, shape (n,), or (n, 3) for one of each arm.
-    limit
-        Of it.
-    is_upper
-        Whether that is the largest value allowed, or the smallest.
-    what, unit
-        The quantity in words, and its unit, empty if it has none.
-
-    """
-
-    key: str
-    values: Floats
+    key: str  # in results; a ``Limit`` if it depends on the position
+    values: Floats  # shape (n,), or (n, 3) with one column per arm
     limit: float
     is_upper: bool
-    what: str
-    unit: str
+    what: str  # quantity, for messages
+    unit: str  # empty for dimensionless quantities
 
     @property
     def margin(self) -> Floats:
@@ -102,12 +87,12 @@ class Bound:
 
     @property
     def kept(self) -> NDArray[np.bool_]:
-        """Whether it is kept, but for rounding; what is nan does not keep it."""
+        """Whether each value respects the limit within rounding; false for nan."""
         return np.asarray(self.margin >= -ROUNDING)
 
 
 def workspace_bounds(position_m: Floats, parameters: Parameters) -> tuple[Bound, ...]:
-    """Bounds of positions of shape (n, 3): the workspace cylinder."""
+    """Return the bounds of the workspace cylinder for positions of shape (n, 3)."""
     k, (x, y, z) = parameters.kinematics, position_m.T
     radius = np.hypot(x, y)
     return (
@@ -128,7 +113,7 @@ def _angle_bounds(theta_rad: Floats, parameters: Parameters) -> tuple[Bound, ...
 def arm_bounds(
     theta_rad: Floats, swing_rad: Floats, serial: Floats, parallel: Floats, parameters: Parameters
 ) -> tuple[Bound, ...]:
-    """Bounds of arm angles and forearm swings [rad], shapes (n, 3), and of the distances from the singularities."""
+    """Return the bounds of arm angles and forearm swings [rad], shapes (n, 3), and of the singularity distances."""
     k, swing = parameters.kinematics, np.degrees(swing_rad)
     singularity = (
         'the distance from the serial singularity of arm',
@@ -144,26 +129,15 @@ def arm_bounds(
 
 @dataclass(frozen=True)
 class CheckedPath:
-    """Samples of a path are checked against limits.
+    """Samples of a path for checks against limits."""
 
-    Attributes
-    ----------
-    distance_m, position_m
-        Where they are: on the path, shape (n,), and in space, shape (n, 3).
-    returning
-        Whether the path may begin beyond limits.
-    where
-        Says where a sample is, from its number; None: by distance and position.
-
-    """
-
-    distance_m: Floats
-    position_m: Floats
-    returning: bool = False
-    where: Where | None = None
+    distance_m: Floats  # along the path, shape (n,)
+    position_m: Floats  # shape (n, 3)
+    returning: bool = False  # whether the path may start beyond limits
+    where: Where | None = None  # text for the position of a sample (default: distance and position)
 
     def require(self, *bounds: Bound) -> None:
-        """Refuse a value that breaks its bound anywhere but on the way back, at its worst place: the first of them."""
+        """Raise ProgramError at the worst sample of the first violated bound; a returning path may start beyond it."""
         for bound in bounds:
             self._require(bound, 1.0 if bound.is_upper else -1.0)
 
@@ -189,12 +163,12 @@ class CheckedPath:
 
 
 def check_workspace(path: CheckedPath, parameters: Parameters) -> None:
-    """Refuse a path that leaves the workspace cylinder; raises ProgramError."""
+    """Raise ProgramError if a path leaves the workspace cylinder."""
     path.require(*workspace_bounds(path.position_m, parameters))
 
 
 def check_arms(path: CheckedPath, coefficients: Floats, parameters: Parameters) -> None:
-    """Refuse a path on which an arm leaves its limits; raises ProgramError with axis, value, limit and place."""
+    """Raise ProgramError with axis, value, limit and position if an arm exceeds a limit on a path."""
     c = coefficients
     path.require(*arm_bounds(c[:, THETA], c[:, SWING], c[:, SERIAL], c[:, PARALLEL], parameters))
 
@@ -208,12 +182,12 @@ def legal_coefficients(
     returning: bool = False,
     where: Where | None = None,
 ) -> Floats:
-    """Return the ``path_coefficients`` of a path; refuse one that leaves the workspace or the range of the arms.
+    """Return the ``path_coefficients`` of a path after a check against workspace and arm limits.
 
     Raises
     ------
     ProgramError
-        It leaves them, anywhere but on the way back of a path that is ``returning``.
+        A limit is violated; a ``returning`` path may start beyond limits.
 
     """
     path = CheckedPath(distance_m, samples[:, 0], returning, where)
@@ -224,7 +198,7 @@ def legal_coefficients(
 
 
 def check_reach(move: Move, parameters: Parameters, returning: bool = False) -> None:
-    """Refuse a foreign move whose path leaves the workspace or the range of the arms; raises ProgramError."""
+    """Check workspace and arm limits on the path of an externally created move; raises ProgramError."""
     distance = np.linspace(move.master[0, 1], move.length_m, REACH_SAMPLES)
     samples = sample_path(distance, move.segments)
     if move.kind == MoveKind.JOINTS:
@@ -251,7 +225,7 @@ def legal_tcp(
     parameters: Parameters,
     returning: bool = False,
 ) -> Floats:
-    """Return the TCP of arm angles, with three derivatives each, shape (n, 4, 3).
+    """Return the TCP and three derivatives for arm angles with three derivatives, shape (n, 4, 3).
 
     Raises
     ------
@@ -265,7 +239,7 @@ def legal_tcp(
     apart = np.isnan(samples).any(axis=(1, 2))
     if apart.any():
         raise ProgramError(f'the forearms do not meet {where(int(np.argmax(apart)))}')
-    # only one of the eight solutions is worked in
+    # the robot works with one of the eight inverse solutions only
     theta = kinematics.inverse(samples[:, 0], parameters.kinematics, unreachable='nan')
     folded = ~(np.abs(theta - angles[:, 0]) <= SAME_ANGLE_RAD)
     if folded.any():
@@ -275,9 +249,9 @@ def legal_tcp(
 
 
 def check_speed(move: Move, override: float, parameters: Parameters) -> float:
-    """Reject a move of another writer that is too fast for TCP or motor at an override; raises ProgramError.
+    """Check TCP speed and motor speed of an externally created move at an override; raises ProgramError.
 
-    Returns the largest override at which it would not be refused.
+    Returns the largest permissible override.
     """
     times = np.linspace(0.0, float(move.master[-1, 0]), REACH_SAMPLES)
     master = sample_master(times, move.master)
@@ -301,12 +275,12 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
 
 
 def phase_voltage_max(parameters: Parameters) -> float:
-    """Largest rms voltage of a phase [V] that the DC link allows."""
+    """Return the largest rms phase voltage [V] that the DC link can supply."""
     return float(parameters.drive.dc_link_voltage_v / np.sqrt(6.0))
 
 
 def highest_motor_speed(parameters: Parameters) -> float:
-    """Speed of a motor shaft [rad/s] at its maximum, or where its nominal current takes up the rest of the voltage."""
+    """Return the motor speed limit [rad/s]: its maximum, or the voltage limit at nominal current."""
     motor = parameters.motor
     emf = motor.torque_constant_n_m_a / 3.0
     drop = motor.winding_resistance_ohm / 2.0 * motor.nominal_current_a
@@ -314,6 +288,6 @@ def highest_motor_speed(parameters: Parameters) -> float:
 
 
 def place_text(distance_m: Floats, position_m: Floats, n: int) -> str:
-    """Say where on the path sample ``n`` is."""
+    """Format the position of sample ``n`` for messages."""
     x, y, z = position_m[n]
     return f'at s = {distance_m[n]:.4f} m, ({x:.4f}, {y:.4f}, {z:.4f}) m'

@@ -1,4 +1,4 @@
-"""A move of a plan: a virtual master over time, its slaves over the master, and events at places on its path."""
+"""A move of a plan: motion of the virtual master over time, slave path over the master, and events on the path."""
 
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -15,21 +15,21 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG, Kinematics
 
 VERSION = 2
-TURNING_VERSION = 3  # of a move that says where the tool is: one more number in its header
+TURNING_VERSION = 3  # with tool rotation: one more number in the header
 # version, number of the move, number of moves, kind, phases, segments, events, acceleration and jerk of stops, payload
 HEADER = 10
 MOVES_MAX = 20_000
 ROWS_MAX = 200_000  # phases, segments or events of one move
-COUNT_MAX = 10**9  # larger numbers in a header are not worth printing
-BACKWARDS_M_S = 1e-6  # below it a speed is rounding
-CONTINUOUS = 1e-6  # largest jump at the joint of two phases (relative to the move) or pieces [m]
+COUNT_MAX = 10**9  # upper limit of header fields
+BACKWARDS_M_S = 1e-6  # slower backward motion is rounding
+CONTINUOUS = 1e-6  # largest jump between two phases (relative to the move) or two path pieces [m]
 OUTPUTS = ('gripper', 'output1', 'output2', 'output3', 'output4', 'output5', 'output6', 'output7')
-# an event may also let the robot get on a belt (1) or leave it (0); nothing outside of the controller sees it
+# TRACK attaches the robot to a belt (1) or detaches it (0); it is internal to the controller
 TRACK = 'track'
 EVENT_NAMES = (*OUTPUTS, TRACK)
 TRACK_BIT = 1 << EVENT_NAMES.index(TRACK)
-UNCHANGED = -1.0  # instead of a payload [kg]: it stays as it is
-EVENT_COLUMNS = 4  # distance [m], number of the output, its value, payload from there on [kg], or UNCHANGED
+UNCHANGED = -1.0  # value of the payload column for events that keep the payload
+EVENT_COLUMNS = 4  # distance [m], output number, value, payload after the event [kg] or UNCHANGED
 
 
 class MoveKind(IntEnum):
@@ -40,14 +40,14 @@ class MoveKind(IntEnum):
     ARC = 2
     SPLINE = 3
     BLENDED = 4  # several moves with rounded corners
-    CUBIC = 5  # the path's parameter is the time, the master runs at 1 s/s (chapter 5)
-    JOINTS = 6  # as CUBIC, but the path is that of the arm angles [rad]
-    IN_POSITION = 7  # a dwell until the robot is in position, at least as long as planned
-    TURN = 8  # the tool turns at a standing point; the master goes by its angle [rad]
+    CUBIC = 5  # parametrized by time: the master runs at 1 s/s (chapter 5)
+    JOINTS = 6  # as CUBIC, with a path of arm angles [rad]
+    IN_POSITION = 7  # dwell until the robot is in position, at least the planned time
+    TURN = 8  # rotation of the tool at a fixed TCP; the master is its angle [rad]
 
 
 STANDING = (MoveKind.DWELL, MoveKind.IN_POSITION)
-TIMED = (MoveKind.CUBIC, MoveKind.JOINTS)  # the path's parameter is the time
+TIMED = (MoveKind.CUBIC, MoveKind.JOINTS)  # path parameter is time
 
 
 def _no_events() -> Floats:
@@ -56,36 +56,22 @@ def _no_events() -> Floats:
 
 @dataclass(frozen=True)
 class Move:
-    """One move, rest to rest.
-
-    Attributes
-    ----------
-    master
-        Phases (n, 5): time [s], distance [m], speed, acceleration at the start of a phase, and its jerk.
-    segments
-        Path pieces (m, 19) over the distance.
-    events
-        Rows (k, 4) in order of their distance: distance [m], number of an output (-1: none), its value, payload [kg].
-    kinematics
-        Of the robot, without which nobody knows the TCP of a path of arm angles.
-    stop_acceleration, stop_jerk
-        Limits of the master when it is held or speeds up again [m/s^2, m/s^3].
-    payload_kg
-        Payload from the start of the move on.
-    turns
-        Turn of the tool over the distance, pieces (l, 7) of ``turns``; none where it is not said.
-
-    """
+    """One move from rest to rest."""
 
     kind: MoveKind
-    master: Floats
-    segments: Floats
-    stop_acceleration: float = 1.0
+    master: (
+        Floats  # phases (n, 5): time [s], distance [m], speed and acceleration at the start of a phase, jerk
+    )
+    segments: Floats  # path pieces (m, 19) over the distance
+    stop_acceleration: float = 1.0  # limits of the master for holding and resuming [m/s^2, m/s^3]
     stop_jerk: float = np.inf
-    payload_kg: float = 0.0
+    payload_kg: float = 0.0  # from the start of the move
+    # rows (k, 4) in order of distance: distance [m], output number (-1: none), value, payload [kg]
     events: Floats = field(default_factory=_no_events)
-    kinematics: Kinematics | None = None
-    turns: Floats = field(default_factory=no_turns)
+    kinematics: Kinematics | None = None  # needed for the TCP of a path of arm angles
+    turns: Floats = field(
+        default_factory=no_turns
+    )  # tool rotation over the distance, pieces (l, 7) of ``turns``
 
     @property
     def duration_s(self) -> float:
@@ -102,27 +88,27 @@ class Move:
         return np.asarray(self.sample([self.length_m])[0, 0])
 
     def start_m(self) -> Floats:
-        """Point at which the move begins, shape (3,)."""
+        """First point of the path [m], shape (3,)."""
         return np.asarray(self.sample([self.master[0, 1]])[0, 0])
 
     def turn_rad(self, distance: float) -> float | None:
-        """Angle of the tool at a distance on the path [rad]; None where the move does not say it."""
+        """Return the tool angle at a distance [rad]; None if the move does not define it."""
         return float(sample_turn([distance], self.turns)[0, 0]) if len(self.turns) else None
 
     @property
     def start_turn_rad(self) -> float | None:
-        """Angle of the tool at which the move begins [rad]."""
+        """Tool angle at the start of the move [rad]."""
         return self.turn_rad(float(self.master[0, 1]))
 
     @property
     def end_turn_rad(self) -> float | None:
-        """Angle of the tool at which it ends [rad]."""
+        """Tool angle at the end of the move [rad]."""
         return self.turn_rad(self.length_m)
 
     def sample(self, distances_m: ArrayLike) -> Floats:
-        """TCP and its first three derivatives by the master at distances of shape (n,): shape (n, 4, 3).
+        """Return TCP and first three derivatives by the master at distances of shape (n,): shape (n, 4, 3).
 
-        Nan where the forearms do not meet, and for arm angles of a robot that is not known.
+        Rows are nan where the forearms do not meet, and for paths of arm angles without ``kinematics``.
         """
         samples = sample_path(distances_m, self.segments)
         if self.kind != MoveKind.JOINTS:
@@ -132,7 +118,7 @@ class Move:
         return tcp_samples(samples, self.kinematics)
 
     def to_array(self, number: int, count: int) -> Floats:
-        """Return the move as one row of numbers, the ``number``-th of ``count`` different ones (for a message)."""
+        """Serialize the move, the ``number``-th of ``count``, to one row of numbers for a message."""
         jerk = self.stop_jerk if np.isfinite(self.stop_jerk) else 0.0
         version = TURNING_VERSION if len(self.turns) else VERSION
         header = [version, number, count, self.kind, len(self.master), len(self.segments), len(self.events)]
@@ -147,12 +133,12 @@ class Move:
 
     @staticmethod
     def from_array(values: ArrayLike, kinematics: Kinematics | None = None) -> tuple['Move', int, int]:
-        """Read back what ``to_array`` wrote: (move, number, count); ``kinematics`` are those of the robot.
+        """Parse a row of ``to_array`` and return (move, number, count); ``kinematics`` is that of the robot.
 
         Raises
         ------
         ProgramError
-            The row is no move of this version, holds a number that is not finite, or jumps somewhere.
+            The row is not a move of this version, contains a number that is not finite, or is discontinuous.
 
         """
         row = np.asarray(values, dtype=np.float64)
@@ -182,25 +168,25 @@ class Move:
         master, path, happenings, angles = np.split(row[begin:].copy(), np.cumsum(sizes)[:3])
         move = Move(
             MoveKind(kind),
-            master.reshape(phases, PHASE_COLUMNS),
-            path.reshape(segments, SEGMENT_COLUMNS),
-            acceleration,
-            jerk or np.inf,
-            payload,
-            happenings.reshape(events, EVENT_COLUMNS),
-            kinematics,
-            angles.reshape(turns, TURN_COLUMNS),
+            master=master.reshape(phases, PHASE_COLUMNS),
+            segments=path.reshape(segments, SEGMENT_COLUMNS),
+            stop_acceleration=acceleration,
+            stop_jerk=jerk or np.inf,
+            payload_kg=payload,
+            events=happenings.reshape(events, EVENT_COLUMNS),
+            kinematics=kinematics,
+            turns=angles.reshape(turns, TURN_COLUMNS),
         )
         move._require_continuous(what)
         return move, number, count
 
     def _require_continuous(self, what: str) -> None:
-        """Refuse a move that does not start at rest at 0, end at rest, or jumps."""
+        """Raise ProgramError unless the move starts at 0, runs from rest to rest and is continuous."""
         master, path = self.master, self.segments
         if (np.diff(master[:, 0]) < 0.0).any() or (np.diff(path[:, 0]) <= 0.0).any():
             raise ProgramError(f'{what}: times or distances do not increase')
         if not (self.stop_acceleration > 0.0 and master[0, 0] == 0.0 and path[0, 0] == 0.0):
-            raise ProgramError(f'{what}: it does not start at 0, or cannot be stopped')
+            raise ProgramError(f'{what}: it does not start at 0, or its stop acceleration is not positive')
         runs_evenly = self.kind in TIMED
         if not runs_evenly and (master[0, 2] != 0.0 or master[-1, 2:].any()):
             raise ProgramError(f'{what}: its master is not at rest at both ends')
@@ -222,7 +208,7 @@ class Move:
                     f'{what}: a payload is {payload:g} kg, but must be between 0 and {PAYLOAD_MAX_KG:g}'
                 )
         if (np.diff(places) < 0.0).any() or (bits < -1).any() or (bits >= len(EVENT_NAMES)).any():
-            raise ProgramError(f'{what}: its events are out of order, or for an unknown output')
+            raise ProgramError(f'{what}: its events are not in order of distance, or name an unknown output')
 
 
 def _whole_count(value: float, what: str) -> int:
@@ -232,7 +218,7 @@ def _whole_count(value: float, what: str) -> int:
 
 
 def check_phases(master: Floats, what: str) -> None:
-    """Refuse phases (n, 5) whose distances or speeds jump; raises ProgramError."""
+    """Raise ProgramError if distances or speeds of phases (n, 5) are discontinuous."""
     t = np.diff(master[:, 0])
     _, s, v, a, j = master[:-1].T
     length, speed = max(float(np.abs(master[:, 1]).max()), 1e-3), max(float(np.abs(master[:, 2]).max()), 1e-3)

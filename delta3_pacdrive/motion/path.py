@@ -1,7 +1,7 @@
-"""Paths: the slaves x(s), y(s), z(s) as pieces of at most fifth degree over the distance s (6).
+"""Paths: coordinates x(s), y(s), z(s) as piecewise polynomials of degree five over the distance s (6).
 
-A path is a table of pieces, shape (n, 19): the distance s [m] at which the piece starts, then c0..c5 of x, of y and of
-z in powers of s minus that start. ``curves`` makes the pieces; whoever evaluates a path needs only this module.
+A path is a table of pieces, shape (n, 19): distance s [m] at the start of the piece, then coefficients c0..c5 of x, y
+and z in powers of the distance from that start. ``curves`` creates paths; this module evaluates them.
 
 Arguments of the kernels here:
 
@@ -12,9 +12,9 @@ Arguments of the kernels here:
 ``first``, ``count``
     Number of the first piece of a move, and how many it has.
 ``c``, ``n``, ``u``
-    Number of a column, number of a piece, and distance from the begin of the piece [m].
+    Number of a column, number of a piece, and distance from the start of the piece [m].
 ``out``
-    Takes positions and their derivatives by the distance, shape (n, 4, 3).
+    Receives positions and their derivatives by the distance, shape (n, 4, 3).
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ DERIVATIVES = 4  # position and three derivatives by the distance
 
 @kernel
 def _value(c, n, u, segments):
-    """Coordinate [m] whose coefficients begin in a column."""
+    """Coordinate [m] with coefficients from column ``c`` on."""
     return segments[n, c] + u * (
         segments[n, c + 1]
         + u
@@ -48,7 +48,7 @@ def path_at(s, segments, first, count):
 
 @kernel
 def _first(c, n, u, segments):
-    """First derivative by the distance [1] of the coordinate whose coefficients begin in a column."""
+    """First derivative by the distance [1] of the coordinate with coefficients from column ``c`` on."""
     c1, c2, c3 = segments[n, c + 1], segments[n, c + 2], segments[n, c + 3]
     c4, c5 = segments[n, c + 4], segments[n, c + 5]
     return c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
@@ -56,7 +56,7 @@ def _first(c, n, u, segments):
 
 @kernel
 def _second(c, n, u, segments):
-    """Second derivative by the distance [1/m] of the coordinate whose coefficients begin in a column."""
+    """Second derivative by the distance [1/m] of the coordinate with coefficients from column ``c`` on."""
     c2, c3, c4, c5 = segments[n, c + 2], segments[n, c + 3], segments[n, c + 4], segments[n, c + 5]
     return 2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))
 
@@ -75,7 +75,7 @@ def path_motion_at(s, segments, first, count):
 
 @kernel
 def _sample(distances, segments, out):
-    """Fill ``out`` with what the path is at each distance."""
+    """Fill ``out`` with position and derivatives at each distance."""
     for i in range(distances.shape[0]):
         n = row_at(distances[i], segments, 0, segments.shape[0] - 1)
         u = distances[i] - segments[n, 0]
@@ -89,7 +89,7 @@ def _sample(distances, segments, out):
 
 
 def sample_path(distances_m: ArrayLike, segments: Floats) -> Floats:
-    """Position and its first three derivatives by s at distances of shape (n,): shape (n, 4, 3)."""
+    """Return position and first three derivatives by s at distances of shape (n,): shape (n, 4, 3)."""
     distances = np.ascontiguousarray(distances_m, dtype=np.float64)
     out = np.empty((len(distances), DERIVATIVES, 3))
     _sample(distances, segments, out)

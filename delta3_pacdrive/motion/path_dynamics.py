@@ -1,30 +1,30 @@
-"""What a path asks of the robot: everything at a place on it is linear in the master's v^2 and acceleration a (4.26).
+"""Motor demand along a path, linear in the master's v^2 and acceleration a at every position (4.26).
 
 With theta' and theta'' the derivatives of the arm angles by the distance s, the arm speeds are theta' v, the arm
 accelerations theta'' v^2 + theta' a, and the motor torques without friction
 
     tau / k_r = m a + c v^2 + g,   m = A theta',   c = A theta'' + C(theta, theta') theta',   g = G(theta)
 
-so that one pass over a path serves every speed at which it may be driven.
+so that one evaluation of the path serves every speed.
 
 Arguments of the kernels here:
 
 ``samples``
     Positions [m] and their derivatives by the distance, shape (n, 4, 3).
 ``payload``
-    Number of the inertia record that holds at each sample, shape (n,).
+    Number of the inertia record used at each sample, shape (n,).
 ``gear_ratio``
     Number k_r.
 ``geometry_record``, ``inertia_records``
     Arrays of one ``kinematics.GEOMETRY``, shape (1,), and of several ``dynamics.INERTIA``, shape (payloads,).
 ``out``
-    Takes one row per sample, shape (n, 25); of ``_tcp_motion`` speed, acceleration and jerk of the TCP, shape (3, n).
+    Receives one row per sample, shape (n, 25); for ``_tcp_motion`` speed, acceleration, jerk of the TCP, shape (3, n).
 ``i``, ``g``
     Number of an arm, 0 to 2, and record ``kinematics.GEOMETRY``.
 ``place``
     Position [m] of the TCP, its first derivative by the distance [1] and the second [1/m], three of shape (3,).
 ``theta``
-    Arm angles [rad] at the place, shape (3,).
+    Arm angles [rad] at the position, shape (3,).
 ``v``, ``a``
     Speed [m/s] and acceleration [m/s^2] of the master.
 ``speed``, ``acceleration``, ``jerk``, ``cube``
@@ -101,7 +101,7 @@ def _path_coefficients(samples, payload, out, gear_ratio, geometry_record, inert
 
 @kernel
 def angle_curvature(i, place, arm, g):
-    """Second derivative of arm angle i by the distance, from that of s.X' = (s.b) theta' (4.9, 4.14)."""
+    """Second derivative of arm angle i by the distance, from the derivative of s.X' = (s.b) theta' (4.9, 4.14)."""
     (p, first, second), (s, b, sb, rate) = place, arm
     s_dot = combine(1.0, first, -rate, b, 0.0, first)
     upper = upper_arm(i, p, s, g)
@@ -110,7 +110,7 @@ def angle_curvature(i, place, arm, g):
 
 @kernel
 def arm_motion(theta, place, v, a, g):
-    """Speeds [rad/s] and accelerations [rad/s^2] of the arms at a place, for a master of ``v`` and ``a``."""
+    """Speeds [rad/s] and accelerations [rad/s^2] of the arms for speed ``v`` and acceleration ``a`` of the master."""
     p, first, _ = place
     s, b = forearms(theta, p, g)
     sb = (dot(s[0], b[0]), dot(s[1], b[1]), dot(s[2], b[2]))
@@ -136,9 +136,9 @@ def inertia_records(parameters: Parameters, payloads_kg: tuple[float, ...]) -> N
 def path_coefficients(
     samples: Floats, payload: NDArray[np.int64], payloads_kg: tuple[float, ...], parameters: Parameters
 ) -> Floats:
-    """Coefficients of the demand at path samples of shape (n, 4, 3): shape (n, 25), columns ``THETA`` ... ``PARALLEL``.
+    """Return demand coefficients for path samples of shape (n, 4, 3): shape (n, 25), columns ``THETA`` .. ``PARALLEL``.
 
-    ``payload`` (n,) is the index into ``payloads_kg`` of the payload carried at each sample.
+    ``payload`` (n,) is the index into ``payloads_kg`` at each sample.
 
     Raises
     ------
@@ -165,14 +165,14 @@ def path_coefficients(
 
 @dataclass(frozen=True)
 class PathDynamics:
-    """What a timed motion asks of the robot at its samples; arrays (n,) or (n, 3)."""
+    """Demand on the motors and TCP motion at the samples of a timed motion; arrays (n,) or (n, 3)."""
 
     time_s: Floats
     distance_m: Floats
     position_m: Floats
     motor_speed_rad_s: Floats
     motor_current_a: Floats
-    standing_current_a: Floats  # share of weight and friction in it, which no slowness takes away
+    standing_current_a: Floats  # part of the current for weight and friction, independent of the speed
     phase_voltage_v: Floats
     tcp_speed_m_s: Floats
     tcp_acceleration_m_s2: Floats
@@ -182,10 +182,10 @@ class PathDynamics:
 def tcp_motion(
     samples: Floats, speed: Floats, acceleration: Floats, jerk: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Speed [m/s], acceleration [m/s^2] and jerk [m/s^3] of the TCP, (n,) each, for those of the master at samples."""
+    """Return speed [m/s], acceleration [m/s^2] and jerk [m/s^3] of the TCP, (n,) each, for those of the master."""
     out = np.empty((3, len(samples)))
     v, a, j = (np.ascontiguousarray(row) for row in (speed, acceleration, jerk))
-    _tcp_motion(samples, v, a, j, v**3, out)  # numpy's power of 3 is no product of three
+    _tcp_motion(samples, v, a, j, v**3, out)  # v**3 of numpy differs from v * v * v in rounding
     return out[0], out[1], out[2]
 
 
@@ -210,7 +210,7 @@ def _tcp_motion(samples, speed, acceleration, jerk, cube, out):
 
 
 def moving_torque(master: Floats, coefficients: Floats) -> Floats:
-    """Torque of each motor [N m] that a master (n, 4) asks for beside weight and friction, (n, 3)."""
+    """Return the inertial and centrifugal torque of each motor [N m] for a master (n, 4), shape (n, 3)."""
     return np.asarray(
         coefficients[:, INERTIAL] * master[:, 2:3] + coefficients[:, CENTRIFUGAL] * master[:, 1:2] ** 2
     )
@@ -219,7 +219,7 @@ def moving_torque(master: Floats, coefficients: Floats) -> Floats:
 def timed_dynamics(
     time_s: Floats, master: Floats, samples: Floats, coefficients: Floats, parameters: Parameters
 ) -> PathDynamics:
-    """Evaluate coefficients for a master (n, 4): distance, speed, acceleration, jerk; friction included (4.27)."""
+    """Return the demand for a master (n, 4) of distance, speed, acceleration, jerk, with friction (4.27)."""
     motor = parameters.motor
     torque = moving_torque(master, coefficients)
     motor_speed = coefficients[:, RATE] * master[:, 1:2] * parameters.dynamics.gear_ratio
@@ -227,7 +227,7 @@ def timed_dynamics(
     friction += motor.viscous_friction_n_m_s_rad * motor_speed
     standing = (coefficients[:, WEIGHT] + friction) / motor.torque_constant_n_m_a
     current = torque / motor.torque_constant_n_m_a + standing
-    # per phase, rms: resistance and back-EMF; the inductance adds below 1 V at the currents' rates of change here
+    # rms per phase: resistance and back-EMF; the inductance adds less than 1 V at these rates of change
     voltage = motor.winding_resistance_ohm / 2.0 * current + motor.torque_constant_n_m_a / 3.0 * motor_speed
     motors = motor_speed, current, standing, voltage
     return PathDynamics(time_s, master[:, 0], samples[:, 0], *motors, *tcp_motion(samples, *master.T[1:]))

@@ -1,7 +1,7 @@
-"""A smooth parameter u of a path, from 0 to 1, that runs slowly where the path turns quickly, and as t^3 at both ends.
+"""A smooth parameter u in 0..1 of a path: it runs slowly where the path curves sharply, and as t^3 at both ends.
 
-Between even steps of u lie places on the path: few on its long pieces, some on each of its short ones. From one step to
-the next the places move apart geometrically, so that what is smooth over the path is smooth over u.
+Equal steps of u give a grid of distances that is coarse on long pieces and has several points on each short piece. The
+spacing changes geometrically, so that a smooth function of the distance is smooth over u.
 """
 
 from typing import NamedTuple
@@ -11,15 +11,15 @@ import numpy as np
 from delta3_pacdrive.motion.curves import Curve
 from delta3_pacdrive.numerics.types import Floats
 
-RAMP_M = 0.25  # at the ends, in which the parameter gets up its speed; at most half of the path each
+RAMP_M = 0.25  # length of the cubic run-up at each end, at most half of the path
 POINTS_MIN, POINTS_MAX, POINT_M = 200, 6000, 1.6e-3
-PER_PIECE = 12  # points on a piece
-NEWTON = 8  # steps that find a place
-INVERTED = 2001  # places between which they begin
+PER_PIECE = 12  # minimum number of grid points on a piece
+NEWTON = 8  # Newton steps of the inversion of u(x)
+INVERTED = 2001  # points of the table that supplies its start values
 
 
 class PathParameter(NamedTuple):
-    """Distance over an even grid of u with three derivatives by u, and how the density of the grid changes."""
+    """Distance on an even grid of u with three derivatives by u, and the grading of the grid density."""
 
     u: Floats
     distance_m: Floats
@@ -30,7 +30,7 @@ class PathParameter(NamedTuple):
 
 
 def path_parameter(curve: Curve) -> PathParameter:
-    """Return the parameter of a path on its grid."""
+    """Return the parameter of a path."""
     length = curve.length_m
     ramp = float(np.clip(RAMP_M / length, 0.01, 0.5))
     count = int(np.clip(length / POINT_M, POINTS_MIN, POINTS_MAX))
@@ -70,15 +70,15 @@ def path_parameter(curve: Curve) -> PathParameter:
 
 
 def _ramped(x: Floats, ramp: float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Share of a path from 0 to 1 with three derivatives; its speed rises as r^2 (6 - 8 r + 3 r^2) at both ends."""
-    behind = x > 0.5
-    away = np.where(behind, 1.0 - x, x)
+    """Relative distance in 0..1 and three derivatives; the speed rises as r^2 (6 - 8 r + 3 r^2) at both ends."""
+    past_middle = x > 0.5
+    away = np.where(past_middle, 1.0 - x, x)
     r = np.minimum(away / ramp, 1.0)
     speed = 1.0 / (1.0 - 0.8 * ramp)
     way = speed * (ramp * r**3 * (2.0 - 2.0 * r + 0.6 * r**2) + np.maximum(away - ramp, 0.0))
-    sign = np.where(behind, -1.0, 1.0)
+    sign = np.where(past_middle, -1.0, 1.0)
     return (
-        np.where(behind, 1.0 - way, way),
+        np.where(past_middle, 1.0 - way, way),
         speed * r**2 * (6.0 - 8.0 * r + 3.0 * r**2),
         sign * speed * 12.0 * r * (1.0 - r) ** 2 / ramp,
         speed * 12.0 * (1.0 - r) * (1.0 - 3.0 * r) / ramp**2,
@@ -86,7 +86,7 @@ def _ramped(x: Floats, ramp: float) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def _density_changes(x: Floats, centres: Floats, widths: Floats, heights: Floats) -> tuple[Floats, Floats]:
-    """Two derivatives of the density of the grid."""
+    """First two derivatives of the grid density."""
     z = (x[:, None] - centres) / widths
     one = 1.0 / (1.0 + z * z)
     root = np.sqrt(one)
@@ -96,7 +96,7 @@ def _density_changes(x: Floats, centres: Floats, widths: Floats, heights: Floats
 
 
 def _clusters(curve: Curve, ramp: float, count: int) -> tuple[Floats, Floats, Floats]:
-    """Centres, widths and heights of the clusters of points that short pieces of a path need."""
+    """Centres, widths and heights of the density peaks that give short pieces enough grid points."""
     fine = np.linspace(0.0, 1.0, INVERTED)
     edges = np.append(curve.segments[:, 0], curve.length_m)
     at = np.interp(edges, curve.length_m * _ramped(fine, ramp)[0], fine)
@@ -104,8 +104,8 @@ def _clusters(curve: Curve, ramp: float, count: int) -> tuple[Floats, Floats, Fl
     found: list[tuple[float, float, float]] = []
     for n in np.argsort(widths):
         centre, width = float(middles[n]), float(widths[n])
-        there = 1.0 + sum(h / np.hypot(1.0, (centre - c) / w) for c, w, h in found)
-        lacking = PER_PIECE / (count * width) - there
+        present = 1.0 + sum(h / np.hypot(1.0, (centre - c) / w) for c, w, h in found)
+        lacking = PER_PIECE / (count * width) - present
         if lacking > 0.0:
             found.append((centre, width, lacking))
     centres, wide, heights = np.array(found).reshape(-1, 3).T
