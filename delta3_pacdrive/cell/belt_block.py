@@ -10,8 +10,14 @@ from delta3_pacdrive.cell.place import ScriptPlace
 from delta3_pacdrive.cell.values import TIME_MAX_S, TIMEOUT_S, number
 from delta3_pacdrive.configuration.checked import nearest_of
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
-from delta3_pacdrive.motion.belt_meeting import BeltAxes, first_moved_s, leaving, require_bearable
-from delta3_pacdrive.motion.belt_synchronization import Motion, TrackLimits, TrackWindow, Way, way_to_stand
+from delta3_pacdrive.motion.belt_meeting import BeltAxes, first_moved_s, require_feasible, transition_off
+from delta3_pacdrive.motion.belt_synchronization import (
+    Motion,
+    TrackLimits,
+    TrackWindow,
+    Transition,
+    transition_to_rest,
+)
 from delta3_pacdrive.motion.curves import COINCIDENT_M
 from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.motion.plan import Plan
@@ -62,7 +68,7 @@ class Leaving:
 
     cycle: int
     belt: int
-    way: Way
+    way: Transition
 
 
 def check_block(batch: Sequence[Written], closed: bool) -> None:
@@ -95,13 +101,13 @@ def require_way_out(
     """
     limits = block.limits
     if block.closed:
-        way = leaving(Motion((along_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits)
+        way = transition_off(Motion((along_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits)
     else:
         at_end = Motion((block.window.end_m - block.reference_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0))
-        way = way_to_stand(at_end, limits.acceleration_m_s2, limits.jerk_m_s3)
+        way = transition_to_rest(at_end, limits.acceleration_m_s2, limits.jerk_m_s3)
     end_s = plan.duration_s / rate
     try:
-        require_bearable(
+        require_feasible(
             plan,
             end_s,
             end_s + way.duration_s,

@@ -24,13 +24,13 @@ from delta3_pacdrive.motion.belt_meeting import (
     Meeting,
     Work,
     first_moved_s,
-    leaving,
     meet,
     offset_on,
-    require_bearable,
+    require_feasible,
+    transition_off,
 )
 from delta3_pacdrive.motion.belt_prediction import SETTLED_CYCLES
-from delta3_pacdrive.motion.belt_synchronization import ZERO, CannotCatch, MissReason, Motion
+from delta3_pacdrive.motion.belt_synchronization import ZERO, Miss, MissReason, Motion
 from delta3_pacdrive.motion.move import TRACK
 from delta3_pacdrive.motion.program import Dwell, Output
 from delta3_pacdrive.motion.program_planner import Planned
@@ -142,17 +142,13 @@ class BeltOrders(ScriptOrders):
             found = self._meeting(block, tracking, planned, begin)
             if isinstance(found, Meeting) and found.wait_s <= SURE_S:
                 break
-            reason = found.reason if isinstance(found, CannotCatch) else None
+            reason = found.reason if isinstance(found, Miss) else None
             backwards = min(backwards, seen.cycle) if reason is MissReason.BACKWARDS else NEVER
             settles = backwards <= seen.cycle < backwards + SETTLED_CYCLES
-            if isinstance(found, CannotCatch) and reason is not MissReason.NOT_COMING and not settles:
+            if isinstance(found, Miss) and reason is not MissReason.NOT_COMING and not settles:
                 raise refused(f'belt {tracking.belts[block.belt].name}: {found.sentence}')
             if seen.cycle >= latest:
-                why = (
-                    found.sentence
-                    if isinstance(found, CannotCatch)
-                    else 'the part has not come to the window'
-                )
+                why = found.sentence if isinstance(found, Miss) else 'the part has not come to the window'
                 raise WaitTimeoutError(
                     Reason(Code.TIMEOUT, f'track: {why}: not within {block.timeout_s:g} s')
                 )
@@ -193,9 +189,7 @@ class BeltOrders(ScriptOrders):
         waits = [(Dwell(wait_s * self.moves.override), block.place)] if wait_s > 0.0 else []
         return [*waits, *batch[on:]]
 
-    def _meeting(
-        self, block: Block, tracking: BeltKnowledge, planned: Planned, begin: int
-    ) -> Meeting | CannotCatch:
+    def _meeting(self, block: Block, tracking: BeltKnowledge, planned: Planned, begin: int) -> Meeting | Miss:
         rate, there = self.moves.override, tracking.expected(block.belt, begin)
         work = Work(block.first_s(planned.plan) / rate, planned.plan.duration_s / rate)
         offset = tracking.belts[block.belt].of_base(self._offset_at(tracking, begin))
@@ -226,7 +220,7 @@ class BeltOrders(ScriptOrders):
         def offset(time_s: float) -> Motion:
             return belt.to_base(offset_on(found, time_s + found.pad_s, block.reference_m))
 
-        self._override_max = require_bearable(
+        self._override_max = require_feasible(
             planned.plan, -found.pad_s, whole_s, offset, self.parameters, rate
         )
         on_it = offset_on(found, whole_s + found.pad_s, block.reference_m)
@@ -250,7 +244,7 @@ class BeltOrders(ScriptOrders):
             return belt.to_base(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)))
 
         whole_s = planned.plan.duration_s / rate
-        allowed = require_bearable(planned.plan, 0.0, whole_s, offset, self.parameters, rate)
+        allowed = require_feasible(planned.plan, 0.0, whole_s, offset, self.parameters, rate)
         self._override_max = min(self._override_max, allowed)
         along_m = begun_m + there.speed_m_s * whole_s
         require_way_out(planned.plan, block, belt, along_m, there.speed_m_s, self.parameters, rate)
@@ -263,7 +257,7 @@ class BeltOrders(ScriptOrders):
         end = timeline.end_cycle if cycle is None else cycle
         there = tracking.expected(block.belt, end)
         along = block.part.along_m + there.way_m - block.reference_m
-        way = leaving(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)), block.limits)
+        way = transition_off(Motion((along, 0.0, 0.0), (there.speed_m_s, 0.0, 0.0)), block.limits)
         self._leaving = Leaving(end, block.belt, way)
 
     def require_override(self, override: float) -> None:
@@ -318,7 +312,7 @@ class BeltOrders(ScriptOrders):
         def offset(time_s: float) -> Motion:
             return self._offset_at(tracking, begin + (time_s + pad_s) / cycle_s)
 
-        allowed = require_bearable(planned.plan, -pad_s, first_s, offset, self.parameters, rate)
+        allowed = require_feasible(planned.plan, -pad_s, first_s, offset, self.parameters, rate)
         self._override_max = min(self._override_max, allowed)
 
     def _come_to_rest(self) -> None:

@@ -11,9 +11,15 @@ from enum import Enum
 from typing import Any, NamedTuple, Self
 
 from delta3_pacdrive.errors import Code, Reason
-from delta3_pacdrive.motion.belt_meeting import BeltAxes, behind, leaving
+from delta3_pacdrive.motion.belt_meeting import BeltAxes, lag_of, transition_off
 from delta3_pacdrive.motion.belt_prediction import BeltEstimate
-from delta3_pacdrive.motion.belt_synchronization import ZERO, Motion, TrackLimits, TrackWindow, way_between
+from delta3_pacdrive.motion.belt_synchronization import (
+    ZERO,
+    Motion,
+    TrackLimits,
+    TrackWindow,
+    transition_between,
+)
 from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.parameters import Parameters
 
@@ -106,9 +112,9 @@ class Observed(NamedTuple):
     cycle
         Number of the bus cycle.
     estimates
-        Way, speed and acceleration.
+        Travelled distance, speed and acceleration.
     pictures_m
-        Way of the belt at the last picture of its camera [m].
+        Belt travel at the last picture of its camera [m].
     jumps
         How often its encoder has jumped.
     bounced
@@ -300,10 +306,10 @@ class BeltKnowledge:
             return 0.0
         offset = self.belts[order.belt].of_base(tracked.offset)
         if tracked.before is Phase.LEAVING:
-            return leaving(offset, order.limits).duration_s
+            return transition_off(offset, order.limits).duration_s
         there = self.expected(order.belt, cycle)
-        start = behind(offset, order.part_m + there.way_m, there.speed_m_s, order.reference_m)
-        return way_between(start, Motion(ZERO), order.limits, there.speed_m_s).duration_s
+        start = lag_of(offset, order.part_m + there.way_m, there.speed_m_s, order.reference_m)
+        return transition_between(start, Motion(ZERO), order.limits, there.speed_m_s).duration_s
 
 
 class ToldBelts(BeltKnowledge):

@@ -24,14 +24,14 @@ from delta3_pacdrive.controller.belt_knowledge import (
 )
 from delta3_pacdrive.controller.task_arrays import HISTORY
 from delta3_pacdrive.errors import Code, ProgramError, Reason
-from delta3_pacdrive.motion.belt_meeting import BeltAxes, behind, leaving, speed_before_rest
+from delta3_pacdrive.motion.belt_meeting import BeltAxes, lag_of, max_speed_while_stopping, transition_off
 from delta3_pacdrive.motion.belt_prediction import BeltObserver
 from delta3_pacdrive.motion.belt_synchronization import (
     ZERO,
     Motion,
-    Way,
-    way_between,
-    way_to_stand,
+    Transition,
+    transition_between,
+    transition_to_rest,
 )
 from delta3_pacdrive.motion.execution import HARD_RISE_S, Timeline
 from delta3_pacdrive.motion.part_queue import QueuedPart
@@ -118,7 +118,7 @@ class BeltTracking(BeltKnowledge):
         self._order: TrackOrder | None = None
         self._phase = self._before = Phase.FREE
         self._asked = False
-        self._way, self._since, self._again = Way.standing(ZERO, 0.0), 0, -1
+        self._way, self._since, self._again = Transition.standing(ZERO, 0.0), 0, -1
         self.again_cycle = -1
         self._jumps = 0
         self.forgets = False
@@ -134,10 +134,10 @@ class BeltTracking(BeltKnowledge):
             speed = there.speed_m_s
             if reading.pictures != self._pictures[n][0]:
                 self._pictures[n] = reading.pictures, there.way_m
-                self._ways[n].append((reading.count, observer.way_of(reading.count)))
+                self._ways[n].append((reading.count, observer.distance_of(reading.count)))
             for count in reading.latched:
                 # the count is that of an instant after the passing
-                way = observer.recent_way_of(count) - speed * belt.barrier_delay_s
+                way = observer.recent_distance_of(count) - speed * belt.barrier_delay_s
                 along = belt.barrier_m - way
                 if abs(along - self._latched_m[n]) < BOUNCE_M:
                     self._bounced[n] += 1  # the first time counts
@@ -164,7 +164,7 @@ class BeltTracking(BeltKnowledge):
         for taken, way in reversed(self._ways[belt]):
             if taken == count:
                 return way
-        return self._observers[belt].way_of(count)
+        return self._observers[belt].distance_of(count)
 
     def _tell(self, cycle: int, belt: int, part: QueuedPart) -> None:
         parts = self.parts[belt]
@@ -252,13 +252,13 @@ class BeltTracking(BeltKnowledge):
         offset = belt.of_base(self._continued())
         self._since = cycle
         if self._phase is Phase.LEAVING:
-            self._way = leaving(offset, order.limits)
+            self._way = transition_off(offset, order.limits)
             return
         there = self.expected(order.belt, cycle)
         part = order.part_m + there.way_m
-        start = behind(offset, part, there.speed_m_s, order.reference_m, there.acceleration_m_s2)
+        start = lag_of(offset, part, there.speed_m_s, order.reference_m, there.acceleration_m_s2)
         try:
-            self._way = way_between(start, Motion(ZERO), order.limits, there.speed_m_s)
+            self._way = transition_between(start, Motion(ZERO), order.limits, there.speed_m_s)
         except ProgramError as error:
             self._lose(f'belt {belt.name} in bus cycle {cycle}: {error}')
             self.halt(cycle)
@@ -325,7 +325,7 @@ class BeltTracking(BeltKnowledge):
             acceleration = tuple(a * p + v * v * q for p, q in zip(first, second, strict=True))
             override = 1.0 if timeline.profile is None else timeline.profile.override
             parts.append((velocity, acceleration, plan.move(now.number).stop_jerk * max(override, 1.0) ** 3))
-        speed = speed_before_rest(parts)
+        speed = max_speed_while_stopping(parts)
         if speed > self._tcp_speed_limit:
             self._lose(
                 f'belt {self.belts[self._order.belt].name} in bus cycle {cycle}: together with the belt the TCP would '
@@ -350,7 +350,7 @@ class BeltTracking(BeltKnowledge):
         acceleration, jerk = order.limits.acceleration_m_s2, order.limits.jerk_m_s3
         if hard and self._fault_acceleration > acceleration:
             acceleration, jerk = self._fault_acceleration, max(jerk, self._fault_acceleration / HARD_RISE_S)
-        self._way = way_to_stand(self.belts[order.belt].of_base(self._continued()), acceleration, jerk)
+        self._way = transition_to_rest(self.belts[order.belt].of_base(self._continued()), acceleration, jerk)
         if not standing:
             self._before, self._phase = self._phase, Phase.STANDING
         self._since = cycle

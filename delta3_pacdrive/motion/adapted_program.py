@@ -1,4 +1,4 @@
-"""A program otherwise than in its file: slower, from one of its statements on, or after going to its start."""
+"""Programs with an adaptation: with speed caps, from a later statement on, or with a preceding approach move."""
 
 from dataclasses import replace
 from functools import reduce
@@ -7,7 +7,7 @@ import numpy as np
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion.adaptation import Adaptation
+from delta3_pacdrive.motion.adaptation import APPROACH_M_S2, APPROACH_M_S3, Adaptation
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move import MOVES_MAX
 from delta3_pacdrive.motion.program import (
@@ -29,16 +29,14 @@ from delta3_pacdrive.motion.statement_curves import end_of
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-APPROACH_M_S2, APPROACH_M_S3 = 2.0, 40.0  # of going to the start
-
 
 def adapted(program: Program, adaptation: Adaptation, parameters: Parameters) -> Program:
-    """Return a program as it is asked for.
+    """Return a program with the requested changes.
 
     Raises
     ------
     ProgramError
-        It cannot begin there, nobody knows where it starts, or it has moves that cannot be slower.
+        The program cannot start there, its start is unknown, or it has moves that cannot be slowed down.
 
     """
     found = rest_of(program, adaptation.first, parameters)
@@ -48,15 +46,15 @@ def adapted(program: Program, adaptation: Adaptation, parameters: Parameters) ->
 
 
 def rest_of(program: Program, first: int, parameters: Parameters) -> Program:
-    """Return a program from a statement on, counted from 0 as in the sentences about it.
+    """Return a program from a statement on (index from 0, as in messages).
 
-    It starts where the statement before ends, with the payload that the robot has there. What was done before is not
-    made up for: outputs are as they are. A program that is repeated begins there in its first round.
+    It starts at the end of the previous statement with the payload carried there. Outputs of the skipped statements are
+    not switched. In a repeated program only the first round is shortened.
 
     Raises
     ------
     ProgramError
-        There is no such statement, it cannot be the first one, or nobody knows where it begins.
+        The statement does not exist, cannot be the first one, or its start is unknown.
 
     """
     count = len(program.statements)
@@ -68,49 +66,51 @@ def rest_of(program: Program, first: int, parameters: Parameters) -> Program:
         return program
     name = program.name_of(first)
     before, rest = program.statements[:first], program.statements[first:]
-    driven = next((one for one in reversed(before) if not isinstance(one, Output)), None)
+    previous = next((one for one in reversed(before) if not isinstance(one, Output)), None)
     if isinstance(rest[0], Output):
         raise ProgramError(f'{name} belongs to the move before it: begin with a move')
-    if isinstance(rest[0], Cubic) and isinstance(driven, Cubic) and any(driven.end_velocity_m_s):
+    if isinstance(rest[0], Cubic) and isinstance(previous, Cubic) and any(previous.end_velocity_m_s):
         raise ProgramError(f'{name} begins in motion: begin with a move that begins at rest')
     start = _end_of(before, program.start_m, parameters)
     if start is None:
         raise ProgramError(
-            f'{name} begins where steps before it lead from where the robot stands: begin behind a move to a point'
+            f'{name} starts after relative moves from an unknown position: begin after a move to a point'
         )
     gripped = [one.payload_kg for one in before if isinstance(one, Output) and one.payload_kg is not None]
     payload = gripped[-1] if gripped else program.payload_kg
-    turn = _turn_behind(before, program.start_turn_rad)
+    turn = _turn_after(before, program.start_turn_rad)
     if turn is None and any(_turns(one) for one in before):
         raise ProgramError(
-            f'{name} begins where turns by steps lead from where the tool stands: say start_turn_deg in the head'
+            f'{name} starts after relative turns from an unknown angle: give start_turn_deg in the head'
         )
     begun = replace(program, start_m=point_of(start), payload_kg=payload, start_turn_rad=turn)
     return _once(program, range(first, count), begun)
 
 
 def _turns(statement: Statement) -> Angle | None:
-    """Return the angle to which a statement turns the tool."""
+    """Return the angle to which a statement turns the tool; None if it does not turn it."""
     if isinstance(statement, Turn):
         return statement.to
     return statement.turn if isinstance(statement, PathMove) else None
 
 
-def _turn_behind(statements: tuple[Statement, ...], start_rad: float | None) -> float | None:
-    """Return where the tool stands behind statements [rad]; None: that depends on where it stood."""
-    here = start_rad
+def _turn_after(statements: tuple[Statement, ...], start_rad: float | None) -> float | None:
+    """Return the tool angle after statements [rad]; None if it depends on an unknown start angle."""
+    current = start_rad
     for statement in statements:
         angle = _turns(statement)
         if angle is not None:
-            here = angle.angle_rad if not angle.relative else None if here is None else angle.after(here)
-    return here
+            current = (
+                angle.angle_rad if not angle.relative else None if current is None else angle.after(current)
+            )
+    return current
 
 
 def approached(program: Program, speed_m_s: float) -> Program:
-    """Return a program before which the robot goes to its start, straight; raises ProgramError if it has none."""
+    """Prepend a straight move to the start of a program; raises ProgramError if its start is not defined."""
     if program.start_m is None:
         raise ProgramError(
-            f'program "{program.name}" begins wherever the robot stands: there is no start to go to'
+            f'program "{program.name}" starts at the current robot position: it has no start to approach'
         )
     limits = Limits(speed_m_s, APPROACH_M_S2, APPROACH_M_S3)
     turn = None if program.start_turn_rad is None else Angle(program.start_turn_rad)
@@ -119,14 +119,14 @@ def approached(program: Program, speed_m_s: float) -> Program:
         whole,
         statements=(MoveL(to=Target(program.start_m), limits=limits, turn=turn), *whole.statements),
         places=(None, *whole.places),
-        names=('the way to its start', *whole.names),
+        names=('the approach to its start', *whole.names),
         start_m=None,
         start_turn_rad=None,
     )
 
 
 def _once(program: Program, first_round: range, found: Program) -> Program:
-    """Return a program that is not repeated: its first round has only some statements, all others have all."""
+    """Unroll the rounds of a program; the first one has only some of its statements."""
     everything = range(len(program.statements))
     numbers = [*first_round, *(n for _ in range(program.repeat - 1) for n in everything)]
     if len(numbers) > MOVES_MAX:
@@ -145,18 +145,18 @@ def _once(program: Program, first_round: range, found: Program) -> Program:
 def _end_of(
     statements: tuple[Statement, ...], start_m: tuple[float, float, float] | None, parameters: Parameters
 ) -> Floats | None:
-    """Return where a robot stands behind statements [m]; None: that depends on where it stood."""
-    here = None if start_m is None else np.array(start_m)
-    return reduce(lambda place, one: _behind(one, place, parameters), statements, here)
+    """Return the TCP position after statements [m]; None if it depends on an unknown start."""
+    start = None if start_m is None else np.array(start_m)
+    return reduce(lambda position, one: _position_after(one, position, parameters), statements, start)
 
 
-def _behind(statement: Statement, here: Floats | None, parameters: Parameters) -> Floats | None:
+def _position_after(statement: Statement, start: Floats | None, parameters: Parameters) -> Floats | None:
     if isinstance(statement, Joints):
         return kinematics.forward(np.array(statement.points[-1].angles_rad), parameters.kinematics)
-    if here is not None:
-        return end_of(statement, here)
+    if start is not None:
+        return end_of(statement, start)
     if isinstance(statement, MoveC) and statement.angle_rad is not None:
-        return None  # the circle depends on where it begins
-    # from an unknown place both are known only of what leads to a point
-    one, other = (end_of(statement, np.full(3, place)) for place in (0.0, 1.0))
+        return None  # the circle depends on its start
+    # the end is known without the start if it is the same for two different starts
+    one, other = (end_of(statement, np.full(3, position)) for position in (0.0, 1.0))
     return one if np.array_equal(one, other) else None

@@ -1,8 +1,8 @@
-"""The barrier in front of the limits of a time-optimal motion, with gradient and Hessian, for many points at once.
+"""Logarithmic barrier of the limits of a time-optimal motion, with gradient and Hessian.
 
-What a motion asks for at a grid point is linear in y, y' and y'' but for roots of y (``time_optimal``). For each limit
-the barrier is the negative logarithm of what is left of it. Grid points do not know of one another, so that each step
-is made for a block of them before the next: processors do it for several at a time, with the same bits as for one.
+The demand at a grid point is linear in y, y', y'' and roots of y (``time_optimal``). The barrier of a limit is the
+negative logarithm of its remaining share. Grid points are independent, so every step processes a block of them: the
+compiler vectorizes the loops, and the result has the same bits as point by point.
 
 Arguments of the kernels here:
 
@@ -11,23 +11,23 @@ Arguments of the kernels here:
 ``demand``
     ``Demand``.
 ``values``
-    What is known of the grid points of a block, shape (``VALUES``,): ``LANES`` of y, then of y', and so on.
+    Quantities of the grid points of a block, shape (``VALUES``,): ``LANES`` values of y, then of y', and so on.
 ``k``
     Number of a grid point in its block.
 ``rows``, ``square_max``, ``change_max``
     An array of a block, shape (rows, coefficients, LANES), or (LANES,).
 ``weight``, ``a``, ``b``, ``c``
-    A row (a, b, c) [s^2] by y, y', y'', and its factor.
+    A row (a, b, c) [s^2] for y, y', y'', and its factor.
 ``within``, ``left``
-    Whether a limit is kept, and what it leaves, in terms of the limit.
+    Whether a limit is respected, and its remaining share.
 ``sharpness``
-    Factor of the time over the barrier [1/s].
+    Factor of the time relative to the barrier [1/s].
 ``heat``
-    Number: weight of the squared shares of the torques beside the time.
+    Number: weight of the squared torque shares relative to the time.
 ``y0``, ``y1``, ``d0``, ``e0``
     Numbers: y, y', y'' [1/s^2] are y0 (a + c) + y1 b, d0 (c - a) and e0 (a - 2 b + c) of three coefficients a, b, c.
 ``gradient``, ``band``
-    Take the gradient, shape (n + 2,), and the Hessian's diagonal and two below it, shape (3, n + 2).
+    Receive the gradient, shape (n + 2,), and the Hessian's diagonal and two subdiagonals, shape (3, n + 2).
 """
 
 from typing import NamedTuple
@@ -38,33 +38,33 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 
 LANES = 32  # grid points of a block
-# y, y', y'', root of y, factor of the time, 1 within all limits or 0, value but for the barrier, product of what limits
-# leave, gradient and Hessian (its lower half) by y, y', y''
+# y, y', y'', root of y, time factor, 1 within all limits or 0, value without barrier, product of the remaining shares,
+# gradient and Hessian (lower triangle) by y, y', y''
 Y, D, E, ROOT, TIME, WITHIN, VALUE, LEFT, G0, G1, G2, H00, H10, H11, H20, H21, H22, VALUES = (
     LANES * n for n in range(18)
 )
-TORQUES = 3  # of the rows that are bounded: the first
+TORQUES = 3  # the first rows of ``bounded`` are torques
 
 
 class Demand(NamedTuple):
-    """What a motion asks for at the grid points in terms of y, y', y'', each in shares of its limit.
+    """Demand at the grid points by y, y', y'', relative to the limits.
 
-    All arrays are ``in_blocks``; those without rows stand for limits that there are none of.
+    All arrays are ``in_blocks``; an array without rows means that there is no such limit.
     """
 
     square_max: Floats  # largest y [1/s^2], (blocks, LANES)
-    change_max: Floats  # largest |y'| in terms of y, (blocks, LANES)
-    bounded: Floats  # torques, then voltages: per y, y', of 1, per sqrt(y), (blocks, 6, 4, LANES)
-    accelerated: Floats  # acceleration of the TCP along the path and across: per y, y', (blocks, 2, 2, LANES)
-    # jerk of the TCP by sqrt(y), towards the points before and behind: per y, y', y'', (blocks, 6, 3, LANES)
+    change_max: Floats  # largest |y'| / y, (blocks, LANES)
+    bounded: Floats  # torques, then voltages: by y, y', constant, sqrt(y), (blocks, 6, 4, LANES)
+    accelerated: Floats  # TCP acceleration along the path and across: by y, y', (blocks, 2, 2, LANES)
+    # TCP jerk / sqrt(y) towards the previous and the next point: by y, y', y'', (blocks, 6, 3, LANES)
     jerked: Floats
-    rated: Floats  # torque rates by sqrt(y), likewise: per y, y', y'', of 1, (blocks, 6, 4, LANES)
+    rated: Floats  # torque rates / sqrt(y), likewise: by y, y', y'', constant, (blocks, 6, 4, LANES)
 
 
 def in_blocks(values: Floats) -> Floats:
-    """Return values of grid points, (n, ...), with ``LANES`` of these as the last axis, (blocks, ..., LANES).
+    """Rearrange values of grid points, (n, ...), to blocks with the points as the last axis, (blocks, ..., LANES).
 
-    The last point stands for those that the last block lacks.
+    The last block is filled up with copies of the last point.
     """
     whole, more = divmod(len(values), LANES)
     out = np.empty((whole + (more > 0), *values.shape[1:], LANES))
@@ -108,14 +108,14 @@ def _add_whole_square(values, k, weight, a, b, c):
 
 @kernel
 def _leave(values, k, within, left):
-    """Note what a limit leaves: a logarithm takes as long as all else of it, so that there is one of the product."""
+    """Record the remaining share of a limit; one logarithm of the product is much cheaper than one per limit."""
     values[WITHIN + k] = values[WITHIN + k] if within else 0.0
     values[LEFT + k] *= left
 
 
 @kernel
 def _begin(values, square_max):
-    """Begin with the time, and with the largest y."""
+    """Initialize with the time and the barrier of the largest y."""
     for k in range(LANES):
         y, time, most = values[Y + k], values[TIME + k], square_max[k]
         root = np.sqrt(y)
@@ -132,7 +132,7 @@ def _begin(values, square_max):
 
 @kernel
 def _bound(values, rows, heat):
-    """Add torques and voltages, and what torques heat."""
+    """Add torques, voltages and the heat of the torques."""
     for i in range(rows.shape[0]):
         hot = heat > 0.0 and i < TORQUES
         for k in range(LANES):
@@ -156,7 +156,7 @@ def _bound(values, rows, heat):
 
 @kernel
 def _even(values, change_max):
-    """Let y change little between two grid points: else it would jump where no limit is looked at."""
+    """Limit the relative change of y between two grid points, so that it cannot jump where no limit is evaluated."""
     for k in range(LANES):
         y, d, even = values[Y + k], values[D + k], change_max[k]
         up, down = 1.0 / (even * y - d), 1.0 / (even * y + d)
@@ -186,7 +186,7 @@ def _accelerate(values, rows):
 
 @kernel
 def _jerk(values, rows):
-    """Add the jerk of the TCP, x, y and z of it at a time."""
+    """Add the jerk of the TCP; three rows x, y, z at a time."""
     for i in range(0, rows.shape[0], 3):
         for k in range(LANES):
             y, d, e, root = values[Y + k], values[D + k], values[E + k], values[ROOT + k]
@@ -229,7 +229,7 @@ def _rate(values, rows):
 
 @kernel
 def _by_coefficients(values, y0, y1, d0, e0):
-    """Turn gradient and Hessian by y, y', y'' into those by the three coefficients that they are made of, B^T H B."""
+    """Transform gradient and Hessian from y, y', y'' to the three spline coefficients, B^T H B."""
     for k in range(LANES):
         g0, g1, g2 = values[G0 + k], values[G1 + k], values[G2 + k]
         h00, h10, h11 = values[H00 + k], values[H10 + k], values[H11 + k]
@@ -259,7 +259,7 @@ def _by_coefficients(values, y0, y1, d0, e0):
 
 @kernel
 def evaluate(c, demand, sharpness, heat, gradient, band):
-    """Barrier and weighted time of a spline; inf if it breaks a limit."""
+    """Return weighted time plus barrier of a spline; inf outside of the limits."""
     count = c.shape[0] - 2
     h = 1.0 / (count - 1)
     y0, y1, d0, e0 = 1.0 / 6.0, 4.0 / 6.0, 0.5 / h, 1.0 / (h * h)

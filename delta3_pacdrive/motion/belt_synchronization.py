@@ -1,13 +1,13 @@
-"""How a robot gets on a moving belt, works there and leaves it: moves in the frame of the belt.
+"""Transitions of the robot onto a moving belt and off it, in the frame of the belt.
 
-The frame of a belt has its axes along it, across it (to the left) and upwards, and goes with its surface. What is
-commanded is the place in this frame, superposed on the way x that the belt is predicted to have:
+The belt frame has its axes along the belt, across it (to the left) and upwards, and moves with its surface. The
+controller commands a position q in this frame, superposed on the predicted travel x of the belt:
 
     p = p_0 + R (q + (x, 0, 0))
 
-A TCP that stands beside the belt has the speed -v in this frame. The ramp on the belt is the fastest way from there to
-rest in the frame, limited in speed, acceleration and jerk of the TCP as it is seen from beside the belt. If the belt
-changes its speed meanwhile, the TCP does, too: the ramp stays right, and of its limits a reserve is kept for that.
+A TCP at rest in ``base`` has the speed -v in this frame. The transition onto the belt is the fastest motion from there
+to rest in the belt frame, with speed, acceleration and jerk limited as seen in ``base``. If the belt changes its speed
+meanwhile, the TCP follows it; the acceleration limit includes a reserve for that.
 """
 
 import math
@@ -22,19 +22,17 @@ from delta3_pacdrive.errors import ProgramError
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
-STANDS_M_S = 1e-3  # a belt that is slower than that stands
-SAMPLES = 64  # places of a way at which its speed is compared
-SHARES, LESS = 8, 0.998  # tries, and how much less than needed each takes
-# of the jerk, in attempts to find a trajectory; the last ones help axes that accelerate, with less than 0.1 um to go
+STANDSTILL_M_S = 1e-3  # a slower belt is at rest
+SAMPLES = 64  # samples of a transition at which the limits are checked
+SHARES, LESS = 8, 0.998  # maximum number of tries, and extra reduction per try
+# jerk reductions tried to find a trajectory; the last two help accelerating axes with less than 0.1 um to go
 JERK_SHARES = (1.0, 1.0 - 1e-12, 1.0 - 1e-9, 1.0 - 1e-6, 0.5, 0.25)
-NO_SPEED_M_S = 1e-6  # an axis needs some room
-SHARE_MIN = 1.0 / math.sqrt(
-    3.0
-)  # of its limits in each axis: then their norm keeps them, whatever the axes do
+NO_SPEED_M_S = 1e-6  # minimum speed limit of an axis, required by ruckig
+SHARE_MIN = 1.0 / math.sqrt(3.0)  # of the limits per axis: their norm is then always within the limits
 
 
 class Motion(NamedTuple):
-    """Place [m], velocity [m/s] and acceleration [m/s^2], in the axes of a belt."""
+    """Position [m], velocity [m/s] and acceleration [m/s^2] in the axes of a belt."""
 
     place: Vector
     velocity: Vector = ZERO
@@ -43,68 +41,52 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class TrackLimits:
-    """Limits of the TCP while it gets on the belt, works there and leaves.
-
-    Attributes
-    ----------
-    speed_m_s, acceleration_m_s2, jerk_m_s3
-        Of the TCP as it is seen from beside the belt.
-    belt_acceleration_m_s2
-        Reserve for a belt that changes its speed meanwhile [m/s^2].
-
-    """
+    """TCP limits for the transitions to and from a belt, as seen in ``base``."""
 
     speed_m_s: float
     acceleration_m_s2: float
     jerk_m_s3: float
-    belt_acceleration_m_s2: float = 2.0
+    belt_acceleration_m_s2: float = 2.0  # reserve for speed changes of the belt
 
 
 @dataclass(frozen=True)
 class TrackWindow:
-    """Where on the belt the robot may work: from a place along it to another one [m]."""
+    """Range along the belt [m] in which the robot may work."""
 
     begin_m: float
     end_m: float
 
 
 class MissReason(StrEnum):
-    """Why a part is not caught."""
+    """Reason why a part cannot be picked."""
 
-    GONE = 'gone'  # it would leave the window before the work is done
-    NOT_COMING = 'not coming'  # the belt stands, and the part is not in the window yet
+    GONE = 'gone'  # the part would leave the window before the work is done
+    NOT_COMING = 'not coming'  # the belt is at rest, and the part has not reached the window
     BACKWARDS = 'backwards'
-    TOO_FAST = 'too fast'  # the belt
+    TOO_FAST = 'too fast'  # belt speed
 
 
-class CannotCatch(NamedTuple):
-    """A part that is not caught: why, and the sentence about it."""
+class Miss(NamedTuple):
+    """A part that cannot be picked: reason and message."""
 
     reason: MissReason
     sentence: str
 
 
-class Way:
-    """A way between two motions in a frame, over time from 0 on.
-
-    Attributes
-    ----------
-    duration_s
-        How long it takes [s].
-
-    """
+class Transition:
+    """Motion in a frame from one state to another one, over time from 0 on."""
 
     def __init__(self, trajectory: Trajectory | None, end: Motion, duration_s: float) -> None:
         self._trajectory, self._end = trajectory, end
         self.duration_s = duration_s
 
     @staticmethod
-    def standing(place: Vector, seconds: float) -> 'Way':
-        """Return the way of who stands at a place [m] for a time [s]."""
-        return Way(None, Motion(place), seconds)
+    def standing(place: Vector, seconds: float) -> 'Transition':
+        """Return standstill at a position [m] for a time [s]."""
+        return Transition(None, Motion(place), seconds)
 
     def edges_s(self) -> list[float]:
-        """Times at which the jerk of an axis changes [s]: between them no acceleration is greater than at them."""
+        """Return the times at which the jerk of an axis changes [s]; accelerations have their extrema there."""
         found: list[float] = []
         if self._trajectory is not None:
             for profile in self._trajectory.profiles[0]:
@@ -112,7 +94,7 @@ class Way:
         return [min(time, self.duration_s) for time in found]
 
     def at(self, time_s: float) -> Motion:
-        """Return the motion at a time [s]; after its end it goes on as it has ended."""
+        """Return the motion at a time [s]; after the end it continues at the final velocity."""
         if self._trajectory is None or time_s >= self.duration_s:
             beyond = max(time_s - self.duration_s, 0.0)
             place = tuple(p + beyond * v for p, v in zip(self._end.place, self._end.velocity, strict=True))
@@ -121,41 +103,43 @@ class Way:
         return Motion(tuple(place), tuple(velocity), tuple(acceleration))
 
 
-def way_between(start: Motion, end: Motion, limits: TrackLimits, belt_speed_m_s: float = 0.0) -> Way:
-    """Return the fastest way between two motions in the frame of a belt, all axes at the same time.
+def transition_between(
+    start: Motion, end: Motion, limits: TrackLimits, belt_speed_m_s: float = 0.0
+) -> Transition:
+    """Return the fastest transition between two motions in the belt frame, synchronized in all axes.
 
     Parameters
     ----------
     start, end
-        In the frame of the belt.
+        States in the belt frame.
     limits
-        Of the TCP as it is seen from beside the belt, at the same speed of the belt all the way.
+        Limits of the TCP as seen in ``base``, for a constant belt speed.
     belt_speed_m_s
-        Of the frame [m/s]; 0: of whoever stands beside the belt.
+        Speed of the belt frame [m/s]; 0: a frame at rest.
 
     Raises
     ------
     ProgramError
-        There is no such way within the limits.
+        No transition respects the limits.
 
     """
     share = 1.0
     for _ in range(SHARES):
         way = _calculated(start, end, limits, belt_speed_m_s, share)
-        over = _excess(way, limits, belt_speed_m_s)
+        over = _limit_share(way, limits, belt_speed_m_s)
         if over <= 1.0 or share == SHARE_MIN:
             return way
         share = max(share / over * LESS, SHARE_MIN)
     return _calculated(start, end, limits, belt_speed_m_s, SHARE_MIN)
 
 
-def way_to_stand(start: Motion, acceleration_m_s2: float, jerk_m_s3: float) -> Way:
-    """Return the way of whoever comes to rest as soon as these limits of each axis allow, wherever that is.
+def transition_to_rest(start: Motion, acceleration_m_s2: float, jerk_m_s3: float) -> Transition:
+    """Return the fastest transition to rest at an arbitrary position, within limits per axis.
 
     Raises
     ------
     ProgramError
-        There is none.
+        ruckig finds no solution.
 
     """
     request = InputParameter(3)
@@ -168,7 +152,7 @@ def way_to_stand(start: Motion, acceleration_m_s2: float, jerk_m_s3: float) -> W
     if trajectory is None:
         raise ProgramError(f'no way to rest within {acceleration_m_s2:g} m/s2, {jerk_m_s3:g} m/s3')
     place, _, _ = trajectory.at_time(trajectory.duration)
-    return Way(trajectory, Motion(tuple(place)), float(trajectory.duration))
+    return Transition(trajectory, Motion(tuple(place)), float(trajectory.duration))
 
 
 def _trajectory(request: InputParameter, jerk_m_s3: float) -> Trajectory | None:
@@ -188,7 +172,9 @@ def _trajectory(request: InputParameter, jerk_m_s3: float) -> Trajectory | None:
     return None
 
 
-def _calculated(start: Motion, end: Motion, limits: TrackLimits, belt_speed: float, share: float) -> Way:
+def _calculated(
+    start: Motion, end: Motion, limits: TrackLimits, belt_speed: float, share: float
+) -> Transition:
     acceleration = share * (limits.acceleration_m_s2 - limits.belt_acceleration_m_s2)
     jerk = share * limits.jerk_m_s3
     if not (acceleration > 0.0 and jerk > 0.0 and limits.speed_m_s > abs(belt_speed)):
@@ -199,7 +185,7 @@ def _calculated(start: Motion, end: Motion, limits: TrackLimits, belt_speed: flo
     request = InputParameter(3)
     request.current_position, request.current_velocity, request.current_acceleration = map(list, start)
     request.target_position, request.target_velocity, request.target_acceleration = map(list, end)
-    # what is left of a speed beside that of the belt
+    # speed that the belt leaves
     across = share * math.sqrt(limits.speed_m_s**2 - belt_speed**2)
     along = max(share * limits.speed_m_s, abs(belt_speed))
     request.max_velocity = [along - belt_speed + NO_SPEED_M_S, across, across]
@@ -212,11 +198,11 @@ def _calculated(start: Motion, end: Motion, limits: TrackLimits, belt_speed: flo
             f'no way on or off a belt of {belt_speed:g} m/s within {limits.speed_m_s:g} m/s, '
             f'{limits.acceleration_m_s2:g} m/s2, {limits.jerk_m_s3:g} m/s3'
         )
-    return Way(trajectory, end, float(trajectory.duration))
+    return Transition(trajectory, end, float(trajectory.duration))
 
 
-def _excess(way: Way, limits: TrackLimits, belt_speed: float) -> float:
-    """Return the greatest share of their limits that speed and acceleration have on a way."""
+def _limit_share(way: Transition, limits: TrackLimits, belt_speed: float) -> float:
+    """Return the largest speed or acceleration during a transition relative to its limit."""
     most = 0.0
     acceleration = limits.acceleration_m_s2 - limits.belt_acceleration_m_s2
     even = [way.duration_s * n / SAMPLES for n in range(SAMPLES + 1)]
@@ -227,24 +213,24 @@ def _excess(way: Way, limits: TrackLimits, belt_speed: float) -> float:
     return most
 
 
-def refusal(part_m: float, speed: float, window: TrackWindow, limits: TrackLimits) -> CannotCatch | None:
-    """Return why nothing can be caught at this speed of the belt, whatever the robot does."""
-    if speed < -STANDS_M_S:
-        return CannotCatch(MissReason.BACKWARDS, f'the belt runs backwards, at {-speed:g} m/s')
+def certain_miss(part_m: float, speed: float, window: TrackWindow, limits: TrackLimits) -> Miss | None:
+    """Return why a part at this belt speed cannot be picked regardless of the robot's motion; None if it may be."""
+    if speed < -STANDSTILL_M_S:
+        return Miss(MissReason.BACKWARDS, f'the belt runs backwards, at {-speed:g} m/s')
     if speed >= limits.speed_m_s:
-        return CannotCatch(
+        return Miss(
             MissReason.TOO_FAST,
             f'the belt runs at {speed:g} m/s, the robot at {limits.speed_m_s:g} m/s at most',
         )
     if part_m > window.end_m:
-        return CannotCatch(
+        return Miss(
             MissReason.GONE,
             f'the part is at {1e3 * part_m:.1f} mm, the window ends at {1e3 * window.end_m:.1f} mm',
         )
-    if speed <= STANDS_M_S and part_m < window.begin_m:
-        return CannotCatch(
+    if speed <= STANDSTILL_M_S and part_m < window.begin_m:
+        return Miss(
             MissReason.NOT_COMING,
-            f'the belt stands, with the part at {1e3 * part_m:.1f} mm, and the window begins at '
+            f'the belt is at rest with the part at {1e3 * part_m:.1f} mm, and the window begins at '
             f'{1e3 * window.begin_m:.1f} mm',
         )
     return None

@@ -11,18 +11,13 @@ from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.move import MoveKind
 
-ROUNDING_M = 1e-9  # what is left of a segment between its blends and is not driven: less than a path may jump
+ROUNDING_M = (
+    1e-9  # shorter remainders of a segment between two blends are skipped; below the allowed path jump
+)
 
 
 class StatementError(ProgramError):
-    """A statement of a program cannot be planned.
-
-    Attributes
-    ----------
-    number
-        Of the statement.
-
-    """
+    """A statement of a program cannot be planned; ``number`` is its index."""
 
     def __init__(self, number: int, sentence: str) -> None:
         super().__init__(sentence)
@@ -30,8 +25,8 @@ class StatementError(ProgramError):
 
 
 @contextmanager
-def blamed_on(number: int, name: str) -> Iterator[None]:
-    """Blame a statement for what is wrong, unless another one is blamed already; raises StatementError."""
+def attributed_to(number: int, name: str) -> Iterator[None]:
+    """Attribute errors to a statement, unless they already name one; raises StatementError."""
     try:
         yield
     except StatementError:
@@ -42,7 +37,7 @@ def blamed_on(number: int, name: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class PathSegment:
-    """One statement's stretch of a move: its curve, how it is to be driven, its number, and its name in sentences."""
+    """Part of a move that belongs to one statement: curve, limits, and number and name of the statement."""
 
     curve: Curve
     limits: Limits
@@ -53,8 +48,8 @@ class PathSegment:
     name: str
     time_optimal: bool = False
     torque_rate_n_m_s: float = math.inf
-    turn_rad: tuple[float, float] | None = None  # of the tool, from and to; None: the plan says nothing of it
-    heat: float = 0.0  # weight of the motors' heat next to the time, if time-optimal
+    turn_rad: tuple[float, float] | None = None  # tool angle at start and end; None: not defined by the plan
+    heat: float = 0.0  # weight of the motor losses relative to the time, for time-optimal moves
     is_arch: bool = False
     constant_speed: bool = False
 
@@ -62,10 +57,10 @@ class PathSegment:
 def blended(
     segments: list[PathSegment],
 ) -> tuple[Curve, list[float], list[float], list[tuple[float, Limits]]]:
-    """Join segments with rounded corners.
+    """Join segments and round their corners.
 
-    Returns the curve, the distance of each segment's end (the middle of its blend) on it, the distance at which each
-    segment's part ends (its blend included), and stretches (end, limits).
+    Returns the curve, the distance of each segment's end (middle of its blend), the distance at the end of each
+    segment's part (after its blend), and stretches (end, limits).
     """
     pieces: list[Curve] = []
     ends: list[float] = []
@@ -75,7 +70,7 @@ def blended(
     for n, segment in enumerate(segments):
         radius = segment.blend_m if n + 1 < len(segments) else 0.0
         free = segment.curve.length_m - cut - radius
-        with blamed_on(segment.number, segment.name):
+        with attributed_to(segment.number, segment.name):
             if free < -COINCIDENT_M:
                 raise ProgramError(
                     f'its blends overlap: {cut:g} m at its start and {radius:g} m at its end on a length of '
@@ -90,7 +85,7 @@ def blended(
             length += pieces[-1].length_m
             stretches.append((length, segment.limits))
         if radius > 0.0:
-            with blamed_on(segment.number, segment.name):
+            with attributed_to(segment.number, segment.name):
                 corner = curves.blend(segment.curve, segments[n + 1].curve, radius)
             pieces.append(corner)
             ends.append(length + 0.5 * corner.length_m)
@@ -105,5 +100,5 @@ def blended(
 
 
 def name_of(segments: Sequence[PathSegment]) -> str:
-    """Return what a move of these segments is called in sentences."""
+    """Return the name of a move of these segments for messages."""
     return segments[0].name if len(segments) == 1 else f'{segments[0].name} to {segments[-1].name}'

@@ -1,32 +1,32 @@
-"""What the robot can do at a pose, in every direction: singularity, speed, acceleration, payload, accuracy.
+"""Capability of the robot at a pose in every direction: singularity, speed, acceleration, payload, resolution.
 
-The rows r_i = s_i/(s_i.b_i) of J^-1 turn a velocity of the TCP into arm speeds (4.12), so that the speed reached in
-every direction is that of the motors over the longest row. At rest the torques of an acceleration X'' are
+The rows r_i = s_i/(s_i.b_i) of J^-1 map a TCP velocity to arm speeds (4.12). The speed available in every direction is
+the motor speed limit over the longest row. At rest the torques for an acceleration X'' are
 
     tau = A J^-1 X'' + G,   A J^-1 = I_b J^-1 + m_nt J^T,   G_i = m_nt g J_zi - m_br g r_Gb cos theta_i    (4.26)
 
-whose parts are linear in the payload. Static friction counts against an acceleration, not for a load that is held.
+with terms linear in the payload. Static friction reduces the acceleration, but not the payload held at rest.
 
 Arguments of the kernels here:
 
 ``points``
     Positions of the TCP [m], shape (n, 3).
 ``out``
-    Takes a row of ``COLUMNS`` for each position; nan where an arm cannot reach.
+    Receives a row of ``COLUMNS`` for each position; nan where an arm cannot reach it.
 ``geometry_record``, ``inertia_record``
     Arrays of one ``kinematics.GEOMETRY`` and of one ``dynamics.INERTIA``, that of the empty plate, shape (1,).
 ``demand_record``, ``d``
-    Array of one ``DEMAND``, and that record.
+    Array of one ``DEMAND``, and the record.
 ``row``, ``column``
     Row i of A J^-1 of the empty plate [kg m], and column i of J [m/rad], shape (3,).
 ``weight``, ``lift``
-    Torque [N m] that holds an arm with the empty plate, and what a kilogram adds to it [N m/kg].
+    Holding torque of an arm with the empty plate [N m], and its increase per payload [N m/kg].
 ``payload``
     Payload [kg].
 ``v``
     Vector, shape (3,).
 ``torque``
-    Torque that there is [N m].
+    Available torque [N m].
 """
 
 import math
@@ -74,27 +74,22 @@ COLUMNS = (
 DEMAND = np.dtype(
     [
         ('arm_speed', 'f8'),  # largest arm speed [rad/s]
-        ('peak', 'f8'),  # torque at an arm for an acceleration, with the peak current [N m]
-        ('nominal', 'f8'),  # and with the nominal current
-        (
-            'held',
-            'f8',
-        ),  # torque that holds an arm for ever: of the nominal current, and of the brake if that is less
-        ('payload', 'f8'),  # carried [kg]
-        ('acceleration', 'f8'),  # that the largest payload is still given [m/s^2]
+        ('peak', 'f8'),  # arm torque available for acceleration at peak current [N m]
+        ('nominal', 'f8'),  # and at nominal current
+        ('held', 'f8'),  # arm torque that nominal current and brake can hold permanently [N m]
+        ('payload', 'f8'),  # carried payload [kg]
+        ('acceleration', 'f8'),  # required of the largest payload [m/s^2]
         ('increment', 'f8'),  # of an arm [rad]
         ('gravity', 'f8'),  # [m/s^2]
     ]
 )
-LOAD_MAX_KG = 1e4  # where gravity and acceleration ask for nothing
+LOAD_MAX_KG = 1e4  # result where neither gravity nor acceleration loads an arm
 REACHED, OUT_OF_REACH = 0, 1
-CODES: dict[str, int] = {
-    key: code for code, key in enumerate(Limit, start=2)
-}  # of the bound that is broken first
+CODES: dict[str, int] = {key: code for code, key in enumerate(Limit, start=2)}  # of the first violated bound
 
 
 def demand(parameters: Parameters, payload_kg: float, acceleration_m_s2: float) -> NDArray[Any]:
-    """Return one record of ``DEMAND``: what the motors give, and what is asked of them."""
+    """Return one record of ``DEMAND`` with the torques and speeds of the motors and the required acceleration."""
     motor, gear = parameters.motor, parameters.dynamics.gear_ratio
     record = np.zeros(1, DEMAND)
     peak, nominal = (
@@ -118,14 +113,14 @@ def _length(v):
 
 @kernel
 def _acceleration(row, column, weight, lift, payload, torque):
-    """Acceleration [m/s^2] in every direction that an arm's torque allows; 0 if it does not even hold the arm."""
+    """Acceleration [m/s^2] in every direction that an arm's torque allows; 0 if it cannot hold the arm."""
     room = torque - abs(weight + payload * lift)
     return max(room, 0.0) / _length(plus(row, payload, column))
 
 
 @kernel
 def _held(weight, lift, d):
-    """Largest payload [kg] that an arm holds at rest for ever; 0 if not even the empty plate."""
+    """Largest payload [kg] that an arm holds at rest permanently; 0 if it cannot hold the empty plate."""
     if abs(weight) > d.held:
         return 0.0
     room = d.held - weight if lift > 0.0 else d.held + weight
@@ -134,12 +129,12 @@ def _held(weight, lift, d):
 
 @kernel
 def _accelerated(row, column, weight, lift, d):
-    """Largest payload [kg] that an arm accelerates with its peak torque; 0 if not even the empty plate."""
+    """Largest payload [kg] that an arm accelerates with its peak torque; 0 if it cannot accelerate the empty plate."""
     if _acceleration(row, column, weight, lift, 0.0, d.peak) < d.acceleration:
         return 0.0
     most, square = LOAD_MAX_KG, d.acceleration * d.acceleration
     for sign in (-1.0, 1.0):
-        # acceleration |row + m column| = torque - sign (weight + m lift), squared: its first m beyond 0
+        # acceleration |row + m column| = torque - sign (weight + m lift), squared: its smallest positive root m
         torque, slope = d.peak - sign * weight, sign * lift
         half = square * dot(row, column) + torque * slope
         rest = torque * torque - square * dot(row, row)
@@ -176,9 +171,9 @@ def _capability(points, out, geometry_record, inertia_record, demand_record):
         for i in range(3):
             lift = d.gravity * j[i][2]
             speed = min(speed, d.arm_speed * abs(sb[i]) / g.l_b[i])
-            here = (table[i], j[i], weight[i], lift, d.payload)
-            acceleration = min(acceleration, _acceleration(*here, d.peak))
-            nominal = min(nominal, _acceleration(*here, d.nominal))
+            arm = (table[i], j[i], weight[i], lift, d.payload)
+            acceleration = min(acceleration, _acceleration(*arm, d.peak))
+            nominal = min(nominal, _acceleration(*arm, d.nominal))
             held = min(held, _held(weight[i], lift, d))
             peak = min(peak, _accelerated(table[i], j[i], weight[i], lift, d))
             out[n, i] = theta[i]
@@ -195,47 +190,24 @@ def _capability(points, out, geometry_record, inertia_record, demand_record):
 
 @dataclass(frozen=True)
 class Capability:
-    """What the robot can do at positions; arrays (...) or (..., 3), nan where an arm cannot reach.
+    """Capability of the robot at positions; arrays (...) or (..., 3), nan where an arm cannot reach."""
 
-    Attributes
-    ----------
-    arm_angle_rad
-        Of the elbow-out branch.
-    serial, parallel
-        Distances from the singularities: s_i.b_i/(l_A l_B) of each arm, |det S|/l_B^3.
-    singular_min_m_rad, singular_max_m_rad
-        Singular values of J.
-    speed_m_s
-        That the motors reach in every direction, at their largest speed.
-    acceleration_m_s2, acceleration_nominal_m_s2
-        From rest in every direction with the payload, at peak and at nominal current.
-    payload_held_kg
-        Largest payload that nominal currents and brakes hold at rest, whether the robot may carry it or not.
-    payload_peak_kg
-        Largest payload that peak currents give the acceleration demanded.
-    increment_m
-        How far the TCP is off, at most, if each motor is off by one increment.
-    limit
-        0 where the robot may be; 1 out of reach; else the first bound that is broken, by ``CODES``.
-
-    """
-
-    arm_angle_rad: Floats
-    serial: Floats
-    parallel: Floats
-    singular_min_m_rad: Floats
+    arm_angle_rad: Floats  # elbow-out branch
+    serial: Floats  # distance from the serial singularity of each arm, s_i.b_i/(l_A l_B)
+    parallel: Floats  # distance from the parallel singularity, |det S|/l_B^3
+    singular_min_m_rad: Floats  # singular values of J
     singular_max_m_rad: Floats
-    speed_m_s: Floats
-    acceleration_m_s2: Floats
-    acceleration_nominal_m_s2: Floats
-    payload_held_kg: Floats
-    payload_peak_kg: Floats
-    increment_m: Floats
-    limit: NDArray[np.uint8]
+    speed_m_s: Floats  # available in every direction at maximum motor speed
+    acceleration_m_s2: Floats  # available from rest in every direction with the payload, at peak current
+    acceleration_nominal_m_s2: Floats  # the same at nominal current
+    payload_held_kg: Floats  # largest payload that nominal currents and brakes hold at rest, permitted or not
+    payload_peak_kg: Floats  # largest payload that peak currents accelerate as required
+    increment_m: Floats  # largest TCP error if every motor is off by one increment
+    limit: NDArray[np.uint8]  # 0: permitted, 1: out of reach, else the first violated bound, by ``CODES``
 
     @property
     def payload_kg(self) -> Floats:
-        """Largest payload that the robot may carry, holds for ever, and gives the acceleration demanded."""
+        """Largest payload that the robot may carry, can hold permanently and can accelerate as required."""
         return np.minimum(np.minimum(self.payload_held_kg, self.payload_peak_kg), PAYLOAD_MAX_KG)
 
     @property
@@ -252,18 +224,18 @@ def capability(
     payload_kg: float | None = None,
     acceleration_m_s2: float | None = None,
 ) -> Capability:
-    """Evaluate positions.
+    """Evaluate the capability at positions.
 
     Parameters
     ----------
     p
-        Of the TCP [m] in the frame ``base``, shape (..., 3).
+        TCP positions [m] in the frame ``base``, shape (..., 3).
     parameters
-        Of the robot.
+        The parameters of a robot.
     payload_kg
-        Carried; None: that of the parameters.
+        Carried payload (default: that of the parameters) [kg].
     acceleration_m_s2
-        That the largest payload is still given in every direction; None: the default of moves.
+        Acceleration required of the largest payload in every direction (default: that of moves) [m/s^2].
 
     Returns
     -------
@@ -298,7 +270,7 @@ def capability(
 
 
 def _first_broken(points: Floats, out: Floats, parameters: Parameters) -> NDArray[np.uint8]:
-    """Return the code of the first bound that is broken at each position."""
+    """Return the code of the first violated bound at each position."""
     code = np.where(np.isnan(out[:, 0]), OUT_OF_REACH, REACHED).astype(np.uint8)
     swing = forearm_swing(points, parameters.kinematics)
     arms = arm_bounds(out[:, :3], swing, out[:, 3:6], out[:, 6], parameters)

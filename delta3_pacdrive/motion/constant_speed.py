@@ -1,4 +1,4 @@
-"""Constant speed along a path, as glue needs it: the check of a timed path, and what would make it possible."""
+"""Constant speed along a path, as for dispensing: check of a timed path, and advice when the speed is not feasible."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,34 +17,31 @@ from delta3_pacdrive.motion.virtual_master import extremes, sample_master
 from delta3_pacdrive.numerics.types import Floats
 
 Can = Callable[[list[PathSegment]], bool]  # whether a path can be planned
-KEPT = 1e-3  # share of the speed by which it may be lower
-STEADILY, PAUSE = (
-    0.02,
-    0.01,
-)  # run-up without its first and last share, and share of its acceleration that is a pause
-SPEED_STEP, SPEED_FACTORS = (
-    5e-4,
-    (1.01, 1.005, 1.002, 1.001),
-)  # accuracy of the largest speed, and larger ones tried
-SPEED_DIGITS = 5, 9  # to which it is rounded; the second if the first is not possible
+KEPT = 1e-3  # permitted relative drop of the speed
+# a run-up pauses where its acceleration is below a share of its peak, except in its first and last share of the speed
+STEADILY, PAUSE = 0.02, 0.01
+# relative accuracy of the largest feasible speed, and factors of slightly larger speeds that are tried as well
+SPEED_STEP, SPEED_FACTORS = 5e-4, (1.01, 1.005, 1.002, 1.001)
+SPEED_DIGITS = 5, 9  # of the advised speed; the second if rounding to the first is not feasible
 SPEED_MIN_M_S = 1e-5
 BLEND_DIGITS, BLEND_HALVINGS = 4, 24
-BLEND_FACTORS = (1.0, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0)  # of the blends that bends alone ask for
+BLEND_FACTORS = (
+    1.0,
+    1.02,
+    1.05,
+    1.1,
+    1.2,
+    1.5,
+    2.0,
+    3.0,
+    5.0,
+)  # times the blends that the curvature requires
 BLENDS_NAMED = 10
 SAMPLES = 65  # of a blend
 
 
 class UnevenSpeedError(ProgramError):
-    """A path is not driven at constant speed.
-
-    Attributes
-    ----------
-    place_m
-        Distance from the start of the path.
-    speed_m_s
-        Speed there.
-
-    """
+    """The speed along a path is not constant; has the distance from the start of the path and the speed there."""
 
     def __init__(self, sentence: str, place_m: float, speed_m_s: float) -> None:
         super().__init__(sentence)
@@ -52,7 +49,7 @@ class UnevenSpeedError(ProgramError):
 
 
 def is_asked(segments: Sequence[PathSegment]) -> bool:
-    """Whether a path asks for constant speed; refuses one that cannot mean it."""
+    """Whether a path requires constant speed; raises ProgramError if its segments contradict this."""
     asked = [segment.constant_speed for segment in segments]
     if not any(asked):
         return False
@@ -75,7 +72,7 @@ def is_asked(segments: Sequence[PathSegment]) -> bool:
 
 
 def require(phases: Floats, speed_m_s: float) -> None:
-    """Require a constant speed between run-up and run-out; raises UnevenSpeedError."""
+    """Raise UnevenSpeedError unless the speed is constant between run-up and run-out."""
     times = np.unique(np.concatenate([phases[:, 0], extremes(phases)[0]]))
     place, speed, acceleration, _ = sample_master(times, phases).T
     reached = np.flatnonzero(speed >= (1.0 - KEPT) * speed_m_s)
@@ -101,9 +98,9 @@ def _uneven(what: str, n: int, place: Floats, speed: Floats) -> UnevenSpeedError
 def advice(
     error: UnevenSpeedError, segments: list[PathSegment], parts_m: Sequence[float], can: Can
 ) -> ProgramError:
-    """Return the refusal of a path, with its place, the largest constant speed, and the blends for the one asked for.
+    """Return the error with its position, the largest constant speed, and blends that allow the requested speed.
 
-    ``parts_m`` are the distances at which the part of each segment ends, ``can`` tries a path.
+    ``parts_m`` are the distances at the end of each segment's part, ``can`` tests whether a path can be planned.
     """
     asked = segments[0].limits.speed_m_s
     number = min(int(np.searchsorted(parts_m, error.place_m)), len(segments) - 1)
@@ -115,7 +112,7 @@ def advice(
     )
     place = f', in {segments[number].name},' if len(segments) > 1 else ','
     return ProgramError(
-        f'{error}{place} but constant_speed asks for {asked:g} m/s; {speed}, and '
+        f'{error}{place} but constant_speed requires {asked:g} m/s; {speed}, and '
         f'{_blend_text(segments, _larger_blends(segments, number, can))} {asked:g} m/s'
     )
 
@@ -134,7 +131,7 @@ def _blend_text(segments: Sequence[PathSegment], blends_m: Sequence[float]) -> s
 
 
 def _largest_speed(segments: list[PathSegment], guess: float, can: Can) -> float:
-    """Return the largest speed [m/s] below the one asked for at which a path can be planned; 0: none."""
+    """Return the largest feasible speed [m/s] below the requested one; 0: none."""
 
     def possible(speed: float) -> bool:
         return can([replace(one, limits=replace(one.limits, speed_m_s=speed)) for one in segments])
@@ -149,7 +146,7 @@ def _largest_speed(segments: list[PathSegment], guess: float, can: Can) -> float
     while low and high > (1.0 + SPEED_STEP) * low:
         trial = _rounded(math.sqrt(low * high), SPEED_DIGITS[0], math.floor)
         low, high = (trial, high) if possible(trial) else (low, trial)
-    # near its limit the planner may reject a speed and plan a slightly larger one
+    # near its limit the planner may reject a speed but accept a slightly larger one
     while low:
         larger = (factor * low for factor in SPEED_FACTORS if factor * low < asked and possible(factor * low))
         trials = (_rounded(one, digits, math.floor) for one in larger for digits in SPEED_DIGITS)
@@ -161,9 +158,9 @@ def _largest_speed(segments: list[PathSegment], guess: float, can: Can) -> float
 
 
 def _larger_blends(segments: list[PathSegment], number: int, can: Can) -> list[float]:
-    """Return blends [m] with which a path can be planned; empty if larger ones do not help.
+    """Return blends [m] with which the path can be planned; empty if larger ones do not help.
 
-    ``number`` is the segment on which the speed is not constant: a larger blend at its end is tried in any case.
+    ``number`` is the segment on which the speed drops: the blend at its end is always enlarged.
     """
     if len(segments) == 1:
         return []
@@ -187,7 +184,7 @@ def _larger_blends(segments: list[PathSegment], number: int, can: Can) -> list[f
 
 
 def _least_blend(before: PathSegment, after: PathSegment) -> float:
-    """Return the smallest blend [m], at least the present one, that allows the requested speed; 0: none."""
+    """Return the smallest blend [m], at least the current one, that allows the requested speed; 0: none."""
     limits = before.limits.lower(after.limits)
 
     def allows(radius_m: float) -> bool:

@@ -1,7 +1,7 @@
-"""Curves of the moves: line, arc, spline, their blends, and the cubic of chapter 5; all as tables of pieces (``path``).
+"""Curves of moves: line, arc, spline, blends, and the cubic of chapter 5; all as tables of pieces (``path``).
 
-Every curve is parametrised by its arc length and C2, where it is cut from a spline up to the fifth order of the pieces'
-length: each piece is the quintic that has the curve's place, unit tangent and curvature at both of its ends.
+Every curve is C2 and parametrised by arc length; the error of curves derived from splines is of fifth order in the
+length of the pieces: each piece is the quintic with position, unit tangent and curvature of the curve at both ends.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,39 +20,39 @@ from delta3_pacdrive.numerics.types import Floats
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-COINCIDENT_M = 1e-6  # points closer than this are one
-ARC_POINT_RAD = 0.05  # angle between the points of a circle: the cubic is within R 2e-8 of it
+COINCIDENT_M = 1e-6  # points closer than this are identical
+ARC_POINT_RAD = 0.05  # angle between the points of a circle: the cubic is accurate to 2e-8 R
 ARC_POINT_M = 0.02
-COLLINEAR = 1e-6  # sine of the angle at the circle point below which three points are on a line
+COLLINEAR = 1e-6  # sine of the angle at the circle point below which three points are collinear
 ARC_RADIUS_MAX_M = 100.0
 UNEVEN = 2e-4  # allowed deviation of |dp/ds| from 1
-# in a bend by a smaller angle less is allowed in proportion: the deviation costs jerk, as the bend does
+# smaller for bends below UNEVEN_TURN_RAD, in proportion to the angle: the deviation causes jerk, as the bend does
 UNEVEN_TURN_RAD, UNEVEN_MIN = 0.25, 1e-7
-SMOOTH_RAD, SMOOTH_1_M = 1e-6, 0.05  # jumps of direction and curvature at a joint that needs no rounding
+SMOOTH_RAD, SMOOTH_1_M = 1e-6, 0.05  # jumps of direction and curvature that need no rounding
 HALVINGS_MAX = 9
 SPLINE_POINTS_MAX = 100
 TURN_MAX_RAD = np.radians(175.0)  # sharpest corner that can be blended
-# speed of a blend's parameter at its ends over the blend radius: in a straight corner, and less for each rad of turn;
-# found by trial as a fair balance of curvature and its change
+# parameter speed at the ends of a blend relative to its radius: straight corner, and decrease per rad of turn;
+# chosen by trial to balance curvature and its rate of change
 BLEND_REACH, BLEND_REACH_PER_RAD = 1.9, 0.25
 
-# places of a curve [m], shape (n, 3), and two derivatives by its parameter (n,)
+# positions of a curve [m], shape (n, 3), and two derivatives by its parameter (n,)
 Curve3 = Sequence[Callable[[Floats], Floats]]
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A path and its length [m]; the parameter is the distance."""
+    """A path parametrised by distance, and its length [m]."""
 
     segments: Floats
     length_m: float
 
     def at(self, distance_m: float) -> Floats:
-        """Position and its first three derivatives at a distance, shape (4, 3)."""
+        """Return position and first three derivatives at a distance, shape (4, 3)."""
         return np.asarray(sample_path([distance_m], self.segments)[0])
 
     def part(self, start_m: float, end_m: float) -> 'Curve':
-        """Return the stretch between two distances."""
+        """Return the part between two distances."""
         if start_m == 0.0 and end_m == self.length_m:
             return self
         inside = (self.segments[:, 0] > start_m) & (self.segments[:, 0] < end_m)
@@ -63,7 +63,7 @@ class Curve:
 
 
 def _shifted(segment: Floats, start: float) -> Floats:
-    """Return the same polynomial with its origin at another distance."""
+    """Return the same polynomial expanded at another distance."""
     row = segment.copy()
     row[0] = start
     u = start - segment[0]
@@ -78,7 +78,7 @@ def _shifted(segment: Floats, start: float) -> Floats:
 
 
 def joined(curves: list[Curve]) -> Curve:
-    """String curves together."""
+    """Concatenate curves."""
     tables, length = [], 0.0
     for curve in curves:
         table = curve.segments.copy()
@@ -89,7 +89,7 @@ def joined(curves: list[Curve]) -> Curve:
 
 
 def line(start: ArrayLike, end: ArrayLike) -> Curve:
-    """Straight line between two points [m] (6.1)."""
+    """Return the straight line between two points [m] (6.1)."""
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     length = float(np.linalg.norm(b - a))
     segment = np.zeros((1, SEGMENT_COLUMNS))
@@ -100,14 +100,14 @@ def line(start: ArrayLike, end: ArrayLike) -> Curve:
 
 
 def point(position: ArrayLike) -> Curve:
-    """Return a curve of no length that stays at a point [m]."""
+    """Return a curve of zero length at a point [m]."""
     return line(position, position)
 
 
 def arc(start: ArrayLike, via: ArrayLike, end: ArrayLike, angle_rad: float | None = None) -> Curve:
-    """Circle from a start through a circle point to an end [m] (6.2): points on it, joined by a cubic spline.
+    """Return the circular arc from a start through a circle point to an end [m] (6.2), as a cubic spline.
 
-    With an angle it goes on, or stops before the end, after that angle; a whole number of turns ends at the start.
+    With an angle the arc covers exactly this angle; a whole number of turns ends at the start.
 
     Raises
     ------
@@ -128,14 +128,14 @@ def arc(start: ArrayLike, via: ArrayLike, end: ArrayLike, angle_rad: float | Non
     normal = np.cross(u, v)
     sine = np.linalg.norm(normal) / (np.linalg.norm(u) * np.linalg.norm(v))
     if sine < COLLINEAR:
-        raise ProgramError('start, circle point and end are on a line, which no circle goes through')
+        raise ProgramError('start, circle point and end are on a line: they do not define a circle')
     to_centre = np.cross(np.dot(u, u) * v - np.dot(v, v) * u, normal) / (2.0 * np.dot(normal, normal))
     centre, radius = a + to_centre, float(np.linalg.norm(to_centre))
     if radius > ARC_RADIUS_MAX_M:
         raise ProgramError(f'the circle has a radius of {radius:.4g} m, the limit is {ARC_RADIUS_MAX_M:g} m')
     e1 = -to_centre / radius
     e2 = np.cross(normal / np.linalg.norm(normal), e1)
-    # the normal is that of a, c, b in this order, so that both angles lie in (0, 2 pi)
+    # the normal follows the order a, c, b, so that both angles are in (0, 2 pi)
     sweep = float(np.arctan2(np.dot(b - centre, e2), np.dot(b - centre, e1))) % (2.0 * np.pi)
     if angle_rad is not None:
         sweep = angle_rad
@@ -152,7 +152,7 @@ def arc(start: ArrayLike, via: ArrayLike, end: ArrayLike, angle_rad: float | Non
 
 
 def _cubic_spline(at: Floats, points: Floats, ends: Any) -> 'CubicSpline':
-    from scipy.interpolate import CubicSpline  # takes half a second, which programs of lines do without
+    from scipy.interpolate import CubicSpline  # the import takes half a second; programs of lines avoid it
 
     return CubicSpline(at, points, bc_type=ends)
 
@@ -166,7 +166,7 @@ def _cubic_pieces(spline: 'CubicSpline') -> Floats:
 
 
 def spline(points: ArrayLike) -> Curve:
-    """Cubic spline through points [m] of shape (n, 3), n from 2 to 101, in arc length (6.3).
+    """Return the cubic spline through points [m] of shape (n, 3), n from 2 to 101, in arc length (6.3).
 
     The points are joined by a natural cubic spline over their chords.
 
@@ -194,14 +194,14 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
 def by_arc_length(curve: Curve3, knots: Floats, what: str, uneven: float = UNEVEN) -> Curve:
-    """Parametrise a C2 curve, p(t) and two derivatives, by its arc length.
+    """Reparametrise a C2 curve, p(t) and two derivatives, by arc length.
 
-    Intervals between knots are halved until every piece keeps |dp/ds| within ``uneven`` of 1.
+    Intervals between knots are halved until |dp/ds| of every piece is within ``uneven`` of 1.
 
     Raises
     ------
     ProgramError
-        The curve stands still or turns back somewhere, so that it has no tangent there.
+        The curve has no tangent at some point, because its speed is zero or it turns back there.
 
     """
     t = np.asarray(knots, dtype=np.float64)
@@ -227,7 +227,7 @@ def by_arc_length(curve: Curve3, knots: Floats, what: str, uneven: float = UNEVE
 
 
 def _hermite(p: Floats, first: Floats, second: Floats, lengths: Floats) -> Floats:
-    """Quintic pieces with the given place and two derivatives at both ends, over their lengths."""
+    """Return quintic pieces from position and two derivatives at both ends, and their lengths."""
     h = lengths[:, None]
     p0, p1, v0, v1 = p[:-1], p[1:], first[:-1] * h, first[1:] * h
     a0, a1 = second[:-1] * h**2, second[1:] * h**2
@@ -248,7 +248,7 @@ def _hermite(p: Floats, first: Floats, second: Floats, lengths: Floats) -> Float
 
 
 def _unevenness(segments: Floats, lengths: Floats) -> Floats:
-    """Largest deviation of |dp/ds| from 1 of each piece."""
+    """Return the largest deviation of |dp/ds| from 1 of each piece."""
     share = np.array([0.15, 0.3, 0.5, 0.7, 0.85])
     distances = (segments[:, :1] + lengths[:, None] * share).ravel()
     speed = np.linalg.norm(sample_path(distances, segments)[:, 1], axis=1)
@@ -256,9 +256,9 @@ def _unevenness(segments: Floats, lengths: Floats) -> Floats:
 
 
 def blend(before: Curve, after: Curve, radius_m: float) -> Curve:
-    """Round the corner between two curves: leave the first and join the second at a distance from the corner.
+    """Round the corner between two curves with a blend that starts and ends at a distance from the corner.
 
-    Place, tangent and curvature are those of the curves at both ends (C2). Where the curves meet without a jump of
+    Position, tangent and curvature match the curves at both ends (C2). Where the curves already meet without a jump of
     direction and curvature, the path stays on them.
 
     Raises
@@ -280,18 +280,18 @@ def blend(before: Curve, after: Curve, radius_m: float) -> Curve:
 
 
 def rounded(start: Floats, end: Floats, legs_m: tuple[float, float], turn_rad: float, what: str) -> Curve:
-    """Round a corner that begins and ends like two curves, at a distance before it and behind it.
+    """Round a corner between two states at a distance before and after it.
 
     Parameters
     ----------
     start, end
-        Position there, with its first two derivatives by the distance, shapes (3, 3) or more.
+        Position with first two derivatives by the distance, shapes (3, 3) or more.
     legs_m
         Distances of the two from the corner [m].
     turn_rad
-        Angle between the directions before and behind it.
+        Angle between the directions before and after the corner.
     what
-        It is called in sentences.
+        Name for messages.
 
     """
     first, last = ((BLEND_REACH - BLEND_REACH_PER_RAD * turn_rad) * leg for leg in legs_m)
@@ -311,12 +311,12 @@ def rounded(start: Floats, end: Floats, legs_m: tuple[float, float], turn_rad: f
 
 
 def _derived(coefficients: Floats) -> Floats:
-    """Coefficients of the derivative of polynomials, rows of powers."""
+    """Return the derivative of polynomials in rows of powers."""
     return np.asarray(np.arange(1.0, len(coefficients))[:, None] * coefficients[1:])
 
 
 def _evaluated(coefficients: Floats, t: Floats) -> Floats:
-    """Evaluate polynomials, rows of powers, at places (n,), by Horner's rule; shape (n, polynomials)."""
+    """Evaluate polynomials in rows of powers at parameters (n,) by Horner's rule; shape (n, polynomials)."""
     value = np.repeat(coefficients[-1:], len(t), axis=0)
     for row in coefficients[-2::-1]:
         value *= t[:, None]
@@ -327,7 +327,7 @@ def _evaluated(coefficients: Floats, t: Floats) -> Floats:
 def cubic_coefficients(
     start: Floats, end: Floats, start_speed: Floats, end_speed: Floats, duration_s: float
 ) -> Floats:
-    """a_0..a_3 of X(t) = a_0 + a_1 t + a_2 t^2 + a_3 t^3 for prescribed ends (5.7, a_2 corrected); shape (4, 3)."""
+    """Return a_0..a_3 of X(t) = a_0 + a_1 t + a_2 t^2 + a_3 t^3 for given ends (5.7, a_2 corrected); shape (4, 3)."""
     x0, x1, v0, v1 = (np.asarray(a, dtype=np.float64) for a in (start, end, start_speed, end_speed))
     a2 = (3.0 * (x1 - x0) - (2.0 * v0 + v1) * duration_s) / duration_s**2
     a3 = (2.0 * (x0 - x1) + (v0 + v1) * duration_s) / duration_s**3
@@ -337,7 +337,7 @@ def cubic_coefficients(
 def timed_cubic(
     start: Floats, end: Floats, start_speed: Floats, end_speed: Floats, duration_s: float
 ) -> Curve:
-    """Return the cubic of chapter 5 as a curve whose parameter is the time [s]; its "length" is the duration."""
+    """Return the cubic of chapter 5 as a curve parametrised by time [s]; its "length" is the duration."""
     segments = np.zeros((1, SEGMENT_COLUMNS))
     for power, c in enumerate(cubic_coefficients(start, end, start_speed, end_speed, duration_s)):
         segments[0, 1 + power :: DEGREE + 1] = c

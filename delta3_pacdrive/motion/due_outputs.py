@@ -1,4 +1,4 @@
-"""Outputs of a program that wait for the move on which they are due."""
+"""Outputs of a program that are pending until the move on which they are due is planned."""
 
 from dataclasses import dataclass, replace
 
@@ -12,97 +12,84 @@ from delta3_pacdrive.motion.program import Output
 
 @dataclass(frozen=True)
 class Due:
-    """An output that is due near the end of a move.
-
-    Attributes
-    ----------
-    output
-        What changes.
-    number, name
-        Of its statement.
-    count
-        How many segments of the present move are before it: 0, if the move before it is over.
-    left_s
-        Of the time after the end of the move before it [s].
-
-    """
+    """An output that is due relative to the end of the previous move."""
 
     output: Output
-    number: int
+    number: int  # of its statement
     name: str
-    count: int = 0
-    left_s: float = 0.0
+    count: int = 0  # number of preceding segments in the current move; 0: the previous move is complete
+    left_s: float = 0.0  # remaining time after the end of the previous move
 
     @property
     def is_later(self) -> bool:
-        """Whether it is due after the end of the move before it."""
+        """Whether it is due after the end of the previous move."""
         return self.output.after_m > 0.0 or self.left_s > 0.0
 
     @property
     def is_timed(self) -> bool:
-        """Whether it is due a time before or after the end of the move before it."""
+        """Whether it is due at a time before or after the end of the previous move."""
         return self.left_s > 0.0 or self.output.before_s > 0.0
 
     @property
     def is_shifted(self) -> bool:
-        """Whether its place follows from what is around it."""
+        """Whether its position depends on the neighbouring moves."""
         return self.is_later or self.is_timed
 
     def at(self, distance_m: float) -> Event:
-        """Return it as an event at a distance on a move [m]."""
+        """Return an event at a distance on a move [m]."""
         output = self.output
         return Event(distance_m, EVENT_NAMES.index(output.name), output.value, output.payload_kg)
 
     def timed(self, planned: PlannedMove, anchor_m: float) -> TimedEvent:
-        """Return it as an event at a time before or after a place on a move; raises StatementError if not on it."""
+        """Return an event at a time before or after a position on a move; raises StatementError if not on the move."""
         shift_s = self.left_s - self.output.before_s
         event = TimedEvent(anchor_m, shift_s, EVENT_NAMES.index(self.output.name), self.output.value)
         time_s = event.time_s(planned.move)
         if time_s < -ROUNDING_S:
             raise StatementError(
                 self.number,
-                f'{self.name}: {self.output.before_s:g} s before the end of the move before it lies before the start '
+                f'{self.name}: {self.output.before_s:g} s before the end of the previous move is before the start '
                 f'of {planned.name}, which is only {time_s - shift_s:.4g} s earlier',
             )
         if time_s > planned.move.duration_s + ROUNDING_S:
             raise StatementError(
                 self.number,
-                f'{self.name}: {self.output.after_s:g} s after the end of the move before it lies behind the end of '
+                f'{self.name}: {self.output.after_s:g} s after the end of the previous move is after the end of '
                 f'{planned.name}, which takes {planned.move.duration_s:.4g} s',
             )
         return event
 
 
 class DueOutputs:
-    """Outputs that wait for the move on which they are due, in the order of the program."""
+    """Pending outputs in program order."""
 
     def __init__(self) -> None:
         self._dues: list[Due] = []
 
     def __len__(self) -> int:
-        """Return how many wait."""
+        """Return the number of pending outputs."""
         return len(self._dues)
 
     def add(self, due: Due) -> None:
-        """Let an output wait."""
+        """Append an output."""
         self._dues.append(due)
 
     def clear(self) -> None:
-        """Forget all."""
+        """Discard all outputs."""
         self._dues = []
 
     @property
     def before_the_first(self) -> int:
-        """How many stand before the first segment of the present move."""
+        """Number of outputs before the first segment of the current move."""
         return sum(1 for due in self._dues if not due.count)
 
     @property
     def any_shifted(self) -> bool:
-        """Whether the place of any of them follows from what is around it."""
+        """Whether the position of any output depends on the neighbouring moves."""
         return any(due.is_shifted for due in self._dues)
 
     def now(self) -> list[Due]:
-        """Take out those that are due where the next move begins; raises ProgramError if that is too late for one."""
+        """Remove and return the outputs due at the start of the next move; raises ProgramError if one is too late."""
         taken = [due for due in self._dues if not due.is_later]
         if any(due.output.before_m > 0.0 for due in taken):
             raise ProgramError('before_m of an output needs a move right before it')
@@ -110,9 +97,9 @@ class DueOutputs:
         return taken
 
     def in_dwell(self, time_s: float) -> list[tuple[float, Due]]:
-        """Take out those that are due in a dwell, with their times in it [s]; the others have less time left.
+        """Remove and return the outputs due during a dwell, with their times in it [s].
 
-        What is due at its end is due where the next move begins.
+        The remaining time of the others is reduced. Outputs due at the end of the dwell are due at the next start.
         """
         taken, left = [], []
         for due in self._dues:
@@ -127,19 +114,21 @@ class DueOutputs:
         return taken
 
     def in_time(self) -> list[Due]:
-        """Take out those that are due on a move whose path is one over time; raises StatementError for a distance."""
+        """Remove and return the outputs due on a move parametrised by time; raises StatementError for a distance."""
         taken, self._dues = self._dues, []
         for due in taken:
             if due.output.after_m > 0.0:
-                raise StatementError(due.number, f'{due.name}: after_m needs a move along a path behind it')
+                raise StatementError(
+                    due.number, f'{due.name}: after_m must be followed by a move along a path'
+                )
         return taken
 
     def on_path(
         self, segments: list[PathSegment], ends: list[float], curve: Curve, waits: bool
     ) -> tuple[list[Event], list[tuple[Due, float]]]:
-        """Take out those that are due on a move along a path: events, and those at a time, with their anchors [m].
+        """Remove and return the outputs due on a path: events by distance, and timed outputs with their anchors [m].
 
-        What is due behind its end goes on waiting, and so does what is due at its end if the robot ``waits`` there.
+        Outputs due after the end stay pending; so do those due at the end if the robot ``waits`` there.
         """
         anchors: list[tuple[Due, float]] = []
         left = []
@@ -156,18 +145,18 @@ class DueOutputs:
         return events, [(due, end_m) for due, end_m in anchors if due.is_timed]
 
     def require_none_later(self) -> None:
-        """Refuse what is due after the last move; raises StatementError."""
+        """Raise StatementError if an output is due after the last move."""
         for due in self._dues:
             if due.is_later:
                 key = 'after_m' if due.output.after_m else 'after_s'
                 raise StatementError(
                     due.number,
-                    f'{due.name}: {key} needs moves behind it that reach as far, the program ends before',
+                    f'{due.name}: {key} exceeds the moves that follow, the program ends before',
                 )
 
 
 def _distance(due: Due, end_m: float, curve: Curve, segments: list[PathSegment]) -> float:
-    """Return where on a move an output is due [m]; raises StatementError if that is not on it."""
+    """Return the distance on a move at which an output is due [m]; raises StatementError if it is not on the move."""
     output = due.output
     if output.before_m > 0.0 and due.count == 0:
         raise StatementError(due.number, f'{due.name}: before_m of an output needs a move right before it')
@@ -175,14 +164,14 @@ def _distance(due: Due, end_m: float, curve: Curve, segments: list[PathSegment])
     if output.after_m > 0.0 and distance > curve.length_m + COINCIDENT_M:
         raise StatementError(
             due.number,
-            f'{due.name}: {output.after_m:g} m after the end of the move before it lies behind the end of '
+            f'{due.name}: {output.after_m:g} m after the end of the previous move is after the end of '
             f'{name_of(segments)}, {distance - curve.length_m:.4g} m further',
         )
     if output.after_m == 0.0 and not -COINCIDENT_M <= distance <= curve.length_m:
         before = segments[due.count - 1]
         raise StatementError(
             before.number,
-            f'{before.name}: an output {output.before_m:g} m before its end would lie before the '
+            f'{before.name}: an output {output.before_m:g} m before its end would be before the '
             f'start of the move, which is {curve.length_m:.4g} m long',
         )
     return max(distance, 0.0)

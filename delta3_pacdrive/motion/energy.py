@@ -1,4 +1,4 @@
-"""What a motion takes from the DC link and gives back, and where it goes."""
+"""Electrical energy balance of a motion at the DC link."""
 
 from dataclasses import dataclass, fields
 
@@ -14,9 +14,9 @@ MOTORS = 3
 
 @dataclass(frozen=True)
 class Energy:
-    """Energy of the three motors [J]: lost in windings and friction, drawn from the DC link, and returned to it.
+    """Energy of the three motors [J]: winding and friction losses, energy drawn from and returned to the DC link.
 
-    What one motor returns another one draws: the link sees their sum.
+    Motors exchange energy over the link, so that drawn and returned energy are those of their sum.
     """
 
     copper_j: float = 0.0
@@ -25,45 +25,45 @@ class Energy:
     returned_j: float = 0.0
 
     def __add__(self, other: 'Energy') -> 'Energy':
-        """Return the energy of one motion after the other."""
+        """Return the sum of two motions."""
         return Energy(*(getattr(self, one.name) + getattr(other, one.name) for one in fields(self)))
 
     def times(self, count: float) -> 'Energy':
-        """Return the energy of doing it ``count`` times."""
+        """Return the energy of ``count`` repetitions."""
         return Energy(*(count * getattr(self, one.name) for one in fields(self)))
 
     @property
     def lost_j(self) -> float:
-        """Energy that becomes heat [J]."""
+        """Energy lost as heat [J]."""
         return self.copper_j + self.friction_j
 
     def text(self, repeat: int) -> str:
-        """Return it for people: of a round of a program that has ``repeat`` of them."""
+        """Format it per round of a program with ``repeat`` rounds."""
         what = 'a round' if repeat > 1 else 'in all'
         return (
             f'{self.lost_j:.3g} J lost {what}: {self.copper_j:.3g} in windings, {self.friction_j:.3g} in friction; '
-            f'{self.drawn_j:.3g} drawn, {self.returned_j:.3g} of it flows back'
+            f'{self.drawn_j:.3g} drawn, {self.returned_j:.3g} of it returned'
         )
 
 
 def energy(d: PathDynamics, parameters: Parameters) -> Energy:
-    """Sum up the energy of a timed motion over its samples."""
+    """Integrate the energy of a timed motion over its samples."""
     return sampled_energy(d.time_s, d.motor_speed_rad_s, d.motor_current_a, d.motor_current_a**2, parameters)
 
 
 def sampled_energy(
     time_s: Floats, speed_rad_s: Floats, current_a: Floats, square_a2: Floats, parameters: Parameters
 ) -> Energy:
-    """Sum up the energy of motors.
+    """Integrate the energy of the motors.
 
     Parameters
     ----------
     time_s
         Times of the samples [s], shape (n,).
     speed_rad_s, current_a, square_a2
-        Speeds of the motors, their currents, and the mean squares of the currents there, (n, 3) each.
+        Motor speeds, currents, and mean squares of the currents, (n, 3) each.
     parameters
-        Of the robot.
+        The parameters of a robot.
 
     """
     motor = parameters.motor
@@ -77,13 +77,13 @@ def sampled_energy(
 
 
 def price_of_time_w(parameters: Parameters) -> float:
-    """Return the losses [W] at which a motion for the least energy saves time: three motors at nominal current."""
+    """Return the losses [W] that a least-energy motion may cause to save time: three motors at nominal current."""
     motor = parameters.motor
     return MOTORS * PHASES * motor.winding_resistance_ohm / 2.0 * motor.nominal_current_a**2
 
 
 def heat_weight(parameters: Parameters) -> float:
-    """Return the weight, next to the time, of the squared shares of the peak torques in motions for the least energy.
+    """Return the weight of the squared peak-torque shares relative to time in least-energy motions.
 
     It is the copper loss of a motor at its peak current over ``price_of_time_w``.
     """

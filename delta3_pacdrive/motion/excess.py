@@ -61,18 +61,18 @@ class LimitViolation:
     ----------
     stretch
         Factor of time that each sample needs to keep every limit, shape (n,); inf where no slowness helps.
-    telling
+    describe
         Returns the worst excess in words: quantity, axis, value, limit and place.
 
     """
 
     stretch: Floats
-    telling: Callable[[], str]
+    describe: Callable[[], str]
 
     @property
     def text(self) -> str:
         """The worst excess in words."""
-        return self.telling()
+        return self.describe()
 
     @property
     def worst(self) -> float:

@@ -14,7 +14,7 @@ from delta3_pacdrive.configuration.checked import Errors, Refusal
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import curves
 from delta3_pacdrive.motion.arch import Clearances, best_arch
-from delta3_pacdrive.motion.blending import PathSegment, StatementError, blamed_on, blended, name_of
+from delta3_pacdrive.motion.blending import PathSegment, StatementError, attributed_to, blended, name_of
 from delta3_pacdrive.motion.constant_speed import UnevenSpeedError, advice
 from delta3_pacdrive.motion.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.motion.due_outputs import Due, DueOutputs
@@ -131,7 +131,7 @@ class RoundPlanner:
     def _noted(self, number: int, where: str) -> Iterator[None]:
         """Note why a statement cannot be planned, and forget the move that it belongs to."""
         try:
-            with blamed_on(number, where):
+            with attributed_to(number, where):
                 yield
         except StatementError as error:
             self._segments, self._cubics, self._dwelt = [], [], None
@@ -271,7 +271,7 @@ class RoundPlanner:
     def _take_turn(self, statement: Turn, number: int, where: str) -> None:
         events = self._take_outputs(0.0)
         later = self._dues.in_time()
-        with blamed_on(number, where):
+        with attributed_to(number, where):
             turn = self._turned(statement.to) or (0.0, 0.0)  # without an axis it is refused there
             if abs(turn[1] - turn[0]) < COINCIDENT_RAD:
                 raise ProgramError(f'the tool already stands at {math.degrees(turn[0]):.6g} deg')
@@ -330,7 +330,7 @@ class RoundPlanner:
         events = self._take_outputs(0.0)
         later = self._dues.in_time()
         returning = self._returning and not self._planned and not self._failed
-        with blamed_on(number, name):
+        with attributed_to(number, name):
             planned = plan_joints(
                 statement.points, self.here, self.payload, name, self._parameters, returning
             )
@@ -356,14 +356,14 @@ class RoundPlanner:
             return
         sequence, self._cubics = self._cubics, []
         _, number, name = sequence[-1]
-        with blamed_on(number, name):
+        with attributed_to(number, name):
             if np.abs(self._cubic_velocity).max() > 0.0:
                 raise ProgramError('the last cubic of a sequence must end with end_velocity_m_s [0, 0, 0]')
             curve = curves.joined([one for one, _, _ in sequence])
         events = self._take_outputs(0.0)
         later = self._dues.in_time()
         returning = self._returning and not self._planned and not self._failed
-        with blamed_on(number, name):
+        with attributed_to(number, name):
             planned = plan_cubic(curve, self.payload, name, self._parameters, returning)
         timed = tuple(due.timed(planned, 0.0) for due in later)
         places = tuple((one, planned.move.length_m) for _, one, _ in sequence)
@@ -403,7 +403,7 @@ class RoundPlanner:
             if event.payload_kg is not None:
                 self.payload = event.payload_kg
         returning = self._returning and not self._planned and not self._failed
-        with blamed_on(segments[0].number, name_of(segments)):
+        with attributed_to(segments[0].number, name_of(segments)):
             try:
                 planned = self._plan_segments(segments, curve, ends, stretches, events, payload, returning)
             except UnevenSpeedError as error:
@@ -464,7 +464,7 @@ class RoundPlanner:
     def _wait(self, segment: PathSegment) -> None:
         """Let the robot stand until it is in position; that takes at least what the controller needs to see it."""
         time_s = self._parameters.shortest_wait_s
-        with blamed_on(segment.number, segment.name):
+        with attributed_to(segment.number, segment.name):
             planned = plan_dwell(
                 self.here, time_s, self.payload, segment.name, self._parameters, MoveKind.IN_POSITION
             )

@@ -88,7 +88,7 @@ def test_a_part_on_a_belt_that_stands_does_not_come(robot):
     with cell.simulate(robot, cell=around(stopped, 1)) as called:
         error = refused(called, waits)
     assert isinstance(error, cell.WaitTimeoutError)
-    assert 'track: the belt stands, with the part at' in str(error)
+    assert 'track: the belt is at rest with the part at' in str(error)
     assert 'within 1 s' in str(error)
 
 
@@ -190,7 +190,7 @@ def test_a_later_move_on_the_belt_is_checked_with_the_motion_of_the_belt(robot):
 
     with cell.simulate(robot, cell=around(SLOW, 1)) as called:
         error = refused(called, lambda _: above(called, goes_on))
-    assert 'after its begin on the belt' in str(error)
+    assert 'after its start on the belt' in str(error)
     assert stands(called.trace)
 
 
@@ -324,7 +324,7 @@ def test_a_part_that_a_standing_belt_does_not_bring_is_waited_for_and_then_told(
         error = refused(called, waits)
     assert isinstance(error, cell.WaitTimeoutError)
     assert error.code is Code.TIMEOUT
-    assert 'track: the belt stands, with the part at ' in str(error)
+    assert 'track: the belt is at rest with the part at ' in str(error)
     assert 'and the window begins at 450.0 mm: not within 1 s' in str(error)
 
 

@@ -69,9 +69,7 @@ def test_the_figures_of_a_run_are_printed_each_behind_its_name_in_its_unit(capsy
         'peak in the AT': ['1.01 / 2.02 / 3.03 A'],
         'rms in the AT': ['0.34 / - / 0.36 A'],
         'rounds': ['10 in 4.000 s: 150.0 per minute'],
-        'energy': [
-            '16.8 J lost a round: 12.3 in windings, 4.5 in friction; 20.1 drawn, 3.3 of it flows back'
-        ],
+        'energy': ['16.8 J lost a round: 12.3 in windings, 4.5 in friction; 20.1 drawn, 3.3 of it returned'],
         'note': ['moves[0] is slowed down', 'moves[3] as well'],
         'bus': ['7 overruns, 9 lost AT'],
     }

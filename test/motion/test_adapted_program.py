@@ -81,7 +81,7 @@ def test_a_statement_that_is_not_there_is_none_to_begin_with(robot, first, last)
 def test_a_statement_behind_steps_from_an_unknown_place_is_none_to_begin_with(robot):
     steps = [{'move_l': {'to_m': {'by_m': [0.0, 0.0, 0.01]}}}, *BOX['moves']]
     program = read(robot, start_m=None, moves=steps)
-    with pytest.raises(ProgramError, match=r'^moves\[1\].move_l begins where steps before it lead'):
+    with pytest.raises(ProgramError, match=r'^moves\[1\].move_l starts after relative moves'):
         rest_of(program, 1, robot)
     assert rest_of(program, 3, robot).start_m == (0.1, 0.0, -0.85)  # behind a move to a point
 
@@ -112,7 +112,7 @@ def test_before_a_program_the_robot_goes_straight_and_slowly_to_its_start(robot)
     here = [-0.2, 0.1, -0.75]
     planned = program_planner.plan(approached(rest, 0.25), here, robot)
     way = planned.plan.move(0)
-    assert planned.names[0] == 'the way to its start'
+    assert planned.names[0] == 'the approach to its start'
     assert way.end_m() == pytest.approx(rest.start_m)
     assert way.length_m == pytest.approx(np.linalg.norm(np.subtract(rest.start_m, here)))
     assert way.duration_s > way.length_m / 0.25
@@ -123,7 +123,7 @@ def test_before_a_program_the_robot_goes_straight_and_slowly_to_its_start(robot)
 def test_the_way_is_checked_and_goes_once(robot):
     program = read(robot, repeat=3)
     there = approached(program, 0.25)
-    assert [there.name_of(n) for n in range(len(there.statements))].count('the way to its start') == 1
+    assert [there.name_of(n) for n in range(len(there.statements))].count('the approach to its start') == 1
     assert len(there.statements) == 1 + 3 * len(program.statements)
     low = replace(program, start_m=(0.0, 0.0, -1.5))
     with pytest.raises(ProgramError, match=r'^the way to its start: '):

@@ -15,11 +15,11 @@ from delta3_pacdrive.motion.belt_meeting import (
     first_moved_s,
     meet,
     offset_on,
-    require_bearable,
+    require_feasible,
 )
 from delta3_pacdrive.motion.belt_synchronization import (
     ZERO,
-    CannotCatch,
+    Miss,
     MissReason,
     Motion,
     TrackLimits,
@@ -77,7 +77,7 @@ def test_what_is_added_begins_as_it_was_and_ends_with_the_part():
 
 REFUSED = {
     MissReason.GONE: (0.9, 1.0, 'the window ends at 1000.0 mm'),
-    MissReason.NOT_COMING: (0.2, 0.0, 'the belt stands, with the part at 200.0 mm'),
+    MissReason.NOT_COMING: (0.2, 0.0, 'the belt is at rest with the part at 200.0 mm'),
     MissReason.BACKWARDS: (0.5, -0.2, 'the belt runs backwards, at 0.2 m/s'),
     MissReason.TOO_FAST: (0.5, 4.0, 'the belt runs at 4 m/s, the robot at 4 m/s at most'),
 }
@@ -87,7 +87,7 @@ REFUSED = {
 def test_what_would_not_end_well_is_refused_before_anything_moves(reason):
     place, speed, sentence = REFUSED[reason]
     found = met(place, speed)
-    assert isinstance(found, CannotCatch)
+    assert isinstance(found, Miss)
     assert found.reason is reason
     assert sentence in found.sentence
 
@@ -136,14 +136,14 @@ def test_the_first_move_that_does_not_stand_is_the_one_that_gets_on(robot):
 def test_a_plan_that_is_carried_out_of_the_workspace_is_refused_with_the_instant(robot):
     work = planned(robot, (0.3, 0.0, -0.8))
     with pytest.raises(
-        ProgramError, match=r'the distance from the z axis is .* s after its begin on the belt'
+        ProgramError, match=r'the distance from the z axis is .* s after its start on the belt'
     ):
-        require_bearable(work, 0.0, work.duration_s, lambda _: Motion((0.4, 0.0, 0.0)), robot, 1.0)
+        require_feasible(work, 0.0, work.duration_s, lambda _: Motion((0.4, 0.0, 0.0)), robot, 1.0)
 
 
 def test_a_plan_that_asks_too_much_of_a_motor_only_with_the_belt_is_refused(robot):
     work = planned(robot, (0.2, 0.0, -0.8))
     end = work.duration_s
-    require_bearable(work, 0.0, end, lambda _: STANDS, robot, 1.0)
+    require_feasible(work, 0.0, end, lambda _: STANDS, robot, 1.0)
     with pytest.raises(ProgramError, match=r'of motor \d would be .* the limit is'):
-        require_bearable(work, 0.0, end, lambda _: Motion(ZERO, (12.0, 0.0, 0.0)), robot, 1.0)
+        require_feasible(work, 0.0, end, lambda _: Motion(ZERO, (12.0, 0.0, 0.0)), robot, 1.0)

@@ -72,7 +72,7 @@ def test_a_jump_of_the_encoder_is_counted_and_the_way_goes_on_as_before(jump_m):
 
 
 def test_the_way_of_a_count_is_the_middle_of_its_increment():
-    assert BeltObserver(1000.0, CYCLE_S).way_of(7) == pytest.approx(7.5e-3)
+    assert BeltObserver(1000.0, CYCLE_S).distance_of(7) == pytest.approx(7.5e-3)
 
 
 @pytest.mark.parametrize(
@@ -89,8 +89,8 @@ def test_a_count_that_is_older_than_a_jump_still_tells_its_place(jump):
     observer, per_cycle = BeltObserver(PER_M, CYCLE_S), 40
     for cycle in range(100):
         observer.step(cycle * per_cycle)
-    before = observer.way_of(100 * per_cycle)
+    before = observer.distance_of(100 * per_cycle)
     observer.step(100 * per_cycle + jump)
     assert observer.jumps == 1
     for count in (100 * per_cycle, 100 * per_cycle + jump):
-        assert observer.recent_way_of(count) == pytest.approx(before, abs=1.0 / PER_M)
+        assert observer.recent_distance_of(count) == pytest.approx(before, abs=1.0 / PER_M)

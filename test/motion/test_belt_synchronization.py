@@ -9,9 +9,9 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.belt_synchronization import (
     Motion,
     TrackLimits,
-    Way,
-    way_between,
-    way_to_stand,
+    Transition,
+    transition_between,
+    transition_to_rest,
 )
 
 LIMITS = TrackLimits(4.0, 60.0, 8000.0)
@@ -35,7 +35,7 @@ def seen_from_beside(way, speed, count=400):
     st.tuples(st.floats(-0.4, 0.4), st.floats(-0.3, 0.3), st.floats(-0.1, 0.2)),
 )
 def test_the_ramp_on_the_belt_starts_at_rest_beside_it_ends_at_rest_on_it_and_keeps_its_limits(speed, start):
-    way = way_between(Motion(start, (-speed, 0.0, 0.0)), Motion(ABOVE), LIMITS, speed)
+    way = transition_between(Motion(start, (-speed, 0.0, 0.0)), Motion(ABOVE), LIMITS, speed)
     times, place, velocity, acceleration = seen_from_beside(way, speed)
     assert place[0] == pytest.approx(start, abs=1e-9)
     assert np.abs(velocity[0]).max() < 1e-9
@@ -55,14 +55,14 @@ def test_on_a_long_way_the_speed_as_it_is_seen_from_beside_the_belt_is_the_limit
     slow = TrackLimits(1.0, 60.0, 8000.0)
     # along at 0.5 m/s all the time, and half a metre across: there nothing but the speed is a limit
     along = (0.5, 0.0, 0.0)
-    way = way_between(Motion((0.0, 0.0, 0.0), along), Motion((0.28, 0.5, 0.0), along), slow)
+    way = transition_between(Motion((0.0, 0.0, 0.0), along), Motion((0.28, 0.5, 0.0), along), slow)
     _, _, velocity, _ = seen_from_beside(way, 0.0)
     assert 0.7 < np.linalg.norm(velocity, axis=1).max() <= 1.0 + TOUCH
 
 
 def test_leaving_a_belt_begins_with_its_speed_and_ends_at_rest_beside_it():
     there = Motion((0.3, 0.2, 0.1))
-    way = way_between(Motion((0.0, 0.0, 0.0), (1.2, 0.0, 0.0)), there, LIMITS)
+    way = transition_between(Motion((0.0, 0.0, 0.0), (1.2, 0.0, 0.0)), there, LIMITS)
     assert way.at(0.0).velocity == pytest.approx((1.2, 0.0, 0.0))
     end = way.at(way.duration_s)
     assert end.place == pytest.approx(there.place)
@@ -71,7 +71,7 @@ def test_leaving_a_belt_begins_with_its_speed_and_ends_at_rest_beside_it():
 
 
 def test_who_comes_to_rest_does_so_as_soon_as_the_limits_allow_wherever_that_is():
-    way = way_to_stand(Motion((0.1, 0.0, 0.0), (1.0, 0.0, 0.0)), 20.0, 2000.0)
+    way = transition_to_rest(Motion((0.1, 0.0, 0.0), (1.0, 0.0, 0.0)), 20.0, 2000.0)
     # up and down with the jerk: v / a + a / j
     assert way.duration_s == pytest.approx(1.0 / 20.0 + 20.0 / 2000.0)
     end = way.at(way.duration_s)
@@ -80,11 +80,11 @@ def test_who_comes_to_rest_does_so_as_soon_as_the_limits_allow_wherever_that_is(
 
 
 def test_a_way_that_stands_lasts_for_its_time():
-    way = Way.standing((1.0, 2.0, 3.0), 0.5)
+    way = Transition.standing((1.0, 2.0, 3.0), 0.5)
     assert way.duration_s == 0.5
     assert way.at(0.2) == way.at(0.7) == Motion((1.0, 2.0, 3.0))
 
 
 def test_limits_that_leave_nothing_beside_the_belt_are_refused():
     with pytest.raises(ProgramError, match='with 2 m/s2 in reserve for it, leaves nothing of'):
-        way_between(HOME, Motion(ABOVE), TrackLimits(4.0, 1.5, 8000.0), 0.5)
+        transition_between(HOME, Motion(ABOVE), TrackLimits(4.0, 1.5, 8000.0), 0.5)

@@ -84,7 +84,7 @@ def test_named_speed_and_blends_are_possible_and_a_larger_speed_is_not(robot, se
     text = refusal(robot, start, moves)
     largest = float(NAMED_SPEED.search(text)[1])
     require_even(planned(robot, start, moves, largest), largest)
-    assert 'constant_speed asks for' in refusal(robot, start, moves, 1.001 * largest)
+    assert 'constant_speed requires' in refusal(robot, start, moves, 1.001 * largest)
     blends = NAMED_BLEND.findall(text)
     assert bool(blends) != ('no blend allows' in text)
     if blends:
@@ -101,7 +101,7 @@ def test_the_refusal_names_place_speed_and_blend(robot):
     text = refusal(robot, CORNER_START, CORNER)
     assert text.startswith(
         'moves[0].move_l to moves[1].move_l: the speed falls to 0.4436 m/s at 0.08 m from its start, in '
-        'moves[0].move_l, but constant_speed asks for 0.5 m/s; the largest constant speed is '
+        'moves[0].move_l, but constant_speed requires 0.5 m/s; the largest constant speed is '
     )
     assert 0.4436 <= float(NAMED_SPEED.search(text)[1]) < 0.5
     assert float(NAMED_BLEND.search(text)[1]) == pytest.approx(0.0234, rel=0.01)

@@ -260,7 +260,7 @@ def test_coincident_points_of_an_arc_are_named(a, b):
 def test_three_points_on_a_line_are_no_circle(a, b, share):
     assume(math.dist(a, b) > 1e-2 and min(abs(share), abs(share - 1.0)) > 1e-2)
     via = np.array(a) + share * np.subtract(b, a)
-    assert 'on a line, which no circle goes through' in refusal(curves.arc, a, via, b)
+    assert 'on a line: they do not define a circle' in refusal(curves.arc, a, via, b)
 
 
 @pytest.mark.parametrize(

@@ -197,7 +197,7 @@ def test_an_override_switches_at_the_same_place(robot):
     [
         (
             [to(*A), output(before_s=2.0), to(*B)],
-            'moves[1].output: 2 s before the end of the move before it lies before the start of moves[0].move_l, ',
+            'moves[1].output: 2 s before the end of the previous move is before the start of moves[0].move_l, ',
         ),
         (
             [dwell(0.1), output(before_s=0.2), to(*A)],
@@ -205,7 +205,7 @@ def test_an_override_switches_at_the_same_place(robot):
         ),
         (
             [TURN, output(before_s=0.5)],
-            'moves[1].output: 0.5 s before the end of the move before it lies before the',
+            'moves[1].output: 0.5 s before the end of the previous move is before the',
         ),
         (
             [output(before_s=0.1), to(*A)],
@@ -217,24 +217,27 @@ def test_an_override_switches_at_the_same_place(robot):
         ),
         (
             [to(*A), output(after_s=2.0), to(*B)],
-            'moves[1].output: 2 s after the end of the move before it lies behind the end of moves[2].move_l, which',
+            'moves[1].output: 2 s after the end of the previous move is after the end of moves[2].move_l, which',
         ),
         (
             [to(*A), output(after_s=2.0), SWING],
-            'moves[1].output: 2 s after the end of the move before it lies behind',
+            'moves[1].output: 2 s after the end of the previous move is after',
         ),
         (
             [to(*A), output(after_m=0.2), to(*B)],
-            'moves[1].output: 0.2 m after the end of the move before it lies behind the end of moves[2].move_l, 0.1',
+            'moves[1].output: 0.2 m after the end of the previous move is after the end of moves[2].move_l, 0.1',
         ),
-        ([to(*A), output(after_m=0.1), TURN], 'moves[1].output: after_m needs a move along a path behind it'),
+        (
+            [to(*A), output(after_m=0.1), TURN],
+            'moves[1].output: after_m must be followed by a move along a path',
+        ),
         (
             [to(*A), output(after_m=0.1), dwell(0.1)],
-            'moves[1].output: after_m needs moves behind it that reach as far, the program ends before',
+            'moves[1].output: after_m exceeds the moves that follow, the program ends before',
         ),
         (
             [to(*A), output(after_s=0.1), dwell(0.05)],
-            'moves[1].output: after_s needs moves behind it that reach',
+            'moves[1].output: after_s exceeds the moves that follow',
         ),
     ],
 )

@@ -9,7 +9,12 @@ from ruckig import InputParameter, Ruckig, Trajectory
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion import profiles, program_planner
 from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion.belt_synchronization import Motion, TrackLimits, way_between, way_to_stand
+from delta3_pacdrive.motion.belt_synchronization import (
+    Motion,
+    TrackLimits,
+    transition_between,
+    transition_to_rest,
+)
 from delta3_pacdrive.motion.virtual_master import plan_master
 
 FROM_REST, FROM_MOTION = 70_000, 30_000
@@ -248,9 +253,9 @@ def test_a_robot_gets_on_a_belt_and_off_it_at_any_threshold():
     ):
         limits = TrackLimits(v, a, j, belt_acceleration_m_s2=0.0)
         start = Motion(tuple(place), (-of_belt, 0.0, 0.0))
-        way = way_between(start, Motion((0.0, 0.0, 0.0)), limits, of_belt)
+        way = transition_between(start, Motion((0.0, 0.0, 0.0)), limits, of_belt)
         assert way.at(way.duration_s).place == (0.0, 0.0, 0.0)
-        assert math.isfinite(way_to_stand(start, a, j).duration_s)
+        assert math.isfinite(transition_to_rest(start, a, j).duration_s)
 
 
 def test_strokes_that_once_were_rejected_are_driven(robot):

@@ -201,7 +201,7 @@ def test_events_are_in_order_of_their_places_and_the_last_one_decides_the_payloa
         ([output()], 'an output needs a move or a dwell before it or after it'),
         (
             [to(0, 0, -0.8), output(before_m=0.06)],
-            'moves[0].move_l: an output 0.06 m before its end would lie before',
+            'moves[0].move_l: an output 0.06 m before its end would be before',
         ),
         (
             [output(before_m=0.01), to(0, 0, -0.8)],

@@ -11,7 +11,7 @@ from delta3_pacdrive.cell.belt_block import limits_of
 from delta3_pacdrive.errors import ParameterError, ProgramError
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.belt_meeting import TCP_SPEED_SHARE, require_bearable
+from delta3_pacdrive.motion.belt_meeting import TCP_SPEED_SHARE, require_feasible
 from delta3_pacdrive.motion.belt_synchronization import ZERO, Motion
 from delta3_pacdrive.motion.limits import TCP_BETWEEN_SAMPLES, Limits, check_speed
 from delta3_pacdrive.motion.plan import sample_plan
@@ -169,7 +169,7 @@ def with_belt(robot, along_m_s, across_m_s=0.0, rate=1.0):
     """Check a line of 1 m/s along x together with a belt."""
     work = plan(robot, line(1.0)).plan
     belt = Motion(ZERO, (along_m_s, across_m_s, 0.0))
-    return require_bearable(work, 0.0, work.move(0).duration_s / rate, lambda _: belt, robot, rate)
+    return require_feasible(work, 0.0, work.move(0).duration_s / rate, lambda _: belt, robot, rate)
 
 
 @pytest.mark.parametrize(

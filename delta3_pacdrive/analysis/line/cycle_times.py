@@ -21,8 +21,8 @@ import numpy as np
 from delta3_pacdrive.analysis.line.design import Line, LineBelt, LineRobot, PartKind
 from delta3_pacdrive.errors import LineError, ProgramError
 from delta3_pacdrive.motion import program_file, program_planner
-from delta3_pacdrive.motion.belt_meeting import AHEAD_S, leaving
-from delta3_pacdrive.motion.belt_synchronization import ZERO, Motion, TrackLimits, way_between
+from delta3_pacdrive.motion.belt_meeting import AHEAD_S, transition_off
+from delta3_pacdrive.motion.belt_synchronization import ZERO, Motion, TrackLimits, transition_between
 from delta3_pacdrive.numerics.types import Floats
 
 ALONG_STEP_M = 1e-2  # between two places along the belt in a table
@@ -120,12 +120,12 @@ class Station:
 def on_s(part_m: float, speed_m_s: float, limits: TrackLimits) -> float:
     """Return how long it takes to get on a belt if the part is there, from the reference on, at the start [s]."""
     behind = Motion((-part_m, 0.0, 0.0), (-speed_m_s, 0.0, 0.0))
-    return way_between(behind, Motion(ZERO), limits, speed_m_s).duration_s + AHEAD_S
+    return transition_between(behind, Motion(ZERO), limits, speed_m_s).duration_s + AHEAD_S
 
 
 def off_s(done_m: float, speed_m_s: float, limits: TrackLimits) -> float:
     """Return how long it takes to leave a belt if the part was there, from the reference on, at the end [s]."""
-    return leaving(Motion((done_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits).duration_s + AHEAD_S
+    return transition_off(Motion((done_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits).duration_s + AHEAD_S
 
 
 @lru_cache(maxsize=64)
