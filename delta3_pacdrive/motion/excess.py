@@ -1,4 +1,4 @@
-"""How far a timed motion exceeds what motors and TCP may do, quantity by quantity."""
+"""Comparison of a timed motion with the limits of motors and TCP."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ from delta3_pacdrive.parameters import Parameters
 
 
 class Limited(StrEnum):
-    """A quantity of a motion that has a limit, in words; those of motors are followed by the number of the motor."""
+    """A limited quantity of a motion, as written in messages; for motors the motor number follows."""
 
     TCP_SPEED = 'TCP speed'
     TCP_ACCELERATION = 'TCP acceleration'
@@ -27,61 +27,41 @@ class Limited(StrEnum):
 
 
 class Comparison(NamedTuple):
-    """One quantity of a motion is compared with its limit.
+    """A quantity of a motion compared with its limit."""
 
-    Attributes
-    ----------
-    stretch
-        Factor of time that keeps the limit just so, shape (n,): below 1 there is room.
-    quantity, axis, unit
-        Which it is, the number of its motor, 1 to 3, None for the TCP, and its unit.
-    value, limit
-        Of it, shape (n,); the limit may be a number.
-
-    """
-
-    stretch: Floats
+    stretch: Floats  # time factor that just respects the limit, shape (n,); below 1 within the limit
     quantity: Limited
-    axis: int | None
+    axis: int | None  # motor number from 1; None: TCP
     unit: str
-    value: Floats
+    value: Floats  # shape (n,)
     limit: Floats | float
 
     @property
     def name(self) -> str:
-        """The quantity in words, with the number of its motor."""
+        """The quantity with the motor number."""
         return self.quantity.value if self.axis is None else f'{self.quantity} {self.axis}'
 
 
 @dataclass(frozen=True)
 class LimitViolation:
-    """How far a timed motion exceeds its limits.
+    """Result of comparing a timed motion with its limits; a motion within all limits has stretches below 1."""
 
-    Attributes
-    ----------
-    stretch
-        Factor of time that each sample needs to keep every limit, shape (n,); inf where no slowness helps.
-    describe
-        Returns the worst excess in words: quantity, axis, value, limit and place.
-
-    """
-
-    stretch: Floats
-    describe: Callable[[], str]
+    stretch: Floats  # time factor per sample that respects every limit, shape (n,); inf if slowing down does not help
+    describe: Callable[[], str]  # formats the worst violation: quantity, axis, value, limit and position
 
     @property
     def text(self) -> str:
-        """The worst excess in words."""
+        """The worst violation as a message."""
         return self.describe()
 
     @property
     def worst(self) -> float:
-        """Largest factor of time that a sample needs."""
+        """Largest time factor of all samples."""
         return float(self.stretch.max())
 
 
 def require_holdable(found: LimitViolation) -> None:
-    """Refuse what no slowness makes possible; raises ProgramError."""
+    """Raise ProgramError if a limit is exceeded even at standstill."""
     if not math.isfinite(found.worst):
         raise ProgramError(f'{found.text}, even at standstill')
 
@@ -92,7 +72,7 @@ def limit_violation(
     limits: tuple[Floats, Floats, Floats] | None = None,
     where: Where | None = None,
 ) -> LimitViolation:
-    """Tell how far a motion exceeds the limits that it is ``compared`` with."""
+    """Evaluate the time factors that a motion needs to respect all limits of ``compared``."""
     entries = compared(dynamics, parameters, limits)
     total = np.maximum.reduce([entry.stretch for entry in entries])
 
@@ -110,9 +90,9 @@ def limit_violation(
 def compared(
     dynamics: PathDynamics, parameters: Parameters, limits: tuple[Floats, Floats, Floats] | None = None
 ) -> list[Comparison]:
-    """Compare a motion with the limits of the motors, the TCP speed of the robot and, where there are some, of the TCP.
+    """Compare a motion with the motor limits, the robot's TCP speed limit and optional TCP limits of the move.
 
-    ``limits`` of its speed, acceleration and jerk are [m/s], [m/s^2], [m/s^3], shapes (n,).
+    ``limits`` are those of TCP speed [m/s], acceleration [m/s^2] and jerk [m/s^3], shapes (n,).
     """
     entries = list(_motor_stretches(dynamics, parameters))
     tcp = (dynamics.tcp_speed_m_s, dynamics.tcp_acceleration_m_s2, dynamics.tcp_jerk_m_s3)
@@ -137,7 +117,7 @@ def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator
     with np.errstate(divide='ignore', invalid='ignore'):
         room = motor.peak_current_a - np.abs(standing)
         current = np.where(room > 0.0, np.sqrt(np.abs(moving) / np.maximum(room, 1e-12)), np.inf)
-    # what exceeds only because moving and standing share were counted with the same sign does not
+    # a sum above the peak only because both shares were counted with the same sign is within the limit
     over = amperes > motor.peak_current_a
     current = np.where(over, np.maximum(current, 1.0), amperes / motor.peak_current_a)
     quantities = (

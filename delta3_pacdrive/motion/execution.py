@@ -1,16 +1,16 @@
-"""Where the virtual master is in each bus cycle of a plan that is started, held, resumed and overridden.
+"""Execution of a plan: position of the virtual master in each bus cycle under start, hold, resume and override.
 
-A motion profile is what the master does from one bus cycle on: a table of phases over the rest of a move (none
-at the start of a plan), then the following moves at an override (1 = as planned). To hold is a motion profile whose
-table ends in standstill on the path. Planner and transformation task follow the same motion profiles, so that both know
-the master in every cycle. As a message it is the topic ``motion/course``.
+A motion profile defines the master from one bus cycle on: a table of phases for the remainder of a move (empty at the
+start of a plan), then the following moves at an override (1 = as planned). Holding is a motion profile whose table ends
+at standstill on the path. Planner and transformation task evaluate the same motion profiles, so that both know the
+master in every cycle. The profile is published as ``motion/course``.
 
 Arguments of the kernel here:
 
 ``time``
-    Bus time since the motion profile began [s].
+    Bus time since the start of the motion profile [s].
 ``number``
-    Number of a move that is driven then or earlier.
+    Number of the current move or an earlier one.
 ``timeline``
     A ``TimelineArrays``.
 """
@@ -38,21 +38,23 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.bus_time import NEVER
 
-OVERRIDE_MIN, OVERRIDE_MAX = 0.01, 1.5  # of an override
-JOINED = 1e-6  # largest jump in distance [m], speed [m/s] (relative to 1) and, times a cycle, acceleration at a change
-HARD_RISE_S = 2e-3  # in which a hard stop reaches its deceleration
-HARDER, HARDER_MAX = 1.2, 80  # factor by which a stop is made quicker until it fits, and how often
-FASTER = 1e-3  # by which a stop may be faster than the present motion profile at the same place
-CYCLE_MAX = 2**53  # beyond it a number in a row is not exact
-PROFILE_HEADER = 4  # cycle, number of the move, override, whether it ends held
+OVERRIDE_MIN, OVERRIDE_MAX = 0.01, 1.5
+JOINED = (
+    1e-6  # largest jump of distance [m], speed [m/s] and, times a bus cycle, acceleration at a profile change
+)
+HARD_RISE_S = 2e-3  # time in which a hard stop reaches its deceleration
+HARDER, HARDER_MAX = 1.2, 80  # factor by which a stop is shortened until it fits, and maximum number of tries
+FASTER = 1e-3  # relative speed by which a stop may exceed the current motion profile at the same position
+CYCLE_MAX = 2**53  # larger numbers are not exact as floats
+PROFILE_HEADER = 4  # cycle, number of the move, override, held
 
 PROFILE = np.dtype(
     [
-        ('cycle', 'i8'),  # bus cycle at which it begins
-        ('number', 'i8'),  # of the move that its table belongs to; later moves follow as planned
+        ('cycle', 'i8'),  # first bus cycle
+        ('number', 'i8'),  # of the move that the table belongs to; later moves follow as planned
         ('rows', 'i8'),  # of the table
         ('duration', 'f8'),  # of the table [s]
-        ('time', 'f8'),  # of the plan at the end of the table [s]
+        ('time', 'f8'),  # plan time at the end of the table [s]
         ('override', 'f8'),  # plan time per bus time after the table
         ('held', 'i8'),
     ],
@@ -61,7 +63,7 @@ PROFILE = np.dtype(
 
 
 class TimelineArrays(NamedTuple):
-    """The compiled code follows a timeline by these."""
+    """Arrays of a timeline for the compiled code."""
 
     profile: NDArray[Any]  # one record PROFILE, shape (1,)
     table: Floats  # (n, 5) phases of the motion profile: see virtual_master
@@ -70,13 +72,13 @@ class TimelineArrays(NamedTuple):
 
 @kernel
 def plan_time_at(time, profile):
-    """Return the time of the plan [s] that goes with a time behind the table of ``profile``, a record ``PROFILE``."""
+    """Return the plan time [s] for a bus time after the end of the table of ``profile``, a record ``PROFILE``."""
     return profile.time + profile.override * (time - profile.duration)
 
 
 @kernel
 def profile_at(time, number, timeline):
-    """Return number of the move, master distance, speed, acceleration, at a time since the motion profile began [s]."""
+    """Return move number and master distance, speed, acceleration at a time since the start of the profile [s]."""
     c, table, tables = timeline.profile[0], timeline.table, timeline.tables
     if time < c.duration or c.held == 1:
         s, v, a = master_at(time, table, 0, c.rows)
@@ -89,37 +91,22 @@ def profile_at(time, number, timeline):
 
 @dataclass(frozen=True)
 class MotionProfile:
-    """What the master does from a bus cycle on.
+    """Motion of the master from a bus cycle on."""
 
-    Attributes
-    ----------
-    cycle
-        Bus cycle at which it begins.
-    number
-        Number of the move driven then.
-    table
-        Phases (n, 5) over the rest of that move in bus time, from 0 on; the last row is the end, at rest.
-    override
-        Override of the moves after it, 1 = as planned.
-    held
-        Whether the master stays where the table ends.
-
-    """
-
-    cycle: int
-    number: int
-    table: Floats
-    override: float = 1.0
-    held: bool = False
+    cycle: int  # first bus cycle
+    number: int  # of the current move
+    table: Floats  # phases (n, 5) for the remainder of that move, in bus time from 0 on; ends at rest
+    override: float = 1.0  # of the following moves, 1 = as planned
+    held: bool = False  # whether the master stays at the end of the table
 
     def to_array(self) -> Floats:
-        """Return the motion profile as a row of numbers (for a message)."""
+        """Serialize to a row of numbers for a message."""
         header = np.array([self.cycle, self.number, self.override, float(self.held)])
         return np.concatenate([header, self.table.ravel()])
 
     @staticmethod
     def from_array(values: Any) -> 'MotionProfile':
-        """Read back what ``to_array`` wrote; raises ProgramError."""
+        """Parse a row of ``to_array``; raises ProgramError."""
         row = np.asarray(values, dtype=np.float64)
         if row.ndim != 1 or len(row) < PROFILE_HEADER + PHASE_COLUMNS or not np.isfinite(row).all():
             raise ProgramError(
@@ -152,7 +139,7 @@ class MotionProfile:
 
 @dataclass(frozen=True)
 class MasterState:
-    """The master in one bus cycle: number of the move, distance [m], speed [m/s], acceleration [m/s^2]."""
+    """Master in one bus cycle: number of the move, distance [m], speed [m/s], acceleration [m/s^2]."""
 
     number: int
     distance_m: float
@@ -161,7 +148,7 @@ class MasterState:
 
 
 class Timeline:
-    """Where the master of one plan is in each bus cycle, as its motion profile has it."""
+    """Plan in bus time: state of the master in each bus cycle under the current motion profile."""
 
     def __init__(self, plan: Plan, cycle_time_s: float) -> None:
         self.plan = plan
@@ -169,37 +156,37 @@ class Timeline:
         self.record: NDArray[Any] = np.zeros(1, PROFILE)
         self.arrays = TimelineArrays(self.record, np.zeros((1, PHASE_COLUMNS)), plan.tables)
         self.profile: MotionProfile | None = None
-        self._left_s = 0.0  # plan time left of a dwell in which the master was stopped
+        self._left_s = 0.0  # remaining plan time of a dwell during which the master was stopped
 
     def copy(self) -> 'Timeline':
-        """Return a timeline that goes its own way from here on."""
+        """Return an independent copy."""
         other = copy.copy(self)
         other.record = self.record.copy()
         other.arrays = self.arrays._replace(profile=other.record)
         return other
 
     def start(self, cycle: int, override: float = 1.0) -> None:
-        """Drive the plan from its beginning from a bus cycle on."""
+        """Start the plan at a bus cycle."""
         self._follow(MotionProfile(cycle, 0, np.zeros((1, PHASE_COLUMNS)), override), plan_time_s=0.0)
 
     @property
     def start_cycle(self) -> int:
-        """Bus cycle at which the present motion profile began; ``NEVER`` before a start."""
+        """First bus cycle of the current motion profile; ``NEVER`` before a start."""
         return NEVER if self.profile is None else self.profile.cycle
 
     def check(self, profile: MotionProfile) -> None:
-        """Refuse a motion profile that does not continue the present one without a jump.
+        """Check that a motion profile continues the current one.
 
         Raises
         ------
         ProgramError
-            It begins before this one, belongs to another move, or would make the master jump or leave the move.
+            It starts before the current one, belongs to another move, makes the master jump, or leaves the move.
 
         """
         if self.profile is None:
             raise ProgramError('no program runs')
         if profile.cycle < self.profile.cycle or profile.number >= len(self.plan):
-            raise ProgramError(f'a motion profile from bus cycle {profile.cycle} on comes too late')
+            raise ProgramError(f'a motion profile from bus cycle {profile.cycle} on is too late')
         now = self.at(profile.cycle)
         first = profile.table[0]
         move = self.plan.move(profile.number)
@@ -212,10 +199,10 @@ class Timeline:
             raise ProgramError(
                 f'a motion profile from bus cycle {profile.cycle} on does not continue the motion'
             )
-        self._check_way(profile)
+        self._check_path(profile)
 
-    def _check_way(self, profile: MotionProfile) -> None:
-        """Refuse a motion profile that leaves its move, or ends nowhere."""
+    def _check_path(self, profile: MotionProfile) -> None:
+        """Raise ProgramError if a motion profile leaves its move or does not reach its end."""
         move = self.plan.move(profile.number)
         if not -JOINED <= profile.table[:, 1].min() <= profile.table[:, 1].max() <= move.length_m + JOINED:
             raise ProgramError('a motion profile leaves its move')
@@ -223,19 +210,19 @@ class Timeline:
             raise ProgramError('a motion profile does not reach the end of its move')
 
     def change(self, profile: MotionProfile) -> None:
-        """Go over to another motion profile; raises ProgramError if it does not continue the present one."""
+        """Switch to another motion profile; raises ProgramError if it does not continue the current one."""
         self.check(profile)
         if profile.held:
             self._left_s = self.left_of_move_s(profile.cycle)
         self._follow(profile, float(self.plan.tables.starts[profile.number + 1]))
 
     def extended(self, plan: Plan, profile: MotionProfile) -> 'Timeline':
-        """Return the timeline that goes over to another plan where a motion profile of that plan begins.
+        """Return the timeline that switches to another plan at the start of a motion profile for that plan.
 
         Raises
         ------
         ProgramError
-            No program runs, or the TCP would jump, in its place, its speed or its acceleration.
+            No program is running, or position, speed or acceleration of the TCP would jump.
 
         """
         present = self.profile
@@ -244,28 +231,28 @@ class Timeline:
         if profile.cycle <= present.cycle or profile.number >= len(plan) or profile.held != present.held:
             raise ProgramError(f'a plan from bus cycle {profile.cycle} on does not follow the present one')
         if profile.held and profile.cycle < self.end_cycle:
-            raise ProgramError('the TCP does not stand yet')
+            raise ProgramError('the TCP is not at rest yet')
         now = self.at(profile.cycle)
         before = self.plan.move(now.number)
         after = plan.move(profile.number)
         _, s, v, a, _ = profile.table[0].tolist()
-        here = _tcp_motion(before, now.distance_m, now.speed_m_s, now.acceleration_m_s2)
-        there = _tcp_motion(after, s, v, a)
+        present_tcp = _tcp_motion(before, now.distance_m, now.speed_m_s, now.acceleration_m_s2)
+        next_tcp = _tcp_motion(after, s, v, a)
         jerk_limited = np.isfinite(before.stop_jerk) and np.isfinite(after.stop_jerk)
         scale = np.array([1.0, 1.0, self.cycle_time_s if jerk_limited else 0.0])
-        if not np.abs((here - there) * scale[:, None]).max() <= JOINED:
+        if not np.abs((present_tcp - next_tcp) * scale[:, None]).max() <= JOINED:
             raise ProgramError(f'a plan from bus cycle {profile.cycle} on does not continue the motion')
         turned, turns = before.turn_rad(now.distance_m), after.turn_rad(s)
         if turned is not None and turns is not None and not abs(turned - turns) <= JOINED:
             raise ProgramError(f'a plan from bus cycle {profile.cycle} on does not continue the turn')
         other = Timeline(plan, self.cycle_time_s)
-        other._check_way(profile)
+        other._check_path(profile)
         other._left_s = self._left_s
         other._follow(profile, float(plan.tables.starts[profile.number + 1]))
         return other
 
     def left_of_move_s(self, cycle: int) -> float:
-        """Plan time left of the present move in a bus cycle [s]."""
+        """Return the remaining plan time of the current move in a bus cycle [s]."""
         record, profile = self.record[0], self.profile
         if profile is None or profile.held:
             return self._left_s
@@ -276,7 +263,7 @@ class Timeline:
         return float(self.plan.tables.starts[number + 1]) - float(record['time']) - profile.override * elapsed
 
     def rest_of_move(self, cycle: int) -> Floats:
-        """Phases (n, 5) over what is left of the present move, in bus time from 0 on, as the motion profile has it."""
+        """Return phases (n, 5) of the remainder of the current move, in bus time from 0 on."""
         record, profile = self.record[0], self.profile
         if profile is None:
             raise ProgramError('no program runs')
@@ -297,7 +284,7 @@ class Timeline:
         record['time'], record['override'], record['held'] = plan_time_s, profile.override, profile.held
 
     def at(self, cycle: int) -> MasterState:
-        """Return the master in a bus cycle of the present motion profile."""
+        """Return the master in a bus cycle."""
         if self.profile is None:
             raise ProgramError('no program runs')
         time = (cycle - self.profile.cycle) * self.cycle_time_s
@@ -305,7 +292,7 @@ class Timeline:
         return MasterState(int(number), float(s), float(v), float(a))
 
     def first_cycle_in(self, number: int) -> int:
-        """First bus cycle of the present motion profile in which a move to come, or the present one, is driven."""
+        """Return the first bus cycle in which the current move or a later one is executed."""
         if self.profile is None:
             raise ProgramError('no program runs')
         if number <= self.profile.number:
@@ -318,13 +305,13 @@ class Timeline:
 
     @property
     def end_cycle(self) -> int:
-        """First bus cycle in which the master stands at the end of plan or stop; ``NEVER`` before a start."""
+        """First bus cycle in which the master is at rest at the end of plan or stop; ``NEVER`` before a start."""
         if self.profile is None:
             return NEVER
         return self.end_cycle_of(self.profile, float(self.record['time'][0]))
 
     def end_cycle_of(self, profile: MotionProfile, plan_time_s: float | None = None) -> int:
-        """First bus cycle in which the master stands, if it follows a motion profile."""
+        """Return the first bus cycle in which the master is at rest under a motion profile."""
         if plan_time_s is None:
             plan_time_s = float(self.plan.tables.starts[profile.number + 1])
         time = float(profile.table[-1, 0])
@@ -335,8 +322,8 @@ class Timeline:
     def stop(self, cycle: int, acceleration_m_s2: float = 0.0) -> MotionProfile:
         """Return the motion profile that stops the master on its path, within the limits of the move where possible.
 
-        With an acceleration beyond that of the move it takes that, its jerk rising within ``HARD_RISE_S``. It brakes
-        harder where the present motion profile does so too, or its move would end before: it is nowhere faster.
+        A larger acceleration is used as given, with the jerk that reaches it within ``HARD_RISE_S``. The stop exceeds
+        these limits where the current profile does so too or its move would end earlier: it is never faster than that.
         """
         now = self.at(cycle)
         override = 1.0 if self.profile is None else self.profile.override
@@ -347,7 +334,7 @@ class Timeline:
         if acceleration_m_s2 > acceleration:
             acceleration, jerk = acceleration_m_s2, max(jerk, acceleration_m_s2 / HARD_RISE_S)
         for harder in range(HARDER_MAX):
-            with suppress(ProgramError):  # limits that nobody can brake with
+            with suppress(ProgramError):  # no stop within these limits
                 table = way_to_rest(now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk)
                 if never_faster(table, present):
                     break
@@ -358,19 +345,19 @@ class Timeline:
                 acceleration, jerk = acceleration * HARDER**2, jerk * HARDER**3
         else:
             table = present
-        # rounding may carry a stop that ends with the move a little beyond it
+        # rounding may place the end of a stop slightly beyond the end of the move
         table[:, 1] = np.minimum(table[:, 1], move.length_m)
         return MotionProfile(cycle, now.number, table, override, held=True)
 
 
 def _tcp_motion(move: Move, s: float, v: float, a: float) -> Floats:
-    """Place, velocity and acceleration of the TCP for a master on a move, shape (3, 3)."""
+    """Return position, velocity and acceleration of the TCP for a master on a move, shape (3, 3)."""
     place, first, second, _ = move.sample([s])[0]
     return np.stack([place, v * first, a * first + v * v * second])
 
 
 def never_faster(table: Floats, other: Floats) -> bool:
-    """Whether phases never turn back, end no farther than others, and are nowhere faster at the same place."""
+    """Whether phases never run backwards, end no later than others, and are nowhere faster at the same position."""
     speeds = speeds_beside(table, other)
     if speeds is None or not table[-1, 1] <= other[-1, 1] + JOINED:
         return False

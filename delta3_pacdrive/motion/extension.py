@@ -1,7 +1,8 @@
-"""More moves behind those of a plan that is driven: what stays of it, and how the master goes over to the longer plan.
+"""Appending moves to a running plan: kept moves, splice, and the transition of the master to the longer plan.
 
-A plan is made of moves from rest to rest; a sequence with rounded corners is one of them. Moves that follow are planned
-behind the last one. If that has a blend, it is planned anew together with them: it is the same path up to the blend.
+A plan consists of moves from rest to rest; a sequence with rounded corners is one move. Appended moves are planned
+after the last one. If the last move ends in a blend, it is planned again together with them, and its path is unchanged
+up to the blend.
 """
 
 from dataclasses import dataclass, replace
@@ -19,46 +20,33 @@ from delta3_pacdrive.motion.resume import go_over
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
 
-HEADER = 4  # of a row: order that is extended, first and kept move, how many numbers of moves follow
-ROOM_M = 1e-6  # before a blend, where the paths with and without it part
+HEADER = 4  # of a row: extended order, first and kept move, number of appended moves
+ROOM_M = 1e-6  # distance before a blend at which the paths with and without it separate
 
 End = tuple[int, float]
 
 
 class SpliceError(ProgramError):
-    """The corner between a plan that is driven and the moves that follow cannot be rounded any more."""
+    """The corner between a running plan and the appended moves can no longer be rounded."""
 
 
 @dataclass(frozen=True)
 class RunningProgram:
-    """A planner knows this of a plan that is driven, so that more moves may follow.
-
-    Attributes
-    ----------
-    plan
-        The plan.
-    loads
-        What each of its different moves asks of the motors.
-    statements, ends
-        Statements, and for each the number of the move with which it ends and where on that [m]; None for an output.
-        Those of a repeated program are those of its last round, or of all rounds if blends join them to one move.
-    open_from
-        First statement of the last move, if that has a blend at its end; else None.
-    payload_kg
-        Payload behind the last move.
-
-    """
+    """Data of a running plan that the planner needs to append moves."""
 
     plan: Plan
-    loads: tuple[ThermalLoad, ...]
+    loads: tuple[ThermalLoad, ...]  # of the different moves
+    # statements of the last round, or of all rounds if blends join them to one move
     statements: tuple[Statement, ...]
-    ends: tuple[End | None, ...]
-    open_from: int | None
-    payload_kg: float
+    ends: tuple[
+        End | None, ...
+    ]  # number of the move and distance on it at which a statement ends; None for an output
+    open_from: int | None  # first statement of the last move if that ends in a blend
+    payload_kg: float  # after the last move
 
     @staticmethod
     def of(program: Program, planned: Planned) -> 'RunningProgram':
-        """Return what is known of a program that is planned."""
+        """Return the data of a planned program."""
         # the last move has the statements of all rounds, if none of them stops the robot
         earlier = program.repeat - 1 if len(parts(program)) == 1 else 0
         return RunningProgram(
@@ -71,7 +59,7 @@ class RunningProgram:
         )
 
     def splice(self, rounded: bool) -> 'Splice':
-        """Return where moves that follow are planned from; the corner is rounded if the last move has a blend."""
+        """Return the splice for appended moves; with ``rounded`` a blend of the last move rounds the corner."""
         last = self.plan.move(len(self.plan) - 1)
         if self.open_from is None or not rounded:
             return Splice(
@@ -89,7 +77,7 @@ class RunningProgram:
         )
 
     def load(self, first: int, kept: int) -> ThermalLoad | None:
-        """Return what the moves number ``first`` to ``kept`` - 1 ask of the motors, None if there are none."""
+        """Return the load of the moves ``first`` to ``kept`` - 1; None if there are none."""
         counts = np.bincount(self.plan.tables.order[first:kept], minlength=len(self.loads))
         total = None
         for load, count in zip(self.loads, counts.tolist(), strict=True):
@@ -101,113 +89,72 @@ class RunningProgram:
 
 @dataclass(frozen=True)
 class Splice:
-    """Moves that follow are planned from here.
+    """Junction at which appended moves are planned."""
 
-    Attributes
-    ----------
-    kept
-        How many moves of the plan stay.
-    again
-        Statements of the last move, which is planned anew with those that follow.
-    start_m, payload_kg
-        Where the TCP stands then, and its payload.
-    common_m
-        Up to where the last move stays the same path [m].
-    turn_rad
-        Where the tool stands there; None: the plan does not say it.
-
-    """
-
-    kept: int
-    again: tuple[Statement, ...]
-    start_m: Floats
+    kept: int  # number of moves of the plan that stay
+    again: tuple[Statement, ...]  # statements of the last move, which is planned again with the appended ones
+    start_m: Floats  # TCP position at the start of the appended plan
     payload_kg: float
-    common_m: float
-    turn_rad: float | None = None
+    common_m: float  # distance on the last move up to which its path is unchanged
+    turn_rad: float | None = None  # tool angle there; None: not defined by the plan
 
 
 @dataclass(frozen=True)
 class Row:
-    """A message says this of an extension, without its moves.
+    """Message of an extension, without its moves."""
 
-    Attributes
-    ----------
-    base
-        Number of the newest order, which may have been extended itself.
-    first, kept
-        The moves number ``first`` to ``kept`` - 1 of the present plan stay.
-    order
-        Numbers of the moves that follow.
-    profile
-        What the master follows from its bus cycle on, on the longer plan.
-
-    """
-
-    base: int
-    first: int
+    base: int  # number of the newest order, which may be an extended one
+    first: int  # moves ``first`` to ``kept`` - 1 of the current plan stay
     kept: int
-    order: Floats
-    profile: MotionProfile
+    order: Floats  # numbers of the appended moves
+    profile: MotionProfile  # on the longer plan
 
     def to_array(self) -> Floats:
-        """Return the row of numbers."""
+        """Serialize to a row of numbers."""
         header = np.array([self.base, self.first, self.kept, len(self.order)], dtype=np.float64)
         return np.concatenate([header, self.order, self.profile.to_array()])
 
     @staticmethod
     def from_array(values: Any) -> 'Row':
-        """Read back what ``to_array`` wrote; raises ProgramError."""
+        """Parse a row of ``to_array``; raises ProgramError."""
         row = np.asarray(values, dtype=np.float64)
         head = row[:HEADER]
         if len(head) < HEADER or not np.isfinite(head).all() or (head % 1.0).any() or (head < 0.0).any():
             raise ProgramError(
-                'moves that follow must come with whole numbers of the order and of what stays'
+                'an extension must start with whole numbers: the order, the kept moves and the number of moves'
             )
         base, first, kept, count = (int(value) for value in head)
         order = row[HEADER : HEADER + count]
         if not len(order) or len(order) < count or not np.isfinite(order).all() or (order % 1.0).any():
-            raise ProgramError('moves that follow came without their order')
+            raise ProgramError('an extension has no order of its moves')
         return Row(base, first, kept, order, MotionProfile.from_array(row[HEADER + count :]))
 
 
 @dataclass(frozen=True)
 class Extension:
-    """A plan that is driven becomes this longer one.
+    """Replacement of a running plan by a longer one."""
 
-    Attributes
-    ----------
-    first, kept
-        The moves number ``first`` to ``kept`` - 1 of the present plan stay; those before have been driven.
-    more
-        Plan of the moves behind them.
-    profile
-        What the master follows from its bus cycle on, on the longer plan.
-    timeline
-        The longer plan in bus time.
-
-    """
-
-    first: int
+    first: int  # moves ``first`` to ``kept`` - 1 of the current plan stay; earlier ones are complete
     kept: int
-    more: Plan
-    profile: MotionProfile
-    timeline: Timeline
+    more: Plan  # the appended moves
+    profile: MotionProfile  # on the longer plan
+    timeline: Timeline  # of the longer plan
 
     def row(self, base: int) -> Floats:
-        """Return the extension of an order as a row of numbers, without its moves (for a message)."""
+        """Serialize the extension of an order without its moves to a row of numbers for a message."""
         order = self.more.tables.order.astype(np.float64)
         return Row(base, self.first, self.kept, order, self.profile).to_array()
 
 
 def extend(timeline: Timeline, cycle: int, splice: Splice, more: Plan) -> Extension:
-    """Return how a plan that is driven is extended from a bus cycle on.
+    """Return the extension of a running plan at a bus cycle.
 
     Raises
     ------
     SpliceError
-        The corner cannot be rounded any more; the moves can follow from rest.
+        The corner can no longer be rounded; the moves can be appended from rest.
     ProgramError
-        The longer plan is too large, or cannot follow.
+        The longer plan is too large, or does not continue the motion.
 
     """
     profile = timeline.profile
@@ -218,10 +165,10 @@ def extend(timeline: Timeline, cycle: int, splice: Splice, more: Plan) -> Extens
     if now.number >= splice.kept:
         table = go_over(timeline, cycle, more.move(0), splice.common_m)
         if table is None:
-            raise SpliceError('the corner to the moves that follow cannot be rounded any more')
+            raise SpliceError('the corner to the appended moves cannot be rounded any more')
     elif profile.held or cycle >= timeline.end_cycle:
         place = now.distance_m if profile.held else timeline.plan.move(now.number).length_m
-        # two phases: one alone, at 0, would be the start of a program
+        # two phases: a single one at 0 would mean the start of a program
         table = np.array([[0.0, place, 0.0, 0.0, 0.0]] * (1 if profile.held else 2))
     else:
         table = timeline.rest_of_move(cycle)

@@ -1,7 +1,7 @@
-"""Arm angles over time: points are joined as the joint_trajectory_controller of ros2_control does, then checked.
+"""Joint-space trajectories: interpolation as in the joint_trajectory_controller of ros2_control, and limit checks.
 
-Between two points a trajectory is a quintic if both have speeds and accelerations, a cubic if both have speeds, else
-a straight line. It begins where the robot stands, at rest, and ends at rest.
+A segment is a quintic if both of its points have speeds and accelerations, a cubic if both have speeds, else a straight
+line. The trajectory starts at rest at the current arm angles and ends at rest.
 """
 
 import math
@@ -25,42 +25,29 @@ from delta3_pacdrive.motion.thermal_load import thermal_load
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-START_TOLERANCE_RAD = (
-    1e-3  # how far a first point at time 0 may be from where the robot stands, where it begins
-)
-REST_RAD_S = 1e-6  # below it a speed at the end is rounding
-PIECE_SAMPLES_MIN, SAMPLES_MAX = 8, 60_000  # at which a piece, and all of them, are checked
-BEFORE = 1e-9  # of a piece: distance of its last sample from the point that it ends in
+START_TOLERANCE_RAD = 1e-3  # permitted deviation of a first point at time 0 from the current arm angles
+REST_RAD_S = 1e-6  # lower final speeds are rounding
+PIECE_SAMPLES_MIN, SAMPLES_MAX = 8, 60_000  # of the limit check: per piece, and in total
+BEFORE = 1e-9  # distance of the last sample of a piece from its end, relative to the piece
 NOWHERE = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class JointTrajectory:
-    """Arm angles over time.
+    """Arm angles over time."""
 
-    Attributes
-    ----------
-    times_s, angles_rad
-        Of the points, the start included: shapes (n + 1,) and (n + 1, 3).
-    segments
-        Pieces (n, 19) over the time, as those of paths.
-    first_number
-        Number of the point that it starts in; 0: before the first.
-
-    """
-
-    times_s: Floats
-    angles_rad: Floats
-    segments: Floats
-    first_number: int
+    times_s: Floats  # of the points, with the start, shape (n + 1,)
+    angles_rad: Floats  # shape (n + 1, 3)
+    segments: Floats  # pieces (n, 19) over time, as those of paths
+    first_number: int  # number of the point at the start; 0 if the first point is later
 
     @property
     def duration_s(self) -> float:
-        """From the start to the last point [s]."""
+        """Duration from the start to the last point [s]."""
         return float(self.times_s[-1])
 
     def sample_times(self) -> Floats:
-        """Return times at which it is checked: both sides of each point, and between them."""
+        """Return the times of the limit check: both sides of each point, and samples between them."""
         step = max(SAMPLE_S, self.duration_s / SAMPLES_MAX)
         found = []
         for start, end in zip(self.times_s[:-1], self.times_s[1:], strict=True):
@@ -69,17 +56,17 @@ class JointTrajectory:
         return np.concatenate([*found, self.times_s[-1:]])
 
     def where(self, times_s: Floats) -> Callable[[int], str]:
-        """Return what says where a sample is."""
+        """Return a function that formats the position of a sample for messages."""
 
         def place(n: int) -> str:
             time = float(times_s[n])
             number = min(int(np.searchsorted(self.times_s, time, 'left')), len(self.times_s) - 1)
-            return f'at {time:.4f} s, on the way to point {number + self.first_number}'
+            return f'at {time:.4f} s, before point {number + self.first_number}'
 
         return place
 
     def jumps(self) -> Floats:
-        """Jumps of the speeds in the points [rad/s], shape (n + 1, 3); it stands before and after."""
+        """Return the speed jumps at the points [rad/s], shape (n + 1, 3), for rest before and after."""
         coefficients = self.segments[:, 1:].reshape(-1, 3, DEGREE + 1)
         powers = np.arange(1, DEGREE + 1)
         grown = powers * np.diff(self.times_s)[:, None] ** (powers - 1)
@@ -89,35 +76,35 @@ class JointTrajectory:
         return np.asarray(after - before)
 
 
-def joint_trajectory(points: Sequence[JointPoint], here_rad: Floats) -> JointTrajectory:
-    """Join points, from where the arms stand on.
+def joint_trajectory(points: Sequence[JointPoint], start_rad: Floats) -> JointTrajectory:
+    """Interpolate points, starting from the current arm angles.
 
     Raises
     ------
     ProgramError
-        Times do not increase, the first point is elsewhere, or the last one is not at rest.
+        Times do not increase, a point at time 0 deviates from the current angles, or the last point is not at rest.
 
     """
     knots = list(points)
-    here = (float(here_rad[0]), float(here_rad[1]), float(here_rad[2]))
+    start = (float(start_rad[0]), float(start_rad[1]), float(start_rad[2]))
     if knots[0].time_s > 0.0:
-        knots.insert(0, JointPoint(0.0, here, NOWHERE, NOWHERE))
+        knots.insert(0, JointPoint(0.0, start, NOWHERE, NOWHERE))
     else:
-        for axis, (angle, stands) in enumerate(zip(knots[0].angles_rad, here, strict=True)):
-            if not abs(angle - stands) <= START_TOLERANCE_RAD:
+        for axis, (angle, actual) in enumerate(zip(knots[0].angles_rad, start, strict=True)):
+            if not abs(angle - actual) <= START_TOLERANCE_RAD:
                 raise ProgramError(
-                    f'point 1 at time 0 has arm {axis + 1} at {angle:.6g} rad, but it stands at {stands:.6g} rad, '
+                    f'point 1 at time 0 has arm {axis + 1} at {angle:.6g} rad, but its angle is {actual:.6g} rad, '
                     f'the limit of the difference is {START_TOLERANCE_RAD:g} rad'
                 )
-        knots[0] = replace(knots[0], angles_rad=here)
+        knots[0] = replace(knots[0], angles_rad=start)
     first = 0 if len(knots) > len(points) else 1
     times = np.array([knot.time_s for knot in knots])
     if len(knots) < 2:
-        raise ProgramError('the only point is at time 0, and there is no other to go to')
+        raise ProgramError('the only point is at time 0: a trajectory needs a later one')
     if (np.diff(times) <= 0.0).any():
         n = int(np.argmax(np.diff(times) <= 0.0))
         raise ProgramError(
-            f'point {n + 1 + first} is at {times[n + 1]:.9g} s, not behind point {n + first} at {times[n]:.9g} s'
+            f'point {n + 1 + first} is at {times[n + 1]:.9g} s, not after point {n + first} at {times[n]:.9g} s'
         )
     _require_rest(knots[-1], len(points))
     segments = np.zeros((len(times) - 1, SEGMENT_COLUMNS))
@@ -135,15 +122,15 @@ def _require_rest(last: JointPoint, number: int) -> None:
 
 
 def _pieces(knots: Sequence[JointPoint], durations: Floats) -> Floats:
-    """Coefficients of three angles between points in powers of the time since the point before, shape (n, 3, 6)."""
-    from scipy.interpolate import BPoly, PPoly  # takes half a second, which other programs do without
+    """Return coefficients of three angles in powers of the time since the previous point, shape (n, 3, 6)."""
+    from scipy.interpolate import BPoly, PPoly  # the import takes half a second; other programs avoid it
 
-    told = np.array([1 + (knot.speeds_rad_s is not None) + _has_all(knot) for knot in knots])
-    orders = np.minimum(told[:-1], told[1:])  # derivatives that count, the angles among them
+    given = np.array([1 + (knot.speeds_rad_s is not None) + _has_all(knot) for knot in knots])
+    orders = np.minimum(given[:-1], given[1:])  # number of matched derivatives, with the angles
     pieces = np.zeros((len(durations), 3, DEGREE + 1))
     for order in np.unique(orders).tolist():
         chosen = np.flatnonzero(orders == order)
-        # all of them at once, each in shares of its duration
+        # pieces of one order together, each in relative time
         shares = durations[chosen] ** np.arange(order)[:, None]
         ends = [_derivatives(knots, chosen + side, order) * shares[..., None] for side in (0, 1)]
         polynomial = PPoly.from_bernstein_basis(BPoly.from_derivatives([0.0, 1.0], ends))
@@ -157,7 +144,7 @@ def _has_all(knot: JointPoint) -> bool:
 
 
 def _derivatives(knots: Sequence[JointPoint], numbers: NDArray[np.int64], order: int) -> Floats:
-    """Angles and so many less one of their derivatives in some points, shape (order, points, 3)."""
+    """Return angles and ``order`` - 1 of their derivatives at some points, shape (order, points, 3)."""
     rows = [
         (knots[n].angles_rad, knots[n].speeds_rad_s, knots[n].accelerations_rad_s2)[:order]
         for n in numbers.tolist()
@@ -167,21 +154,21 @@ def _derivatives(knots: Sequence[JointPoint], numbers: NDArray[np.int64], order:
 
 def plan_joints(
     points: Sequence[JointPoint],
-    here_m: Floats,
+    start_m: Floats,
     payload_kg: float,
     name: str,
     parameters: Parameters,
     returning: bool = False,
 ) -> PlannedMove:
-    """Join points and check the trajectory; it is never slowed down.
+    """Interpolate points and check all limits; the trajectory is never slowed down.
 
     Raises
     ------
     ProgramError
-        It breaks a limit; says which quantity, arm or motor, its value, the limit, and at which point.
+        A limit is exceeded; states quantity, arm or motor, value, limit and point.
 
     """
-    path = joint_trajectory(points, kinematics.inverse(here_m, parameters.kinematics))
+    path = joint_trajectory(points, kinematics.inverse(start_m, parameters.kinematics))
     times = path.sample_times()
     where = path.where(times)
     angles = sample_path(times, path.segments)
@@ -213,21 +200,20 @@ def plan_joints(
     stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
     move = Move(
         MoveKind.JOINTS,
-        np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [path.duration_s, path.duration_s, 0.0, 0.0, 0.0]]),
-        path.segments,
-        stop,
-        math.inf,
-        payload_kg,
+        master=np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [path.duration_s, path.duration_s, 0.0, 0.0, 0.0]]),
+        segments=path.segments,
+        stop_acceleration=stop,
+        payload_kg=payload_kg,
         kinematics=parameters.kinematics,
     )
     load = thermal_load(d, np.gradient(times), path.duration_s, parameters)
-    # a jump grows with the override, too
+    # the override increases the jumps as well
     room = thermal_load(jumps, np.zeros(len(jumps.time_s)), path.duration_s, parameters).override_max
     return PlannedMove(move, replace(load, override_max=min(load.override_max, room)), name)
 
 
 def _jump_dynamics(path: JointTrajectory, payload_kg: float, parameters: Parameters) -> PathDynamics:
-    """Return what it takes to change the speeds within a bus cycle where they jump."""
+    """Return the motor demand for changing the speeds at their jumps within a bus cycle."""
     count = len(path.times_s)
     angles = np.zeros((count, 4, 3))
     angles[:, 0], angles[:, 1] = path.angles_rad, path.jumps()

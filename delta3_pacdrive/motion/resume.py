@@ -1,4 +1,4 @@
-"""Ways back to a plan: after a stop or at another override, and what is left of a plan after a fault."""
+"""Return to a plan after a stop or at another override, and remaining moves of a plan after a fault."""
 
 import math
 from dataclasses import replace
@@ -24,26 +24,26 @@ from delta3_pacdrive.motion.virtual_master import (
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-CANDIDATES = 200  # places of a move at which the plan may be joined, evenly over its time
-CLOSE_S = 1e-3  # between those just ahead: in a corner of a sequence the speed changes within 25 ms
-CLOSE_OVER_S = 0.25  # how far ahead
-OVER_PLAN = 1.0 + 1e-3  # how far the speed may exceed that of the plan at the same place
-ROUNDING = 1.0 + 1e-9  # room for ruckig, whose start and target must lie within the limits
-END_M = 1e-7  # a master this close to the end of its move is there
-# times after which the way back may begin; until then the present motion profile goes on [s]
+CANDIDATES = 200  # positions of a move at which the plan may be joined, evenly spaced in time
+CLOSE_S = 1e-3  # time between those just ahead: in a corner of a sequence the speed changes within 25 ms
+CLOSE_OVER_S = 0.25  # range of the close positions
+OVER_PLAN = 1.0 + 1e-3  # permitted speed relative to the plan at the same position
+ROUNDING = 1.0 + 1e-9  # tolerance for ruckig, whose start and target must lie within the limits
+END_M = 1e-7  # distance from the end of a move that counts as its end
+# delays after which the connection may start; the current motion profile continues until then [s]
 DELAYS_S = (0.0, 0.01, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8, 1.2, 2.0, 4.0, 8.0)
-GENTLE = (1.0, 0.5, 0.25, 0.1)  # shares of the move's limits, for a start from standstill
+GENTLE = (1.0, 0.5, 0.25, 0.1)  # shares of the move's limits tried for a start from standstill
 
 
 def resume(timeline: Timeline, cycle: int, override: float) -> MotionProfile:
-    """Return the motion profile that goes over to the plan at an override as early as the limits allow.
+    """Return the motion profile that reaches the plan at an override as early as the limits allow.
 
-    Where a moving master cannot do so before the end of its move, the override counts from the next move on.
+    If a moving master cannot do so before the end of its move, the override applies from the next move on.
 
     Raises
     ------
     ProgramError
-        A standing master finds no way back to the plan within the limits of its move.
+        A master at rest cannot return to the plan within the limits of its move.
 
     """
     now = timeline.at(cycle)
@@ -58,9 +58,9 @@ def resume(timeline: Timeline, cycle: int, override: float) -> MotionProfile:
     room = max(1.0, override, before)
     limits = (move.stop_acceleration * room**2, move.stop_jerk * room**3)
     if held:
-        # rounding may place the cycle in which a stop ends a hair before that end
-        stands = cycle >= timeline.end_cycle
-        state = (now.distance_m, 0.0 if stands else now.speed_m_s, 0.0 if stands else now.acceleration_m_s2)
+        # rounding may place the end of a stop slightly after its last cycle
+        at_rest = cycle >= timeline.end_cycle
+        state = (now.distance_m, 0.0 if at_rest else now.speed_m_s, 0.0 if at_rest else now.acceleration_m_s2)
         for gentle in GENTLE:
             table = _join(move, state, override, room, (limits[0] * gentle, limits[1] * gentle))
             if table is not None:
@@ -80,10 +80,10 @@ def resume(timeline: Timeline, cycle: int, override: float) -> MotionProfile:
 
 
 def go_over(timeline: Timeline, cycle: int, move: Move, common_m: float) -> Floats | None:
-    """Return phases that lead from the present move to another one that is the same path up to a place [m].
+    """Return phases that lead from the current move to another one with the same path up to a distance [m].
 
-    The master goes on as now for a while if need be, and is nowhere faster than either of them is planned there. None
-    if it is past the place, or cannot join the other one.
+    The master may continue on the current profile for a while, and is nowhere faster than planned for either move.
+    None if it is past the common path, or cannot join the other move.
     """
     now, profile = timeline.at(cycle), timeline.profile
     if profile is None or now.distance_m > common_m:
@@ -109,7 +109,7 @@ def go_over(timeline: Timeline, cycle: int, move: Move, common_m: float) -> Floa
 
 
 def _after(present: Floats, delay: float, table: Floats) -> Floats:
-    """Phases of the present motion profile for a while, then those of a table."""
+    """Return the phases of the current motion profile up to a delay, then those of a table."""
     kept = present[present[:, 0] < delay]
     later = table.copy()
     later[:, 0] += delay
@@ -124,9 +124,9 @@ def _join(
     limits: tuple[float, float],
     before: tuple[Floats, float] | None = None,
 ) -> Floats | None:
-    """Phases from a state (s, v, a) to the first place where the plan, at an override, can be joined; None: nowhere.
+    """Return phases from a state (s, v, a) to the first position at which the plan can be joined at an override.
 
-    Up to a place [m] they may be as fast as another master ``before``.
+    None if there is none. Up to a distance [m] they may be as fast as another master ``before``.
     """
     s0, v0, _ = state
     times = _candidates(move, s0)
@@ -134,7 +134,7 @@ def _join(
     planned[-1] = move.length_m, move.master[-1, 2], 0.0, 0.0
     speed_max = room * float(planned[:, 1].max())
     s, v = planned[:, 0], planned[:, 1] * override
-    # what cannot be reached with all the acceleration there is need not be tried
+    # positions beyond the reach of the largest acceleration need not be tried
     near = np.abs(v**2 - v0**2) <= 2.0 * limits[0] * OVER_PLAN * (s - s0)
     for n in np.flatnonzero((s > s0 + END_M) & near):
         target = (float(s[n]), float(v[n]), float(planned[n, 2]) * override**2)
@@ -147,17 +147,17 @@ def _join(
 
 
 def _candidates(move: Move, distance_m: float) -> Floats:
-    """Times of a move at which it may be joined from a place on it; they lie closer together just ahead."""
+    """Return times of a move at which it may be joined from a distance on it, closely spaced just ahead."""
     times = np.linspace(0.0, move.duration_s, CANDIDATES + 1)
     if move.duration_s > CANDIDATES * CLOSE_S:
-        here = float(master_at_distances([distance_m], move.master)[0, 0])
-        ahead = here + np.arange(CLOSE_S, CLOSE_OVER_S, CLOSE_S)
+        start = float(master_at_distances([distance_m], move.master)[0, 0])
+        ahead = start + np.arange(CLOSE_S, CLOSE_OVER_S, CLOSE_S)
         times = np.union1d(times, ahead[ahead < move.duration_s])
     return times
 
 
 def _connection(start: State, end: State, limits: tuple[float, float], speed_max: float) -> Floats | None:
-    """Phases from state to state; None if there are none within the limits."""
+    """Return phases from state to state; None if there are none within the limits."""
     acceleration_max, jerk_max = limits
     if not math.isfinite(jerk_max):
         start, end = (*start[:2], 0.0), (*end[:2], 0.0)
@@ -172,61 +172,63 @@ def _connection(start: State, end: State, limits: tuple[float, float], speed_max
 def _stays_under(
     table: Floats, master: Floats, factor: float, speed_max: float, before: tuple[Floats, float] | None
 ) -> bool:
-    """Whether the phases never turn back nor exceed the planned speed, times a factor, at the same place."""
+    """Whether phases never run backwards nor exceed the planned speed, times a factor, at the same position."""
     speeds = speeds_beside(table, master)
     if speeds is None:
         return False
     taken, allowed = speeds
-    if before is not None and (beside := speeds_beside(table, before[0])) is not None:
+    if before is not None and (others := speeds_beside(table, before[0])) is not None:
         s = sample_master(np.linspace(0.0, table[-1, 0], len(taken) + 1), table)[:-1, 0]
-        allowed = np.where(s <= before[1], np.maximum(allowed, beside[1]), allowed)
+        allowed = np.where(s <= before[1], np.maximum(allowed, others[1]), allowed)
     return bool((taken <= allowed * factor * OVER_PLAN + 1e-4 * speed_max).all())
 
 
 def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
-    """Return the point at which a stopped program stands on its path [m], and the moves that are left of it.
+    """Return the stopping position of a program on its path [m], and its remaining moves.
 
-    The first of them begins inside its path; outputs that were switched before are not switched again.
+    The first of them starts within its path; outputs switched before are not switched again.
 
     Raises
     ------
     ProgramError
-        The program was not stopped, or is at its end.
+        The program was not stopped, or is complete.
 
     """
     if timeline.profile is None or not timeline.profile.held:
-        raise ProgramError('where the program was stopped on its path is not known; it can only be restarted')
+        raise ProgramError(
+            'the stopping position of the program on its path is unknown; it can only be restarted'
+        )
     profile = resume(timeline, timeline.end_cycle, 1.0)
     plan, number = timeline.plan, profile.number
     move = plan.move(number)
     later = [plan.move(n) for n in range(number + 1, len(plan))]
     place = float(profile.table[0, 1])
-    here = np.asarray(move.sample([place])[0, 0])
+    stopped_m = np.asarray(move.sample([place])[0, 0])
     if len(profile.table) > 1:
         ahead = move.events[move.events[:, 0] > place] if move.kind not in STANDING else move.events
         later.insert(0, replace(move, master=profile.table, events=ahead))
     if not later:
         raise ProgramError('the program was at its end')
-    return here, later
+    return stopped_m, later
 
 
-def way_back(timeline: Timeline, here_m: Floats, parameters: Parameters) -> Plan:
-    """Return the plan that leads a robot from where it stands to the path of a stopped program, then on along it.
+def way_back(timeline: Timeline, start_m: Floats, parameters: Parameters) -> Plan:
+    """Return a plan from the current position straight to the path of a stopped program, then along it.
 
     Raises
     ------
     ProgramError
-        The straight line back is refused, the program was not stopped, or is at its end.
+        The straight line is not permitted, the program was not stopped, or is complete.
 
     """
     on_path, moves = left_of_plan(timeline)
-    if float(np.linalg.norm(here_m - on_path)) > STANDING_M:
+    if float(np.linalg.norm(start_m - on_path)) > STANDING_M:
         motion, (x, y, z) = parameters.motion, on_path.tolist()
         limits = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
         program = Program('way back', (MoveL(Target((x, y, z)), limits=limits),))
-        back = program_planner.plan(program, here_m, parameters, returning=True).plan.moves
+        back = program_planner.plan(program, start_m, parameters, returning=True).plan.moves
         if (angle := moves[0].start_turn_rad) is not None:
-            # the tool has stopped on its way as the robot has, and whoever moves the robot does not turn it
+            # the tool stopped with the robot, and moving the arms by hand does not turn it
             back = tuple(replace(move, turns=standing(angle)) for move in back)
         moves = [*back, *moves]
     return Plan.of(moves)

@@ -1,16 +1,15 @@
-"""Input shaping: a master that starts and stops so that a vibration of the robot cancels itself.
+"""Input shaping: modify the master so that its start and stop do not excite a vibration of the robot.
 
-The distance over time becomes a weighted sum of itself, delayed by up to a period of the vibration. The TCP stays on
-its path, and its speed, acceleration and jerk along it are nowhere larger than they were. For a vibration of frequency
-f and damping ratio D, of damped period T, and with K = exp(-pi D / sqrt(1 - D^2)), the sums are (Singer and Seering
-1990)
+The shaped distance over time is a weighted sum of delayed copies of the original. The TCP stays on its path, and speed,
+acceleration and jerk along it do not increase. For a vibration of frequency f, damping ratio D and damped period T,
+with K = exp(-pi D / sqrt(1 - D^2)), the weights are (Singer and Seering 1990)
 
     zero vibration (zv)                  1, K            at 0, T/2
     zero vibration and derivative (zvd)  1, 2 K, K^2     at 0, T/2, T
-    smooth                               zv after a moving average over half a period that fades like the vibration
-    modes                                zvd for each of several vibrations, one after the other
+    smooth                               zv after a moving average over half a period that decays like the vibration
+    modes                                zvd for several vibrations in series
 
-zvd and smooth take one period T, zv half of one, modes the sum of all periods.
+zvd and smooth lengthen a motion by one period T, zv by half a period, modes by the sum of all periods.
 """
 
 import math
@@ -23,13 +22,13 @@ from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import MODES, SMOOTH, ZVD
 
-SMOOTH_PARTS = 8  # of the moving average over half a period
-SAME_S = 1e-9  # between two ends of phases that are one
+SMOOTH_PARTS = 8  # samples of the moving average over half a period
+SAME_S = 1e-9  # ends of phases closer than this are one
 
 
 @dataclass(frozen=True)
 class Shaper:
-    """A shaper sums a motion with itself: weights, of sum 1, and delays from 0 on [s]."""
+    """Weights with sum 1 and delays from 0 on [s]."""
 
     weights: Floats
     delays_s: Floats
@@ -52,7 +51,7 @@ class Shaper:
 
     @staticmethod
     def of_each(kind: str, vibrations: Sequence[tuple[float, float]]) -> 'Shaper':
-        """Return shapers of a kind for several vibrations, frequencies [Hz] and damping ratios, one after the other."""
+        """Return the shaper for several vibrations (frequency [Hz], damping ratio) in series."""
         weights, delays = np.ones(1), np.zeros(1)
         for frequency_hz, damping in vibrations:
             one = Shaper.of(kind, frequency_hz, damping)
@@ -63,28 +62,28 @@ class Shaper:
 
     @property
     def duration_s(self) -> float:
-        """By how much a motion becomes longer [s]."""
+        """Time by which a motion becomes longer [s]."""
         return float(self.delays_s[-1])
 
     def residual(self, frequency_hz: float, damping: float) -> float:
-        """Return what is left of a vibration that a motion excites, 1: as much as without shaping."""
+        """Return the residual vibration after a motion, relative to that without shaping."""
         decay = math.tau * frequency_hz * damping
         turn = math.tau * frequency_hz * math.sqrt(1.0 - damping * damping)
         grown = self.weights * np.exp((decay + 1j * turn) * self.delays_s)
         return float(abs(grown.sum()) * math.exp(-decay * self.duration_s))
 
     def shaped(self, phases: Floats) -> Floats:
-        """Return the phases of the shaped master, shape (n, 5) -> (m, 5): exactly the sum, from rest to rest."""
+        """Return the phases of the shaped master from rest to rest, shape (n, 5) -> (m, 5), without approximation."""
         edges = np.sort(np.add.outer(phases[:, 0], self.delays_s).ravel())
         times = edges[np.concatenate([[True], np.diff(edges) > SAME_S])]
         inside = np.append(0.5 * (times[1:] + times[:-1]), times[-1] + 1.0)
         shaped = np.zeros((len(times), PHASE_COLUMNS))
         for weight, delay in zip(self.weights, self.delays_s, strict=True):
-            # phases are told apart in their middle: where they meet rounding would decide
+            # look up the phases at their middle: at their ends the result would depend on rounding
             row = np.searchsorted(phases[:, 0], inside - delay, side='right') - 1
-            there = phases[row.clip(0)]
-            t = np.where(row < 0, 0.0, times - delay - there[:, 0])
-            _, s, v, a, j = there.T * np.where(row < 0, 0.0, 1.0)
+            delayed = phases[row.clip(0)]
+            t = np.where(row < 0, 0.0, times - delay - delayed[:, 0])
+            _, s, v, a, j = delayed.T * np.where(row < 0, 0.0, 1.0)
             shaped[:, 1] += weight * (s + t * (v + t * (a / 2.0 + t * j / 6.0)))
             shaped[:, 2] += weight * (v + t * (a + t * j / 2.0))
             shaped[:, 3] += weight * (a + t * j)

@@ -145,7 +145,7 @@ def test_a_refused_trajectory_leaves_the_robot_as_it_was(client, robot):
     client.plan()
     reason, _ = client.answer()
     assert reason.code == Code.CONTENT
-    assert 'the angle of arm 1 is 111 deg at 1.0000 s, on the way to point 1' in reason.sentence
+    assert 'the angle of arm 1 is 111 deg at 1.0000 s, before point 1' in reason.sentence
     assert client.none(Ordered)
     client.ask('trajectory', trajectory(robot))
     client.plan()

@@ -314,12 +314,12 @@ def shifted(profile, column, by):
         (lambda c: shifted(c, 1, 1e-3), 'does not continue the motion'),
         (lambda c: shifted(c, 2, 1e-3), 'does not continue the motion'),
         (lambda c: MotionProfile(c.cycle, c.number + 1, c.table, 1.0, True), 'does not continue the motion'),
-        (lambda c: MotionProfile(c.cycle, 99, c.table, 1.0, True), 'comes too late'),
+        (lambda c: MotionProfile(c.cycle, 99, c.table, 1.0, True), 'is too late'),
         (
             lambda c: MotionProfile(c.cycle, c.number, c.table, 1.0, False),
             'does not reach the end of its move',
         ),
-        (lambda c: replace(c, cycle=-5), 'comes too late'),
+        (lambda c: replace(c, cycle=-5), 'is too late'),
     ],
 )
 def test_a_motion_profile_that_does_not_continue_the_motion_is_refused(change, reason, plan):

@@ -192,8 +192,8 @@ def test_a_foreign_trajectory_is_refused_as_every_foreign_plan(change, reason, r
 @pytest.mark.parametrize(
     ('times', 'reason'),
     [
-        ([0.5, 0.5], 'point 2 is at 0.5 s, not behind point 1 at 0.5 s'),
-        ([0.5, 0.7, 0.6], 'point 3 is at 0.6 s, not behind point 2 at 0.7 s'),
+        ([0.5, 0.5], 'point 2 is at 0.5 s, not after point 1 at 0.5 s'),
+        ([0.5, 0.7, 0.6], 'point 3 is at 0.6 s, not after point 2 at 0.7 s'),
         ([0.0], 'the only point is at time 0'),
     ],
 )
@@ -203,7 +203,7 @@ def test_times_must_increase(times, reason, robot, home):
 
 def test_a_first_point_at_time_0_must_be_where_the_robot_stands(robot, home):
     sentence = refusal(robot, point(0.0, moved(home, 0.0, 0.01, 0.0)), point(1.0, home))
-    assert 'point 1 at time 0 has arm 2 at -0.0529375 rad, but it stands at -0.0629375 rad' in sentence
+    assert 'point 1 at time 0 has arm 2 at -0.0529375 rad, but its angle is -0.0629375 rad' in sentence
     assert sentence.endswith('the limit of the difference is 0.001 rad')
 
 
@@ -215,7 +215,7 @@ def test_the_end_must_be_at_rest(robot, home):
 @pytest.mark.parametrize(
     ('points', 'reason'),
     [
-        ([(1.0, 2.0, 1)], 'the angle of arm 1 is 111 deg at 1.0000 s, on the way to point 1, the limit is 95 deg'),
+        ([(1.0, 2.0, 1)], 'the angle of arm 1 is 111 deg at 1.0000 s, before point 1, the limit is 95 deg'),
         ([(0.5, 0.1, 1), (2.0, 0.7, 1)], 'z is '),
         ([(0.02, 0.1, 1)], 'motor 1 would be '),
         ([(0.1, 0.2, 0)], 'for a jump of speed by 2 rad/s within a bus cycle at point 1, the limit is '),
@@ -230,7 +230,7 @@ def test_limits_of_arms_workspace_and_motors_are_kept_between_points_too(points,
 
 def test_a_trajectory_between_legal_points_that_swings_out_is_refused_at_its_place(robot, home):
     sentence = refusal(robot, point(0.4, home + 0.1, [6.0, 6.0, 6.0]), point(0.8, home + 0.1, STILL))
-    assert 'on the way to point ' in sentence
+    assert 'before point ' in sentence
 
 
 def test_arm_angles_take_no_cap_of_speed(robot, home):

@@ -117,7 +117,7 @@ def test_arm_angles_over_time_are_refused(slow):
     ]
     assert plan(slow.replace(motion__tcp_speed_limit_m_s=4.0), {'joints': {'points': points}})
     with pytest.raises(
-        ProgramError, match=r'TCP speed would be .* on the way to point 2, .* the limit is 2 m/s'
+        ProgramError, match=r'TCP speed would be .* before point 2, .* the limit is 2 m/s'
     ):
         plan(slow, {'joints': {'points': points}})
 

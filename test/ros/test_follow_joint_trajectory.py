@@ -240,7 +240,7 @@ def test_a_client_drives_the_arms_is_told_how_far_they_are_and_that_they_have_co
 def test_an_invalid_goal_is_rejected_and_its_reason_published(driver: Driver) -> None:
     cell = driver.cell
     sentence = driver.rejection(message((1.0, still(2.0))))
-    assert 'the angle of arm 1 is 111 deg at 1.0000 s, on the way to point 1, the limit is 95 deg' in sentence
+    assert 'the angle of arm 1 is 111 deg at 1.0000 s, before point 1, the limit is 95 deg' in sentence
     assert driver.states() == ['planning', 'refused']
     assert driver.rejection(message((1.0, still(0.1)), names=['a', 'b', 'c'])).startswith('joint_names are ')
     assert driver.rejection(message((1.0, still(np.nan)))).startswith('point 1: positions of axis1 is nan')

@@ -53,7 +53,7 @@ def test_a_stamp_is_bus_time() -> None:
         (message((1.0, {'positions': [0, 0, 0], 'velocities': [0, math.inf, 0]})), 'point 1: velocities of axis2'),
         (message((1.0, {'positions': [0, 0, 0], 'accelerations': [0, 0, 0]})), 'point 1 has accelerations, but no vel'),
         (message((1.0, {'positions': [0, 0, 0], 'effort': [0, 0, 0]})), 'point 1 has effort, which is not supported'),
-        (message((1.0, still(0.0)), (1.0, still(0.1))), 'point 2 is at 1 s, not behind point 1 at 1 s'),
+        (message((1.0, still(0.0)), (1.0, still(0.1))), 'point 2 is at 1 s, not after point 1 at 1 s'),
         (message((-1.0, still(0.0))), 'point 1: time_from_start is -1 s, but must be at least 0'),
         (message(*((float(n), still(0.0)) for n in range(1, 1002))), 'has 1001 points, the limit is 1000'),
         (message((1.0, still(0.0)), stamp=Time(sec=-1)), 'header.stamp is -1 s'),
@@ -93,7 +93,7 @@ def test_a_refused_trajectory_is_answered_and_the_next_one_driven(cell: Cell) ->
     reports = cell.graph.listen(String, 'unit_robot/requests', REQUEST)
     answer = cell.send(message((1.0, still(2.0))))
     assert 'refused: ' in answer
-    assert 'the angle of arm 1 is 111 deg at 1.0000 s, on the way to point 1, the limit is 95 deg' in answer
+    assert 'the angle of arm 1 is 111 deg at 1.0000 s, before point 1, the limit is 95 deg' in answer
     assert cell.send(message((1.0, still(0.1)), names=['a', 'b', 'c'])).startswith('refused: joint_names are')
     cell.operator.take_control('somebody')
     assert 'control' in cell.send(message((0.5, still(0.1))))
