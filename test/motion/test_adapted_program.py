@@ -126,7 +126,7 @@ def test_the_way_is_checked_and_goes_once(robot):
     assert [there.name_of(n) for n in range(len(there.statements))].count('the approach to its start') == 1
     assert len(there.statements) == 1 + 3 * len(program.statements)
     low = replace(program, start_m=(0.0, 0.0, -1.5))
-    with pytest.raises(ProgramError, match=r'^the way to its start: '):
+    with pytest.raises(ProgramError, match=r'^the approach to its start: '):
         program_planner.plan(approached(low, 0.25), START, robot)
 
 
@@ -136,5 +136,5 @@ def test_caps_hold_for_the_way_too(robot):
 
 
 def test_a_program_without_a_start_has_none_to_go_to(robot):
-    with pytest.raises(ProgramError, match=r'begins wherever the robot stands: there is no start to go to$'):
+    with pytest.raises(ProgramError, match=r'starts at the current robot position: it has no start to approach$'):
         approached(read(robot, start_m=None), 0.25)

@@ -366,7 +366,7 @@ def test_a_program_that_begins_in_the_middle_begins_with_the_tool_where_it_is_th
     assert turned_deg(program_planner.plan(rest, THERE, machine)) == [(45.0, 55.0)]
     steps = programs.parse({'start_m': START, 'moves': [moves[0], moves[1]][1:] + moves}, machine.motion)
     assert math.degrees(rest_of(steps, 2, machine).start_turn_rad) == pytest.approx(30.0)
-    with pytest.raises(ProgramError, match='say start_turn_deg in the head'):
+    with pytest.raises(ProgramError, match='give start_turn_deg in the head'):
         rest_of(steps, 1, machine)
 
 
