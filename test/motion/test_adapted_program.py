@@ -136,5 +136,7 @@ def test_caps_hold_for_the_way_too(robot):
 
 
 def test_a_program_without_a_start_has_none_to_go_to(robot):
-    with pytest.raises(ProgramError, match=r'starts at the current robot position: it has no start to approach$'):
+    with pytest.raises(
+        ProgramError, match=r'starts at the current robot position: it has no start to approach$'
+    ):
         approached(read(robot, start_m=None), 0.25)

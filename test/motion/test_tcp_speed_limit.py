@@ -116,9 +116,7 @@ def test_arm_angles_over_time_are_refused(slow):
         for time_s, angles in ((0.0, start), (0.35, end))
     ]
     assert plan(slow.replace(motion__tcp_speed_limit_m_s=4.0), {'joints': {'points': points}})
-    with pytest.raises(
-        ProgramError, match=r'TCP speed would be .* before point 2, .* the limit is 2 m/s'
-    ):
+    with pytest.raises(ProgramError, match=r'TCP speed would be .* before point 2, .* the limit is 2 m/s'):
         plan(slow, {'joints': {'points': points}})
 
 
