@@ -101,7 +101,7 @@ def measure(
 
     ``show`` takes what is driven next, and how many of how many are done.
     """
-    simulation.rehearse(core.load())  # compiles what is compiled at its first use
+    simulation.precompile(core.load())  # compiles what is compiled at its first use
     found: dict[str, dict[str, Any]] = {}
     for name in controllers:
         found[name] = {}

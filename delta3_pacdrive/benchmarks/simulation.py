@@ -37,7 +37,7 @@ PUSH_N_M = (6.0, -2.0, 0.0)
 def measure_simulation(seconds: float) -> dict[str, Any]:
     """Measure the speed of the whole robot, its exactness, and the mechanism beside MuJoCo."""
     robot = core.load()
-    simulation.rehearse(robot)
+    simulation.precompile(robot)
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
         program = programs.load(program_file(seconds, folder), robot.motion)
     speeds = {}
@@ -47,7 +47,7 @@ def measure_simulation(seconds: float) -> dict[str, Any]:
         'exchange 125 us': robot.replace(bus__exchange_period_s=125e-6),
         'rich plant': core.load('rich'),
     }.items():
-        simulation.rehearse(changed)
+        simulation.precompile(changed)
         spent_s, trace = _spent(partial(simulation.run, program, changed))
         speeds[name] = len(trace.time_s) * changed.bus.cycle_time_s / spent_s
     return {

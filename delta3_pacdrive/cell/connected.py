@@ -12,7 +12,7 @@ from delta3_pacdrive.cell.link import HeldError, Seen, StoppedError
 from delta3_pacdrive.cell.place import of_caller
 from delta3_pacdrive.cell.robot import Robot
 from delta3_pacdrive.controller.belt_axes import read_belts
-from delta3_pacdrive.controller.belt_knowledge import ToldBelts, TrackOrder
+from delta3_pacdrive.controller.belt_knowledge import RemoteBelts, TrackOrder
 from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError, ScriptError
@@ -44,7 +44,7 @@ class ConnectedLink:
         self._node, self.parameters = node, parameters
         facts = node.attach()
         belts = read_belts(facts['axes'])
-        self.tracking = ToldBelts(parameters, belts) if belts else None
+        self.tracking = RemoteBelts(parameters, belts) if belts else None
         self.inputs, self.outputs = tuple(facts['inputs']), node.outputs()
         self._has_clock = bool(facts['clock'])
         self._take(facts)

@@ -125,7 +125,7 @@ class SimulatedLink:
         """Get on the belt again after ``hold``, or leave it, from a bus cycle on."""
         if self.tracking is not None:
             self.tracking.again_cycle = cycle
-            self.tracking.go_on()  # the change of the motion profile follows
+            self.tracking.resume()  # the change of the motion profile follows
 
     def abandon(self, cycle: int) -> None:
         """Let the bus go on to a cycle, stop from there on, and forget moves and belt once the robot stands."""
@@ -139,12 +139,12 @@ class SimulatedLink:
             if profile is not None:
                 self._log.follow(task.timeline.copy(), profile.cycle, goes_on=True)
         tracking.halt(task.next_cycle)
-        tracking.settle()
+        tracking.clear_loss()
         stands = max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, self._operation.cycle)
         self._operation.go_to(stands + self.parameters.in_position_cycles)
         if task.loaded:
             self._ended()
-        task.release()
+        task.clear_belt()
 
     extra_cycles = 0  # there is no clock
 
@@ -229,8 +229,8 @@ class SimulatedLink:
             'start_cycle': first,
             'end_cycle': self._end_cycle,
             'planned_end_m': task_end,
-            'figures': combined(self._figures).told
-            | ({} if (tool := self._robot.tool) is None else tool.told),
+            'figures': combined(self._figures).to_dict()
+            | ({} if (tool := self._robot.tool) is None else tool.to_dict()),
             'faults': [],
             'unlearned': '',
         }

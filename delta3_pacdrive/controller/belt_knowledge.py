@@ -23,7 +23,7 @@ from delta3_pacdrive.motion.belt_synchronization import (
 from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.parameters import Parameters
 
-TOLD_MAX = 10_000  # parts that nobody has taken over
+PARTS_MAX = 10_000  # parts that nobody has taken over
 NUMBER_MAX, LIMIT_MIN = 1e6, 1e-3  # of an order for a belt, in SI units
 BLIND = 2.5  # times the way between two pictures: so long without one, and the camera is dead
 CONSTANT_S = 0.05  # for so long the acceleration of a belt is taken to last, when it is told how it will be
@@ -232,7 +232,7 @@ class BeltKnowledge:
         zero = tuple(0 for _ in belts)
         standing = tuple(BeltEstimate(0.0, 0.0, 0.0) for _ in belts)
         self.observed = Observed(-1, standing, tuple(0.0 for _ in belts), zero, zero, zero)
-        self.parts: list[deque[QueuedPart]] = [deque(maxlen=TOLD_MAX) for _ in belts]
+        self.parts: list[deque[QueuedPart]] = [deque(maxlen=PARTS_MAX) for _ in belts]
         self.lost: Reason | None = None
 
     @property
@@ -312,7 +312,7 @@ class BeltKnowledge:
         return transition_between(start, Motion(ZERO), order.limits, there.speed_m_s).duration_s
 
 
-class ToldBelts(BeltKnowledge):
+class RemoteBelts(BeltKnowledge):
     """Belts as a robot that is up has told them: those of the bus cycle on which a script decides."""
 
     _tracked = Tracked()

@@ -107,21 +107,21 @@ class BeltTracking(BeltKnowledge):
         self._observers = [BeltObserver(belt.increments_per_m, self._time) for belt in belts]
         self._history = [self.observed] * HISTORY
         # of each belt the bus cycles in which the parts were told
-        self._told: list[deque[int]] = [deque(maxlen=parts.maxlen) for parts in self.parts]
+        self._reported: list[deque[int]] = [deque(maxlen=parts.maxlen) for parts in self.parts]
         self._dropped, self._bounced = [0] * len(self.belts), [0] * len(self.belts)
         self._latched_m = [math.inf] * len(self.belts)  # the last part that a light barrier has told
         self._pictures = [(0, 0.0)] * len(self.belts)  # how many, and the way of the belt at the last one [m]
         # of the newest pictures, which may be told much later: count of the encoder, and way of the belt [m]
         self._ways: list[deque[tuple[int, float]]] = [deque(maxlen=PICTURES_MAX) for _ in self.belts]
         # for the next event that gets on a belt, and that of the last one
-        self._coming: TrackOrder | None = None
+        self._pending_order: TrackOrder | None = None
         self._order: TrackOrder | None = None
         self._phase = self._before = Phase.FREE
         self._asked = False
         self._way, self._since, self._again = Transition.standing(ZERO, 0.0), 0, -1
         self.again_cycle = -1
         self._jumps = 0
-        self.forgets = False
+        self.clears_at_rest = False
         self.offset = Motion(ZERO)
 
     # what comes in ----------------------------------------------------------------------------------------------------
@@ -143,10 +143,10 @@ class BeltTracking(BeltKnowledge):
                     self._bounced[n] += 1  # the first time counts
                 else:
                     self._latched_m[n] = along
-                    self._tell(cycle, n, QueuedPart('', along, 0.0, belt=belt.name))
+                    self._report(cycle, n, QueuedPart('', along, 0.0, belt=belt.name))
             for seen in reading.sighted:
                 along = seen.along_m - self._way_of_picture(n, seen.count)
-                self._tell(
+                self._report(
                     cycle, n, QueuedPart(seen.type, along, seen.across_m, seen.angle_rad, belt=belt.name)
                 )
 
@@ -166,15 +166,15 @@ class BeltTracking(BeltKnowledge):
                 return way
         return self._observers[belt].distance_of(count)
 
-    def _tell(self, cycle: int, belt: int, part: QueuedPart) -> None:
+    def _report(self, cycle: int, belt: int, part: QueuedPart) -> None:
         parts = self.parts[belt]
         self._dropped[belt] += len(parts) == parts.maxlen
         parts.append(part)
-        self._told[belt].append(cycle)
+        self._reported[belt].append(cycle)
 
     def take_parts(self, belt: int, until: int = NEVER) -> list[QueuedPart]:
         """Return what has been told of parts on a belt up to a bus cycle; it is told no more."""
-        parts, told = self.parts[belt], self._told[belt]
+        parts, told = self.parts[belt], self._reported[belt]
         return [(told.popleft(), parts.popleft())[1] for _ in range(bisect_right(told, until))]
 
     def begin(self, cycle: int) -> None:
@@ -184,16 +184,16 @@ class BeltTracking(BeltKnowledge):
             last = -math.inf if belt.window is None else belt.window.end_m - estimates[n].way_m
             kept = [
                 (cycle, one)
-                for cycle, one in zip(self._told[n], self.parts[n], strict=True)
+                for cycle, one in zip(self._reported[n], self.parts[n], strict=True)
                 if one.along_m <= last
             ]
-            self._told[n].clear()
+            self._reported[n].clear()
             self.parts[n].clear()
             for cycle, part in kept:
-                self._told[n].append(cycle)
+                self._reported[n].append(cycle)
                 self.parts[n].append(part)
 
-    def told(self, cycle: int, tracked: Tracked) -> dict[str, Any]:
+    def to_document(self, cycle: int, tracked: Tracked) -> dict[str, Any]:
         """Return what a script is told that decides on a bus cycle, one of the last 64, as a reply has it.
 
         ``tracked`` is what the command of that cycle has left.
@@ -204,7 +204,7 @@ class BeltTracking(BeltKnowledge):
 
     def order(self, order: TrackOrder) -> None:
         """Take an order for the next event of the plan that gets on a belt; it counts instead of the one before."""
-        self._coming = order
+        self._pending_order = order
 
     # what goes out ----------------------------------------------------------------------------------------------------
 
@@ -232,12 +232,12 @@ class BeltTracking(BeltKnowledge):
         elif not asked and self.works:
             self._before = Phase.LEAVING  # the work was done while it came to rest
         self._asked = asked
-        return self._go_on(cycle)
+        return self._advance(cycle)
 
     def _get_on(self, cycle: int) -> None:
-        self._order, self._coming = self._coming, None
+        self._order, self._pending_order = self._pending_order, None
         if self._order is None:
-            self._lose(f'the plan gets on a belt in bus cycle {cycle}, but nobody has said on which one')
+            self._set_lost(f'the plan gets on a belt in bus cycle {cycle}, but nobody has said on which one')
             return
         self._jumps = self.jumps(self._order.belt)
         self._phase = Phase.ON_BELT
@@ -260,10 +260,10 @@ class BeltTracking(BeltKnowledge):
         try:
             self._way = transition_between(start, Motion(ZERO), order.limits, there.speed_m_s)
         except ProgramError as error:
-            self._lose(f'belt {belt.name} in bus cycle {cycle}: {error}')
+            self._set_lost(f'belt {belt.name} in bus cycle {cycle}: {error}')
             self.halt(cycle)
 
-    def _go_on(self, cycle: int) -> bool:
+    def _advance(self, cycle: int) -> bool:
         order = self._order
         if order is None or self._phase is Phase.FREE:
             return False
@@ -290,21 +290,21 @@ class BeltTracking(BeltKnowledge):
         belt, window = self.belts[order.belt], order.window
         where = f'belt {belt.name} in bus cycle {cycle}'
         if part_m > window.end_m:
-            self._lose(
+            self._set_lost(
                 f'{where}: the part is at {1e3 * part_m:.1f} mm, the window ends at {1e3 * window.end_m:.1f} mm, and '
                 'the work is not done'
             )
         elif met and part_m < window.begin_m - SHORT_M:
-            self._lose(
+            self._set_lost(
                 f'{where}: it has stopped too early or runs backwards, the part is at {1e3 * part_m:.1f} mm, and the '
                 f'window begins at {1e3 * window.begin_m:.1f} mm'
             )
         elif abs(speed_m_s) >= order.limits.speed_m_s:
-            self._lose(
+            self._set_lost(
                 f'{where}: it runs at {speed_m_s:.3f} m/s, the robot at {order.limits.speed_m_s:g} m/s at most'
             )
         elif self.jumps(order.belt) - self._jumps > JUMPS_MAX:
-            self._lose(
+            self._set_lost(
                 f'{where}: its encoder has jumped {self.jumps(order.belt) - self._jumps} times, so that nobody knows '
                 'where the part is'
             )
@@ -327,12 +327,12 @@ class BeltTracking(BeltKnowledge):
             parts.append((velocity, acceleration, plan.move(now.number).stop_jerk * max(override, 1.0) ** 3))
         speed = max_speed_while_stopping(parts)
         if speed > self._tcp_speed_limit:
-            self._lose(
+            self._set_lost(
                 f'belt {self.belts[self._order.belt].name} in bus cycle {cycle}: together with the belt the TCP would '
                 f'run at {speed:.3f} m/s, the limit is {self._tcp_speed_limit:g} m/s'
             )
 
-    def _lose(self, sentence: str) -> None:
+    def _set_lost(self, sentence: str) -> None:
         if self.lost is None:
             self.lost = Reason(Code.BELT, sentence)
 
@@ -365,19 +365,19 @@ class BeltTracking(BeltKnowledge):
         faster = tuple(v + t * a for v, a in zip(velocity, acceleration, strict=True))
         return Motion(moved, faster, acceleration)  # type: ignore[arg-type]
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Get on the belt again, or leave it, after ``halt``, from the command of ``again_cycle`` on."""
         if self._phase is Phase.STANDING:
             self._again = self.again_cycle
         self.again_cycle = -1
 
-    def settle(self) -> None:
+    def clear_loss(self) -> None:
         """Forget why the robot could not stay on a belt, and an order that nobody goes on with."""
-        self.lost = self._coming = None
+        self.lost = self._pending_order = None
 
-    def release(self) -> None:
+    def clear(self) -> None:
         """Forget belt and order: what is added becomes part of the place at which the robot stands."""
-        self.settle()
+        self.clear_loss()
         self._order, self._phase, self._asked = None, Phase.FREE, False
         self._again = self.again_cycle = -1
-        self.offset, self.forgets = Motion(ZERO), False
+        self.offset, self.clears_at_rest = Motion(ZERO), False

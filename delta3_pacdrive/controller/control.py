@@ -44,8 +44,8 @@ class Control:
         self.operator: Operator | None = None
         self.changes = self.losses = 0
         self._watch = Watchdog(period_s)
-        self._beats = Numbering()
-        self._is_heard = False  # whether a heartbeat of the operator has come
+        self._heartbeats = Numbering()
+        self._heartbeat_received = False  # whether a heartbeat of the operator has come
 
     def take(self, operator: Operator, by_force: bool, now_s: float) -> Reason | None:
         """Give control to an operator; returns why not."""
@@ -55,7 +55,7 @@ class Control:
             return control_refusal(self.operator.name)
         if self.operator is None or self.operator.identity != operator.identity:
             self.losses += self.operator is not None
-            self.operator, self._is_heard = operator, False
+            self.operator, self._heartbeat_received = operator, False
             self.changes += 1
         self._watch.received(now_s)
         return None
@@ -67,17 +67,17 @@ class Control:
         self._end()
         return None
 
-    def heard(self, identity: str, number: int, now_s: float) -> None:
+    def receive_heartbeat(self, identity: str, number: int, now_s: float) -> None:
         """Take note of a heartbeat; one that is not newer than the last does not count."""
-        new = self._beats.is_new(identity, number)
+        new = self._heartbeats.is_new(identity, number)
         if new and self.operator is not None and self.operator.identity == identity:
-            self._is_heard = True
+            self._heartbeat_received = True
             self._watch.received(now_s)
 
-    def lost(self, now_s: float) -> Operator | None:
+    def poll(self, now_s: float) -> Operator | None:
         """Look: the operator who has just lost control because he fell silent, None if none has."""
         silence = self._watch.silence_s(now_s)
-        limit_s = OPERATOR_SILENT_S if self._is_heard else OPERATOR_APPEARS_S
+        limit_s = OPERATOR_SILENT_S if self._heartbeat_received else OPERATOR_APPEARS_S
         if self.operator is None or silence <= limit_s:
             return None
         operator = self.operator

@@ -30,7 +30,7 @@ from delta3_pacdrive.sercos.watchdog import Watchdog
 Content = tuple[Any, int, int]  # position, speed, torque; status word; word of the service channel
 
 
-class CyclePort(Protocol):
+class CycleCallbacks(Protocol):
     """What bus cycles do outside of the controller."""
 
     def start_ticks(self, delay_s: float) -> None:
@@ -39,16 +39,16 @@ class CyclePort(Protocol):
     def send(self, cycle: int, command: Command) -> None:
         """Send the MDT of a bus cycle."""
 
-    def tell(self, cycle: int) -> None:
+    def publish_answers(self, cycle: int) -> None:
         """Tell what the answers of a bus cycle say."""
 
-    def refuse(self, reason: str) -> None:
+    def reject_telegram(self, reason: str) -> None:
         """Say that a telegram was refused."""
 
-    def change(self) -> None:
+    def run_actions(self) -> None:
         """Carry out what the state of the robot wants done."""
 
-    def report(self) -> None:
+    def publish_status(self) -> None:
         """Do the same, and tell everybody how things stand."""
 
 
@@ -99,7 +99,7 @@ class CyclicOperation:
         axes: AxisMonitor,
         services: ServiceRequests,
         faults: Schedule,
-        port: CyclePort,
+        callbacks: CycleCallbacks,
         gate: ScriptGate,
         fall: Callable[[RobotFault], None],
         now_s: Callable[[], float],
@@ -107,12 +107,12 @@ class CyclicOperation:
         shared: SharedClock | None = None,
     ) -> None:
         self._state, self._axes, self._services, self._faults = state, axes, services, faults
-        self._port, self._gate, self._fall = port, gate, fall
+        self._callbacks, self._gate, self._fall = callbacks, gate, fall
         self._task, self._cycle = task, ControllerCycle(task, axes, parameters)
         self.watchdog = Watchdog(look_s)
         self.statistics = BusStatistics(parameters.bus.outstanding_cycles_max)
         self._now_s, self._now_ns = now_s, now_ns
-        self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, port.refuse)
+        self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, callbacks.reject_telegram)
         self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max, shared)
         self.answers: AnswerBuffer[Content] = AnswerBuffer(len(services.drives))
         self.inputs, self.belts = InputImage(), BeltImage()
@@ -139,7 +139,7 @@ class CyclicOperation:
         self.last_answer_s = self._now_s()
         self.watchdog.received(self.last_answer_s)
         delay_s = self.scheduler.begin(cycle, self.last_answer_s + self.scheduler.period_s)
-        self._port.start_ticks(delay_s)  # at once: what comes between makes every cycle late
+        self._callbacks.start_ticks(delay_s)  # at once: what comes between makes every cycle late
         self.running = True
 
     def end(self) -> None:
@@ -167,17 +167,17 @@ class CyclicOperation:
                 self._observe(cycle - 1)
             command = self._cycle.command(cycle)
             self.statistics.sent(cycle, outstanding, self.scheduler.late_s, self._now_ns())
-            self._port.send(cycle, command)
+            self._callbacks.send(cycle, command)
             self.next_cycle = cycle + 1
             state.commanded(cycle)
             if gate.commanded(cycle):
-                if gate.abandons:
-                    gate.stands = state.abandon()
+                if gate.cancels_motion:
+                    gate.rest_cycle = state.cancel_motion()
                 else:
                     state.hold()
                 gate.note(cycle)
             if state.actions:
-                self._port.change()
+                self._callbacks.run_actions()
 
     def _outstanding(self) -> int:
         """Return how many cycles wait for answers: as many as may, where a command has to know its belts first."""
@@ -197,7 +197,7 @@ class CyclicOperation:
         for fault, _ in self._faults.due(cycle):
             if fault.kind == 'emergency_stop':
                 self._state.stop_for(emergency_stop(cycle))
-                self._port.change()
+                self._callbacks.run_actions()
 
     def take(self, index: int, cycle: int, content: Content, received_ns: int) -> None:
         """Take the AT of an axis, and the time at which it came [ns], 0 if nobody knows it."""
@@ -216,14 +216,14 @@ class CyclicOperation:
             else:
                 sentence = f'{axis}: two different AT of bus cycle {arrived}: who is the second writer?'
                 self._state.stop(RobotFault(FaultCode.SECOND_WRITER, sentence, axis))
-                self._port.report()
+                self._callbacks.publish_status()
 
     def take_inputs(self, cycle: int, bits: int) -> None:
         """Take the inputs that the plant tells in a bus cycle, as bits."""
         if not self.running:
             return
         if self.next_cycle <= cycle:
-            self._port.refuse(f'inputs of bus cycle {cycle} are ahead of bus time')
+            self._callbacks.reject_telegram(f'inputs of bus cycle {cycle} are ahead of bus time')
             return
         self.inputs.put(cycle, bits)
         self.complete()
@@ -233,7 +233,7 @@ class CyclicOperation:
         if not self.running:
             return
         if self.next_cycle <= cycle:
-            self._port.refuse(f'belts of bus cycle {cycle} are ahead of bus time')
+            self._callbacks.reject_telegram(f'belts of bus cycle {cycle} are ahead of bus time')
             return
         self.belts.put(cycle, readings)
         self.complete()
@@ -261,15 +261,15 @@ class CyclicOperation:
             stop = self._cycle.evaluate(cycle, answers, state.checked_from, bool(state.fault))
             if self._observed < cycle:
                 self._observe(cycle)
-            self._port.tell(cycle)
+            self._callbacks.publish_answers(cycle)
             if stop is not None:
                 state.stop_for(stop)
-                self._port.report()
+                self._callbacks.publish_status()
             if state.ended(cycle):
                 state.answered(cycle)
-                self._port.report()
+                self._callbacks.publish_status()
             if state.fault:
-                gate.happen(GateEvent.FAIL)
+                gate.handle(GateEvent.FAIL)
             gate.answered(cycle, inputs.take(cycle))
             if state.fault and self._axes.absent and state.without_torque:
                 self._fall(state.fault)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from delta3_pacdrive.controller.fault_reset import FaultReset, ResetEvent, ResetState
-from delta3_pacdrive.controller.robot_actions import Answered, Asked, Said
+from delta3_pacdrive.controller.robot_actions import AccessRequested, Logged, Replied
 from delta3_pacdrive.controller.robot_state import Bus, RobotState
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
@@ -61,7 +61,7 @@ class Enabling:
     def disable(self) -> str:
         """Disable the drives, after a stop on the path if the TCP moves; returns when."""
         cycle, state = self._bus.next_cycle, self._state
-        self._answer_waiting(lambda _: Reason(Code.STATE, 'the drives were disabled meanwhile'))
+        self._reply_to_waiting(lambda _: Reason(Code.STATE, 'the drives were disabled meanwhile'))
         if state.moves:
             sentence = f'disabled by the operator in motion, in bus cycle {cycle}'
             state.stop(RobotFault(FaultCode.DISABLED, sentence, cycle=cycle))
@@ -88,14 +88,14 @@ class Enabling:
             where = f'{1e3 * away:.1f} mm from where its program was held'
             return Reason(Code.STATE, f'the robot was moved {where}: abort it first')
         if away > SETTLED_M:
-            self._task.release()
+            self._task.clear_belt()
             self._state.locate(self._task.locate(self._axes.positions), self._bus.answered)
         elif turned > 0.0:
             self._task.locate_tool(self._axes.positions)
             self._state.locate(self._task.state['tcp'][0], self._bus.answered)
         return None
 
-    def _answer_waiting(self, outcome: Callable[[Any], Reason | str | None]) -> None:
+    def _reply_to_waiting(self, outcome: Callable[[Any], Reason | str | None]) -> None:
         """Answer who waits for drives to be enabled, unless he has to wait on."""
         waiting, self._waiting = self._waiting, []
         for request in waiting:
@@ -103,8 +103,8 @@ class Enabling:
             if found is None:
                 continue
             reason, sentence = (found, '') if isinstance(found, Reason) else (None, found)
-            told = Answered(request, reason, sentence)
-            self._state.actions.extend((Said(f'enable: {found}', error=reason is not None), told))
+            told = Replied(request, reason, sentence)
+            self._state.actions.extend((Logged(f'enable: {found}', error=reason is not None), told))
 
     # clearing of faults -----------------------------------------------------------------------------------------------
 
@@ -119,28 +119,28 @@ class Enabling:
             waiting = f' ({self._bus.waiting()})' if self._bus.waiting() else ''
             return Reason(Code.BUS, f'cannot be cleared now: {fault}{waiting}', fault)
         self._reset.begin(request)
-        self.look()
+        self.poll()
         return None
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """Look whether who asked need not wait any more; for a reset a drive that is to be enabled counts as such."""
         if self._waiting:
-            self._answer_waiting(self.enable)
+            self._reply_to_waiting(self.enable)
         if self._reset.state is ResetState.WAITING and self._state.without_torque:
             drives = len(self._axes.status)
             self._reset.ask(drives)
-            asked = [Asked(index, RESET_CLASS_1, self._take_answer) for index in range(drives)]
+            asked = [AccessRequested(index, RESET_CLASS_1, self._take_answer) for index in range(drives)]
             self._state.actions.extend(asked)
 
-    def lose_bus(self, fault: RobotFault) -> None:
+    def handle_bus_loss(self, fault: RobotFault) -> None:
         """Answer who waits, since cyclic operation has ended."""
-        self._answer_waiting(lambda _: Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
-        if self._reset.happen(ResetEvent.LOSE_BUS):
-            self._answer(Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
+        self._reply_to_waiting(lambda _: Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
+        if self._reset.handle(ResetEvent.BUS_LOST):
+            self._reply(Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
 
     def _take_answer(self, index: int, answer: Answer) -> None:
         if self._reset.answered(f'{ALL_DRIVES[index]}: {answer.sentence}' if answer.error else ''):
-            self._answer(self._clear_faults())
+            self._reply(self._clear_faults())
 
     def _clear_faults(self) -> Reason | None:
         """Stand ready where the motors are, now that the drives have cleared their faults; returns why not."""
@@ -157,12 +157,12 @@ class Enabling:
         self._state.recover(tcp)
         return None
 
-    def _answer(self, reason: Reason | None) -> None:
+    def _reply(self, reason: Reason | None) -> None:
         sentence = (
             f'reset refused: {reason}' if reason else f'faults cleared in bus cycle {self._bus.answered}'
         )
         said, answered = (
-            Said(sentence, error=reason is not None),
-            Answered(self._reset.request, reason, sentence),
+            Logged(sentence, error=reason is not None),
+            Replied(self._reset.request, reason, sentence),
         )
         self._state.actions.extend((said, answered))

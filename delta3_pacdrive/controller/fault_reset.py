@@ -21,15 +21,15 @@ class ResetEvent(Enum):
     REQUEST = 'an operator asks for it'
     TORQUE_OFF = 'no drive is in torque, or about to be'
     ANSWER = 'the last drive has answered'
-    LOSE_BUS = 'the bus has fallen'
+    BUS_LOST = 'the bus has fallen'
 
 
 TRANSITIONS = {
     (ResetState.NONE, ResetEvent.REQUEST): ResetState.WAITING,
     (ResetState.WAITING, ResetEvent.TORQUE_OFF): ResetState.ASKED,
-    (ResetState.WAITING, ResetEvent.LOSE_BUS): ResetState.NONE,
+    (ResetState.WAITING, ResetEvent.BUS_LOST): ResetState.NONE,
     (ResetState.ASKED, ResetEvent.ANSWER): ResetState.NONE,
-    (ResetState.ASKED, ResetEvent.LOSE_BUS): ResetState.NONE,
+    (ResetState.ASKED, ResetEvent.BUS_LOST): ResetState.NONE,
 }
 """Where an event leads from a state."""
 
@@ -62,12 +62,12 @@ class FaultReset:
     def begin(self, request: Any) -> None:
         """Begin with what an operator has asked for."""
         self.request, self.errors = request, []
-        self.happen(ResetEvent.REQUEST)
+        self.handle(ResetEvent.REQUEST)
 
     def ask(self, drives: int) -> None:
         """Note that so many drives are asked, because none has torque any more."""
         self._awaited = drives
-        self.happen(ResetEvent.TORQUE_OFF)
+        self.handle(ResetEvent.TORQUE_OFF)
 
     def answered(self, error: str) -> bool:
         """Take the answer of a drive, an empty error if it has cleared its faults; whether it was the last."""
@@ -76,9 +76,9 @@ class FaultReset:
         self._awaited -= 1
         if error:
             self.errors.append(error)
-        return self._awaited == 0 and self.happen(ResetEvent.ANSWER)
+        return self._awaited == 0 and self.handle(ResetEvent.ANSWER)
 
-    def happen(self, event: ResetEvent) -> bool:
+    def handle(self, event: ResetEvent) -> bool:
         """Let an event happen; whether it could."""
         after = TRANSITIONS.get((self.state, event))
         self.state = after or self.state

@@ -1,10 +1,10 @@
-"""Requests of moves that follow those of the program that is driven: from the question to the answer."""
+"""Request to append moves to the running program, from the request to the reply."""
 
 from collections.abc import Callable
 
 import numpy as np
 
-from delta3_pacdrive.controller.following import Following
+from delta3_pacdrive.controller.following import AppendedMoves
 from delta3_pacdrive.controller.messages import Request
 from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
@@ -17,27 +17,15 @@ from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
 from delta3_pacdrive.motion.extension import SpliceError
 
 
-class FollowUp:
-    """Moves that follow, of one planner.
+class AppendRequest:
+    """Requests to append moves, for one planner.
 
-    Parameters
-    ----------
-    following, run, readiness
-        What becomes of them, of the program that runs, and what the transformation task says.
-    requests
-        Who asks for them.
-    planning, act
-        Called with what has to be planned, and done.
-    newest_cycle
-        Returns the newest bus cycle that is known of.
-    from_rest
-        Plans the moves of a request from where the robot stands, because the program is over meanwhile.
-
+    ``from_rest`` plans the moves of a request from rest if the program has ended meanwhile.
     """
 
     def __init__(
         self,
-        following: Following,
+        appended: AppendedMoves,
         run: ProgramRun,
         readiness: Readiness,
         requests: RequestService,
@@ -46,32 +34,32 @@ class FollowUp:
         newest_cycle: Callable[[], int],
         from_rest: Callable[[Request], None],
     ) -> None:
-        self._following, self._run, self._readiness = following, run, readiness
+        self._appended, self._run, self._readiness = appended, run, readiness
         self._requests, self._planning, self._act = requests, planning, act
         self._newest_cycle, self._from_rest = newest_cycle, from_rest
         self._orphaned = False
 
     def begin(self, request: Request) -> None:
-        """Let the moves of a request be planned behind those of the program that is driven."""
+        """Start planning the moves of a request after those of the running program."""
         self._requests.tracker.begin(request.identity)
         self._orphaned = False
         self.plan(request, rounded=True)
 
     def plan(self, request: Request, rounded: bool) -> None:
-        """Let them be planned, with or without a rounded corner before them; raises ProgramError."""
-        waiting = self._requests.tracker.following
-        behind = self._following.behind(waiting, rounded, self._newest_cycle())
-        here = np.array(behind.splice.start_m)
-        self._planning.begin(here, self._following.take, request.text, request.adaptation, True, behind)
+        """Plan the moves with or without a rounded corner before them; raises ProgramError."""
+        waiting = self._requests.tracker.appended
+        append_to = self._appended.append_point(waiting, rounded, self._newest_cycle())
+        here = np.array(append_to.splice.start_m)
+        self._planning.begin(here, self._appended.take, request.text, request.adaptation, True, append_to)
 
-    def lose_control(self) -> None:
-        """Note that their operator has lost control."""
-        self._orphaned = self._following.busy and bool(
+    def handle_control_loss(self) -> None:
+        """Mark the moves for rejection, because their operator has lost control."""
+        self._orphaned = self._appended.busy and bool(
             self._requests.serving and self._requests.serving.operator
         )
 
     def send(self, now_s: float) -> None:
-        """Send moves that are planned, unless they must wait for a stop, or the program is over."""
+        """Send planned moves, unless they must wait for a stop or the program has ended."""
         request, motion = self._requests.serving, self._readiness.motion
         if request is None or motion == MotionState.STOPPING:
             return
@@ -80,11 +68,11 @@ class FollowUp:
             if self._orphaned:
                 raise RefusedError(LOST_CONTROL)
             if self._run.state is RunState.RUNNING and motion in UNDER_WAY:
-                ordered = self._following.send(self._newest_cycle(), now_s)
+                ordered = self._appended.send(self._newest_cycle(), now_s)
                 if ordered is not None:
                     self._act(ordered)
-            elif self._run.state is RunState.NONE and self._run.came_to_its_end:
-                self._following.end()  # it was driven to its end meanwhile: they are planned from there
+            elif self._run.state is RunState.NONE and self._run.completed:
+                self._appended.end()  # the program has reached its end meanwhile
                 self._from_rest(request)
             elif self._run.state is not RunState.RUNNING:
                 lost = Reason(Code.STATE, 'the program that they were to follow was given up')
@@ -92,24 +80,24 @@ class FollowUp:
         except SpliceError:
             self.plan(request, rounded=False)
         except Delta3Error as error:
-            self._following.end()
+            self._appended.end()
             self._requests.reply(Reason.of(error))
 
     def take_verdict(self, reason: Reason | None) -> None:
-        """Answer whoever waits for the verdict on moves that follow, or send them again for a later cycle."""
-        following, request = self._following, self._requests.serving
-        if reason is not None and reason.code == Code.LATE and following.miss():
+        """Process the verdict on the moves: reply, or send them again for a later cycle."""
+        appended, request = self._appended, self._requests.serving
+        if reason is not None and reason.code == Code.LATE and appended.retry_later():
             return
         if reason is not None:
-            following.end()
+            appended.end()
             self._requests.reply(reason)
             return
-        statements, sentence = following.taken()
+        statements, sentence = appended.accept()
         tracker = self._requests.tracker
         if request is not None:
-            tracker.follow(request.identity, statements, following.ends)
-        if self._run.state is not RunState.RUNNING:  # a fault came right behind them
-            tracker.give_up(self._readiness.refusal or Reason(Code.STATE, 'the program was given up'))
+            tracker.append(request.identity, statements, appended.ends)
+        if self._run.state is not RunState.RUNNING:  # a fault followed immediately
+            tracker.abort(self._readiness.refusal or Reason(Code.STATE, 'the program was given up'))
         motion = self._readiness.motion
         if motion != MotionState.MOVING:
             sentence += f'; {motion_sentence(motion)}: resume goes on'

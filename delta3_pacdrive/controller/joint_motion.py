@@ -1,10 +1,10 @@
-"""Joint motion on line: speeds and accelerations of the arms from the TCP's motion, through the Jacobian.
+"""Joint speeds and accelerations from the TCP set points, through the Jacobian, cycle by cycle.
 
     thetadot  = J^-1 Xdot                        (4.12)
     thetaddot = J^-1 (Xddot - Jdot thetadot)     (4.16)
 
-The controller of 11.2 differentiates the set points of the TCP bus cycle by bus cycle, and so does this: central and
-second differences. What is told of a cycle is known when the set point of the next one is.
+As the controller of 11.2, this differentiates the set points by central and second differences. The motion of a cycle
+is known with the set point of the next one.
 """
 
 import math
@@ -26,15 +26,15 @@ COLUMNS = 17
 
 @kernel
 def _joint_motions(places, out, period, geometry_record):
-    """Fill a row of ``out`` for each place between its neighbours.
+    """Fill a row of ``out`` for each position that has two neighbours.
 
     Parameters
     ----------
     places
-        Of the TCP in successive bus cycles [m], shape (n, 3).
+        TCP positions in successive bus cycles [m], shape (n, 3).
     out
-        Takes speeds [rad/s] and accelerations [rad/s^2] of the arms, amounts of speed [m/s] and acceleration [m/s^2]
-        of the TCP, and J by rows [m/rad], shape (n - 2, 17); nan where an arm cannot reach.
+        Receives arm speeds [rad/s] and accelerations [rad/s^2], TCP speed [m/s] and acceleration [m/s^2], and J by rows
+        [m/rad], shape (n - 2, 17); nan where an arm cannot reach.
     period
         Bus cycle [s].
     geometry_record
@@ -68,14 +68,14 @@ def _joint_motions(places, out, period, geometry_record):
 
 
 def joint_motions(places: Floats, period_s: float, geometry_record: NDArray[Any]) -> dict[str, Floats]:
-    """Return the signals of joint motion of every place but the first and the last one.
+    """Return the joint motion signals at every position but the first and the last one.
 
     Parameters
     ----------
     places
-        Of the TCP in successive bus cycles [m], shape (n, 3).
+        TCP positions in successive bus cycles [m], shape (n, 3).
     period_s
-        Bus cycle.
+        Bus cycle [s].
     geometry_record
         ``kinematics.geometry`` of the robot.
 
@@ -99,31 +99,24 @@ def joint_motions(places: Floats, period_s: float, geometry_record: NDArray[Any]
 
 
 class JointMotion:
-    """The joint motion of a robot is computed cycle by cycle from its set points.
-
-    Parameters
-    ----------
-    parameters
-        Of the robot.
-
-    """
+    """Joint motion of a robot, computed cycle by cycle from its set points."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._period_s, self._geometry = parameters.bus.cycle_time_s, geometry(parameters)
-        self._places = np.zeros((3, 3))  # of three bus cycles
-        self._cycle, self._known = -1, 0  # the last one, and how many follow one another up to it
-        # compiled and loaded before a bus cycle has to wait for it
+        self._places = np.zeros((3, 3))  # of the last three bus cycles
+        self._cycle, self._known = -1, 0  # last cycle, and number of consecutive cycles up to it
+        # compile and load before the first bus cycle
         joint_motions(np.tile(parameters.motion.home_m, (3, 1)), self._period_s, self._geometry)
 
     def take(self, cycle: int, place: Floats) -> bool:
-        """Take the set point of the TCP [m] in a bus cycle; return whether the motion in the one before is known."""
+        """Take the TCP set point [m] of a bus cycle; return whether the motion of the cycle before is known."""
         self._known = self._known + 1 if cycle == self._cycle + 1 else 1
         self._cycle = cycle
         self._places[:2] = self._places[1:]
         self._places[2] = place
         return self._known >= len(self._places)
 
-    def told(self) -> dict[str, list[float]]:
-        """Return the signals of joint motion in the cycle before the last one that was taken."""
+    def signals(self) -> dict[str, list[float]]:
+        """Return the joint motion signals of the cycle before the last one taken."""
         found = joint_motions(self._places, self._period_s, self._geometry)
         return {name: values[0].tolist() for name, values in found.items()}

@@ -1,4 +1,4 @@
-"""Learned torques in the transformation task: from which cycle on they are commanded, and why they are not."""
+"""Learned torques in the transformation task: activation by program and override, fading, and reason of inactivity."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-FADE_CYCLES = 40  # in which learned torques go that are no longer followed
+FADE_CYCLES = 40  # duration of the linear fade to zero
 FAULT = 'a fault has dropped them'
 _OVERRIDDEN = 'they belong to an override of 100 %'
 _NOTHING_YET = 'no program has been started'
@@ -18,25 +18,18 @@ _NONE: Floats = np.zeros((0, 3))
 
 
 class LearnedTorques:
-    """The learned torques of a robot are commanded with the plan that they were learned for, and with no other one.
+    """Torques that are commanded only with the plan they were learned for.
 
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     learned
-        The torques; None for a robot without.
+        The torques, if any.
     no_plan
-        A plan that stands for none.
+        Placeholder plan.
     state
-        Of the task (``TASK['state']``): it tells the compiled code from which cycle on they are commanded.
-
-    Attributes
-    ----------
-    torques
-        That are commanded, or fade [N m], shape (n, 3).
-    reason
-        Why none are followed; empty while they are, or if there are none.
+        ``TASK['state']``; its ``corrected_from`` is the cycle of the first row of ``torques``.
 
     """
 
@@ -44,27 +37,28 @@ class LearnedTorques:
         self, parameters: Parameters, learned: Learned | None, no_plan: Plan, state: NDArray[Any]
     ) -> None:
         self._learned, self._state = learned, state
-        self._other_robot = self._misfit = (
-            ''  # why they are not for this robot, and for the program that is loaded
-        )
+        # why they do not fit this robot, and the loaded program
+        self._other_robot = self._misfit = ''
         if learned is not None:
             self._other_robot = learned.parameter_refusal(parameters)
-            Origin.of('', no_plan, parameters)  # loads what compares plans: no program waits for it
-        self.torques: Floats = _NONE
-        self.reason = _NOTHING_YET if learned is not None else ''
+            Origin.of(
+                '', no_plan, parameters
+            )  # loads the plan comparison before a program has to wait for it
+        self.torques: Floats = _NONE  # active or fading [N m], shape (n, 3)
+        self.reason = _NOTHING_YET if learned is not None else ''  # why none are active
 
     @property
     def exist(self) -> bool:
-        """Whether there are learned torques, for this program or for another one, or a fault has dropped them."""
+        """Whether torques were learned, for this or another program, including those dropped by a fault."""
         return self._learned is not None or bool(self.reason)
 
     def load(self, plan: Plan) -> None:
-        """Look whether they are for a program that is to be started."""
+        """Check whether the torques fit a program that is about to start."""
         if self._learned is not None:
             self._misfit = self._other_robot or self._learned.plan_refusal(plan)
 
     def start(self, cycle: int, override: float) -> None:
-        """Command them from a cycle on, if they are for the program that starts there with an override."""
+        """Command the torques from a cycle on if they fit the program that starts there, at an override of 1."""
         if self._learned is None:
             return
         as_planned = override == 1.0
@@ -72,8 +66,8 @@ class LearnedTorques:
         self.torques = _NONE if self.reason else self._learned.torques
         self._state['corrected_from'] = cycle
 
-    def drop(self, cycle: int, reason: str, for_good: bool = False) -> None:
-        """Let them fade from a cycle on: what is driven is no longer what they are for."""
+    def fade_out(self, cycle: int, reason: str, for_good: bool = False) -> None:
+        """Fade the torques to zero from a cycle on, because the motion no longer follows their plan."""
         row = cycle - int(self._state['corrected_from'][0])
         followed = row < len(self.torques) and not self.reason
         if self._learned is not None and (followed or for_good):

@@ -1,7 +1,7 @@
-"""What planner, transformation task and operators say to each other besides cyclic telegrams, as values.
+"""Messages between planner, transformation task and operators other than cyclic telegrams.
 
-Everything that can move the robot says to which session of the bus it belongs and which of its sender's orders or
-requests it is, so that what is received a second time, out of a recording for example, is known to be old.
+Each message that can move the robot carries the bus session and a number of its sender, so that repeated messages, for
+example from a recording, are recognized as outdated.
 """
 
 import json
@@ -13,23 +13,23 @@ from delta3_pacdrive.errors import Code, Reason, RobotFault, TelegramError, show
 from delta3_pacdrive.motion.adaptation import Adaptation
 
 TEXT_MAX = 100  # characters of a name
-SENDERS_MAX = 64  # who are remembered
-COUNT_MAX = 2**53  # beyond it numbers in JSON are not exact
+SENDERS_MAX = 64  # senders whose newest number is kept
+COUNT_MAX = 2**53  # larger numbers are not exact in JSON
 
 Value = TypeVar('Value')
 
 
 @dataclass(frozen=True)
 class _Message:
-    """A message that is written as a JSON object: its fields of their types, without those that are None."""
+    """A message written as a JSON object of its fields, omitting those that are None."""
 
     def to_json(self) -> str:
-        """Return the text of the message."""
+        """Return the message as JSON."""
         return json.dumps({name: value for name, value in asdict(self).items() if value is not None})
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Read back what ``to_json`` wrote; raises TelegramError."""
+        """Parse the output of ``to_json``; raises TelegramError."""
         try:
             values = json.loads(text)
         except (ValueError, RecursionError):
@@ -50,7 +50,7 @@ def _tupled(value: Any) -> Any:
 
 
 def _require(value: Any, kind: Any, what: str) -> None:
-    """Refuse a value of another type than its field's; raises TelegramError."""
+    """Raise TelegramError if a value does not have the type of its field."""
     numbers = get_args(kind)
     if type(None) in numbers:
         kind, numbers = numbers[0], ()
@@ -69,7 +69,7 @@ def _require(value: Any, kind: Any, what: str) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class _Refusing(_Message):
-    """A message that may refuse tells the fault that it refuses because of, as ``RobotFault.facts`` does."""
+    """A message that can contain a rejection, with the fields of its fault as in ``RobotFault.facts``."""
 
     fault_code: str = ''
     fault_number: int = 0
@@ -82,71 +82,36 @@ class _Refusing(_Message):
 
 @dataclass(frozen=True)
 class Status(_Refusing):
-    """What the transformation task tells the planner, ``motion/status``; the newest counts.
+    """Status of the transformation task for the planner, ``motion/status``; only the newest counts."""
 
-    Attributes
-    ----------
-    session
-        Of the bus.
-    previous
-        The session before, of the same master; empty in its first one.
-    serial
-        Number of the message in this session.
-    planner
-        Identity of the planner that the task listens to, empty while it hears none.
-    state
-        Of the motion: idle, moving, stopping, stopped, error.
-    phase
-        Of the bus.
-    refusal
-        Why no order would be taken now, as a sentence, and its code; empty if one would.
-    located, tcp_m
-        How often it was said where the robot stands ready for a program, and where that is; 0: not yet.
-    control, operator
-        How often control has changed hands, and who has it (his identity, empty: nobody).
-    operator_name
-        His name for people.
-    losses
-        How often somebody has lost control: taken over by another one, or silent.
-    order
-        Number of the newest order of this planner that was accepted; 0: none.
-    checked
-        Messages of the present plan that have been checked.
-    cycle
-        Next bus cycle.
-    turn_rad
-        Where its tool stands then, of a robot with a rotary axis.
-
-    """
-
-    session: str
-    previous: str
-    serial: int
-    planner: str
-    state: str
-    phase: str
-    refusal: str
+    session: str  # of the bus
+    previous: str  # session before of the same master, empty in its first one
+    serial: int  # number of the message in this session
+    planner: str  # identity of the active planner, empty without one
+    state: str  # of the motion: idle, moving, stopping, stopped, error
+    phase: str  # of the bus
+    refusal: str  # why an order would be rejected now, empty if it would be accepted
     refusal_code: str
-    located: int
-    tcp_m: tuple[float, float, float]
-    control: int
-    operator: str
+    located: int  # number of times the robot was located, 0 if not yet
+    tcp_m: tuple[float, float, float]  # when located
+    control: int  # number of changes of control
+    operator: str  # identity of the operator in control, empty without one
     operator_name: str
-    losses: int
-    order: int
-    checked: int
-    cycle: int
-    turn_rad: float | None = None
+    losses: int  # number of times control was taken over or timed out
+    order: int  # number of the newest accepted order of this planner, 0 without one
+    checked: int  # messages of the present plan that have been checked
+    cycle: int  # next bus cycle
+    turn_rad: float | None = None  # angle of the rotary axis when located, if present
 
     @property
     def reason(self) -> Reason | None:
-        """Why no order would be taken now, None if one would."""
+        """Why an order would be rejected now, None if it would be accepted."""
         return self._reason(self.refusal_code, self.refusal) if self.refusal else None
 
 
 @dataclass(frozen=True)
 class Verdict(_Message):
-    """What became of an order or a change of motion profile of a planner, ``motion/verdict``."""
+    """Outcome of an order or of a change of motion profile, ``motion/verdict``."""
 
     session: str
     planner: str
@@ -158,44 +123,27 @@ class Verdict(_Message):
 
 @dataclass(frozen=True)
 class Request(_Message):
-    """What an operator asks for.
+    """A request of an operator."""
 
-    Attributes
-    ----------
-    receiver
-        Who is meant: identity of the planner, or session of the bus; so that a recording asks for nothing.
-    operator
-        Identity of who asks, empty for a client that has none.
-    number
-        Of the request, among those of this operator; the reply carries the same.
-    control
-        Changes of control that the operator knows of; who is asked waits until he knows of as many.
-    action
-        What is to be done.
-    text
-        What belongs to it: a program, a percentage, a name; may be empty.
-    caps
-        Largest speed [m/s], acceleration [m/s^2] and jerk [m/s^3] of a program, whatever it says itself; 0: no cap.
-    first
-        Statement with which a program begins; those before are left out.
-    approach_m_s
-        How fast the robot goes to the start of a program before it; 0: it has to stand there.
-
-    """
-
-    receiver: str
-    operator: str
-    number: int
-    control: int
+    receiver: (
+        str  # identity of the planner or session of the bus, so that requests in a recording are ignored
+    )
+    operator: str  # identity, empty for a client without one
+    number: int  # among the requests of this operator; repeated in the reply
+    control: int  # changes of control known to the operator; the receiver waits until it knows as many
     action: str
-    text: str = ''
-    caps: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    first: int = 0
-    approach_m_s: float = 0.0
+    text: str = ''  # argument of the action: a program, a percentage, a name
+    caps: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  # speed, acceleration and jerk limits [SI], 0: no limit
+    first: int = 0  # first statement of the program to execute
+    approach_m_s: float = 0.0  # speed of the approach to the start of the program, 0: no approach
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Read back what ``to_json`` wrote; raises TelegramError."""
+        """Parse the output of ``to_json``; raises TelegramError."""
         request = super().from_json(text)
         if len(request.operator) > TEXT_MAX:
             raise TelegramError(
@@ -207,43 +155,30 @@ class Request(_Message):
 
     @property
     def adaptation(self) -> Adaptation:
-        """What is asked for otherwise than a program says."""
+        """Requested changes to the program."""
         return Adaptation(self.caps, self.first, self.approach_m_s)
 
     @property
     def identity(self) -> str:
-        """What the request is known by in ``unit_robot/requests``; no other request has it."""
+        """Unique identity of the request in ``unit_robot/requests``."""
         return f'{self.operator or self.receiver}-{self.number}'
 
 
 @dataclass(frozen=True)
 class RequestReport(_Message):
-    """What has become of a request for moves, ``unit_robot/requests``.
+    """Progress of a request for moves, ``unit_robot/requests``."""
 
-    Attributes
-    ----------
-    id
-        Of the request.
-    state
-        planning, queued, running, done, refused, or aborted.
-    statements, remaining
-        Number of its statements, and of those that are still to be driven; of a repeated program those of a round.
-    code, sentence
-        Why it was refused or aborted; empty else.
-
-    """
-
-    id: str
-    state: str
+    id: str  # Request.identity
+    state: str  # planning, queued, running, done, refused, or aborted
     statements: int
-    remaining: int
-    code: str
+    remaining: int  # statements not yet executed; of a repeated program those of one round
+    code: str  # of the rejection or abort, empty otherwise
     sentence: str
 
 
 @dataclass(frozen=True)
 class Reply(_Refusing):
-    """What became of a request; ``done`` is False while it is still being worked on, and the sentence says how far."""
+    """Reply to a request; while ``done`` is False the request is in progress, as described by ``sentence``."""
 
     operator: str
     number: int
@@ -255,40 +190,25 @@ class Reply(_Refusing):
 
     @property
     def reason(self) -> Reason | None:
-        """Why the request was refused, None if it was not."""
+        """Why the request was rejected, None if it was accepted."""
         return None if self.accepted else self._reason(self.code, self.sentence)
 
 
 @dataclass(frozen=True)
 class QueueReport(_Message):
-    """What is in the queue of a planner, ``unit_robot/queue``.
+    """Queue of a planner, ``unit_robot/queue``."""
 
-    Attributes
-    ----------
-    identity
-        Of the planner.
-    moves, duration_s
-        Number of moves, and how long they take, 0 while they are not planned.
-    override
-        Override, 1 = as planned.
-    working
-        What is being planned, empty if nothing is.
-    refusal, refusal_code
-        Why the newest request was refused, as a sentence, and its code; empty if it was not.
-
-    """
-
-    identity: str
+    identity: str  # of the planner
     moves: int
-    duration_s: float
-    override: float
-    working: str
-    refusal: str = ''
+    duration_s: float  # 0 until the moves are planned
+    override: float  # 1 = as planned
+    working: str  # description of the planning job, empty without one
+    refusal: str = ''  # of the newest request, empty if it was accepted
     refusal_code: str = ''
 
 
 def refuse_malformed(text: str, sentence: str) -> Reply | None:
-    """Return the refusal of a text that is not a request; None if its operator and number cannot be read."""
+    """Return the rejection of a malformed request; None if its operator and number cannot be read."""
     try:
         values = json.loads(text)
         operator, number = values['operator'], values['number']
@@ -304,7 +224,7 @@ def refuse_malformed(text: str, sentence: str) -> Reply | None:
 
 
 def refuse_recording(request: Request) -> Reply:
-    """Return the refusal of a request that was meant for somebody else."""
+    """Return the rejection of a request to another receiver."""
     sentence = (
         f'the request was made to {shown(request.receiver)}, which is not here any more; is it a recording?'
     )
@@ -313,25 +233,12 @@ def refuse_recording(request: Request) -> Reply:
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a row of numbers on ``motion/plan`` or ``motion/change`` comes from: its label.
+    """Label of a row on ``motion/plan`` or ``motion/change``."""
 
-    Attributes
-    ----------
-    kind
-        What the row is: ``ORDER``, ``EXACT``, ``EXTEND``, ``FAULT``, ``REVOKE``, ``PROFILE``, or the kind of a move.
-    planner
-        Identity of its sender.
-    session
-        Of the bus that it is meant for.
-    number
-        Of the order or change that it belongs to, counted by the planner.
-
-    """
-
-    kind: str
-    planner: str
-    session: str
-    number: int
+    kind: str  # ORDER, EXACT, EXTEND, FAULT, REVOKE, PROFILE, or the kind of a move
+    planner: str  # identity of the sender
+    session: str  # of the bus
+    number: int  # of the order or change, counted by the planner
 
     def label(self) -> str:
         """Return the text of the label."""
@@ -339,7 +246,7 @@ class Origin:
 
     @staticmethod
     def from_label(label: str) -> 'Origin':
-        """Read back what ``label`` wrote; raises TelegramError."""
+        """Parse the output of ``label``; raises TelegramError."""
         words = label.split(' ') if len(label) <= TEXT_MAX else []
         if len(words) != 4 or not words[3].isdecimal() or len(words[3]) > 15:
             raise TelegramError(f'{shown(label)} is no label "KIND planner session number"')
@@ -347,32 +254,32 @@ class Origin:
 
 
 ORDER, EXTEND, FAULT, REVOKE, PROFILE = 'ORDER', 'EXTEND', 'FAULT', 'REVOKE', 'COURSE'
-EXACT = 'EXACT'  # an order that begins in its bus cycle, or not at all
+EXACT = 'EXACT'  # an order that starts in its bus cycle or is rejected
 ORDERS = (ORDER, EXACT)
 LAST = (*ORDERS, EXTEND)  # rows that end a plan
-ACCEPTED = ''  # code of what is not refused
-# what operators ask of the transformation task
+ACCEPTED = ''  # code of an acceptance
+# requests of operators to the transformation task
 TAKE, TAKE_OVER, RELEASE = 'take control', 'take control over', 'release control'
 ENABLE, DISABLE, RESET = 'enable', 'disable', 'reset'
 HOLD, ABORT, EMERGENCY_STOP = 'hold', 'abort', 'emergency stop'
-# by the names of their services: free for all, whoever has control
+# stops by the names of their services; available to everyone, regardless of control
 STOPS = {action.replace(' ', '_'): action for action in (HOLD, ABORT, EMERGENCY_STOP, DISABLE)}
 
 
 def verdict_of(origin: Origin, code: Code | str, sentence: str) -> Verdict:
-    """Return the verdict on an order; an empty code accepts it."""
+    """Return the verdict on an order; an empty code means acceptance."""
     return Verdict(origin.session, origin.planner, origin.number, not code, str(code), sentence)
 
 
 class Recent(dict[str, Value]):
-    """What is known of senders, of so many of them; the one noted least recently is forgotten first."""
+    """Values by sender, limited in number; the sender updated least recently is removed first."""
 
     def __init__(self, senders_max: int) -> None:
         super().__init__()
         self._senders_max = senders_max
 
     def note(self, sender: str, value: Value) -> None:
-        """Take note of the newest about a sender."""
+        """Store the newest value of a sender."""
         self.pop(sender, None)
         self[sender] = value
         if len(self) > self._senders_max:
@@ -380,13 +287,13 @@ class Recent(dict[str, Value]):
 
 
 class Numbering:
-    """Numbered messages of senders, each of which counts once, and only upwards."""
+    """Numbered messages of senders; each number counts once and must increase."""
 
     def __init__(self, senders_max: int = SENDERS_MAX) -> None:
         self._newest: Recent[int] = Recent(senders_max)
 
     def is_new(self, sender: str, number: int) -> bool:
-        """Take note of a number; False if this one or a later one was received before."""
+        """Record a number; return False if this or a later one was received before."""
         newest = self._newest.get(sender, -1)
         self._newest.note(sender, max(newest, number))
         return number > newest

@@ -30,8 +30,8 @@ class Event(StrEnum):
     EXTEND = 'extend'  # more moves follow those of the program
     HOLD = 'hold'
     ABORT = 'abort'
-    STAND = 'stand'  # the master stands on its path
-    GIVE_UP = 'give up'  # it stands, and the program was aborted
+    REST = 'stand'  # the master stands on its path
+    CLEAR = 'give up'  # it stands, and the program was aborted
     END = 'end'  # the last answer of the program is there
     FAIL = 'fail'  # a fault was found
     RESET = 'reset'  # faults are cleared
@@ -45,12 +45,12 @@ TRANSITIONS = {
     (MotionState.MOVING, Event.ABORT): MotionState.STOPPING,
     (MotionState.MOVING, Event.END): MotionState.IDLE,
     (MotionState.STOPPING, Event.ABORT): MotionState.STOPPING,
-    (MotionState.STOPPING, Event.STAND): MotionState.STOPPED,
-    (MotionState.STOPPING, Event.GIVE_UP): MotionState.IDLE,
+    (MotionState.STOPPING, Event.REST): MotionState.STOPPED,
+    (MotionState.STOPPING, Event.CLEAR): MotionState.IDLE,
     (MotionState.STOPPED, Event.CHANGE): MotionState.MOVING,
     (MotionState.STOPPED, Event.EXTEND): MotionState.STOPPED,
     (MotionState.STOPPED, Event.ABORT): MotionState.STOPPED,
-    (MotionState.STOPPED, Event.GIVE_UP): MotionState.IDLE,
+    (MotionState.STOPPED, Event.CLEAR): MotionState.IDLE,
     (MotionState.ERROR, Event.RESET): MotionState.IDLE,
     **{(state, Event.FAIL): MotionState.ERROR for state in MotionState},
 }

@@ -87,10 +87,10 @@ class Orders:
 
     # the planner ------------------------------------------------------------------------------------------------------
 
-    def heard_planner(self, planner: str, session: str, number: int, now_s: float) -> bool:
+    def receive_heartbeat(self, planner: str, session: str, number: int, now_s: float) -> bool:
         """Take a heartbeat; whether another planner is listened to from now on."""
         if session == self._session:
-            self._watch.heard(planner, number, now_s)
+            self._watch.receive_heartbeat(planner, number, now_s)
         return self._has_another()
 
     def _has_another(self) -> bool:
@@ -101,10 +101,10 @@ class Orders:
             self._order, self._driven = 0, set()
         return True
 
-    def look(self, now_s: float) -> Reason | None:
+    def poll(self, now_s: float) -> Reason | None:
         """Look: say why the planner whose program moves the robot is lost, None if it is not."""
         moving = self._state.motion in (MotionState.MOVING, MotionState.STOPPING)
-        reason = self._watch.look(now_s, self._planner if moving else '')
+        reason = self._watch.poll(now_s, self._planner if moving else '')
         self._has_another()
         return reason
 
@@ -202,7 +202,7 @@ class Orders:
         elif isinstance(outcome, MoreMoves):
             outcome = self._extend(origin, outcome)
         if isinstance(outcome, Reason):
-            self._tell('plan', origin, outcome)
+            self._report('plan', origin, outcome)
 
     def _start(self, origin: Origin, order: Order) -> Reason | None:
         if (origin.planner, origin.number) in self._revoked:
@@ -221,31 +221,31 @@ class Orders:
             return reason
         self._order = origin.number
         self._driven = {origin.number}
-        self._tell('plan', origin, cycle=self._state.starts)
+        self._report('plan', origin, cycle=self._state.starts)
         return None
 
     def _extend(self, origin: Origin, order: MoreMoves) -> Reason | None:
         taken_back = (origin.planner, origin.number) in self._revoked
-        if taken_back or (origin.planner, order.told.base) != (self._planner, self._order):
+        if taken_back or (origin.planner, order.row.base) != (self._planner, self._order):
             what = (
                 'the planner has taken it back'
                 if taken_back
-                else f'order {order.told.base} of it is not driven'
+                else f'order {order.row.base} of it is not driven'
             )
             return Reason(Code.WITHDRAWN if taken_back else Code.STATE, what)
 
         at_once = origin.planner == self.script  # the bus may wait for the script before they follow
 
-        def tell(reason: Reason | None, _: str) -> None:
+        def report(reason: Reason | None, _: str) -> None:
             if reason is None:
                 self._order = origin.number
                 self._driven.add(origin.number)
             if not at_once:
-                self._tell('plan', origin, reason)
+                self._report('plan', origin, reason)
 
-        refused = self._state.extend(order, tell)
+        refused = self._state.extend(order, report)
         if refused is None and at_once:
-            self._tell('plan', origin, cycle=order.told.profile.cycle)
+            self._report('plan', origin, cycle=order.row.profile.cycle)
         return refused
 
     def take_profile(self, label: str, row: Any) -> None:
@@ -258,9 +258,9 @@ class Orders:
         except ProgramError as error:
             reason = Reason.of(error)
         followed = self._state.followed
-        self._tell('change', origin, reason, 0 if followed is None else followed.cycle)
+        self._report('change', origin, reason, 0 if followed is None else followed.cycle)
 
-    def _tell(self, what: str, origin: Origin, reason: Reason | None = None, cycle: int = 0) -> None:
+    def _report(self, what: str, origin: Origin, reason: Reason | None = None, cycle: int = 0) -> None:
         """Tell what became of an order; to a script also the bus cycle from which on it is followed."""
         of_script = origin.planner == self.script
         code, sentence = (

@@ -1,7 +1,6 @@
-"""How fast a program is driven: its override, and the changes of motion profile that go over to one.
+"""Override of the running program, and the changes of motion profile that apply it.
 
-Pure: what operators ask for and verdicts of the transformation task come in as calls. What comes of it is returned: a
-motion profile for the task, or what whoever asked is answered with.
+Pure: requests and verdicts arrive as calls; the result is a motion profile for the transformation task, or a reply.
 """
 
 from collections.abc import Callable
@@ -16,35 +15,19 @@ from delta3_pacdrive.motion.resume import resume
 
 
 class Override:
-    """Override of one planner.
-
-    Parameters
-    ----------
-    run, numbers
-        The program that runs, and the numbers of orders and changes.
-    newest_cycle
-        Returns the newest bus cycle that is known of.
-
-    Attributes
-    ----------
-    value
-        Override, 1 = as planned.
-    change
-        The change of motion profile that waits for its verdict.
-
-    """
+    """Override of one planner."""
 
     def __init__(self, run: ProgramRun, numbers: OrderNumbers, newest_cycle: Callable[[], int]) -> None:
         self._run, self._numbers, self._newest_cycle = run, numbers, newest_cycle
-        self.value = 1.0
-        self.change = ProfileChange()
+        self.value = 1.0  # 1 = as planned
+        self.change = ProfileChange()  # awaiting its verdict
 
     def must_wait(self, motion: MotionState) -> bool:
-        """Whether a change is still to take effect, on which the next one builds."""
+        """Whether a change has not taken effect yet, so that the next one cannot be planned."""
         return motion == MotionState.MOVING and self._newest_cycle() <= self._run.changes_from()
 
     def ask(self, text: str, motion: MotionState, now_s: float) -> Changed | str:
-        """Go over to an override in percent; raises ProgramError if that cannot be."""
+        """Change the override to a value in percent; raises ProgramError if that is not possible."""
         try:
             percent = float(text)
         except ValueError:
@@ -66,13 +49,13 @@ class Override:
         return sentence
 
     def resume(self, motion: MotionState, now_s: float) -> Changed | str:
-        """Go on with a program that stands on its path; raises ProgramError if that cannot be."""
+        """Resume a held program; raises ProgramError if that is not possible."""
         return self._send(
             Change(self.value, f'resumed{at_percent(self.value)}', lasting=False), motion, now_s
         )
 
     def _send(self, change: Change, motion: MotionState, now_s: float) -> Changed | str:
-        """Plan how to go over to another override from a bus cycle in the near future on, for the task."""
+        """Plan the transition to another override from a bus cycle in the near future on."""
         timeline = self._run.timeline
         if timeline is None or timeline.profile is None:
             raise ProgramError('the program that runs is not one of this planner')
@@ -90,19 +73,19 @@ class Override:
     def take_verdict(
         self, reason: Reason | None, motion: MotionState, now_s: float
     ) -> Changed | Reason | str:
-        """Take the verdict on the change; one that came too late is sent again for a later cycle."""
+        """Process the verdict on a change; a late one is sent again for a later cycle."""
         change = self.change.change
         if reason is not None and reason.code == Code.LATE and self.change.may_be_later:
-            self.change.happen(ChangeEvent.MISS)
+            self.change.handle(ChangeEvent.MISS)
             try:
                 return self._send(change, motion, now_s)
             except Delta3Error as error:
-                self.change.happen(ChangeEvent.REFUSE)
+                self.change.handle(ChangeEvent.REFUSE)
                 return Reason.of(error)
         sentence = change.sentence
         if change.lasting and reason is not None and reason.code == Code.STATE and motion == MotionState.IDLE:
             reason, sentence = None, f'{sentence}, from the next program on: this one has ended'
-        self.change.happen(ChangeEvent.REFUSE if reason else ChangeEvent.ACCEPT)
+        self.change.handle(ChangeEvent.REFUSE if reason else ChangeEvent.ACCEPT)
         if reason is not None:
             return reason
         self.value = change.override

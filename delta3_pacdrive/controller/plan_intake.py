@@ -52,7 +52,7 @@ class MoreMoves:
 
     """
 
-    told: Row
+    row: Row
     more: Plan
 
 
@@ -154,13 +154,13 @@ class PlanIntake:
         return Order(self._builder.build(numbers), cycle, override, tuple(self._faults), exact)
 
     def _more(self, row: Any) -> MoreMoves:
-        told = Row.from_array(row)
+        extension = Row.from_array(row)
         if not self._builder.moves or self._faults:
             raise ProgramError('moves that follow come with moves, and without faults')
         check_reach(self._builder.moves[0], self._robot)  # only who stands may come back from beyond limits
-        profile = told.profile
+        profile = extension.profile
         if profile.override > min(self._overrides):
             self._check_speed(self._builder.moves[int(np.argmin(self._overrides))], profile.override)
-        more = self._builder.build(told.order)
-        self._builder.require_joined(told.order)
-        return MoreMoves(told, more)
+        more = self._builder.build(extension.order)
+        self._builder.require_joined(extension.order)
+        return MoreMoves(extension, more)

@@ -142,7 +142,7 @@ class PlannedPath:
             move, number, _ = Move.from_array(row, self._kinematics)
             self._pieces[number] = _Piece.of(move)
 
-    def look(self, status: Status) -> None:
+    def update(self, status: Status) -> None:
         """Look which order the robot has accepted, from ``motion/status``."""
         self._accepted = status.session, status.planner, status.order
         self._show()

@@ -1,8 +1,8 @@
-"""UnitRobot's decisions: who may ask for what when, what is queued and ordered, and what an answer is worth.
+"""Decisions of UnitRobot: which request is served when, what is queued and ordered, and how it is answered.
 
-Pure: what the transformation task says, what operators ask for and what a planning thread has found come in as calls;
-what has to be published, planned or answered goes out as actions. A request is answered when what it asks for has
-happened or was refused. One request is served at a time, in the order in which they came.
+Pure: status of the transformation task, requests of operators and results of the planning thread arrive as calls;
+messages to publish, jobs to plan and replies leave as actions. Requests are served one at a time, in order of arrival.
+Each is answered once it has been carried out or rejected.
 """
 
 from collections.abc import Callable
@@ -13,8 +13,8 @@ import numpy as np
 
 from delta3_pacdrive.configuration.checked import counted
 from delta3_pacdrive.controller import planner_actions
-from delta3_pacdrive.controller.follow_up import FollowUp
-from delta3_pacdrive.controller.following import Following
+from delta3_pacdrive.controller.follow_up import AppendRequest
+from delta3_pacdrive.controller.following import AppendedMoves
 from delta3_pacdrive.controller.messages import Numbering, Origin, Request, Status, Verdict
 from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState, at_percent
 from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
@@ -44,11 +44,11 @@ from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-VERDICT_S = 10.0  # without a verdict, and without any message of the plan being checked
+VERDICT_S = 10.0  # timeout of a verdict, restarted while rows of the plan are being checked
 NO_TOLERANCES = Tolerances()
 SUPERSEDED = Reason(Code.STATE, 'another program was started before the arms had come to the goal')
 PHASED_UP = Reason(Code.BUS, 'the bus was phased up anew meanwhile')
-PLAN = 'plan'  # what is in the queue already; asked for by the planner itself
+PLAN = 'plan'  # internal request to plan the queue
 ACTIONS = ('program', 'move', 'trajectory', 'start', 'resume', 'clear', 'override', 'withdraw')
 
 
@@ -58,22 +58,22 @@ class Planner:
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     identity
-        Of this planner, other than that of any before.
+        Unique identity of this planner.
     program
-        What is in the queue at first; with ``motion.start_cycle`` it starts by itself.
+        Initial content of the queue; with ``motion.start_cycle`` it starts automatically.
     newest_cycle
-        Returns the newest bus cycle that is known of.
+        Returns the newest known bus cycle.
     tolerances
-        Of trajectories of arm angles.
+        Default tolerances of trajectories of arm angles.
 
     Attributes
     ----------
     actions
-        What has to be done, in this order; whoever does it takes them away.
+        Actions to carry out, in order; the caller removes them.
     trajectory
-        The watch over the trajectory that is driven: it has to be told where the arms are.
+        Supervision of the running trajectory, to be updated with the arm positions.
 
     """
 
@@ -101,9 +101,9 @@ class Planner:
         self._readiness = Readiness(identity, self._task, self._run)
         self._override = Override(self._run, numbers, newest_cycle)
         self._change = self._override.change
-        self._following = Following(self._run, numbers)
-        self._follow_up = FollowUp(
-            self._following,
+        self._appended = AppendedMoves(self._run, numbers)
+        self._append_request = AppendRequest(
+            self._appended,
             self._run,
             self._readiness,
             self._requests,
@@ -116,26 +116,26 @@ class Planner:
         self.trajectory = TrajectoryWatch(watch, self._run, self._readiness, self._tracker, self._act)
         self._identity = identity
         self._stopping = StopRequest()
-        self._starts_by_itself = program is not None and parameters.motion.start_cycle >= 0
+        self._autostart = program is not None and parameters.motion.start_cycle >= 0
 
     def _act(self, action: planner_actions.Action) -> None:
         self.actions.append(action)
 
-    # what is known ----------------------------------------------------------------------------------------------------
+    # state ------------------------------------------------------------------------------------------------------------
 
     @property
     def status(self) -> Status | None:
-        """The newest word of the transformation task, None before the first."""
+        """The newest status of the transformation task, None before the first."""
         return self._task.newest
 
     @property
     def motion(self) -> MotionState:
-        """What is done with the TCP, as far as is known."""
+        """The newest known motion state."""
         return self._readiness.motion
 
     @property
     def queue(self) -> tuple[int, float]:
-        """Number of moves in the queue, and how long they take [s]; 0 while they are not planned."""
+        """Number of moves in the queue and their duration [s], 0 until they are planned."""
         return (0, 0.0) if self._run.waits else self._queue.size
 
     @property
@@ -145,13 +145,13 @@ class Planner:
 
     @property
     def listened_to(self) -> bool:
-        """Whether the transformation task takes orders of this planner."""
+        """Whether the transformation task accepts orders of this planner."""
         return self._readiness.listened_to
 
-    # what the task tells ----------------------------------------------------------------------------------------------
+    # messages of the transformation task ------------------------------------------------------------------------------
 
     def receive_status(self, status: Status, now_s: float) -> bool:
-        """Take the word of the transformation task; False for what is old or comes from elsewhere."""
+        """Take a status of the transformation task; return False if it is outdated or from another master."""
         self._now_s = now_s
         before = self.status
         if not self._task.take(status, now_s):
@@ -159,58 +159,58 @@ class Planner:
         anew = before is None or status.session != before.session
         if anew:
             self._begin_session()
-        elif before is not None and status.losses != before.losses and not self._starts_by_itself:
-            # its operator has lost control
-            self._empty(LOST_CONTROL)
-            self._follow_up.lose_control()
+        elif before is not None and status.losses != before.losses and not self._autostart:
+            # the operator of the queued program has lost control
+            self._clear_queue(LOST_CONTROL)
+            self._append_request.handle_control_loss()
             if before.operator not in ('', status.operator):
-                self._requests.lose_control(before.operator, lambda: self._cancel(LOST_CONTROL))
+                self._requests.handle_control_loss(before.operator, lambda: self._cancel(LOST_CONTROL))
         if self._run.waits:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
-                self._end_order(None)  # a verdict that was lost
-        if self._following.sent and self.listened_to and status.order >= self._following.number:
-            self._follow_up.take_verdict(None)
+                self._end_order(None)  # the verdict was lost
+        if self._appended.sent and self.listened_to and status.order >= self._appended.number:
+            self._append_request.take_verdict(None)
         if self.motion == MotionState.ERROR:
-            self._happen(RunEvent.FAIL)
+            self._handle(RunEvent.FAIL)
         if status.located and (anew or before is None or status.located != before.located):
             self._planning.turn_rad = status.turn_rad
-            self._be_located(np.array(status.tcp_m))
+            self._set_located(np.array(status.tcp_m))
         if self.listened_to and status.order >= self._run.number and self.motion == MotionState.IDLE:
-            self._happen(RunEvent.END)
+            self._handle(RunEvent.END)
         if self._mirrored != self.motion:
             self._mirrored = self.motion
             self.actions.append(planner_actions.Mirrored(self.motion))
         self._look_at_stop()
-        self._go_on()
+        self._serve_requests()
         return True
 
     def played_back(self, now_s: float) -> Reason | None:
-        """Return why what comes by topic is not believed now: a recording is played back here."""
+        """Return a reason to reject requests by topic: a recording is being played back."""
         return self._task.played_back(now_s)
 
     def _begin_session(self) -> None:
-        """Give up what belongs to a bus that has ended; a program that ran can be started again."""
-        self.trajectory.give_up(PHASED_UP)
-        if self._run.waits or self._change.waits or self._following.busy or self._stopping.waits:
-            self._planning.forget()
-            self._following.end()
+        """Cancel requests and motion of the previous bus session; its program can be started again."""
+        self.trajectory.cancel(PHASED_UP)
+        if self._run.waits or self._change.waits or self._appended.busy or self._stopping.waits:
+            self._planning.clear()
+            self._appended.end()
             self._stopping.end()
             self._reply(PHASED_UP)
-        self._change.happen(ChangeEvent.PHASE_UP)
+        self._change.handle(ChangeEvent.PHASE_UP)
         if self._run.waits or self.motion != MotionState.ERROR:
-            self._happen(RunEvent.PHASE_UP)
+            self._handle(RunEvent.PHASE_UP)
 
-    def _be_located(self, here: Floats) -> None:
+    def _set_located(self, here: Floats) -> None:
         first = self._readiness.here is None
         self._readiness.here = here
-        self._happen(RunEvent.LOCATE)
-        self._queue.forget_plan()
-        if first and self._queue.program is not None and not self._starts_by_itself:
+        self._handle(RunEvent.LOCATE)
+        self._queue.clear_plan()
+        if first and self._queue.program is not None and not self._autostart:
             self._requests.add(Request('', '', 0, 0, PLAN), self._now_s)
 
     def receive_profile(self, origin: Origin, row: Any) -> bool:
-        """Follow the motion profile that the task follows, its own stops included; False for what is old."""
+        """Follow the motion profile of the task, including its own stops; return False if it is outdated."""
         if self.status is None or (origin.planner, origin.session) != (self._identity, self.status.session):
             return False
         if not self._profiles.is_new(origin.session, origin.number):
@@ -219,7 +219,7 @@ class Planner:
         return True
 
     def receive_verdict(self, verdict: Verdict, now_s: float) -> bool:
-        """Take the verdict on an order or a change; False for what is old."""
+        """Take the verdict on an order or a change; return False if it is outdated."""
         self._now_s = now_s
         if self.status is None or (verdict.planner, verdict.session) != (self._identity, self.status.session):
             return False
@@ -228,95 +228,97 @@ class Planner:
             self._end_order(reason)
         elif self._change.waits and verdict.number == self._change.number:
             self._end_change(reason)
-        elif self._following.sent and verdict.number == self._following.number:
-            self._follow_up.take_verdict(reason)
+        elif self._appended.sent and verdict.number == self._appended.number:
+            self._append_request.take_verdict(reason)
         else:
             return False
-        self._go_on()
+        self._serve_requests()
         return True
 
-    def _happen(self, event: RunEvent) -> None:
+    def _handle(self, event: RunEvent) -> None:
         before, timeline = self._run.state, self._run.timeline
-        self.actions.extend(self._run.happen(event, self.status.cycle if self.status else None))
+        self.actions.extend(self._run.handle(event, self.status.cycle if self.status else None))
         if before is not RunState.RUNNING or self._run.state is RunState.RUNNING:
             return
-        if self._run.came_to_its_end:
+        if self._run.completed:
             if timeline is not None:
                 self.trajectory.arrive(timeline)
             self._tracker.end()
         elif event is RunEvent.FAIL:
-            self._tracker.give_up(
+            self._tracker.abort(
                 self._readiness.refusal or Reason(Code.FAULT, 'a fault has stopped the robot')
             )
         else:
             lost = event is RunEvent.PHASE_UP
-            self._tracker.give_up(PHASED_UP if lost else Reason(Code.STATE, 'the program was given up'))
+            self._tracker.abort(PHASED_UP if lost else Reason(Code.STATE, 'the program was given up'))
 
-    def _empty(self, reason: Reason) -> None:
-        """Forget what is in the queue."""
+    def _clear_queue(self, reason: Reason) -> None:
+        """Clear the queue."""
         self._queue.clear()
-        self._tracker.empty(reason)
+        self._tracker.abort_queued(reason)
 
     def _end_order(self, reason: Reason | None) -> None:
-        """Answer whoever waits for the verdict on an order."""
+        """Process the verdict on an order and reply to its request."""
         if reason is not None and reason.code == Code.FOREIGN and (again := self._run.renumber()):
             self.actions.extend(again)
             return
         order, request = self._run.order, self._requests.serving
         if reason is None:
             self._queue.clear()
-            self._tracker.give_up(Reason(Code.STATE, 'another program was started'))
+            self._tracker.abort(Reason(Code.STATE, 'another program was started'))
             if order is not None and order.queued is not None:
                 if order.own and request is not None:
                     self._tracker.queue(request.identity, order.own)
                 self._tracker.start(order.queued.ends)
-            self.trajectory.give_up(SUPERSEDED)
+            self.trajectory.cancel(SUPERSEDED)
             self.trajectory.begin(
                 request.identity if request is not None else '',
                 order.tolerances if order is not None else None,
             )
             if order is not None:
-                self._following.begin(self._run.number, order.program, order.queued)
-        self._happen(RunEvent.REFUSE if reason else RunEvent.ACCEPT)
+                self._appended.begin(self._run.number, order.program, order.queued)
+        self._handle(RunEvent.REFUSE if reason else RunEvent.ACCEPT)
         self._reply(reason or (order.sentence if order else ''))
 
     def _revoke_order(self, reason: Reason) -> None:
-        self._happen(RunEvent.REVOKE)
+        self._handle(RunEvent.REVOKE)
         self._reply(reason)
 
     def _end_change(self, reason: Reason | None) -> None:
-        """Answer whoever waits for the verdict on a change of motion profile, or send it again for a later cycle."""
-        self._tell(self._override.take_verdict(reason, self.motion, self._now_s))
+        """Process the verdict on a change of motion profile: reply, or send it again for a later cycle."""
+        self._send_or_reply(self._override.take_verdict(reason, self.motion, self._now_s))
 
     # requests ---------------------------------------------------------------------------------------------------------
 
     def ask(self, request: Request, now_s: float) -> None:
-        """Take a request; its answer is an action, now or later."""
+        """Take a request; it is answered by an action, now or later."""
         self._now_s = now_s
         if request.action == 'withdraw':
             self._requests.withdraw(request, lambda: self._cancel(WITHDRAWN), self._remove)
-            self._go_on()
+            self._serve_requests()
         elif self._requests.add(request, now_s):
-            self._go_on()
+            self._serve_requests()
 
-    def look(self, now_s: float) -> None:
-        """Look whether somebody has waited for too long."""
+    def poll(self, now_s: float) -> None:
+        """Check the timeouts of orders, changes and stops."""
         self._now_s = now_s
         if self._run.waits and now_s - self._run.since_s > VERDICT_S:
-            self._revoke_order(_silence('a robot that has begun to move stops on its path'))
+            self._revoke_order(_timeout_reason('a robot that has begun to move stops on its path'))
         if self._change.waits and now_s - self._change.since_s > VERDICT_S:
-            self._end_change(_silence('it may still go over to this speed'))
-        if self._following.sent and now_s - self._following.since_s > VERDICT_S:
-            self.actions.append(planner_actions.Revoked(self._following.number))
-            self._follow_up.take_verdict(_silence('if it has taken the moves, the robot stops on its path'))
+            self._end_change(_timeout_reason('it may still go over to this speed'))
+        if self._appended.sent and now_s - self._appended.since_s > VERDICT_S:
+            self.actions.append(planner_actions.Revoked(self._appended.number))
+            self._append_request.take_verdict(
+                _timeout_reason('if it has taken the moves, the robot stops on its path')
+            )
         if self._stopping.waits and now_s - self._stopping.since_s > VERDICT_S:
             self._stopping.end()
-            self._reply(_silence('the robot may still stop'))
-        self._track()
-        self._go_on()
+            self._reply(_timeout_reason('the robot may still stop'))
+        self._update_progress()
+        self._serve_requests()
 
-    def _track(self) -> None:
-        """Tell how far the program is."""
+    def _update_progress(self) -> None:
+        """Report the progress of the program."""
         timeline = self._run.timeline
         cycle = self._newest_cycle()
         if self._run.state is RunState.RUNNING and timeline is not None and timeline.start_cycle <= cycle:
@@ -324,9 +326,9 @@ class Planner:
             self._tracker.reach(now.number, now.distance_m)
 
     def _cancel(self, reason: Reason) -> Reason | str:
-        """Cancel the request that is served for a reason; returns what that leads to, or why it is too late."""
-        if self._planning.busy or (self._following.busy and not self._following.sent):
-            self._following.end()
+        """Cancel the request being served; return the outcome, or why it is too late."""
+        if self._planning.busy or (self._appended.busy and not self._appended.sent):
+            self._appended.end()
             self._planning.cancel()
             self._reply(reason)
             return 'withdrawn'
@@ -336,7 +338,7 @@ class Planner:
         return Reason(Code.STATE, 'it cannot be withdrawn: the transformation task is carrying it out')
 
     def _remove(self, identity: str) -> Reason | str:
-        """Remove the moves of a request from the queue; returns why not, or an empty text if none are there."""
+        """Remove the moves of a request from the queue; return why not, or an empty text if it has none there."""
         if not self._queue.holds(identity):
             return ''
         if not self._queue.withdraw(identity):
@@ -349,14 +351,14 @@ class Planner:
     @property
     def _busy(self) -> bool:
         waits = self._run.waits or self._change.waits or self._stopping.waits
-        return self._planning.busy or waits or self._following.busy
+        return self._planning.busy or waits or self._appended.busy
 
-    def _go_on(self) -> None:
-        """Serve requests as long as none has to wait."""
-        if self._starts_by_itself and not self._busy:
-            self._start_by_itself()
-        if self._following.busy and not self._planning.busy and not self._following.sent:
-            self._follow_up.send(self._now_s)
+    def _serve_requests(self) -> None:
+        """Serve requests until one has to wait."""
+        if self._autostart and not self._busy:
+            self._run_autostart()
+        if self._appended.busy and not self._planning.busy and not self._appended.sent:
+            self._append_request.send(self._now_s)
         while not self._busy and self._requests.serve_next(self._now_s, self._must_wait, self._serve):
             pass
 
@@ -368,7 +370,7 @@ class Planner:
             case 'program' | 'move':
                 runs = self._run.state is RunState.RUNNING and self.motion in UNDER_WAY
                 if request.action == 'move' and runs:
-                    self._follow_up.begin(request)
+                    self._append_request.begin(request)
                     return
                 self._readiness.require_rest()
                 self._tracker.begin(request.identity)
@@ -387,18 +389,18 @@ class Planner:
             case 'resume':
                 self._resume()
             case 'override':
-                self._tell(self._override.ask(request.text, self.motion, self._now_s))
+                self._send_or_reply(self._override.ask(request.text, self.motion, self._now_s))
             case 'clear':
-                self._empty(Reason(Code.STATE, 'the queue was emptied'))
-                self._happen(RunEvent.CLEAR)
+                self._clear_queue(Reason(Code.STATE, 'the queue was emptied'))
+                self._handle(RunEvent.CLEAR)
                 self._reply('the queue is empty')
             case _:
                 raise ProgramError(
                     f'there is no action {request.action!r:.40}, expected {", ".join(ACTIONS)}'
                 )
 
-    def _tell(self, outcome: planner_actions.Changed | Reason | str) -> None:
-        """Send a change of motion profile to the task, or answer whoever asked for one."""
+    def _send_or_reply(self, outcome: planner_actions.Changed | Reason | str) -> None:
+        """Send a change of motion profile to the task, or reply to its request."""
         if isinstance(outcome, planner_actions.Changed):
             self.actions.append(outcome)
         else:
@@ -407,32 +409,32 @@ class Planner:
     # planning ---------------------------------------------------------------------------------------------------------
 
     def _plan_moves(self, request: Request) -> None:
-        """Let the moves of a request be planned behind those in the queue."""
+        """Start planning the moves of a request after those in the queue."""
         wrapped = request.action == 'move'
         then = {'move': self._take_moves, 'start': self._start_moves}.get(request.action, self._take_planned)
         self._planning.begin(self._readiness.require_rest(), then, request.text, request.adaptation, wrapped)
 
     def take_result(self, result: Result, now_s: float) -> None:
-        """Take what the planning thread has found; of a job that was given up it counts for nothing."""
+        """Take a result of the planning thread; results of cancelled jobs are ignored."""
         self._now_s = now_s
         then = self._planning.end(result)
         if then is None:
             return
         try:
             if result.reason is UNROUNDED and self._requests.serving is not None:
-                self._follow_up.plan(self._requests.serving, rounded=False)
+                self._append_request.plan(self._requests.serving, rounded=False)
                 return
             if result.reason is not None:
-                self._starts_by_itself = False
+                self._autostart = False
                 raise RefusedError(result.reason)
             then(result)
         except Delta3Error as error:
-            self._following.end()
+            self._appended.end()
             self._reply(Reason.of(error))
-        self._go_on()
+        self._serve_requests()
 
     def _take_planned(self, result: Result) -> None:
-        """Let a queue that is possible as a whole take the place of the present one."""
+        """Replace the queue by one that has been planned as a whole."""
         self._readiness.require_rest()
         serving, planned = self._requests.serving, result.planned
         identity = serving.identity if serving is not None and result.statements else ''
@@ -453,14 +455,14 @@ class Planner:
         return sentence
 
     def _take_moves(self, result: Result) -> None:
-        """Take moves that may start by themselves."""
+        """Take planned moves: start them if requested, else queue them."""
         if result.starts:
             self._start_moves(result)
         else:
             self._take_planned(result)
 
     def _start_moves(self, result: Result) -> None:
-        """Start moves with those in the queue; if they cannot, the queue is as before."""
+        """Start moves together with the queue; the queue is unchanged if they are rejected."""
         self._readiness.require_rest()
         self._readiness.require_orders()
         self._launch(result, own=result.statements)
@@ -468,7 +470,7 @@ class Planner:
     # trajectories -----------------------------------------------------------------------------------------------------
 
     def _follow_trajectory(self, request: Request) -> None:
-        """Plan a trajectory, which starts by itself; one without points stops whatever runs."""
+        """Plan a trajectory, which then starts automatically; one without points stops the running program."""
         trajectory = TrajectoryRequest.from_json(request.text)
         if not trajectory.points:
             self._stop()
@@ -492,7 +494,7 @@ class Planner:
         self._planning.begin(here, launch, program)
 
     def _stop(self) -> None:
-        """Give up the program that runs: the task stops it on its path, and tells so."""
+        """Revoke the running program, so that the task stops it on its path."""
         if self._run.state is not RunState.RUNNING:
             self._reply('nothing runs that could be stopped')
             return
@@ -500,12 +502,12 @@ class Planner:
         self.actions.append(planner_actions.Revoked(self._run.number))
 
     def _look_at_stop(self) -> None:
-        """Answer whoever has asked for a stop, once it is certain what became of it."""
+        """Reply to a stop request once its outcome is known."""
         if not self._stopping.waits:
             return
         self._stopping.note(self.motion, self._now_s)
         sentence = self._stopping.answer(
-            self._run.state, self.motion, self._run.came_to_its_end, self._readiness.refusal
+            self._run.state, self.motion, self._run.completed, self._readiness.refusal
         )
         if sentence is not None:
             self._stopping.end()
@@ -513,7 +515,7 @@ class Planner:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether a trajectory would be taken now, or waiting does not help: the robot is disabled or has a fault."""
+        """Whether a trajectory would be accepted, or waiting cannot help (drives disabled, fault)."""
         try:
             self._readiness.require_rest()
             self._readiness.require_orders()
@@ -522,27 +524,27 @@ class Planner:
         return not self._busy
 
     def require_control(self, request: Request) -> None:
-        """Raise RefusedError if somebody else has control of the robot."""
+        """Raise RefusedError if another operator has control of the robot."""
         self._requests.require_control(request)
 
     # running ----------------------------------------------------------------------------------------------------------
 
-    def _start_by_itself(self) -> None:
-        """Plan the program that was given at the start as soon as the robot is located, then start it."""
+    def _run_autostart(self) -> None:
+        """Plan the initial program once the robot is located, then start it when possible."""
         here = self._readiness.here
         if self.status is None or here is None:
             return
         own = Request('', '', 0, 0, 'start')
         if self._queue.planned is None:
             self._requests.serving = own
-            self._planning.begin(here, self._keep_own)
+            self._planning.begin(here, self._store_plan)
         elif self.listened_to and self._readiness.refusal is None:
-            self._starts_by_itself = False
+            self._autostart = False
             self._requests.serving = own
             self._launch_queue(self._robot.motion.start_cycle)
 
-    def _keep_own(self, result: Result) -> None:
-        """Keep the plan of the program that starts by itself, until it can."""
+    def _store_plan(self, result: Result) -> None:
+        """Store the plan of the initial program until it can start."""
         self._queue.put(result.program, result.planned)
         self._requests.serving = None
 
@@ -553,7 +555,7 @@ class Planner:
             raise refused(Code.STATE, 'no moves are in the queue')
         self._readiness.require_orders()
         if again and self._run.program is not None:
-            # injected faults happen once; the queue stays empty, should it be refused
+            # injected faults happen only once; the queue stays empty if the order is rejected
             self._planning.begin(here, self._launch, program=replace(self._run.program, faults=()))
         elif self._queue.planned is None:
             self._planning.begin(here, self._launch_planned)
@@ -566,7 +568,7 @@ class Planner:
         self._launch_queue(-1)
 
     def _launch_queue(self, cycle: int) -> None:
-        """Order what is in the queue; it leaves the queue when it is accepted."""
+        """Order the queue; it is cleared when the order is accepted."""
         program, planned = self._queue.program, self._queue.planned
         if program is not None and planned is not None:
             self._send(Order.of(program, planned, self.override, cycle))
@@ -579,7 +581,7 @@ class Planner:
         exact: bool = False,
         tolerances: Tolerances | None = None,
     ) -> None:
-        """Order what was planned beside the queue, from where the robot still stands; for the rest see ``Order``."""
+        """Order a plan that is not in the queue, if the robot is still at rest; see ``Order`` for the parameters."""
         self._readiness.require_rest()
         program, planned = result.program, result.planned
         if program is not None and planned is not None:
@@ -593,20 +595,20 @@ class Planner:
             refusal = self._readiness.refusal
             if refusal is not None and refusal.code == Code.DISABLED:
                 raise RefusedError(refusal)
-            self._tell(self._override.resume(self.motion, self._now_s))
+            self._send_or_reply(self._override.resume(self.motion, self._now_s))
             return
         cut_off = self._run.cut_off
         if self.motion != MotionState.IDLE or cut_off is None or self._run.state is not RunState.NONE:
             raise refused(
                 Code.STATE, f'{motion_sentence(self.motion)}: only a stopped program can be resumed'
             )
-        # back to the path, then on along it; whoever was told to restart may still do so
+        # back to the path and on along it; a restart remains possible if this is rejected
         here = self._readiness.require_rest()
         self._readiness.require_orders()
         self._send(Order.back(self._run, cut_off, here, self.override, self._robot))
 
 
-def _silence(consequence: str) -> Reason:
-    """Return the refusal of a request that the transformation task has not answered, with what may still happen."""
+def _timeout_reason(consequence: str) -> Reason:
+    """Return the rejection of a request for which no verdict arrived, and the possible consequence."""
     sentence = f'the transformation task has not answered within {VERDICT_S:g} s; {consequence}'
     return Reason(Code.SILENT, sentence)

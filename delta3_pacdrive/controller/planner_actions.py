@@ -1,4 +1,4 @@
-"""What the planner wants done: plans and motion profiles to send, programs to plan, requests to answer."""
+"""Actions of the planner: plans and motion profiles to send, programs to plan, requests to answer."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -14,27 +14,25 @@ from delta3_pacdrive.motion.move import Move
 
 @dataclass(frozen=True)
 class Ordered:
-    """A plan goes to the transformation task, or moves behind those of the present one."""
+    """Send a plan to the transformation task, or moves appended to the present one."""
 
     number: int
     moves: tuple[Move, ...]
     faults: tuple[Fault, ...]
-    row: tuple[
-        float, ...
-    ]  # start cycle, override, numbers of the moves; of moves that follow see ``Extension``
+    row: tuple[float, ...]  # start cycle, override, numbers of the moves; of appended moves see ``Extension``
     kind: str = ORDER
 
 
 @dataclass(frozen=True)
 class Revoked:
-    """An order is taken back."""
+    """Revoke an order."""
 
     number: int
 
 
 @dataclass(frozen=True)
 class Changed:
-    """A motion profile goes to the transformation task."""
+    """Send a motion profile to the transformation task."""
 
     number: int
     profile: MotionProfile
@@ -42,21 +40,21 @@ class Changed:
 
 @dataclass(frozen=True)
 class Working:
-    """A job begins in the planning thread."""
+    """Start a job in the planning thread."""
 
     job: Job
 
 
 @dataclass(frozen=True)
 class Cancelled:
-    """A job is given up."""
+    """Cancel a job."""
 
     number: int
 
 
 @dataclass(frozen=True)
 class Replied:
-    """A request is answered: refused with a reason, or done, with a sentence."""
+    """Reply to a request: rejected with a reason, or done, with a description."""
 
     request: Request
     reason: Reason | None
@@ -65,23 +63,23 @@ class Replied:
 
 @dataclass(frozen=True)
 class Reported:
-    """Something has become of the moves of a request."""
+    """Publish the progress of a request for moves."""
 
     report: RequestReport
 
 
 class Arrival(Enum):
-    """What becomes of a trajectory that has tolerances."""
+    """Outcome of a trajectory with tolerances."""
 
-    REACHED = 'the arms have come to its goal'
-    OFF_PATH = 'an arm was too far off on the way'
-    OFF_GOAL = 'an arm was too far off, or still moved, when the goal time was over'
-    GIVEN_UP = 'the goal is not waited for any more'
+    REACHED = 'the arms have reached the goal'
+    OFF_PATH = 'an arm violated its path tolerance'
+    OFF_GOAL = 'an arm was off the goal, or still moving, after the goal time'
+    GIVEN_UP = 'the trajectory was cancelled'
 
 
 @dataclass(frozen=True)
 class Settled:
-    """A trajectory, known by its request, has violated its tolerances for a reason, or kept them to its goal."""
+    """Report the outcome of the trajectory of a request."""
 
     identity: str
     arrival: Arrival
@@ -90,7 +88,7 @@ class Settled:
 
 @dataclass(frozen=True)
 class Mirrored:
-    """The motion is in a state."""
+    """Publish the motion state."""
 
     state: MotionState
 

@@ -1,4 +1,4 @@
-"""What takes the planner long, as one piece of work for another thread: read a program, plan and check it."""
+"""Jobs of the planning thread: parse a program, plan and check it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,103 +22,53 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Job:
-    """A program to be planned.
-
-    Attributes
-    ----------
-    number
-        Of the job, as its result is known by.
-    queue
-        What is in the queue already, or what is to be planned if there is no text.
-    text
-        Statements that follow: YAML, or the name of a packaged program; empty: none.
-    adaptation
-        What is asked for otherwise than the text says.
-    here_m
-        Where the robot stands.
-    wrapped
-        Whether the text may also be a single statement, or a list of them, and say whether it starts by itself.
-    behind
-        What the text follows while that is driven; None if it waits in the queue.
-    turn_rad
-        Where its tool stands, until the first move that says so; None: it has no rotary axis.
-
-    """
+    """A program to be planned."""
 
     number: int
-    queue: Program | None
-    text: str
-    adaptation: Adaptation
-    here_m: Point
-    wrapped: bool = False
-    behind: 'Behind | None' = None
-    turn_rad: float | None = None
+    queue: Program | None  # moves before the text, or all moves without a text
+    text: str  # statements in YAML or the name of a packaged program; may be empty
+    adaptation: Adaptation  # requested changes to the text
+    here_m: Point  # position of the robot
+    wrapped: bool = False  # whether the text may be a statement or a list, and may have the key start
+    append_to: 'AppendPoint | None' = None  # None: the text is queued
+    turn_rad: float | None = None  # angle of the rotary axis before the first move, if present
 
 
 @dataclass(frozen=True)
-class Behind:
-    """What is planned follows moves that are driven.
+class AppendPoint:
+    """Point at which moves are appended to the running program."""
 
-    Attributes
-    ----------
-    splice
-        From where on it is planned.
-    end_m
-        Where those moves end.
-    load
-        What those that stay ask of the motors, None if none stay.
-    room
-        How many statements may follow.
-
-    """
-
-    splice: Splice
-    end_m: Point
-    load: ThermalLoad | None
-    room: int
+    splice: Splice  # start of planning
+    end_m: Point  # end of the running program
+    load: ThermalLoad | None  # thermal load of the moves that remain, if any
+    room: int  # number of statements that may be appended
 
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a job: a program and its plan, or why there is none.
+    """Result of a job: a program and its plan, or the reason of failure."""
 
-    Attributes
-    ----------
-    number
-        Of the job.
-    program, planned
-        The queue with the text behind it, and its plan.
-    reason
-        Why there is none.
-    statements
-        How many of them are those of the text.
-    starts
-        Whether the text is to be driven without being started.
-
-    """
-
-    number: int
-    program: Program | None
+    number: int  # of the job
+    program: Program | None  # including the text
     planned: Planned | None
     reason: Reason | None = None
-    statements: int = 0
-    starts: bool = False
+    statements: int = 0  # in the text
+    starts: bool = False  # whether the text starts automatically
 
 
-FOLLOWING_MAX = (
-    100  # statements that follow those that are driven, and of a sequence of rounded corners among them
-)
+# limit of appended statements, and of statements in a sequence of rounded corners with appended ones
+FOLLOWING_MAX = 100
 UNROUNDED = Reason(Code.LATE, 'the corner to the moves that follow is not rounded')
 
 
 def begins_at_rest(statements: Sequence[Statement]) -> bool:
-    """Whether no corner to the first move can be rounded."""
+    """Whether the corner before these statements cannot be rounded."""
     first = next((statement for statement in statements if not isinstance(statement, Output)), None)
     return isinstance(first, Dwell | Cubic | Joints | Turn)
 
 
 def unrounded(before: Sequence[Statement], statements: Sequence[Statement]) -> str:
-    """Say why the corner between rounded ones and what follows is none of them; empty: it may be."""
+    """Return why a sequence of rounded corners cannot continue with these statements, empty if it can."""
     if begins_at_rest(statements):
         return 'they begin at rest'
     if len(before) + len(statements) > FOLLOWING_MAX:
@@ -127,22 +77,22 @@ def unrounded(before: Sequence[Statement], statements: Sequence[Statement]) -> s
 
 
 class CancelledError(ProgramError):
-    """A job that was given up."""
+    """The job was cancelled."""
 
 
 def work(
     job: Job, robot: Parameters, progress: Callable[[int, int], None], outputs: OutputNames = OWN
 ) -> Result:
-    """Do a job; ``progress`` is called with statements done and of all, and raises CancelledError to end it.
+    """Run a job; ``progress`` is called with done and total statements, and raises CancelledError to cancel.
 
-    ``outputs`` are those that the text may name.
+    ``outputs`` are the output names allowed in the text.
     """
     try:
         program, statements, starts = job.queue, 0, False
         if job.text:
             more, starts = _read(job, robot, outputs)
-            if job.behind is not None:
-                return _follow(job, job.behind, more, robot, progress)
+            if job.append_to is not None:
+                return _follow(job, job.append_to, more, robot, progress)
             program, statements = _appended(job.queue, more), len(more.statements)
         if program is None:
             raise ProgramError('no moves are in the queue')
@@ -165,20 +115,20 @@ def work(
 
 
 def _follow(
-    job: Job, behind: Behind, more: Program, robot: Parameters, progress: Callable[[int, int], None]
+    job: Job, append_to: AppendPoint, more: Program, robot: Parameters, progress: Callable[[int, int], None]
 ) -> Result:
-    """Plan statements behind moves that are driven; raises ProgramError."""
-    statements, splice = more.statements * more.repeat, behind.splice
+    """Plan moves to append to the running program; raises ProgramError."""
+    statements, splice = more.statements * more.repeat, append_to.splice
     if more.faults or more.payload_kg is not None:
         raise ProgramError(
             'faults and payload_kg of a program count from its start: none while the robot moves'
         )
-    if len(statements) > behind.room:
+    if len(statements) > append_to.room:
         raise ProgramError(
-            f'{len(statements)} statements cannot follow while the robot moves: {behind.room} of '
+            f'{len(statements)} statements cannot follow while the robot moves: {append_to.room} of '
             f'{FOLLOWING_MAX} are free'
         )
-    program_planner.require_start(more, behind.end_m)
+    program_planner.require_start(more, append_to.end_m)
     if splice.again and unrounded(splice.again, statements):
         return Result(job.number, None, None, UNROUNDED)
     count = len(splice.again)
@@ -199,14 +149,14 @@ def _follow(
         robot,
         open_end=True,
         progress=progress,
-        before=behind.load,
+        before=append_to.load,
         turn_rad=job.turn_rad if splice.turn_rad is None else splice.turn_rad,
     )
     return Result(job.number, program, planned, None, len(statements))
 
 
 def _read(job: Job, robot: Parameters, outputs: OutputNames) -> tuple[Program, bool]:
-    """Return the program of the text, and whether it starts by itself."""
+    """Return the program of the text, and whether it starts automatically."""
     starts = job.wrapped
     if job.text in programs.packaged_names():
         document = yaml_file.read(programs.find(job.text), 'program file', ProgramError)
@@ -219,7 +169,7 @@ def _read(job: Job, robot: Parameters, outputs: OutputNames) -> tuple[Program, b
 
 
 def _unwrapped(document: Any) -> tuple[Any, bool]:
-    """Return a statement, a list of them, or a program as a program, and whether it starts by itself."""
+    """Convert a statement, a list of statements or a program to a program; also return whether it starts."""
     if isinstance(document, list):
         return {'moves': document}, True
     if isinstance(document, str):
@@ -243,7 +193,7 @@ def _unwrapped(document: Any) -> tuple[Any, bool]:
 
 
 def _end_m(planned: Planned, statements: int, here_m: Point) -> Point:
-    """Return where the first so many statements of a plan end [m]; ``here_m``: where the robot stands before them."""
+    """Return the end of the first ``statements`` of a plan [m], or ``here_m`` if they do not move the robot."""
     for end in reversed(planned.ends[:statements]):
         if end is not None:
             number, distance = end
@@ -253,7 +203,7 @@ def _end_m(planned: Planned, statements: int, here_m: Point) -> Point:
 
 
 def _appended(queue: Program | None, more: Program) -> Program:
-    """Return a queue with more statements behind it; raises ProgramError."""
+    """Return a queue with statements appended; raises ProgramError."""
     if queue is None:
         return more
     if queue.repeat > 1 or more.repeat > 1:

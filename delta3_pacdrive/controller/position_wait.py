@@ -1,8 +1,8 @@
-"""Waiting for the robot at exact stops: a program goes on behind one when every drive is in position (S-0-0057).
+"""Waits at exact stops: the program continues once every drive is in position (S-0-0057).
 
-Pure. The set points of an exact stop are followed by a move that stands (``MoveKind.IN_POSITION``). The master rests in
-it longer than anybody waits, and leaves it a fixed number of bus cycles after the answers that tell of a robot in
-position: so the motion does not depend on how many cycles are outstanding when they come.
+Pure. The plan has a dwell (``MoveKind.IN_POSITION``) after each exact stop. The master rests in it longer than the
+timeout, and leaves it a fixed number of bus cycles after the feedback that shows the robot in position, so that the
+motion does not depend on the number of outstanding cycles.
 """
 
 import math
@@ -18,20 +18,11 @@ from delta3_pacdrive.parameters import Parameters, of_tool_axis
 from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 
-NONE = -1  # instead of the number of a move
+NONE = -1  # no move
 
 
 class PositionWait:
-    """Waiting for the robot at the exact stops of one program after the other.
-
-    Attributes
-    ----------
-    first_cycle
-        Bus cycle from which on the master has to rest at the next exact stop; ``NEVER`` if there is none.
-    number, since
-        The exact stop at which the master rests, as the number of its move, and since which bus cycle.
-
-    """
+    """Waits of one program after the other at exact stops."""
 
     def __init__(self, parameters: Parameters) -> None:
         bus, motion = parameters.bus, parameters.motion
@@ -41,10 +32,14 @@ class PositionWait:
         if parameters.rotary.present:
             self._windows_rad.append(of_tool_axis(parameters).drive.position_window_rad)
         self._stops = np.zeros(0, np.int64)  # numbers of the moves
-        self._passed = NONE  # the last one that the robot has left
+        self._passed = NONE  # last exact stop that was left
         self._resting: MotionProfile | None = None
         self._leaving: MotionProfile | None = None
-        self.first_cycle, self.number, self.since = NEVER, NONE, NEVER
+        self.first_cycle = NEVER  # in which the master reaches the next exact stop
+        self.number, self.since = (
+            NONE,
+            NEVER,
+        )  # active exact stop as a move number, and first cycle of the wait
 
     @property
     def waits(self) -> bool:
@@ -52,24 +47,24 @@ class PositionWait:
         return self._resting is not None
 
     def is_long_enough(self, cycles: int) -> bool:
-        """Whether drives that were within their windows for so many cycles are in position."""
+        """Whether drives that were within their windows for ``cycles`` cycles are in position."""
         return cycles >= self._cycles
 
     def begin(self, timeline: Timeline) -> None:
-        """Begin with a program that is started."""
+        """Start with a new program."""
         self._passed = self.number = NONE
         self._note_stops(timeline)
         self.follow(timeline)
 
     def lengthen(self, timeline: Timeline, left_out: int) -> None:
-        """Go over to a longer plan, which leaves out the first moves of the present one."""
+        """Switch to an extended plan, which omits the first ``left_out`` moves."""
         self._passed = max(self._passed - left_out, NONE)
         self.number = max(self.number - left_out, NONE)
         self._note_stops(timeline)
         self.follow(timeline)
 
-    def end(self) -> None:
-        """Forget a program that is given up: nobody comes to its exact stops any more."""
+    def clear(self) -> None:
+        """Clear the wait of a program that has been cancelled."""
         self._resting = self._leaving = None
         self.first_cycle = NEVER
 
@@ -78,20 +73,20 @@ class PositionWait:
         self._stops = np.flatnonzero(waits[timeline.plan.tables.order])
 
     def follow(self, timeline: Timeline) -> None:
-        """Look where the motion profile that is followed from now on comes to the next exact stop."""
+        """Find the cycle in which a new motion profile reaches the next exact stop."""
         profile = timeline.profile
         if profile is None or profile is self._resting:
             return
         if profile is self._leaving:
             self._passed = profile.number
-        self.end()
+        self.clear()
         coming = self._stops[self._stops >= max(profile.number, self._passed + 1)]
         if not profile.held and len(coming):
-            # whoever has sent a motion profile that begins at the stop sees it followed before the master rests anew
+            # a profile that starts at the stop takes effect for a cycle before the next wait, so that it is published
             self.first_cycle = max(timeline.first_cycle_in(int(coming[0])), profile.cycle + 1)
 
     def rest_at(self, cycle: int, timeline: Timeline) -> MotionProfile:
-        """Return the motion profile that rests at the exact stop which is reached in a bus cycle."""
+        """Return the motion profile that rests at the exact stop reached in a bus cycle."""
         number, profile = timeline.at(cycle).number, timeline.profile
         self.number, self.since = number, cycle
         longest_s = self._timeout_s + (self._cycles + 2 * self._reaction) * self._cycle_time_s
@@ -100,8 +95,8 @@ class PositionWait:
         self.first_cycle = NEVER
         return self._resting
 
-    def way_on(self, cycle: int, timeline: Timeline) -> MotionProfile:
-        """Return the motion profile that leaves an exact stop, after the answers of a bus cycle."""
+    def departure(self, cycle: int, timeline: Timeline) -> MotionProfile:
+        """Return the motion profile that leaves the exact stop, after the feedback of a bus cycle."""
         override = 1.0 if timeline.profile is None else timeline.profile.override
         planned = math.ceil(timeline.plan.move(self.number).duration_s / override / self._cycle_time_s - 1e-9)
         first = max(cycle + self._reaction, self.since + planned)
@@ -109,9 +104,9 @@ class PositionWait:
         return self._leaving
 
     def fault(self, cycle: int, since: int, where: str, state: Any, tool: Any = None) -> RobotFault | None:
-        """Return the fault of a robot that is not in position in a bus cycle, None while there is time left.
+        """Return the fault of a robot that is not in position by a bus cycle, None before the timeout.
 
-        ``state`` is the ``STATE`` of the task, ``tool`` that of the rotary axis, if there is one.
+        ``state`` is the ``STATE`` of the task, ``tool`` that of the rotary axis, if present.
         """
         waited_s = (cycle - since) * self._cycle_time_s
         if waited_s < self._timeout_s:

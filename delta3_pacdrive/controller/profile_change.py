@@ -1,34 +1,34 @@
-"""A change of motion profile, an override or a resume, that waits for the verdict of the transformation task.
+"""Changes of motion profile (override or resume) awaiting the verdict of the transformation task.
 
-Pure: events come in, the verdict for whoever asked goes out. What is not in the table does not happen.
+Pure state machine; events that are not in the table are ignored.
 """
 
 from dataclasses import dataclass
 from enum import Enum
 
-# how far ahead a change is planned; four times as far each time that it came too late
+# lead of a planned change, multiplied by the factor each time it was too late
 LEAD_CYCLES, LEAD_CYCLES_MAX, LEAD_FACTOR = 60, 4000, 4
 
 
 class ChangeState(Enum):
-    """Whether a change waits for its verdict."""
+    """State of a change."""
 
-    NONE = 'none is under way'
+    NONE = 'no change is pending'
     SENT = 'it waits for its verdict'
 
 
 class ChangeEvent(Enum):
-    """What happens to a change."""
+    """Event of a change."""
 
     SEND = 'it is sent'
-    ACCEPT = 'the transformation task follows it'
-    REFUSE = 'the transformation task refuses it, or does not answer'
-    MISS = 'it came too late for its bus cycle'
-    PHASE_UP = 'the bus was phased up anew'
+    ACCEPT = 'the transformation task accepts it'
+    REFUSE = 'the transformation task rejects it, or does not reply'
+    MISS = 'it was too late for its bus cycle'
+    PHASE_UP = 'the bus was phased up again'
 
 
 class Lead(Enum):
-    """What becomes of the time by which changes are planned ahead."""
+    """Effect of an event on the lead of the next change."""
 
     AS_BEFORE = 'as before'
     LONGER = 'longer'
@@ -43,48 +43,26 @@ TRANSITIONS = {
     (ChangeState.SENT, ChangeEvent.MISS): (ChangeState.NONE, Lead.LONGER),
     (ChangeState.SENT, ChangeEvent.PHASE_UP): (ChangeState.NONE, Lead.SHORTEST),
 }
-"""Where an event leads from a state, and how far ahead the next change is planned."""
+"""Next state, and lead of the next change."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change that was asked for.
+    """A requested change."""
 
-    Attributes
-    ----------
-    override
-        Override, 1 = as planned.
-    sentence
-        Answer to whoever asked for it, once it was accepted.
-    lasting
-        Whether the override is that of later programs, too.
-
-    """
-
-    override: float
-    sentence: str
-    lasting: bool
+    override: float  # 1 = as planned
+    sentence: str  # reply after acceptance
+    lasting: bool  # whether the override also applies to later programs
 
 
 class ProfileChange:
-    """One change of motion profile after the other.
-
-    Attributes
-    ----------
-    state
-        Whether one waits for its verdict.
-    change, number, since_s
-        The newest one, its number, and since when it waits.
-    lead_cycles
-        By how much the next one is planned ahead.
-
-    """
+    """One change of motion profile after the other."""
 
     def __init__(self) -> None:
         self.state = ChangeState.NONE
-        self.change = Change(1.0, '', lasting=False)
+        self.change = Change(1.0, '', lasting=False)  # newest one, with its number and time of sending
         self.number, self.since_s = 0, 0.0
-        self.lead_cycles = LEAD_CYCLES
+        self.lead_cycles = LEAD_CYCLES  # of the next change
 
     @property
     def waits(self) -> bool:
@@ -93,16 +71,16 @@ class ProfileChange:
 
     @property
     def may_be_later(self) -> bool:
-        """Whether a change that came too late is sent again, for a later cycle."""
+        """Whether a late change is sent again for a later cycle."""
         return self.lead_cycles < LEAD_CYCLES_MAX
 
     def send(self, change: Change, number: int, now_s: float) -> None:
-        """Note that a change was sent under a number."""
+        """Record that a change was sent."""
         self.change, self.number, self.since_s = change, number, now_s
-        self.happen(ChangeEvent.SEND)
+        self.handle(ChangeEvent.SEND)
 
-    def happen(self, event: ChangeEvent) -> None:
-        """Let an event happen."""
+    def handle(self, event: ChangeEvent) -> None:
+        """Apply an event."""
         self.state, lead = TRANSITIONS.get((self.state, event), (self.state, Lead.AS_BEFORE))
         if lead is Lead.LONGER:
             self.lead_cycles *= LEAD_FACTOR

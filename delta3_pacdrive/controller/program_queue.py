@@ -1,4 +1,4 @@
-"""The moves that wait to be started, and whether they are planned."""
+"""The moves waiting to be started, and their plan."""
 
 from dataclasses import replace
 
@@ -7,25 +7,16 @@ from delta3_pacdrive.motion.program_planner import Planned
 
 
 class ProgramQueue:
-    """One program that grows, and its plan.
-
-    Attributes
-    ----------
-    program
-        All moves, None if there are none.
-    planned
-        Their plan from where the robot stands, None while there is none.
-
-    """
+    """A program that grows, and its plan."""
 
     def __init__(self, program: Program | None) -> None:
-        self.program = program
-        self.planned: Planned | None = None
+        self.program = program  # all moves, None if there are none
+        self.planned: Planned | None = None  # from the position of the robot
         self._requests: dict[str, tuple[int, int]] = {}  # statements and faults before those of each request
 
     @property
     def size(self) -> tuple[int, float]:
-        """Number of moves, and how long they take [s]; 0 while they are not planned."""
+        """Number of moves and their duration [s], 0 until they are planned."""
         if self.program is None:
             return 0, 0.0
         if self.planned is None:
@@ -33,9 +24,9 @@ class ProgramQueue:
         return len(self.planned.plan), self.planned.plan.duration_s
 
     def put(self, program: Program | None, planned: Planned | None = None, request: str = '') -> None:
-        """Take a program, planned or still to be planned, in place of the present one.
+        """Replace the program and its plan.
 
-        ``request`` is the identity of the request that has appended statements to it, empty if none has.
+        ``request`` is the identity of the request that has appended statements, empty if none has.
         """
         if request:
             before = self.program
@@ -43,11 +34,11 @@ class ProgramQueue:
         self.program, self.planned = program, planned
 
     def holds(self, request: str) -> bool:
-        """Whether the moves of a request are in the queue."""
+        """Whether moves of a request are in the queue."""
         return request in self._requests
 
     def withdraw(self, request: str) -> bool:
-        """Remove the moves of a request, of which the rest has to be planned anew; False if others follow them."""
+        """Remove the moves of a request, so that the others must be planned again; False if others follow them."""
         if request != next(reversed(self._requests), None):
             return False
         statements, faults = self._requests.pop(request)
@@ -60,11 +51,11 @@ class ProgramQueue:
             self.put(kept if statements else None)
         return True
 
-    def forget_plan(self) -> None:
-        """Forget the plan: the robot stands elsewhere."""
+    def clear_plan(self) -> None:
+        """Clear the plan, because the robot has another position."""
         self.planned = None
 
     def clear(self) -> None:
-        """Forget all moves."""
+        """Clear all moves."""
         self._requests.clear()
         self.put(None)

@@ -1,6 +1,6 @@
-"""The program that the planner has ordered last: it waits for its verdict, runs, fails, ends; and what is left of it.
+"""The newest program ordered by the planner: verdict, run, fault, end, and what can be resumed.
 
-Pure: events come in, the actions that they ask for go out. What is not in the table does not happen.
+Pure state machine; events come in, actions go out. Events that are not in the table are ignored.
 """
 
 from dataclasses import dataclass
@@ -21,45 +21,45 @@ from delta3_pacdrive.motion.resume import way_back
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-# by how much, and how often, the numbers of orders leap over those of a foreign writer
+# increment of order numbers after a collision with another writer, and maximum number of increments
 LEAP, LEAPS_MAX = 1000, 3
 
 
 class RunState(Enum):
-    """What becomes of a program."""
+    """State of the program."""
 
     NONE = 'no program runs'
-    ORDERED = 'the transformation task has not said yet whether it takes the plan'
-    RUNNING = 'the plan was taken'
-    FAILED = 'a fault has stopped it, and where the robot stands is not known yet'
+    ORDERED = 'the order waits for its verdict'
+    RUNNING = 'the order was accepted'
+    FAILED = 'a fault has stopped it, and the robot has not been located yet'
 
 
 class Remains(Enum):
-    """What is left of the program that ran last."""
+    """What can be executed again of the last program."""
 
     NOTHING = 'nothing'
-    CUT_OFF = 'the rest of it can be driven, or all of it again'
-    WHOLE = 'all of it can be driven again'
+    CUT_OFF = 'its remainder can be resumed, or all of it started again'
+    WHOLE = 'all of it can be started again'
 
 
 class RunEvent(Enum):
-    """What happens to a program."""
+    """Event of the program."""
 
     ORDER = 'its plan is sent'
     RENUMBER = 'the number of the order was used already'
-    ACCEPT = 'the transformation task takes the plan'
-    REFUSE = 'the transformation task refuses the plan'
-    REVOKE = 'the order is taken back: nobody waits for it any more, or nobody answers'
-    END = 'the last answer of the program is there'
-    FAIL = 'the motion is in error'
-    LOCATE = 'the robot stands ready for a program'
-    PHASE_UP = 'the bus was phased up anew'
-    CLEAR = 'what is left is given up'
+    ACCEPT = 'the transformation task accepts the plan'
+    REFUSE = 'the transformation task rejects the plan'
+    REVOKE = 'the order is revoked after a cancellation or a timeout'
+    END = 'the last feedback of the program has arrived'
+    FAIL = 'the motion is in the error state'
+    LOCATE = 'the robot is located, ready for a program'
+    PHASE_UP = 'the bus was phased up again'
+    CLEAR = 'the remainder is cleared'
 
 
 @dataclass(frozen=True)
 class Step:
-    """Where an event leads: to a state, with what is left then (None: as before), and an action."""
+    """Next state, what remains then (None: unchanged), and an action."""
 
     state: RunState
     remains: Remains | None = None
@@ -81,47 +81,24 @@ TRANSITIONS = {
     (RunState.FAILED, RunEvent.LOCATE): Step(RunState.NONE, Remains.CUT_OFF),
     (RunState.FAILED, RunEvent.PHASE_UP): Step(RunState.NONE, Remains.WHOLE),
 }
-"""Where an event leads from a state."""
+"""Transitions; other events are ignored."""
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be driven.
-
-    Attributes
-    ----------
-    plan, faults
-        What the transformation task gets.
-    start_cycle
-        Bus cycle of its start, -1: as soon as possible.
-    override, override_max
-        Override of its start, and the largest that the motors bear.
-    program
-        What all of it is, should it be started again.
-    sentence
-        Answer to whoever asked for it, once it was accepted.
-    queued
-        What the planner knows of a program out of its queue, None for one that goes on after a fault.
-    own
-        How many statements at its end are those of whoever asked for it, and were not in the queue before.
-    exact
-        Whether it begins in its bus cycle or not at all; any other order begins later if it must.
-    tolerances
-        Of this trajectory, None: those of all.
-
-    """
+    """A program to execute."""
 
     plan: Plan
     faults: tuple[Fault, ...]
-    start_cycle: int
-    override: float
-    override_max: float
-    program: Program | None
-    sentence: str
-    queued: Planned | None = None
-    own: int = 0
-    exact: bool = False
-    tolerances: Tolerances | None = None
+    start_cycle: int  # bus cycle, -1: as soon as possible
+    override: float  # at the start
+    override_max: float  # limit of the motors
+    program: Program | None  # whole program, for another start
+    sentence: str  # reply after acceptance
+    queued: Planned | None = None  # None for a program resumed after a fault
+    own: int = 0  # statements at the end that were not in the queue before
+    exact: bool = False  # whether it is rejected, not delayed, if its start cycle is too early
+    tolerances: Tolerances | None = None  # of this trajectory, None: default
 
     @staticmethod
     def of(
@@ -133,7 +110,7 @@ class Order:
         exact: bool = False,
         tolerances: Tolerances | None = None,
     ) -> 'Order':
-        """Return the order of a program that is planned, with an override or less if the motors bear less."""
+        """Return the order of a planned program; the override is limited by the motors."""
         override = min(override, planned.override_max)
         time = f'{planned.plan.duration_s / override:.3f} s{at_percent(override)}'
         moves = f'{counted(len(planned.plan), "move")}, {time}'
@@ -158,12 +135,12 @@ class Order:
     def back(
         run: 'ProgramRun', cut_off: Timeline, here: Floats, override: float, robot: Parameters
     ) -> 'Order':
-        """Return the order of the way back to a path that was cut off, from where the TCP stands [m], and on along it.
+        """Return the order from the TCP position [m] back to a path that was cut off, and on along it.
 
         Raises
         ------
         ProgramError
-            There is no way back.
+            No return path exists.
 
         """
         plan, override = way_back(cut_off, here, robot), min(override, run.override_max)
@@ -173,7 +150,7 @@ class Order:
 
 
 class OrderNumbers:
-    """Numbers of the orders and changes of one planner, each larger than the one before."""
+    """Increasing numbers of the orders and changes of one planner."""
 
     def __init__(self) -> None:
         self._newest = self._leaps = 0
@@ -184,50 +161,32 @@ class OrderNumbers:
         return self._newest
 
     def leap(self) -> bool:
-        """Count on from far above, where a foreign writer has used numbers up; False if that was done too often."""
+        """Skip numbers used by another writer; return False after too many attempts."""
         self._leaps += 1
         self._newest += LEAP**self._leaps
         return self._leaps <= LEAPS_MAX
 
 
 class ProgramRun:
-    """The run of one program after the other.
-
-    Attributes
-    ----------
-    state, remains
-        What becomes of the program, and what is left of the last one.
-    number
-        Of the last order, 0 before the first.
-    order
-        What was ordered last.
-    since_s
-        Since when its verdict is waited for.
-    timeline
-        The motion profiles that the transformation task follows; None while no program runs.
-    cut_off
-        The timeline of the program that is cut off, None if none is.
-    program, override_max
-        The program that was accepted last, and the largest override that its motors bear.
-    came_to_its_end
-        Whether the program that ran last was driven to its end, not given up.
-
-    """
+    """One program after the other."""
 
     def __init__(self, numbers: OrderNumbers, cycle_time_s: float) -> None:
         self._numbers, self._cycle_time_s = numbers, cycle_time_s
         self.state, self.remains = RunState.NONE, Remains.NOTHING
-        self.number = 0
-        self.order: Order | None = None
-        self.since_s = 0.0
+        self.number = 0  # of the last order, 0 before the first
+        self.order: Order | None = None  # newest
+        self.since_s = 0.0  # start of the timeout of the verdict
         self._checked = 0
-        self.timeline: Timeline | None = None
-        self._before: Timeline | None = None  # the same before the newest motion profile
-        self.cut_off: Timeline | None = None
+        self.timeline: Timeline | None = (
+            None  # motion profiles followed by the transformation task, of a running program
+        )
+        self._before: Timeline | None = None  # before the newest motion profile
+        self.cut_off: Timeline | None = None  # of a program that can be resumed
+        # newest accepted program, and its largest override allowed by the motors
         self.program: Program | None = None
         self.override_max = OVERRIDE_MAX
-        self.came_to_its_end = False
-        self._longer: Timeline | None = None  # which is followed from the cycle of its motion profile on
+        self.completed = False  # whether the last program was executed to its end
+        self._pending_timeline: Timeline | None = None  # active from the cycle of its motion profile on
 
     @property
     def waits(self) -> bool:
@@ -238,33 +197,33 @@ class ProgramRun:
         """Order a program."""
         self.order, self.since_s, self._checked = order, now_s, 0
         self.number = self._numbers.next()
-        return self.happen(RunEvent.ORDER)
+        return self.handle(RunEvent.ORDER)
 
     def renumber(self) -> list[Ordered | Revoked]:
-        """Send the order again under a number that nobody has used; nothing if that was done too often."""
+        """Send the order again with an unused number; returns no action after too many attempts."""
         if not self._numbers.leap():
             return []
         self.number = self._numbers.next()
-        return self.happen(RunEvent.RENUMBER)
+        return self.handle(RunEvent.RENUMBER)
 
     def note_checked(self, rows: int, now_s: float) -> None:
-        """Note how much of the plan was checked: whoever goes on with it has not fallen silent."""
+        """Record the number of checked rows; progress restarts the timeout of the verdict."""
         if rows != self._checked:
             self._checked, self.since_s = rows, now_s
 
-    def happen(self, event: RunEvent, cycle: int | None = None) -> list[Ordered | Revoked]:
-        """Let an event happen, in a bus cycle if one is known; returns the actions that it asks for."""
+    def handle(self, event: RunEvent, cycle: int | None = None) -> list[Ordered | Revoked]:
+        """Apply an event, in a bus cycle if known; return the resulting actions."""
         step = TRANSITIONS.get((self.state, event))
         if step is None:
             return []
         if self.state is RunState.RUNNING and step.state is not RunState.RUNNING:
-            self.came_to_its_end = event in (RunEvent.END, RunEvent.LOCATE) and self._is_over(cycle)
+            self.completed = event in (RunEvent.END, RunEvent.LOCATE) and self._is_over(cycle)
         before, self.state = self.state, step.state
         if step.remains is not None:
             self.remains = step.remains
             self.cut_off = self.timeline if step.remains is Remains.CUT_OFF else None
         if step.state is RunState.NONE:
-            self.timeline = self._longer = None
+            self.timeline = self._pending_timeline = None
         elif before is RunState.NONE and self.order is not None:
             self.timeline, self._before = Timeline(self.order.plan, self._cycle_time_s), None
         elif event is RunEvent.ACCEPT and self.order is not None:
@@ -272,7 +231,7 @@ class ProgramRun:
         return [self._action(step.action)] if step.action else []
 
     def _is_over(self, cycle: int | None) -> bool:
-        """Whether the motion profile that is followed is at its end in a bus cycle."""
+        """Whether the active motion profile has ended in a bus cycle."""
         timeline = self.timeline
         if timeline is None or timeline.profile is None or cycle is None:
             return True
@@ -286,40 +245,40 @@ class ProgramRun:
         return Ordered(self.number, order.plan.moves, order.faults, row, EXACT if order.exact else ORDER)
 
     def follow(self, row: Any) -> None:
-        """Follow the motion profile that the transformation task follows, its own stops included."""
+        """Follow the motion profile of the transformation task, including its own stops."""
         timeline = self.timeline
         if timeline is None:
             return
         profile = MotionProfile.from_array(row)
-        longer = self._longer
+        longer = self._pending_timeline
         if longer is not None and longer.profile is not None and profile.cycle >= longer.profile.cycle:
-            timeline = self._go_over(longer)
+            timeline = self._switch_to(longer)
         if timeline.profile is None:
             timeline.start(profile.cycle, profile.override)
         elif (profile.cycle, profile.held) != (timeline.profile.cycle, timeline.profile.held):
-            # a program that is held before it begins stops in the cycle of its start
+            # a program held before its start stops in its start cycle
             if profile.cycle < timeline.profile.cycle and self._before is not None:
-                timeline = self.timeline = self._before  # a stop came before what was to come
+                timeline = self.timeline = self._before  # the stop precedes the pending profile
             self._before = timeline.copy()
             timeline.change(profile)
 
-    def lengthen(self, longer: Timeline | None) -> None:
-        """Follow a longer plan from the cycle of its motion profile on, or not (None)."""
-        self._longer = longer
+    def set_pending(self, longer: Timeline | None) -> None:
+        """Set or clear the extended timeline that is active from the cycle of its motion profile on."""
+        self._pending_timeline = longer
 
-    def lengthened(self, program: Program | None, override_max: float) -> None:
-        """Note that the longer plan is followed, and what all of it is now."""
-        if self._longer is not None and self.timeline is not None:
-            self._go_over(self._longer)
-        self._longer = None
+    def accept_pending(self, program: Program | None, override_max: float) -> None:
+        """Activate the pending timeline, and set the whole program."""
+        if self._pending_timeline is not None and self.timeline is not None:
+            self._switch_to(self._pending_timeline)
+        self._pending_timeline = None
         self.program, self.override_max = program, override_max
 
-    def _go_over(self, longer: Timeline) -> Timeline:
-        self.timeline, self._before, self._longer = longer, None, None
+    def _switch_to(self, longer: Timeline) -> Timeline:
+        self.timeline, self._before, self._pending_timeline = longer, None, None
         return longer
 
     def changes_from(self) -> int:
-        """Return the bus cycle from which on the newest change of motion profile counts, 0 if there was none."""
+        """Return the first bus cycle of the newest change of motion profile, 0 if there was none."""
         profile = self.timeline.profile if self.timeline else None
         changed = self._before is not None and self._before.profile is not None
         return profile.cycle if changed and profile is not None else 0

@@ -1,4 +1,4 @@
-"""Whether the robot can take moves or orders now, by the newest word of the transformation task."""
+"""Readiness of the robot for moves and orders, according to the newest status of the transformation task."""
 
 from delta3_pacdrive.controller.messages import Status
 from delta3_pacdrive.controller.motion_state import MotionState
@@ -10,50 +10,34 @@ from delta3_pacdrive.numerics.types import Floats
 
 
 class Readiness:
-    """Readiness of the robot of one planner.
-
-    Parameters
-    ----------
-    identity
-        Of the planner.
-    task
-        What the transformation task says.
-    run
-        The program that runs.
-
-    Attributes
-    ----------
-    here
-        Where the TCP stands [m], shape (3,); None before the robot was located.
-
-    """
+    """Readiness of the robot of one planner, which has this ``identity``."""
 
     def __init__(self, identity: str, task: TaskStatus, run: ProgramRun) -> None:
         self._identity, self._task, self._run = identity, task, run
-        self.here: Floats | None = None
+        self.here: Floats | None = None  # TCP position [m], shape (3,), once located
 
     @property
     def status(self) -> Status | None:
-        """The newest word of the transformation task, None before the first."""
+        """The newest status of the transformation task, None before the first."""
         return self._task.newest
 
     @property
     def motion(self) -> MotionState:
-        """What is done with the TCP, as far as is known."""
+        """The newest known motion state."""
         return MotionState(self.status.state) if self.status else MotionState.IDLE
 
     @property
     def listened_to(self) -> bool:
-        """Whether the transformation task takes orders of this planner."""
+        """Whether the transformation task accepts orders of this planner."""
         return self.status is not None and self.status.planner == self._identity
 
     @property
     def refusal(self) -> Reason | None:
-        """Why the transformation task would take no order now."""
+        """Why the transformation task would reject an order now."""
         return self.status.reason if self.status else None
 
     def require_rest(self) -> Floats:
-        """Return where the robot stands; raises RefusedError unless it is ready and stands."""
+        """Return the TCP position; raises RefusedError unless the robot is located and idle."""
         if self.status is None or self.here is None:
             raise refused(Code.BUS, 'the transformation task has not located the robot yet')
         if self.motion != MotionState.IDLE or self._run.state is not RunState.NONE:
@@ -65,7 +49,7 @@ class Readiness:
         return self.here
 
     def require_orders(self) -> None:
-        """Raise RefusedError for what the transformation task would refuse anyway."""
+        """Raise RefusedError if the transformation task would reject an order."""
         if not self.listened_to:
             raise refused(Code.BUS, 'the transformation task does not listen to this planner yet')
         if self.refusal is not None:
@@ -73,5 +57,5 @@ class Readiness:
 
 
 def refused(code: Code, sentence: str) -> RefusedError:
-    """Return the error of a refusal."""
+    """Return the error of a rejection."""
     return RefusedError(Reason(code, sentence))

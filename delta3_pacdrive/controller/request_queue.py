@@ -1,4 +1,4 @@
-"""Requests of operators: those received before, and those that wait to be served, one at a time, in their order."""
+"""Queue of waiting requests, and a record of received ones."""
 
 from collections import deque
 from collections.abc import Callable
@@ -8,38 +8,38 @@ from delta3_pacdrive.controller.messages import Reply, Request
 from delta3_pacdrive.errors import Code, Reason, RefusedError
 
 WAITING_MAX = 100  # requests
-OPERATORS_MAX = 10_000  # whose requests are told apart
-REMEMBERED_S = 600.0  # after its newest request an operator is forgotten
-NEWS_S = 2.0  # that a request may wait for news of the transformation task
-# refusals that the next status may end
+OPERATORS_MAX = 10_000  # remembered operators
+REMEMBERED_S = 600.0  # time after its newest request for which an operator is remembered
+NEWS_S = 2.0  # time that a request may wait for a newer status
+# codes of rejections that the next status may make obsolete
 PASSING = frozenset({Code.STATE, Code.DISABLED, Code.FAULT, Code.BUS})
 
 
 @dataclass(frozen=True)
 class Waiting:
-    """A request, since when it waits, and how many statuses had come by then."""
+    """A request, its time of arrival, and the number of statuses received before."""
 
     request: Request
     since_s: float
     news: int
 
     def may_wait(self, now_s: float) -> bool:
-        """Whether the request may still wait for news."""
+        """Whether the request may still wait for a newer status."""
         return now_s - self.since_s < NEWS_S
 
     def may_be_outdated(self, reason: Reason, now_s: float, news: int) -> bool:
-        """Whether a refusal may be out of date: what was done a moment ago, enabling for example, is not known yet."""
+        """Whether a rejection may be outdated, because no status has arrived since the request (after enabling)."""
         return reason.code in PASSING and self.news == news and self.may_wait(now_s)
 
 
 class RequestQueue:
-    """The requests that wait."""
+    """Requests waiting to be served."""
 
     def __init__(self) -> None:
         self._waiting: deque[Waiting] = deque()
 
     def add(self, request: Request, now_s: float, news: int) -> Reason | None:
-        """Let a request wait; returns why not."""
+        """Append a request; return the reason if it is rejected."""
         if len(self._waiting) >= WAITING_MAX:
             return Reason(Code.STATE, f'{WAITING_MAX} requests are waiting already')
         self._waiting.append(Waiting(request, now_s, news))
@@ -47,19 +47,19 @@ class RequestQueue:
 
     @property
     def first(self) -> Waiting | None:
-        """The request that is served next, None if none waits."""
+        """The next request, None if none waits."""
         return self._waiting[0] if self._waiting else None
 
     def pop(self) -> None:
-        """Take the first request away."""
+        """Remove the first request."""
         self._waiting.popleft()
 
     def withdraw(self, operator: str, number: str) -> list[Request]:
-        """Take an operator's request back; returns it, if it was waiting."""
+        """Remove a request of an operator and return it, if it was waiting."""
         return self.remove(lambda request: (operator, number) == (request.operator, str(request.number)))
 
     def remove(self, concerned: Callable[[Request], bool]) -> list[Request]:
-        """Remove the requests for which ``concerned`` is true; returns them."""
+        """Remove the requests for which ``concerned`` is true, and return them."""
         removed = [one for one in self._waiting if concerned(one.request)]
         self._waiting = deque(one for one in self._waiting if one not in removed)
         return [one.request for one in removed]
@@ -67,7 +67,7 @@ class RequestQueue:
 
 @dataclass
 class _Received:
-    """The newest request of an operator, when it was received last, and the reply once there is one."""
+    """Newest request of an operator, time of its last arrival, and its reply once available."""
 
     number: int
     at_s: float
@@ -75,17 +75,17 @@ class _Received:
 
 
 class ReceivedRequests:
-    """The newest request of each operator, so that each request is served once, however often it is received.
+    """Newest request of each operator, so that a request is served once, however often it is received.
 
-    An operator is forgotten ``REMEMBERED_S`` after its newest request, and never because of others.
+    An operator is removed ``REMEMBERED_S`` after its newest request, never to make room for others.
     """
 
     def __init__(self, operators_max: int = OPERATORS_MAX) -> None:
         self._operators_max = operators_max
-        self._newest: dict[str, _Received] = {}  # by operator; the one heard least recently is the first
+        self._newest: dict[str, _Received] = {}  # by operator, least recent first
 
     def receive(self, request: Request, now_s: float) -> bool:
-        """Note a request; returns whether it is new.
+        """Record a request; return whether it is new.
 
         Raises
         ------
@@ -112,12 +112,12 @@ class ReceivedRequests:
         return new
 
     def note(self, reply: Reply) -> None:
-        """Keep the reply to the newest request of an operator."""
+        """Store the reply to the newest request of an operator."""
         newest = self._newest.get(reply.operator)
         if newest is not None and newest.number == reply.number:
             newest.reply = reply
 
     def reply(self, request: Request) -> Reply | None:
-        """Return the reply that the newest request of an operator has had, None if it is still being served."""
+        """Return the reply to the newest request of an operator, None while it is being served."""
         newest = self._newest.get(request.operator)
         return newest.reply if newest is not None and newest.number == request.number else None

@@ -1,6 +1,6 @@
-"""Service of requests of operators: one at a time, in the order in which they came, each answered once.
+"""Service of operator requests: one at a time, in order of arrival, each answered once.
 
-Pure: what is done for a request, and what is known of the transformation task, come in as calls.
+Pure: the functions that carry out a request are passed as arguments.
 """
 
 from collections.abc import Callable
@@ -15,39 +15,23 @@ from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
 
 WITHDRAWN = Reason(Code.WITHDRAWN, 'withdrawn by its operator')
 LOST_CONTROL = Reason(Code.CONTROL, 'its operator has lost control')
-OPERATORS_MAX = 1000  # whose newest accepted request is known, should it be withdrawn
+OPERATORS_MAX = 1000  # operators whose newest accepted request is kept for withdrawals
 
 FOR_MOVES = frozenset({'program', 'move', 'trajectory'})
 
 
 class RequestService:
-    """The requests that one planner serves.
-
-    Parameters
-    ----------
-    task
-        What the transformation task says.
-    act
-        Called with what has to be done, answers among it.
-
-    Attributes
-    ----------
-    serving
-        The request that is served and not yet answered, None if there is none.
-    tracker
-        What becomes of the moves of each.
-
-    """
+    """Requests served by one planner; ``act`` receives the actions, including replies."""
 
     def __init__(self, task: TaskStatus, act: Callable[[Action], None]) -> None:
         self._task, self._act = task, act
         self._queue = RequestQueue()
-        self._accepted: Recent[tuple[int, str]] = Recent(OPERATORS_MAX)  # number and sentence, by operator
+        self._accepted: Recent[tuple[int, str]] = Recent(OPERATORS_MAX)  # number and description, by operator
         self.tracker = RequestTracker(lambda report: act(Reported(report)))
-        self.serving: Request | None = None
+        self.serving: Request | None = None  # not answered yet
 
     def add(self, request: Request, now_s: float) -> bool:
-        """Let a request wait, or refuse it."""
+        """Append a request to the queue, or reject it."""
         reason = self._queue.add(request, now_s, self._task.received)
         if reason is not None:
             self._refuse(request, reason)
@@ -61,21 +45,21 @@ class RequestService:
     def serve_next(
         self, now_s: float, must_wait: Callable[[Request], bool], serve: Callable[[Request], None]
     ) -> bool:
-        """Serve the request that came first.
+        """Serve the first request.
 
         Parameters
         ----------
         now_s
             Time [s].
         must_wait
-            Whether a request has to wait for something that is under way.
+            Whether a request has to wait for a running operation.
         serve
-            Does what it asks for, or raises why not; whoever does it replies, now or later.
+            Carries out the request and replies, now or later, or raises the rejection.
 
         Returns
         -------
         bool
-            Whether it was served; False if there is none, or none can be served yet.
+            Whether a request was served; False if none waits or the first one must wait.
 
         """
         waiting, status = self._queue.first, self._task.newest
@@ -101,13 +85,13 @@ class RequestService:
         return True
 
     def require_control(self, request: Request) -> None:
-        """Raise RefusedError if somebody else has control of the robot."""
+        """Raise RefusedError if another operator has control of the robot."""
         status = self._task.newest
         if status is not None and status.operator not in ('', request.operator):
             raise RefusedError(control_refusal(status.operator_name))
 
     def reply(self, outcome: Reason | str) -> None:
-        """Answer the request that is served: why it is refused, or what was done."""
+        """Reply to the request being served: reason of its rejection, or description of the result."""
         request, self.serving = self.serving, None
         if request is not None:
             reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
@@ -120,10 +104,10 @@ class RequestService:
     def withdraw(
         self, request: Request, cancel: Callable[[], Reason | str], remove: Callable[[str], Reason | str]
     ) -> None:
-        """Withdraw the request of the same operator whose number is the text, and say what is left of it.
+        """Withdraw the request of this operator whose number is the text, and reply what remains of it.
 
-        ``cancel`` ends a request that is served; ``remove`` removes the moves of one that was accepted, by its
-        identity, from the queue and returns an empty text if none are there. Both return a reason if they cannot.
+        ``cancel`` cancels the request being served. ``remove`` removes the moves of an accepted request from the queue,
+        and returns an empty text if it has none there. Both return a reason if they fail.
         """
         serving, what = self.serving, (request.operator, request.text)
         outcome: Reason | str = 'withdrawn'
@@ -140,8 +124,8 @@ class RequestService:
         reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
         self._act(Replied(request, reason, sentence))
 
-    def lose_control(self, loser: str, cancel: Callable[[], object]) -> None:
-        """Refuse the requests of an operator who has lost control; ``cancel`` ends one that is served."""
+    def handle_control_loss(self, loser: str, cancel: Callable[[], object]) -> None:
+        """Reject the requests of an operator that has lost control; ``cancel`` cancels one being served."""
         if self.serving is not None and self.serving.operator == loser:
             cancel()
         for one in self._queue.remove(lambda request: request.operator == loser):

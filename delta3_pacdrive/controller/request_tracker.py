@@ -1,6 +1,6 @@
-"""What becomes of the moves of each request: planned, queued, driven, done; told at every change.
+"""Progress of the moves of each request: planned, queued, running, done; reported at every change.
 
-Pure: what the planner knows comes in as calls, what has to be told goes out to a callable.
+Pure: the state of the planner arrives as calls.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,11 +10,11 @@ from enum import StrEnum
 from delta3_pacdrive.controller.messages import RequestReport
 from delta3_pacdrive.errors import Reason
 
-End = tuple[int, float]  # number of the move with which a statement ends, and where on it [m]
+End = tuple[int, float]  # end of a statement: number of a move, and distance on it [m]
 
 
 class Phase(StrEnum):
-    """What becomes of a request for moves."""
+    """Phase of a request for moves."""
 
     PLANNING = 'planning'
     QUEUED = 'queued'
@@ -26,49 +26,42 @@ class Phase(StrEnum):
 
 @dataclass
 class _Tracked:
-    """A request for some statements; how many of them are still to be driven, and where each ends."""
+    """A request: number of its statements and of those remaining, and the end of each."""
 
     identity: str
     statements: int
     phase: Phase
     remaining: int = 0
     ends: tuple[End, ...] = ()
-    follows: bool = False  # it came while the program was driven
+    appended: bool = False  # to a running program
 
 
 class RequestTracker:
-    """The requests of one planner, as far as they are under way.
+    """Active requests of one planner; ``report`` is called at every change."""
 
-    Parameters
-    ----------
-    tell
-        Called with what has changed.
-
-    """
-
-    def __init__(self, tell: Callable[[RequestReport], None]) -> None:
-        self._tell = tell
+    def __init__(self, report: Callable[[RequestReport], None]) -> None:
+        self._report = report
         self._planning: dict[str, _Tracked] = {}
         self._queued: list[_Tracked] = []
         self._running: list[_Tracked] = []
 
     @property
-    def following(self) -> int:
-        """Statements that follow a program that was driven already when they came, and are still to be driven."""
-        return sum(tracked.remaining for tracked in self._running if tracked.follows)
+    def appended(self) -> int:
+        """Remaining statements that were appended to the running program."""
+        return sum(tracked.remaining for tracked in self._running if tracked.appended)
 
     def begin(self, identity: str) -> None:
-        """Note that a request is being planned."""
+        """Start planning a request."""
         self._planning[identity] = tracked = _Tracked(identity, 0, Phase.PLANNING)
         self._change(tracked, Phase.PLANNING)
 
     def refuse(self, identity: str, reason: Reason) -> None:
-        """Note that a request for moves is refused, before or while it is planned."""
+        """Reject a request for moves, before or during planning."""
         tracked = self._planning.pop(identity, None) or _Tracked(identity, 0, Phase.PLANNING)
         self._change(tracked, Phase.REFUSED, reason)
 
     def queue(self, identity: str, statements: int) -> None:
-        """Note that so many statements of a request are at the end of the queue."""
+        """Move a request with ``statements`` statements to the end of the queue."""
         tracked = self._planning.pop(identity, None)
         if tracked is not None:
             tracked.statements = tracked.remaining = statements
@@ -76,23 +69,23 @@ class RequestTracker:
             self._change(tracked, Phase.QUEUED)
 
     def start(self, ends: Sequence[End | None]) -> None:
-        """Note that the whole queue is driven, and where each of its statements ends."""
+        """Start the whole queue; ``ends`` are the ends of its statements."""
         self._running, self._queued = self._queued, []
-        self.place(ends)
+        self.set_ends(ends)
 
-    def follow(self, identity: str, statements: int, ends: Sequence[End | None]) -> None:
-        """Note that statements of a request are driven behind the others, and where all of them end now."""
+    def append(self, identity: str, statements: int, ends: Sequence[End | None]) -> None:
+        """Append the statements of a request to the running program; ``ends`` are those of the whole program."""
         tracked = self._planning.pop(identity, None) or _Tracked(identity, 0, Phase.PLANNING)
         tracked.statements = tracked.remaining = statements
-        tracked.follows = True
+        tracked.appended = True
         self._running.append(tracked)
-        self.place(ends)
+        self.set_ends(ends)
         self._change(tracked, Phase.QUEUED)
 
-    def place(self, ends: Sequence[End | None]) -> None:
-        """Note where the statements of all requests that run end, up to the last one."""
+    def set_ends(self, ends: Sequence[End | None]) -> None:
+        """Assign the ends of all statements, up to the last one, to the running requests."""
         known: list[End] = []
-        for end in ends:  # an output ends with what stands before it
+        for end in ends:  # an output ends with the statement before it
             known.append(end or (known[-1] if known else (0, 0.0)))
         last = len(known)
         for tracked in reversed(self._running):
@@ -101,11 +94,11 @@ class RequestTracker:
             last = first
 
     def reach(self, number: int, distance_m: float) -> None:
-        """Note how far the program is: in that move, at that distance [m]."""
+        """Update the progress: the number of the active move, and the distance on it [m]."""
         still: list[_Tracked] = []
         for tracked in self._running:
             left = sum(end >= (number, distance_m) for end in tracked.ends)
-            begins = not still  # those before it are over
+            begins = not still  # all requests before it have ended
             if begins and not left:
                 self._end(tracked)
                 continue
@@ -116,25 +109,25 @@ class RequestTracker:
         self._running = still
 
     def end(self) -> None:
-        """Note that the program has come to its end."""
+        """Mark the running program as completed."""
         running, self._running = self._running, []
         for tracked in running:
             self._end(tracked)
 
-    def give_up(self, reason: Reason) -> None:
-        """Note that the program that runs is given up."""
+    def abort(self, reason: Reason) -> None:
+        """Mark the running program as aborted."""
         running, self._running = self._running, []
         for tracked in running:
             self._change(tracked, Phase.ABORTED, reason)
 
     def withdraw(self, identity: str, reason: Reason) -> None:
-        """Note that the moves of a request were removed from the queue."""
+        """Mark a request whose moves were removed from the queue as aborted."""
         for tracked in [one for one in self._queued if one.identity == identity]:
             self._queued.remove(tracked)
             self._change(tracked, Phase.ABORTED, reason)
 
-    def empty(self, reason: Reason) -> None:
-        """Note that what is in the queue will not be driven."""
+    def abort_queued(self, reason: Reason) -> None:
+        """Mark all queued requests as aborted."""
         queued, self._queued = self._queued, []
         for tracked in queued:
             self._change(tracked, Phase.ABORTED, reason)
@@ -146,6 +139,6 @@ class RequestTracker:
     def _change(self, tracked: _Tracked, phase: Phase, reason: Reason | None = None) -> None:
         tracked.phase = phase
         code, sentence = (str(reason.code), reason.sentence) if reason else ('', '')
-        self._tell(
+        self._report(
             RequestReport(tracked.identity, str(phase), tracked.statements, tracked.remaining, code, sentence)
         )

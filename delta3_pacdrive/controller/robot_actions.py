@@ -1,4 +1,4 @@
-"""What the state of the robot wants told, asked and done."""
+"""Actions of the robot state: messages to publish, drives to access, faults to inject."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from delta3_pacdrive.sercos.service_channel import Access, Answer
 
 @dataclass(frozen=True)
 class Entered:
-    """An event has led the motion to a state."""
+    """An event has changed the motion state."""
 
     state: MotionState
     event: Event
@@ -22,14 +22,14 @@ class Entered:
 
 @dataclass(frozen=True)
 class Followed:
-    """The master follows a motion profile, or will."""
+    """The master follows a motion profile now or from its cycle on."""
 
     profile: MotionProfile
 
 
 @dataclass(frozen=True)
 class Located:
-    """The robot stands at a place [m] and can take a program, from a bus cycle on."""
+    """The robot is at a position [m], ready for a program, from a bus cycle on."""
 
     tcp_m: Floats
     cycle: int
@@ -37,14 +37,14 @@ class Located:
 
 @dataclass(frozen=True)
 class Switched:
-    """Outputs or the payload have changed with the command of a bus cycle."""
+    """Outputs or payload have changed with the command of a bus cycle."""
 
     cycle: int
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A drive is asked through its service channel; ``done`` is called with its number and the answer."""
+class AccessRequested:
+    """Access a drive through its service channel; ``done`` is called with its index and the response."""
 
     index: int
     access: Access
@@ -53,15 +53,15 @@ class Asked:
 
 @dataclass(frozen=True)
 class Injected:
-    """Faults of a program count from a bus cycle on."""
+    """Inject faults of a program, counted from a bus cycle."""
 
     faults: tuple[Fault, ...]
     cycle: int
 
 
 @dataclass(frozen=True)
-class Answered:
-    """A request that had to wait is answered: refused with a reason, or done, with a sentence."""
+class Replied:
+    """Reply to a waiting request: rejected with a reason, or done, with a description."""
 
     request: Any
     reason: Reason | None
@@ -69,11 +69,11 @@ class Answered:
 
 
 @dataclass(frozen=True)
-class Said:
-    """Something for the log, an error if it is one."""
+class Logged:
+    """Log a message."""
 
     sentence: str
     error: bool = False
 
 
-Action = Entered | Followed | Located | Switched | Asked | Injected | Answered | Said
+Action = Entered | Followed | Located | Switched | AccessRequested | Injected | Replied | Logged

@@ -1,7 +1,6 @@
 """The controller of one robot: the master of the bus, its cycles, the state of the robot, and who may change it.
 
-Pure: what comes from the graph comes in as calls; what has to go out is done by a ``Port``, and by whoever carries out
-the actions of the state. Tests let it run without ROS.
+Pure: inputs arrive as calls, outputs go through ``ControllerCallbacks`` and the actions of ``RobotState``.
 """
 
 import math
@@ -10,11 +9,11 @@ from typing import Any, Protocol
 
 from delta3_pacdrive.controller.belt_axes import read_belts
 from delta3_pacdrive.controller.control import Control
-from delta3_pacdrive.controller.cyclic_operation import Content, CyclePort, CyclicOperation
+from delta3_pacdrive.controller.cyclic_operation import Content, CycleCallbacks, CyclicOperation
 from delta3_pacdrive.controller.enabling import Enabling
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
-from delta3_pacdrive.controller.robot_actions import Said
+from delta3_pacdrive.controller.robot_actions import Logged
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.script_gate import GateEvent, ScriptGate
 from delta3_pacdrive.controller.script_service import ScriptService
@@ -37,7 +36,7 @@ from delta3_pacdrive.sercos.words import Phase
 ALL_READY = Reason(Code.BUS, 'waiting for the robots that share its bus clock')
 
 
-class Port(CyclePort, Protocol):
+class ControllerCallbacks(CycleCallbacks, Protocol):
     """What the controller does on the graph."""
 
     def announce(self, announcement: master.Announce) -> None:
@@ -92,14 +91,14 @@ class RobotController:
         report_s: float,
         wait_for_program: bool,
         faults: Schedule,
-        port: Port,
+        callbacks: ControllerCallbacks,
         now_s: Callable[[], float],
         now_ns: Callable[[], int],
         learned: Learned | None = None,
         shared_clock: SharedClock | None = None,
     ) -> None:
         bus, identity, drives = parameters.bus, Identity.of(parameters), drives_of(parameters)
-        self._parameters, self._port, self.wait_for_program = parameters, port, wait_for_program
+        self._parameters, self._callbacks, self.wait_for_program = parameters, callbacks, wait_for_program
         enabling_s = parameters.drive.enable_settle_s + parameters.motor.brake_release_s
         self._enabling_cycles = math.ceil(enabling_s / bus.cycle_time_s) + bus.outstanding_cycles_max
         self._start_s: float | None = None  # of the first cyclic operation
@@ -118,7 +117,7 @@ class RobotController:
             self.axes,
             self.services,
             faults,
-            port,
+            callbacks,
             self.gate,
             self._fall,
             now_s,
@@ -130,7 +129,7 @@ class RobotController:
         )
         self.control = Control(report_s)
         self.planners = PlannerWatch(report_s, identity)
-        self.orders = Orders(parameters, self.state, self.control, self.planners, port.check_faults)
+        self.orders = Orders(parameters, self.state, self.control, self.planners, callbacks.check_faults)
         self.orders.begin_session(self.bus.session.decode())
         self.scripts = ScriptService(
             self.state,
@@ -175,7 +174,7 @@ class RobotController:
 
     # phases -----------------------------------------------------------------------------------------------------------
 
-    def look_at_start_up(self, doubled: Reason | None) -> None:
+    def poll_start_up(self, doubled: Reason | None) -> None:
         """Advance the phases of the bus, knowing who writes what only one may write."""
         ready = not self.wait_for_program or self.state.starts != NEVER
         first = self.next_cycle
@@ -186,13 +185,13 @@ class RobotController:
             first = first if begins is None else begins
         self._do(self.bus.look(first, doubled, ready and self._awaited is None))
 
-    def announced(self, announcement: Announcement) -> None:
+    def receive_announcement(self, announcement: Announcement) -> None:
         """Take the announcement of a participant of the bus, or of a planner."""
         if announcement.name == UNIT_ROBOT:
-            self.planners.announced(announcement.instance, announcement.identity)
+            self.planners.receive_announcement(announcement.instance, announcement.identity)
         self._do(self.bus.announced(announcement, self.next_cycle, self.answered))
 
-    def greeted(self, index: int, content: Content) -> None:
+    def receive_greeting(self, index: int, content: Content) -> None:
         """Take the AT with which an axis answers a greeting; those of bus cycles go to ``cycles``."""
         if not self.bus.cyclic:
             self.bus.positioned(index, content[0][0])
@@ -212,28 +211,28 @@ class RobotController:
         for action in actions:
             match action:
                 case master.Announce():
-                    self._port.announce(action)
+                    self._callbacks.announce(action)
                 case master.Greet():
-                    self._port.greet(action)
+                    self._callbacks.greet(action)
                 case master.Stand(cycle):
                     if not self.state.fault:
                         self.state.locate(self.task.state['tcp'][0], cycle)
                 case master.Begin(cycle):
                     self._begin(cycle)
                 case master.GiveUp(fault, session):
-                    self._give_up(fault, session)
+                    self._end_session(fault, session)
                 case master.Note(fault):
-                    self.state.note(fault)
+                    self.state.record_fault(fault)
                 case master.StopRobot(fault):
                     self.state.stop(fault)
                 case master.Drop(index, fault):
-                    self._drop(index, fault)
+                    self._exclude_drive(index, fault)
                 case master.Wait(waiting):
-                    self.state.actions.append(Said(str(waiting)))
+                    self.state.actions.append(Logged(str(waiting)))
         if any(isinstance(action, (master.GiveUp, master.StopRobot, master.Drop)) for action in actions):
-            self._port.report()
+            self._callbacks.publish_status()
         elif self.state.actions:
-            self._port.change()
+            self._callbacks.run_actions()
 
     def _begin(self, cycle: int) -> None:
         if cycle or self.state.fault:
@@ -244,16 +243,16 @@ class RobotController:
         if self._start_s is None:
             self._start_s = self.cycles.last_answer_s
 
-    def _give_up(self, fault: RobotFault, session: bytes) -> None:
+    def _end_session(self, fault: RobotFault, session: bytes) -> None:
         self.cycles.end()
         self.axes.begin()
         self.services.close()
-        self.state.lose_bus(fault)
-        self.enabling.lose_bus(fault)
+        self.state.handle_bus_loss(fault)
+        self.enabling.handle_bus_loss(fault)
         self.wait_for_program = False
         self.orders.begin_session(session.decode())
 
-    def _drop(self, index: int, fault: RobotFault) -> None:
+    def _exclude_drive(self, index: int, fault: RobotFault) -> None:
         """Go on without a drive, to a stop; then the phase falls."""
         self.axes.drop(index)
         self.cycles.answers.drop(index)
@@ -265,23 +264,23 @@ class RobotController:
 
     # looks ------------------------------------------------------------------------------------------------------------
 
-    def look(self, now_s: float) -> None:
+    def poll(self, now_s: float) -> None:
         """Look whether everybody is still there who should be."""
         if self.state.fault:
-            self.gate.happen(GateEvent.FAIL)  # the bus waits for no script any more: the robot has to stop
-        self._look_for_drives(now_s)
-        lost = self.orders.look(now_s)
+            self.gate.handle(GateEvent.FAIL)  # the bus waits for no script any more: the robot has to stop
+        self._check_drives(now_s)
+        lost = self.orders.poll(now_s)
         if lost is not None:
             # nobody could change the motion profile of the program any more
             silent = lost.code is Code.SILENT
             code = FaultCode.PLANNER_SILENT if silent else FaultCode.PLANNER_RESTARTED
             sentence = f'{lost}, in bus cycle {self.answered}'
             self.state.stop(RobotFault(code, sentence, UNIT_ROBOT, cycle=self.answered))
-        self.scripts.look()
+        self.scripts.poll()
         self.cycles.complete()  # what was answered while the bus waited for a script that is gone
-        self.enabling.look()
+        self.enabling.poll()
 
-    def _look_for_drives(self, now_s: float) -> None:
+    def _check_drives(self, now_s: float) -> None:
         silence_s = self.cycles.watchdog.silence_s(now_s)
         answered, next_cycle = self.answered, self.next_cycle
         if not self.bus.cyclic or next_cycle == answered or self.gate.closed:
@@ -338,7 +337,7 @@ class RobotController:
             'learned_torques': task.learned.exist,
             'unlearned': task.learned.reason,
             'repeated_telegrams': cycles.answers.repeated,
-            **({} if (turning := task.turning) is None else {'turn_rad': turning.told[1]}),
+            **({} if (turning := task.turning) is None else {'turn_rad': turning.feedback[1]}),
         }
 
     def totals(self) -> dict[str, Any]:
@@ -347,5 +346,5 @@ class RobotController:
             'at_losses': self.axes.losses,
             'input_losses': self.cycles.inputs.lost,
             **self.cycles.statistics.summary(),
-            'figures': self.task.figures().told,
+            'figures': self.task.figures().to_dict(),
         }

@@ -1,8 +1,7 @@
-"""The state of one robot: its motion, and what has stopped it; programs that start, change, are held and given up.
+"""State of one robot: motion state, faults and stops, and the start, change, hold and abort of programs.
 
-Pure: requests, orders and answers of bus cycles come in as calls, what has to be told or asked goes out as actions.
-This is the only owner of stops and faults; ``Transformation`` carries them out in the right bus cycle. What leads out
-of a fault, and who may be enabled, stands in ``enabling``.
+Pure: requests, orders and feedback arrive as calls, outputs leave as actions. Only this class decides on stops and
+faults; ``Transformation`` executes them in the right bus cycle. Enabling and fault reset are in ``enabling``.
 """
 
 from collections.abc import Callable
@@ -30,19 +29,19 @@ from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, pa
 from delta3_pacdrive.sercos.words import in_torque
 
 DIAGNOSTIC_NUMBER = Access(parse_idn('S-0-0390'), Operation.READ)
-# of the motor current in the program that has ended, of all samples of the current loop
+# motor current of a program over all samples of the current loop, available after its end
 PEAK_CURRENT, RMS_CURRENT = (Access(parse_idn(idn), Operation.READ) for idn in ('P-0-0073', 'P-0-0074'))
-START_CYCLES_MAX = 1_000_000  # how far ahead a program may be told to start
-FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest fault: every node knows of it by then
+START_CYCLES_MAX = 1_000_000  # maximum lead of a start cycle
+FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest injected fault, so that all nodes know of it
 ENABLE_FIRST = 'the drives are not enabled: enable them first'
-STOPPED_BESIDE = Reason(Code.BELT, 'somebody has stopped the robot, which goes with its belt no longer')
+STOPPED_OFF_BELT = Reason(Code.BELT, 'somebody has stopped the robot, which goes with its belt no longer')
 
 
-Told = Callable[[Reason | None, str], None]
+Callback = Callable[[Reason | None, str], None]
 
 
 class Bus(Protocol):
-    """What has to be known of the bus."""
+    """Bus functions required by ``RobotState``."""
 
     @property
     def next_cycle(self) -> int:
@@ -50,85 +49,67 @@ class Bus(Protocol):
 
     @property
     def answered(self) -> int:
-        """Next cycle to be complete."""
+        """First cycle without complete feedback."""
 
     def closed(self) -> Reason | None:
-        """Say why nothing that needs cyclic operation can be done, None if it can."""
+        """Return why cyclic operation is not possible, None if it is."""
 
     def waiting(self) -> Reason | None:
-        """Say what the present phase waits for, None if it waits for nothing."""
+        """Return the condition that the present phase waits for, if any."""
 
     def earliest(self) -> int:
-        """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
+        """Return the first cycle in which a motion may start: no earlier cycle is outstanding, drives follow."""
 
 
 class RobotState:
-    """State of one robot.
-
-    Attributes
-    ----------
-    actions
-        What has to be done, in this order; whoever does it takes them away.
-    motion
-        What is done with the TCP.
-    fault
-        First cause of a stop, None while there is none.
-    starts, ends
-        Cycle at which the program begins, and the last one whose answer belongs to it (``NEVER`` while none is under
-        way or it is held).
-    finished
-        Whether a program came to its end.
-    located, tcp_m, turn_rad
-        How often the robot was found to stand ready for a program, where [m], and where its tool; None: it has no
-        rotary axis.
-
-    """
+    """State of one robot."""
 
     def __init__(self, bus: Bus, task: Transformation, axes: AxisMonitor) -> None:
         self._bus, self._task, self._axes = bus, task, axes
-        self.actions: list[robot_actions.Action] = []
+        self.actions: list[robot_actions.Action] = []  # to carry out in order; the caller removes them
         self.motion = MotionState.IDLE
-        self.fault: RobotFault | None = None
+        self.fault: RobotFault | None = None  # first cause of a stop
+        # first cycle of the program and its last cycle that counts; NEVER without a program, ends also during a hold
         self.starts = self.ends = NEVER
-        self.finished = False
-        self.located = 0
-        self.tcp_m: Floats = task.state['tcp'][0].copy()
-        self.turn_rad: float | None = None
+        self.finished = False  # whether a program has reached its end
+        self.located = 0  # number of times the robot was located, ready for a program
+        self.tcp_m: Floats = task.state['tcp'][0].copy()  # when located
+        self.turn_rad: float | None = None  # angle of the rotary axis when located, if present
         self._aborting = False
-        self._beside = False  # something is added to the plan that goes with a belt
-        self._due = NEVER  # command cycle at which something ends
-        self._told: MotionProfile | None = None  # the motion profile that was told last
-        self._own_told: MotionProfile | None = None  # the same of those that the task goes over to by itself
+        self._was_on_belt = False
+        self._due = NEVER  # command cycle in which a stop is complete
+        self._published: MotionProfile | None = None
+        self._own_published: MotionProfile | None = None  # last profile generated by the task
         self._outputs, self._payload = task.outputs, task.payload
-        # how often the plan became longer before, and who is told what becomes of the next time
-        self._extending: tuple[int, Told] | None = None
-        self._reporting: int | None = None  # drive whose report is the first cause of the fault
+        # extensions before the pending one, and the callback for its outcome
+        self._extending: tuple[int, Callback] | None = None
+        self._reporting: int | None = None  # drive that reported the first cause of the fault
 
-    # what is known --------------------------------------------------------------------------------------------------
+    # state ----------------------------------------------------------------------------------------------------------
 
     @property
     def enabled(self) -> bool:
-        """Whether the drives are enabled, or about to be."""
+        """Whether the drives are enabled or being enabled."""
         return not self.fault and self._task.enable_cycle < NEVER and self._task.disable_cycle == NEVER
 
     @property
     def followed(self) -> MotionProfile | None:
-        """The motion profile that was told last."""
-        return self._told
+        """The motion profile published last."""
+        return self._published
 
     @property
     def in_torque(self) -> bool:
-        """Whether any drive holds its motor."""
+        """Whether any drive is in torque."""
         return any(in_torque(status) for status in self._axes.status)
 
     @property
     def without_torque(self) -> bool:
-        """Whether no drive holds its motor, or is about to."""
+        """Whether no drive is in torque or being enabled."""
         return self._task.enable_cycle == NEVER and not self.in_torque
 
     @property
     def checked_from(self) -> int:
-        """Bus cycle from which on every drive must be in torque, because the TCP moves; ``NEVER`` if it stands."""
+        """First bus cycle in which every drive must be in torque for a motion; ``NEVER`` at rest."""
         if self.motion in (MotionState.MOVING, MotionState.STOPPING):
             return self.starts
         return 0 if self._goes_with_belt and self.motion is MotionState.IDLE else NEVER
@@ -143,7 +124,7 @@ class RobotState:
         return self._task.tracking is not None and not self._task.tracking.free
 
     def refusal(self) -> Reason | None:
-        """Say why no program can be started now, None if one can."""
+        """Return why no program can be started now, None if one can."""
         if self.fault:
             return self._faulty(self.fault)
         if not self.located:
@@ -157,8 +138,8 @@ class RobotState:
             return Reason(Code.DISABLED, ENABLE_FIRST)
         return None
 
-    def _refused(self, event: Event) -> Reason | None:
-        """Say why an event cannot happen now, None if it can."""
+    def _event_refusal(self, event: Event) -> Reason | None:
+        """Return why an event is not possible in this state, None if it is."""
         if (self.motion, event) in TRANSITIONS:
             return None
         return self._faulty(self.fault) if self.fault else Reason(Code.STATE, motion_sentence(self.motion))
@@ -167,14 +148,14 @@ class RobotState:
         return Reason(Code.FAULT, f'there is a fault: {fault}', fault)
 
     def _enter(self, event: Event) -> None:
-        """Let an event that can happen happen."""
+        """Apply an event that is possible in this state."""
         self.motion = TRANSITIONS[self.motion, event]
         self.actions.append(robot_actions.Entered(self.motion, event))
 
-    # where it stands ------------------------------------------------------------------------------------------------
+    # location -------------------------------------------------------------------------------------------------------
 
     def locate(self, tcp_m: Floats, cycle: int) -> None:
-        """Take note of where the robot stands: it can take a program from there."""
+        """Set the position from which the robot can start a program."""
         self.located += 1
         self.tcp_m = tcp_m.copy()
         self.turn_rad = None if self._task.turning is None else self._task.turning.angle_rad
@@ -184,8 +165,13 @@ class RobotState:
     # programs -------------------------------------------------------------------------------------------------------
 
     def start(self, order: Order) -> Reason | None:
-        """Start a program; returns why not."""
-        reason = self.refusal() or self._beside_belt() or self._misplaced(order) or self._belated(order)
+        """Start a program; return the reason if it is rejected."""
+        reason = (
+            self.refusal()
+            or self._belt_refusal()
+            or self._content_refusal(order)
+            or self._late_refusal(order)
+        )
         if reason is not None:
             return reason
         self._task.load(order.plan)
@@ -196,19 +182,19 @@ class RobotState:
         if order.faults:
             self.actions.append(robot_actions.Injected(order.faults, self.starts))
         self.actions.append(
-            robot_actions.Said(
+            robot_actions.Logged(
                 f'program of {counted(len(order.plan), "move")} starts in bus cycle {self.starts}'
             )
         )
         if self._task.learned.exist:
-            self.actions.append(robot_actions.Said(followed_text(self._task.learned.reason)))
+            self.actions.append(robot_actions.Logged(followed_text(self._task.learned.reason)))
         self._enter(Event.START)
         return None
 
-    def abandon(self) -> int:
-        """Stop path and belt motion from the next cycle on, forget both then; return from which cycle on they stand.
+    def cancel_motion(self) -> int:
+        """Stop path and belt offset from the next cycle on and then clear them; return the first cycle at rest.
 
-        It is 0 if nothing moves.
+        Returns 0 if nothing moves.
         """
         task, tracking = self._task, self._task.tracking
         if self.motion in UNDER_WAY:
@@ -216,24 +202,24 @@ class RobotState:
         stands = task.end_cycle if task.loaded else 0
         if tracking is None:
             return stands
-        task.leave_belt()
-        tracking.settle()
+        task.cancel_tracking()
+        tracking.clear_loss()
         return max(tracking.rest_cycle, stands)
 
-    def _beside_belt(self) -> Reason | None:
-        """Say why a robot that was stopped while it went with a belt takes no moves yet, None if it takes them."""
+    def _belt_refusal(self) -> Reason | None:
+        """Return why a robot stopped while following a belt cannot take moves yet, None if it can."""
         tracking = self._task.tracking
-        return STOPPED_BESIDE if tracking is not None and tracking.forgets else None
+        return STOPPED_OFF_BELT if tracking is not None and tracking.clears_at_rest else None
 
-    def _misplaced(self, order: Order) -> Reason | None:
-        """Say why an order fits neither the present bus time nor the place of the robot, None if it does."""
+    def _content_refusal(self, order: Order) -> Reason | None:
+        """Return why start cycle or start position of an order do not fit, None if they do."""
         latest = self._task.next_cycle + START_CYCLES_MAX
         if not -1 <= order.cycle <= latest:
             sentence = (
                 f'an order starts in bus cycle {order.cycle:g}, but must be between 0 and {latest}, or -1'
             )
             return Reason(Code.CONTENT, sentence)
-        # beside what goes with a belt
+        # excluding the belt offset
         stands = self._task.state['tcp' if self._task.tracking is None else 'planned'][0]
         away = float(sum((order.plan.start_m() - stands) ** 2)) ** 0.5
         if away > STANDING_M:
@@ -245,12 +231,12 @@ class RobotState:
         return None
 
     def _earliest(self, order: Order) -> int:
-        """Return the first bus cycle in which an order can begin."""
+        """Return the first bus cycle in which an order can start."""
         earliest = self._bus.earliest()
         return max(earliest, self._task.next_cycle + FAULTS_LEAD_CYCLES) if order.faults else earliest
 
-    def _belated(self, order: Order) -> Reason | None:
-        """Say why an order that must begin in its bus cycle cannot, None if it can."""
+    def _late_refusal(self, order: Order) -> Reason | None:
+        """Return why an order cannot start in its exact bus cycle, None if it can."""
         earliest = self._earliest(order)
         if not order.exact or order.cycle >= earliest:
             return None
@@ -258,12 +244,12 @@ class RobotState:
         return Reason(Code.LATE, sentence)
 
     def change(self, profile: MotionProfile) -> Reason | None:
-        """Go over to another motion profile: override or resume; returns why not."""
-        timely = self._in_time(Event.CHANGE, profile)
+        """Switch to another motion profile (override or resume); return the reason if it is rejected."""
+        timely = self._checked_profile(Event.CHANGE, profile)
         if isinstance(timely, Reason):
             return timely
         profile = timely
-        reason = self._cannot_get_on_again()
+        reason = self._rejoin_refusal()
         if reason is not None:
             return reason
         try:
@@ -271,16 +257,16 @@ class RobotState:
         except ProgramError as error:
             return Reason.of(error)
         if self.motion is MotionState.STOPPED and self._task.tracking is not None:
-            self._task.tracking.go_on()
-        self.ends = self._task.coming_last_cycle
+            self._task.tracking.resume()
+        self.ends = self._task.pending_last_cycle
         self._due = NEVER
-        self._told = profile
+        self._published = profile
         self.actions.append(robot_actions.Followed(profile))
         self._enter(Event.CHANGE)
         return None
 
-    def _cannot_get_on_again(self) -> Reason | None:
-        """Say why a robot that was held while it went with a belt cannot go on, None if it can."""
+    def _rejoin_refusal(self) -> Reason | None:
+        """Return why a robot held while following a belt cannot resume, None if it can."""
         tracking = self._task.tracking
         if self.motion is not MotionState.STOPPED or tracking is None or tracking.free:
             return None
@@ -293,9 +279,9 @@ class RobotState:
             return Reason(Code.LATE, f'{over}: the robot cannot get on its belt again')
         return None
 
-    def _in_time(self, event: Event, profile: MotionProfile) -> MotionProfile | Reason:
-        """Return a motion profile for a bus cycle that is still to come; or why it cannot be followed now."""
-        reason = self._refused(event)
+    def _checked_profile(self, event: Event, profile: MotionProfile) -> MotionProfile | Reason:
+        """Return the profile for a future bus cycle, or why it cannot be followed now."""
+        reason = self._event_refusal(event)
         if reason is None and self._aborting:
             reason = Reason(Code.STATE, 'the program is being given up')
         if reason is None and not self.enabled:
@@ -305,7 +291,7 @@ class RobotState:
         if reason is not None:
             return reason
         if self.motion == MotionState.STOPPED:
-            # who stands has time: an order that came late is as good as one in time
+            # a robot at rest can start later than ordered
             profile = replace(profile, cycle=max(profile.cycle, self._bus.earliest()))
         next_cycle = self._task.next_cycle
         if profile.cycle < next_cycle:
@@ -314,64 +300,64 @@ class RobotState:
             return Reason(Code.CONTENT, f'bus cycle {profile.cycle} is too far ahead')
         return profile
 
-    def extend(self, order: MoreMoves, tell: Told) -> Reason | None:
-        """Let more moves follow; returns why not, else ``tell`` is called when they do, or when a stop was earlier."""
-        told = order.told
-        profile = self._in_time(Event.EXTEND, told.profile)
+    def extend(self, order: MoreMoves, report: Callback) -> Reason | None:
+        """Append moves; return the reason if rejected, else call ``report`` when they are active or stopped before."""
+        row = order.row
+        profile = self._checked_profile(Event.EXTEND, row.profile)
         if isinstance(profile, Reason):
             return profile
         try:
-            self._task.extend(told.first, told.kept, order.more, profile)
+            self._task.extend(row.first, row.kept, order.more, profile)
         except ProgramError as error:
             return Reason.of(error)
-        self._extending = self._task.extensions, tell
+        self._extending = self._task.extensions, report
         if not profile.held:
-            self.ends = self._task.coming_last_cycle
+            self.ends = self._task.pending_last_cycle
             self._due = NEVER
         self._enter(Event.EXTEND)
         return None
 
-    def _look_at_extension(self) -> None:
-        """Tell whether more moves follow, once that is certain."""
+    def _update_extension(self) -> None:
+        """Report the outcome of appended moves once it is known."""
         if self._extending is None or self._task.extending:
             return
-        (before, tell), self._extending = self._extending, None
+        (before, report), self._extending = self._extending, None
         reason = None
         if self._task.extensions == before:
             reason = Reason(Code.LATE, 'the robot was stopped before the moves that follow were taken')
         else:
-            self._tell_profile()
-        self.actions.append(robot_actions.Answered(tell, reason, ''))
+            self._publish_profile()
+        self.actions.append(robot_actions.Replied(report, reason, ''))
 
     def hold(self) -> Reason | str:
-        """Stop on the path from the next cycle on; returns why not, or what happens."""
-        return self._refused(Event.HOLD) or self._stop_on_path(Event.HOLD)
+        """Stop on the path from the next cycle on; return why not, or a description of the stop."""
+        return self._event_refusal(Event.HOLD) or self._stop_on_path(Event.HOLD)
 
-    def stand(self) -> Reason | str:
-        """Stop on the path, or a robot that goes with a belt beside that; returns why not, or what happens."""
+    def hold_or_leave_belt(self) -> Reason | str:
+        """Stop on the path, or leave the belt if no moves remain; return why not, or a description of the stop."""
         outcome = self.hold()
-        return outcome if isinstance(outcome, str) else self._stop_beside_belt() or outcome
+        return outcome if isinstance(outcome, str) else self._leave_belt() or outcome
 
-    def _stop_beside_belt(self) -> str:
-        """Stop a robot that goes with a belt though no moves are left; returns what happens, empty if it does not."""
+    def _leave_belt(self) -> str:
+        """Stop following a belt when no moves remain; return a description, empty if no belt is followed."""
         tracking = self._task.tracking
         if tracking is None or not tracking.works or self.motion is not MotionState.IDLE:
             return ''
-        self._task.leave_belt()
+        self._task.cancel_tracking()
         return f'goes with its belt no longer, in bus cycle {tracking.rest_cycle} it stands'
 
     def _stop_on_path(self, event: Event) -> str:
         profile = self._task.hold()
-        self._look_at_extension()
+        self._update_extension()
         self._follow()
         self._enter(event)
         return f'stops from bus cycle {profile.cycle} on, in cycle {self._task.end_cycle} it stands'
 
     def abort(self) -> Reason | str:
-        """Stop on the path and forget the program; returns why not, or what happens."""
-        reason = self._refused(Event.ABORT)
+        """Stop on the path and cancel the program; return why not, or a description of the stop."""
+        reason = self._event_refusal(Event.ABORT)
         if reason is not None:
-            return self._stop_beside_belt() or reason
+            return self._leave_belt() or reason
         if self.motion == MotionState.MOVING:
             sentence = self._stop_on_path(Event.ABORT)
         else:
@@ -382,138 +368,140 @@ class RobotState:
         return sentence
 
     def _follow(self) -> None:
-        """Tell the present motion profile, and note when it ends."""
+        """Publish the active motion profile and set its end."""
         task = self._task
         self._due = task.end_cycle if task.held else NEVER
         self.ends = NEVER if task.held else task.last_cycle
-        self._tell_profile()
+        self._publish_profile()
 
-    def _tell_profile(self) -> None:
-        self._told = self._task.profile
-        if self._told is not None:
-            self.actions.append(robot_actions.Followed(self._told))
+    def _publish_profile(self) -> None:
+        self._published = self._task.profile
+        if self._published is not None:
+            self.actions.append(robot_actions.Followed(self._published))
 
     def ended(self, cycle: int) -> bool:
-        """Whether a program is over with the answers of a cycle: the last ones, of a robot that is in position."""
+        """Whether the program has ended with the feedback of a cycle: last cycle reached, robot in position."""
         return cycle >= self.ends and self._task.in_position(cycle)
 
     def commanded(self, cycle: int) -> None:
-        """Look at what the command of a cycle has brought about."""
+        """Update the state after the command of a cycle."""
         task = self._task
-        if task.own_profile is not self._own_told:
-            self._own_told = task.own_profile
-            if self._own_told is not None and self.motion == MotionState.MOVING and task.lost_belt:
-                self._look_at_extension()
+        if task.own_profile is not self._own_published:
+            self._own_published = task.own_profile
+            if self._own_published is not None and self.motion == MotionState.MOVING and task.has_lost_belt:
+                self._update_extension()
                 self._follow()
                 self._enter(Event.HOLD)
-            elif self._own_told is not None and self.motion == MotionState.MOVING:
-                self._told = self._own_told
-                self.actions.append(robot_actions.Followed(self._told))
-                self.ends = task.coming_last_cycle
+            elif self._own_published is not None and self.motion == MotionState.MOVING:
+                self._published = self._own_published
+                self.actions.append(robot_actions.Followed(self._published))
+                self.ends = task.pending_last_cycle
         if self._extending is not None:
-            self._look_at_extension()
+            self._update_extension()
         if task.outputs != self._outputs or task.payload != self._payload:
             self._outputs, self._payload = task.outputs, task.payload
             self.actions.append(robot_actions.Switched(cycle))
-        if self.motion == MotionState.ERROR and task.loaded and task.profile is not self._told:
-            self._tell_profile()
+        if self.motion == MotionState.ERROR and task.loaded and task.profile is not self._published:
+            self._publish_profile()
         if task.tracking is not None:
-            self._look_at_belt(cycle)
+            self._update_belt(cycle)
         if cycle >= self._due:
             self._due = NEVER
             if self._aborting:
-                self._end(Event.GIVE_UP, cycle)
+                self._end(Event.CLEAR, cycle)
             elif task.held:
-                self._enter(Event.STAND)
+                self._enter(Event.REST)
 
-    def _look_at_belt(self, cycle: int) -> None:
-        """Tell where the robot stands that goes with no belt any more."""
+    def _update_belt(self, cycle: int) -> None:
+        """Locate the robot when it no longer follows a belt."""
         beside = self._task.tracking is not None and not self._task.tracking.free
-        if self._beside and not beside and self.motion is MotionState.IDLE:
+        if self._was_on_belt and not beside and self.motion is MotionState.IDLE:
             self.locate(self._task.state['tcp'][0], cycle)
-        self._beside = beside
+        self._was_on_belt = beside
 
     def answered(self, cycle: int) -> None:
-        """Note that the last answer of a program is there, and ask the drives for its currents."""
+        """End a program with its last feedback, and read the currents from the drives."""
         self.finished = True
         self._end(Event.END, cycle)
         asked = (PEAK_CURRENT, self._task.current_peak), (RMS_CURRENT, self._task.current_rms)
         for access, told in asked:
             take = partial(self._take_current, told)
-            self.actions.extend(robot_actions.Asked(index, access, take) for index in range(len(DRIVES)))
+            self.actions.extend(
+                robot_actions.AccessRequested(index, access, take) for index in range(len(DRIVES))
+            )
 
     @staticmethod
     def _take_current(told: list[float | None], index: int, answer: Answer) -> None:
-        """Take a current that a drive has answered; the next program has lists of its own."""
+        """Store a current read from a drive; each program has separate lists."""
         if not answer.error:
             told[index] = answer.value
 
-    def _forget_program(self) -> None:
+    def _clear_program(self) -> None:
         self._aborting = False
         self.starts = self.ends = self._due = NEVER
 
     def _end(self, event: Event, cycle: int) -> None:
-        self._forget_program()
-        self._task.unload()
-        if event is Event.GIVE_UP:
-            self._task.release()
-        self._look_at_extension()
+        self._clear_program()
+        self._task.clear_program()
+        if event is Event.CLEAR:
+            self._task.clear_belt()
+        self._update_extension()
         self._enter(event)
         self.locate(self._task.state['tcp'][0], cycle)
 
     # faults ---------------------------------------------------------------------------------------------------------
 
-    def note(self, fault: RobotFault) -> None:
-        """Keep the first cause of a stop and say it; the program is given up, only a reset leads out."""
+    def record_fault(self, fault: RobotFault) -> None:
+        """Record the first cause of a stop and clear the program; only a reset leads out of the error state."""
         if self.fault is not None:
             return
         self.fault = fault if fault.cycle >= 0 else replace(fault, cycle=self._bus.answered)
-        self.actions.append(robot_actions.Said(fault.sentence, error=True))
-        self._forget_program()
+        self.actions.append(robot_actions.Logged(fault.sentence, error=True))
+        self._clear_program()
         self._enter(Event.FAIL)
 
     def stop(self, fault: RobotFault, hard: bool = False) -> None:
-        """Note a fault that leaves the bus working: the TCP stops on its path, then all drives are disabled."""
+        """Record a fault while the bus works: stop on the path, then disable all drives."""
         self._task.stop_at(0, hard)
-        self.note(fault)
+        self.record_fault(fault)
 
     def stop_for(self, stop: Stop) -> None:
-        """Stop as the evaluation of a bus cycle asks, and ask faulty drives for the cause."""
+        """Execute the stop found by the evaluation of a bus cycle, and read the cause from faulty drives."""
         if self.fault is None:
             self._reporting = stop.drive
             asked = self._axes.faulty()
             self.actions.extend(
-                robot_actions.Asked(index, DIAGNOSTIC_NUMBER, self._take_number) for index in asked
+                robot_actions.AccessRequested(index, DIAGNOSTIC_NUMBER, self._take_number) for index in asked
             )
         self._task.stop_at(stop.first, stop.hard)
-        self.note(stop.fault)
+        self.record_fault(stop.fault)
 
-    def lose_bus(self, fault: RobotFault) -> None:
-        """Give everything up that needs cyclic operation, which has ended."""
-        self.note(fault)
-        self._task.give_up()
-        self._look_at_extension()
+    def handle_bus_loss(self, fault: RobotFault) -> None:
+        """Clear everything that depends on cyclic operation, which has ended."""
+        self.record_fault(fault)
+        self._task.clear()
+        self._update_extension()
 
     def _take_number(self, index: int, answer: Answer) -> None:
-        """Take the number of the diagnostic message that a drive has answered."""
+        """Add the diagnostic message number read from a drive to the fault."""
         number = 0 if answer.error else int(answer.value)
         told = FAULT_OF_NUMBER.get(number)
         if told and self.fault and index == self._reporting:
             sentence = f'{self.fault}: {fault_text(told)}'
             self.fault = replace(self.fault, sentence=sentence, number=number)
-            self.actions.append(robot_actions.Said(sentence, error=True))
+            self.actions.append(robot_actions.Logged(sentence, error=True))
 
     def recover(self, tcp_m: Floats) -> None:
-        """Stand ready where the motors are, without a fault and without a program."""
+        """Clear fault and program; the robot is ready at the position of the motors."""
         self.fault = self._reporting = None
         self._axes.clear_losses()
-        self._task.give_up()
-        self._look_at_extension()
-        self._forget_program()
+        self._task.clear()
+        self._update_extension()
+        self._clear_program()
         self._enter(Event.RESET)
         self.locate(tcp_m, self._bus.answered)
 
     def emergency_stop(self) -> str:
-        """Stop on the path, then take the torque off (stop category 1); returns the first cause of a stop."""
+        """Stop on the path, then disable (stop category 1); return the first cause of a stop."""
         self.stop(emergency_stop(self._bus.next_cycle).fault)
         return str(self.fault)

@@ -1,8 +1,8 @@
-"""The gate of a script: without a clock the bus waits for its decisions, which rest on the answers of one bus cycle.
+"""The gate of a script: without a clock the bus waits for the script's decisions, based on the feedback of one cycle.
 
-Pure: events come in; what is not in the table does not happen. While the bus waits, no cycle is started, and answers
-that come of cycles behind the one that the script decides on are not evaluated. So it makes no difference how many
-cycles are outstanding. With a clock the bus goes on all the same, and an order may come too late.
+Pure state machine; events that are not in the table are ignored. While the bus waits, no cycle starts and feedback of
+cycles after the one that the script decides on is not evaluated, so the result does not depend on the number of
+outstanding cycles. With a clock the bus continues, and an order may be late.
 """
 
 from collections.abc import Callable
@@ -19,27 +19,27 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 
 
 class GateState(Enum):
-    """Whether a script decides."""
+    """State of a gate."""
 
     FREE = 'no script decides'
-    RUNNING = 'the bus goes on, until what the script waits for'
+    RUNNING = 'the bus runs until the condition of the script'
     WAITING = 'the script decides'
 
 
 class GateEvent(Enum):
-    """What happens to a gate."""
+    """Event of a gate."""
 
-    ATTACH = 'a script begins'
-    WAIT = 'the script waits for something'
-    REACH = 'it is there, or its time is over'
-    LEAVE = 'the script ends'
-    LOSE = 'nobody hears of the script any more'
+    ATTACH = 'a script starts'
+    WAIT = 'the script waits for a condition'
+    REACH = 'the condition is met, or its time is over'
+    END = 'the script ends'
+    CONTROL_LOST = 'the script has lost control'
     FAIL = 'a fault has stopped the robot'
 
 
 @dataclass(frozen=True)
 class Step:
-    """Where an event leads: to a state, and whether the robot is stopped on its path."""
+    """Next state of a transition, and whether the robot is held."""
 
     state: GateState
     holds_robot: bool = False
@@ -48,24 +48,24 @@ class Step:
 TRANSITIONS = {
     (GateState.FREE, GateEvent.ATTACH): Step(GateState.WAITING),
     (GateState.WAITING, GateEvent.WAIT): Step(GateState.RUNNING),
-    (GateState.WAITING, GateEvent.LEAVE): Step(GateState.FREE),
-    (GateState.WAITING, GateEvent.LOSE): Step(GateState.FREE, holds_robot=True),
+    (GateState.WAITING, GateEvent.END): Step(GateState.FREE),
+    (GateState.WAITING, GateEvent.CONTROL_LOST): Step(GateState.FREE, holds_robot=True),
     (GateState.WAITING, GateEvent.FAIL): Step(GateState.FREE),
     (GateState.RUNNING, GateEvent.REACH): Step(GateState.WAITING),
-    (GateState.RUNNING, GateEvent.LEAVE): Step(GateState.FREE),
-    (GateState.RUNNING, GateEvent.LOSE): Step(GateState.FREE, holds_robot=True),
+    (GateState.RUNNING, GateEvent.END): Step(GateState.FREE),
+    (GateState.RUNNING, GateEvent.CONTROL_LOST): Step(GateState.FREE, holds_robot=True),
     (GateState.RUNNING, GateEvent.FAIL): Step(GateState.FREE),
 }
-"""Where an event leads from a state; what is not listed does not happen."""
+"""Transitions; other events are ignored."""
 
 
 def first_decision(parameters: Parameters) -> int:
-    """Return the bus cycle on whose answers a script begins, so that its first move starts at ``motion.start_cycle``.
+    """Return the bus cycle of a script's first decision, so that its first move starts at ``motion.start_cycle``.
 
     Raises
     ------
     RunError
-        The drives are not enabled before.
+        The drives are not enabled before that cycle.
 
     """
     motion = parameters.motion
@@ -81,42 +81,23 @@ def first_decision(parameters: Parameters) -> int:
 class ScriptGate:
     """Gate of one controller.
 
-    Parameters
-    ----------
-    task
-        Of the same controller.
-    has_clock
-        Whether bus cycles are due by a clock: then the bus waits for nobody.
-    cycle_time_s
-        Of the bus [s].
-
-    Attributes
-    ----------
-    state
-        Whether a script decides.
-    cycle, met
-        The bus cycle on whose answers the script decides, and whether they meet what it has waited for.
-    hold_cycle
-        From which cycle on the robot is to be stopped on its path, ``NEVER`` if it is not.
-    abandons, stands
-        Whether the robot is to forget moves and belt then, instead; and the first bus cycle in which it stands.
-    lost
-        Why the robot could not stay on a belt, where that is what the script decides on; None: it is not.
-    begins
-        Bus cycle on whose answers a script begins that was announced before, ``NEVER`` if none was.
-    on_decision
-        Called when what the script waits for is there, or will not come any more.
-
+    With ``has_clock`` cycles are due by time, and the bus does not wait for a script. ``on_decision`` is called when
+    the condition of the script is met, timed out or cancelled.
     """
 
     def __init__(self, task: Transformation, has_clock: bool, cycle_time_s: float = 1e-3) -> None:
         self._task, self._has_clock, self._cycle_time_s = task, has_clock, cycle_time_s
         self.state = GateState.FREE
-        self.cycle, self.met = -1, False
-        self.hold_cycle = self.begins = NEVER
-        self.abandons, self.stands = False, 0
-        self.lost: Reason | None = None
-        self._told_lost = False
+        self.cycle, self.met = (
+            -1,
+            False,
+        )  # bus cycle that the script decides on, and whether its condition was met
+        self.hold_cycle = NEVER  # in which the robot starts to stop for the script
+        self.begins = NEVER  # bus cycle of the first decision of an announced script
+        # whether moves and belt are then cleared, and the first cycle at rest
+        self.cancels_motion, self.rest_cycle = False, 0
+        self.lost: Reason | None = None  # why the belt was lost, if that ended the wait
+        self._loss_reported = False
         self.on_decision: Callable[[], None] = lambda: None
         self._condition = WaitCondition(0, NEVER)
         self._commanded: list[Commanded] = [Commanded.of(task)] * HISTORY
@@ -126,8 +107,8 @@ class ScriptGate:
         """Whether the bus waits for the script."""
         return self.state is GateState.WAITING and not self._has_clock
 
-    def happen(self, event: GateEvent) -> bool:
-        """Let an event happen; return whether the robot has to be stopped on its path."""
+    def handle(self, event: GateEvent) -> bool:
+        """Apply an event; return whether the robot has to be held."""
         step = TRANSITIONS.get((self.state, event))
         if step is None:
             return False
@@ -139,28 +120,28 @@ class ScriptGate:
         return step.holds_robot
 
     def attach(self, answered: int) -> None:
-        """Let a script begin, which decides on the newest answers; ``answered`` is the next cycle to be complete."""
+        """Start a script, which decides on the newest feedback; ``answered`` is the next cycle to complete."""
         if self.state is GateState.FREE:
             self.cycle, self.met = answered - 1, True
             self._commanded = [Commanded.of(self._task)] * HISTORY
-            self.happen(GateEvent.ATTACH)
+            self.handle(GateEvent.ATTACH)
 
     def refresh(self, answered: int) -> None:
-        """With a clock the bus has gone on: let the script decide on the newest answers."""
+        """With a clock, move the decision to the newest feedback."""
         if self._has_clock and self.state is GateState.WAITING:
             self.cycle = answered - 1
 
     def wait(self, condition: WaitCondition, inputs: int = 0) -> None:
-        """Let the bus go on until a condition is met; if the answers that the script knows meet it, it does not.
+        """Run the bus until a condition is met, unless the current feedback already meets it.
 
-        ``inputs`` are those of these answers, as bits.
+        ``inputs`` are the inputs of the current feedback, as bits.
         """
         self._condition, self.lost = condition, None
-        self.happen(GateEvent.WAIT)
-        self._look(self.cycle, inputs)
+        self.handle(GateEvent.WAIT)
+        self._check(self.cycle, inputs)
 
     def commanded(self, cycle: int) -> bool:
-        """Note what the command of a bus cycle has left; return whether the robot stops from the next one on."""
+        """Record the state after the command of a bus cycle; return whether the robot is held from the next one on."""
         if self.state is GateState.FREE:
             return False
         self.note(cycle)
@@ -170,47 +151,47 @@ class ScriptGate:
         return True
 
     def note(self, cycle: int) -> None:
-        """Note what the command of a bus cycle has left, or what has been asked for at once behind it."""
+        """Record the state after the command of a bus cycle."""
         self._commanded[cycle % HISTORY] = Commanded.of(self._task)
 
     def answered(self, cycle: int, inputs: int = 0) -> None:
-        """Look whether the answers of a bus cycle meet what the script waits for."""
+        """Check whether the feedback of a bus cycle meets the condition of the script."""
         if self.state is GateState.RUNNING:
             self.lost = self._newly_lost(cycle)
-            self._look(cycle, inputs)
+            self._check(cycle, inputs)
         elif cycle == self.begins:
             self.attach(cycle + 1)
 
     def interrupt(self, answered: int) -> None:
-        """Let the script decide now, on the newest answers, though what it waits for is not there."""
+        """End a wait now, on the newest feedback, without its condition being met."""
         if self.state is GateState.RUNNING:
             self.cycle, self.met, self.lost = answered - 1, False, None
-            self.happen(GateEvent.REACH)
+            self.handle(GateEvent.REACH)
 
-    def forget(self) -> None:
-        """Forget that the robot was to be stopped for the script: somebody else has done so."""
-        self.hold_cycle, self.abandons = NEVER, False
+    def clear_hold(self) -> None:
+        """Clear a pending hold of the script, because another stop replaced it."""
+        self.hold_cycle, self.cancels_motion = NEVER, False
 
     def command_of(self, cycle: int) -> Commanded:
-        """Return what the command of a bus cycle has left, one of the last 64."""
+        """Return the state after the command of one of the last 64 bus cycles."""
         return self._commanded[cycle % HISTORY]
 
     def _newly_lost(self, cycle: int) -> Reason | None:
-        """Return why the robot could not stay on a belt, once, as soon as it stands; None: it could."""
+        """Return why the belt was lost, once, as soon as the robot is at rest."""
         command = self.command_of(cycle)
         tracked = command.tracked
         if tracked is None or tracked.lost is None:
-            self._told_lost = False
+            self._loss_reported = False
             return None
-        stands = tracked.phase is Phase.FREE or 0 < tracked.rest_cycle(self._cycle_time_s) <= cycle
+        at_rest = tracked.phase is Phase.FREE or 0 < tracked.rest_cycle(self._cycle_time_s) <= cycle
         if self._task.loaded:
-            stands = stands and command.held and command.end_cycle <= cycle
-        if self._told_lost or not stands:
+            at_rest = at_rest and command.held and command.end_cycle <= cycle
+        if self._loss_reported or not at_rest:
             return None
-        self._told_lost = True
+        self._loss_reported = True
         return tracked.lost
 
-    def _look(self, cycle: int, inputs: int) -> None:
+    def _check(self, cycle: int, inputs: int) -> None:
         if self.state is not GateState.RUNNING:
             return
         state = self._task.state[0]
@@ -219,4 +200,4 @@ class ScriptGate:
         )
         if self.met or self.lost is not None or cycle >= self._condition.latest:
             self.cycle = cycle
-            self.happen(GateEvent.REACH)
+            self.handle(GateEvent.REACH)

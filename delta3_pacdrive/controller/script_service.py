@@ -1,7 +1,7 @@
-"""What a script on a robot that is up asks for: it begins, waits for bus cycles, holds the robot, ends.
+"""Requests of a script to a running robot: attach, wait for bus cycles, hold, work on belts, leave.
 
-Pure: requests come in, replies go out. What it wants to be driven comes as orders, as those of the planner do. Who has
-control of the robot decides; if he loses it, the robot stops on its path.
+Pure: requests come in, replies go out. Motion of a script arrives as orders, as from the planner. A script needs
+control of the robot; if it loses control, the robot stops on its path.
 """
 
 import json
@@ -17,7 +17,7 @@ from delta3_pacdrive.controller.messages import Request
 from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 from delta3_pacdrive.controller.orders import Orders
-from delta3_pacdrive.controller.robot_state import STOPPED_BESIDE, RobotState
+from delta3_pacdrive.controller.robot_state import STOPPED_OFF_BELT, RobotState
 from delta3_pacdrive.controller.script_gate import GateEvent, GateState, ScriptGate
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.controller.wait_condition import Commanded, WaitCondition
@@ -33,22 +33,9 @@ LOST = Reason(Code.CONTROL, 'the script does not have control of the robot any m
 
 
 class ScriptService:
-    """The scripts of one robot, one at a time.
+    """Service for the script of one robot; one script at a time.
 
-    Parameters
-    ----------
-    state, task, cycles, gate, orders, control
-        Of the same controller.
-    has_clock
-        Whether bus cycles are due by a clock.
-    in_position_cycles
-        For how many cycles every drive has to be within its window.
-
-    Attributes
-    ----------
-    reply
-        Called with a request, why it is refused, what it is answered with, and whether that is all.
-
+    ``reply`` is called with a request, the reason of a rejection, the text, and whether the reply is final.
     """
 
     def __init__(
@@ -66,26 +53,26 @@ class ScriptService:
         self._gate, self._orders, self._control, self._has_clock = gate, orders, control, has_clock
         self.reply: Reply = lambda *_: None
         self._in_position_cycles = in_position_cycles
-        self._comes_to_rest = False  # a robot whose script has abandoned it
+        self._awaiting_rest = False  # the script has cancelled its motion and waits for standstill
         self._waiting: Request | None = None
-        # why somebody has stopped the robot while the script decided: it does not know yet
+        # set when an operator stops the robot while the script decides, until the script's next request
         self._held_outside: Reason | None = None
         gate.on_decision = self._decided
 
     @property
     def operator(self) -> str:
-        """Identity of the script, empty if there is none."""
+        """Identity of the active script, empty without one."""
         return self._orders.script
 
     # requests ---------------------------------------------------------------------------------------------------------
 
     def ask(self, request: Request) -> None:
-        """Do what a script asks for; the reply comes now or later."""
+        """Carry out a request; the reply is sent now or later."""
         outcome: Reason | str | None = self._refusal(request)
         if outcome is None:
             acts: dict[str, Callable[[Request], Reason | str | None]] = {
                 ATTACH: self._attach,
-                LOOK: self._look,
+                LOOK: self._inspect,
                 WAIT: self._wait,
                 HOLD: self._hold,
                 LEAVE: self._leave,
@@ -143,11 +130,11 @@ class ScriptService:
         if tracking is not None:
             axes = belts_text(tracking.belts)
             tracking.begin(self._gate.cycle)
-        return self._told(inputs=list(self._cycles.inputs.names), clock=self._has_clock, axes=axes)
+        return self._snapshot(inputs=list(self._cycles.inputs.names), clock=self._has_clock, axes=axes)
 
-    def _look(self, _: Request) -> str:
+    def _inspect(self, _: Request) -> str:
         self._gate.refresh(self._cycles.answered)
-        return self._told()
+        return self._snapshot()
 
     def _wait(self, request: Request) -> Reason | str | None:
         condition = read_condition(request.text)
@@ -156,22 +143,22 @@ class ScriptService:
         held, self._held_outside = self._held_outside, None
         if held is not None and (held is not HELD or self._held_profile() is not None):
             return held
-        return self._go_on(request, condition)
+        return self._continue(request, condition)
 
     def _hold(self, request: Request) -> Reason | str | None:
-        return self._stop(request, abandons=False)
+        return self._stop(request, cancels_motion=False)
 
-    def _stop(self, request: Request, abandons: bool) -> Reason | None:
-        """Let the bus go on to a cycle, from which on the robot stops."""
+    def _stop(self, request: Request, cancels_motion: bool) -> Reason | None:
+        """Run the bus up to the requested cycle, in which the robot starts to stop."""
         cycle = self._cycle_of(request)
         if isinstance(cycle, Reason):
             return cycle
-        self._gate.hold_cycle, self._gate.abandons = cycle, abandons
+        self._gate.hold_cycle, self._gate.cancels_motion = cycle, cancels_motion
         self._held_outside = None
-        return self._go_on(request, WaitCondition(cycle - 1, cycle - 1))
+        return self._continue(request, WaitCondition(cycle - 1, cycle - 1))
 
     def _cycle_of(self, request: Request) -> int | Reason:
-        """Return the bus cycle that a request is about; on a bus with a clock that may be over."""
+        """Return the bus cycle of a request; with a clock, at least the next possible one."""
         if not request.text.isdecimal() or len(request.text) > 15:
             return Reason(
                 Code.CONTENT, f'{request.action} is asked for a bus cycle, not {shown(request.text)}'
@@ -208,19 +195,19 @@ class ScriptService:
         return f'from bus cycle {cycle} on, if the robot goes on then'
 
     def _abandon(self, request: Request) -> Reason | None:
-        self._comes_to_rest = True
-        return self._stop(request, abandons=True)
+        self._awaiting_rest = True
+        return self._stop(request, cancels_motion=True)
 
-    def _come_to_rest(self, request: Request) -> None:
-        """Wait until a robot stands that has been stopped, and is to forget moves and belt."""
-        gate, self._comes_to_rest = self._gate, False
-        last = max(gate.stands, gate.cycle + 1) + self._in_position_cycles - 1
+    def _wait_for_rest(self, request: Request) -> None:
+        """Wait for the standstill of a robot whose moves and belt are then cleared."""
+        gate, self._awaiting_rest = self._gate, False
+        last = max(gate.rest_cycle, gate.cycle + 1) + self._in_position_cycles - 1
         self._waiting = request
         gate.wait(WaitCondition(last, last), self._cycles.inputs.bits)
 
-    def _go_on(self, request: Request, condition: WaitCondition) -> Reason | None:
+    def _continue(self, request: Request, condition: WaitCondition) -> Reason | None:
         gate, cycles = self._gate, self._cycles
-        self._waiting = None  # who asks anew does not wait for what he has asked for before
+        self._waiting = None  # a new request replaces a waiting one
         gate.interrupt(cycles.answered)
         if gate.state is not GateState.WAITING:
             return Reason(Code.STATE, 'no script decides')
@@ -234,15 +221,15 @@ class ScriptService:
         return None
 
     def _leave(self, _: Request) -> str:
-        self._gate.happen(GateEvent.LEAVE)
+        self._gate.handle(GateEvent.END)
         self._orders.script = ''
-        self._cycles.complete()  # what was answered while the bus waited
+        self._cycles.complete()  # evaluate feedback that arrived while the bus waited
         return 'the script has ended'
 
-    # what happens -----------------------------------------------------------------------------------------------------
+    # events -----------------------------------------------------------------------------------------------------------
 
     def _decided(self) -> None:
-        """Answer the script: what it waits for is there, or does not come any more."""
+        """Reply to the waiting request of the script: condition met, timed out or cancelled."""
         request, self._waiting = self._waiting, None
         if request is None:
             return
@@ -251,11 +238,11 @@ class ScriptService:
             self.reply(request, fault, '', True)
         elif self._gate.state is GateState.FREE:
             self.reply(request, LOST, '', True)
-        elif request.action == ABANDON and self._comes_to_rest:
-            if self._gate.hold_cycle < NEVER:  # it has lost its belt before, and stands
-                self._gate.forget()
-                self._gate.stands = self._state.abandon()
-            self._come_to_rest(request)
+        elif request.action == ABANDON and self._awaiting_rest:
+            if self._gate.hold_cycle < NEVER:  # the belt was lost before, and the robot is at rest
+                self._gate.clear_hold()
+                self._gate.rest_cycle = self._state.cancel_motion()
+            self._wait_for_rest(request)
         elif self._gate.lost is not None:
             self.reply(request, self._gate.lost, '', True)
         elif request.action == HOLD:
@@ -263,21 +250,21 @@ class ScriptService:
                 sentence = 'hold: the moves were over before it took effect'
                 self.reply(request, Reason(Code.STATE, sentence), '', True)
             else:
-                self.reply(request, None, self._told(), True)
+                self.reply(request, None, self._snapshot(), True)
         else:
-            self.reply(request, None, self._told(met=self._gate.met), True)
+            self.reply(request, None, self._snapshot(met=self._gate.met), True)
 
     def hold(self) -> Reason | str:
-        """Stop the robot on its path for an operator, and let the script know; returns why not, or what happens."""
-        outcome = self._state.stand()
+        """Stop the robot on its path for an operator and notify the script; return why not, or the outcome."""
+        outcome = self._state.hold_or_leave_belt()
         if isinstance(outcome, str):
-            self._held(STOPPED_BESIDE if self._state.motion is MotionState.IDLE else HELD)
+            self._held(STOPPED_OFF_BELT if self._state.motion is MotionState.IDLE else HELD)
         return outcome
 
     def _held(self, reason: Reason) -> None:
         request, self._waiting = self._waiting, None
-        self._comes_to_rest = False
-        self._gate.forget()
+        self._awaiting_rest = False
+        self._gate.clear_hold()
         if request is None:
             self._held_outside = reason
         else:
@@ -285,41 +272,41 @@ class ScriptService:
             self.reply(request, reason, '', True)
 
     def abort(self) -> Reason | str:
-        """Give up for an operator what is driven, and a script with it: it must not go on with what comes next.
+        """Abort the motion for an operator and end the script; return why not, or the outcome.
 
-        Returns why not, or what happens. Where there is nothing to give up, a script goes on.
+        If nothing can be aborted, the script continues.
         """
         outcome = self._state.abort()
         if isinstance(outcome, str):
-            self._give_up()
+            self._cancel()
         return outcome
 
-    def _give_up(self) -> None:
+    def _cancel(self) -> None:
         request, self._waiting = self._waiting, None
         if self.operator:
-            self._gate.happen(GateEvent.LEAVE)
+            self._gate.handle(GateEvent.END)
             self._orders.script = ''
         if request is not None:
             self.reply(request, ABORTED, '', True)
 
-    def look(self) -> None:
-        """Look whether who decides still has control; tell a script that waits that it is not forgotten."""
+    def poll(self) -> None:
+        """Check that the script still has control, and keep its waiting request alive."""
         operator = self._control.operator
         if self.operator and (operator is None or operator.identity != self.operator):
-            self._lose()
+            self._handle_control_loss()
         if self._waiting is not None:
             self.reply(self._waiting, None, '', False)
         if self._gate.state is GateState.FREE and self._state.fault:
             self._orders.script = ''
 
-    def _lose(self) -> None:
-        holds = self._gate.happen(GateEvent.LOSE)
+    def _handle_control_loss(self) -> None:
+        holds = self._gate.handle(GateEvent.CONTROL_LOST)
         self._orders.script = ''
         if holds:
-            self._state.stand()
+            self._state.hold_or_leave_belt()
 
-    def _told(self, **more: Any) -> str:
-        """Return what a script sees of the bus cycle that it decides on, and more."""
+    def _snapshot(self, **more: Any) -> str:
+        """Return the state in the bus cycle that the script decides on, as JSON, with additional entries."""
         gate, answer = self._gate, self._task.answer
         commanded = gate.command_of(gate.cycle)
         seen = {
@@ -336,11 +323,11 @@ class ScriptService:
         tracking, tracked = self._task.tracking, commanded.tracked
         if tracking is not None and tracked is not None:
             seen['planned_m'] = commanded.planned_m
-            more['belts'] = tracking.told(gate.cycle, tracked)
+            more['belts'] = tracking.to_document(gate.cycle, tracked)
         return json.dumps({'seen': seen, 'held': self._held_profile(), **more})
 
     def _motion_of(self, commanded: Commanded) -> MotionState:
-        """Return what is done with the TCP by a command: a later one may have done more already."""
+        """Return the motion state after the given command; later commands may already differ."""
         motion = self._state.motion
         if motion not in UNDER_WAY:
             return motion
@@ -349,19 +336,19 @@ class ScriptService:
         return MotionState.STOPPED if self._gate.cycle >= commanded.end_cycle else MotionState.STOPPING
 
     def _held_profile(self) -> list[float] | None:
-        """Return the motion profile of a robot that stops or stands on its path, as a row of numbers."""
+        """Return the motion profile of a robot that is stopping or held, as a row of numbers."""
         task = self._task
         profile = task.profile if task.loaded and task.held else None
         return None if profile is None else profile.to_array().tolist()
 
 
 def condition_text(condition: WaitCondition) -> str:
-    """Return a condition as a request has it."""
+    """Return a condition as the text of a request."""
     return json.dumps(asdict(condition))
 
 
 def read_condition(text: str) -> WaitCondition | Reason:
-    """Return the condition of a request, or why it is none."""
+    """Return the condition of a request, or why it is invalid."""
     try:
         values = json.loads(text)
     except (ValueError, RecursionError):

@@ -1,4 +1,4 @@
-"""The arrays of the transformation task, which its compiled calculations (``task_cycle``) work on."""
+"""Record types shared by the transformation task and its compiled calculations (``task_cycle``)."""
 
 import math
 from collections.abc import Callable
@@ -13,8 +13,8 @@ from delta3_pacdrive.motor import MOTOR
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-HISTORY = 64  # cycles of commands kept for the answers that are still on their way
-SETTLE_CYCLES = 100  # after the end of a program, before the final position is taken
+HISTORY = 64  # cycles of commands kept for feedback that is still outstanding
+SETTLE_CYCLES = 100  # from the end of a program to the measurement of its final position
 
 STATE = np.dtype(
     [
@@ -28,18 +28,18 @@ STATE = np.dtype(
         ('payload', 'f8'),  # gripped [kg]
         ('corrected_from', 'i8'),
         ('tcp', 'f8', (3,)),  # commanded [m]
-        # beside it where the plan has it, and what goes with a belt: place [m], velocity [m/s], acceleration [m/s^2]
+        # on a belt the command is the plan plus an offset: position [m], velocity [m/s], acceleration [m/s^2]
         ('planned', 'f8', (3,)),
-        ('tracks', 'i8'),  # whether there is any of that
+        ('tracks', 'i8'),  # whether an offset is added
         ('offset', 'f8', (3, 3)),
         ('tracks_history', 'i8', (HISTORY,)),
         ('tcp_history', 'f8', (HISTORY, 3)),
         ('theta_history', 'f8', (HISTORY, 3)),
         ('twist_history', 'f8', (HISTORY, 3)),  # of the gears [rad], arm side
-        # actual arm angles of the two cycles before; what needs the past gets its first value in stand_at
+        # actual arm angles of the last two cycles; histories are set by initialize_history
         ('theta_before', 'f8', (3,)),
         ('theta_before_that', 'f8', (3,)),
-        # figures of the run, from the start of the program to SETTLE_CYCLES after its end
+        # results of the program, from its start to SETTLE_CYCLES after its end
         ('measured_cycles', 'i8'),
         ('error_max', 'f8'),
         ('error_square_sum', 'f8'),
@@ -47,20 +47,22 @@ STATE = np.dtype(
         ('current_peak', 'f8', (3,)),
         ('current_square_sum', 'f8', (3,)),
         ('final_tcp', 'f8', (3,)),
-        # of the motors [rad]: how far they are off their commands, and for how many cycles no farther than the window
+        # deviation of the motors from their commands [rad], and consecutive cycles within the position window
         ('off', 'f8', (3,)),
         ('within', 'i8'),
     ],
     align=True,
 )
 
-# name of each constant, and what it is of the parameters
+# name of each constant, and its value from the parameters
 _CONSTANTS: dict[str, Callable[[Parameters], float]] = {
     'gear_ratio': lambda p: p.dynamics.gear_ratio,
     'increments_per_rad': lambda p: p.bus.increments_per_rev / math.tau,
     'cycle_time': lambda p: p.bus.cycle_time_s,
-    'extrapolation': lambda p: p.following_error_delay_cycles,  # [cycles], of the actual value (7.3)
-    'set_point_delay': lambda p: p.set_point_delay_cycles,  # [cycles], of the actual TCP behind the command
+    'extrapolation': lambda p: p.following_error_delay_cycles,  # [cycles], age of the actual value (7.3)
+    'set_point_delay': lambda p: (
+        p.set_point_delay_cycles
+    ),  # [cycles], of the actual TCP relative to the command
     'position_window': lambda p: p.drive.position_window_rad,
     'torque_constant': lambda p: p.motor.torque_constant_n_m_a,
     'sends_torque': lambda p: p.sends_torque,
@@ -75,7 +77,7 @@ _CONSTANTS: dict[str, Callable[[Parameters], float]] = {
 }
 CONSTANTS = np.dtype([(name, 'f8') for name in _CONSTANTS], align=True)
 
-# what the answers of one cycle give; a topic of ros.interfaces may name a field, which it then tells in every cycle
+# evaluated feedback of a cycle; topics of ros.interfaces publish fields of it
 ANSWER = np.dtype(
     [
         ('theta', 'f8', (3,)),  # actual arm angles [rad]
@@ -95,8 +97,8 @@ TASK = np.dtype(
         ('inertia', INERTIA),  # with the payload of the feed-forward
         ('motor', MOTOR),
         ('motors', 'f8', (3,)),  # motor commands [rad]
-        ('torques', 'f8', (3,)),  # that the motors are to have beside them [N m], else 0
-        ('answer', ANSWER),  # of the last cycle that was evaluated
+        ('torques', 'f8', (3,)),  # additive torque commands [N m], 0 without feed-forward
+        ('answer', ANSWER),  # of the last evaluated cycle
     ],
     align=True,
 )
@@ -109,10 +111,10 @@ def task_constants(parameters: Parameters) -> NDArray[Any]:
     return constants
 
 
-def stand_at(theta: Floats, twist: Floats, tcp: Floats, state: np.void) -> None:
-    """Give all of a ``STATE`` that keeps the past its first value: the robot has always stood there.
+def initialize_history(theta: Floats, twist: Floats, tcp: Floats, state: np.void) -> None:
+    """Initialize commands and histories as if the robot had always been at rest at this position.
 
-    ``theta`` [rad] are the actual arm angles, ``twist`` [rad] is that of their gears, ``tcp`` [m] is their place,
+    ``theta`` [rad] are the arm angles, ``twist`` [rad] the twists of their gears, ``tcp`` [m] the position of the TCP,
     shapes (3,).
     """
     state['twist_history'] = twist

@@ -1,11 +1,11 @@
-"""The cyclic calculations of the transformation task in compiled form: a command, and an answer.
+"""Compiled cyclic calculations of the transformation task: the command and the feedback of a bus cycle.
 
 Arguments of the kernels here:
 
 ``cycle``
     Number of a bus cycle.
 ``task``, ``s``
-    Array of one record ``TASK``, shape (1,), and the state of it.
+    Array of one record ``TASK``, shape (1,), and its state.
 ``timeline``
     ``motion.execution.TimelineArrays``.
 ``tables``
@@ -13,13 +13,13 @@ Arguments of the kernels here:
 ``corrections``
     Learned torques [N m] from the cycle ``corrected_from`` of the state on, shape (n, 3); n = 0 for none.
 ``number``, ``over``
-    Number of the move that is driven, and whether the program is over.
+    Number of the active move, and whether the program has ended.
 ``motion``
     Arm angles [rad], speeds [rad/s] and accelerations [rad/s^2], three of shape (3,).
 ``payload``
-    What is gripped [kg].
+    Gripped payload [kg].
 ``torque``, ``compliance``, ``half_backlash``
-    What a gear passes on [N m], what it gives by that [rad/(N m)], and half of its lost motion [rad], arm side.
+    Torque of a gear [N m], its compliance [rad/(N m)] and half of its backlash [rad], arm side.
 """
 
 import math
@@ -35,12 +35,12 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.vector3 import combine, triple
 from delta3_pacdrive.sercos.increments import on_grid
 
-FLANKS_N_M = 10.0  # [N m, arm side] in which a set point goes from one flank of a gear to the other
+FLANKS_N_M = 10.0  # torque range over which a set point changes between the flanks of a gear, arm side
 
 
 @kernel
 def command_cycle(cycle, task, timeline, corrections):
-    """Fill the ``motors`` of the task, commands [rad] of a bus cycle; nan where the TCP is out of reach."""
+    """Set the ``motors`` of the task to the commands [rad] of a bus cycle; nan where the TCP is out of reach."""
     s, c, profile, tables = task[0].state, task[0].constants, timeline.profile[0], timeline.tables
     theta, has_angles = (0.0, 0.0, 0.0), False
     if cycle >= s.start_cycle:
@@ -81,17 +81,17 @@ def command_cycle(cycle, task, timeline, corrections):
 
 @kernel
 def is_over(cycle, s, profile):
-    """Whether a program has come to its end in a cycle, and not to a stop; ``profile`` is that of the timeline."""
+    """Whether a program has ended in a cycle, other than by a stop; ``profile`` is that of the timeline."""
     return cycle >= s.end_cycle and profile.held == 0
 
 
 @kernel
 def feed_forward(cycle, task, timeline):
-    """Fill the ``torques`` of the task [N m]: what moves the motors as the set points ask for.
+    """Set the ``torques`` of the task [N m] to those that the motion of the set points requires.
 
-    The torque of MDT(k) is reached at the start of cycle k + 2, and works a dead time later. The set points are one
-    step of the fine interpolation ahead of their cycle: of that instant of the motion the torque has to be. What is
-    gripped then is what MDT(k + 1) tells.
+    The torque of MDT(k) is reached at the start of cycle k + 2, and takes effect a dead time later. The set points are
+    one step of the fine interpolation ahead of their cycle, so the torque belongs to the motion at that instant. The
+    payload at that time is the payload of MDT(k + 1).
     """
     c, m = task[0].constants, task[0].motor
     motion = _motion_at(cycle, c.torque_lead, task, timeline)
@@ -104,7 +104,7 @@ def feed_forward(cycle, task, timeline):
 
 @kernel
 def _motion_at(cycle, lead, task, timeline):
-    """Motion of the arms at the time of a command, or ``lead`` [s] later; that of the command at rest is known."""
+    """Motion of the arms at the time of a command, or ``lead`` [s] later; uses the command of a robot at rest."""
     s, c, tables, g = task[0].state, task[0].constants, timeline.tables, task[0].geometry
     if s.tracks != 0:
         return _tracked_motion_at(cycle, lead, task, timeline)
@@ -125,7 +125,7 @@ def _motion_at(cycle, lead, task, timeline):
 
 @kernel
 def _tracked_motion_at(cycle, lead, task, timeline):
-    """Motion of the arms ``lead`` [s] after a command on a belt: that of the plan, and what goes with the belt."""
+    """Motion of the arms ``lead`` [s] after a command on a belt: motion of the plan plus that of the belt offset."""
     s, c, tables, g = task[0].state, task[0].constants, timeline.tables, task[0].geometry
     place, velocity, bend = triple(s.planned), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     if (s.start_cycle - cycle) * c.cycle_time <= lead:
@@ -145,7 +145,7 @@ def _tracked_motion_at(cycle, lead, task, timeline):
 
 @kernel
 def arm_torques(motion, payload, task):
-    """Torques [N m, arm side] of a motion, rotors and weight included, without friction."""
+    """Torques [N m, arm side] of a motion, including rotors and weight, without friction."""
     c, n = task[0].constants, task[0].inertia
     theta, speed, acceleration = motion
     n.plate = c.empty_plate + payload
@@ -156,7 +156,7 @@ def arm_torques(motion, payload, task):
 
 @kernel
 def gear_twist(motion, payload, task):
-    """Angles [rad, arm side] by which the shafts are ahead of their arms: all but the rotors hangs on the gears."""
+    """Angles [rad, arm side] by which the shafts lead their arms; the gears carry all torques but the rotors'."""
     c, torque, acceleration = task[0].constants, arm_torques(motion, payload, task), motion[2]
     return (
         give(torque[0] - c.rotor * acceleration[0], c.gear_compliance, c.half_backlash),
@@ -167,13 +167,13 @@ def gear_twist(motion, payload, task):
 
 @kernel
 def give(torque, compliance, half_backlash):
-    """Angle [rad] by which a gear gives under a torque [N m], arm side; it changes flanks without a jump."""
+    """Twist [rad] of a gear under a torque [N m], arm side; smooth at the change of flanks."""
     return compliance * torque + half_backlash * math.tanh(torque / FLANKS_N_M)
 
 
 @kernel
 def coming_payload(cycle, task, timeline):
-    """Payload [kg] that is there when what a cycle commands is reached: that of the next MDT."""
+    """Payload [kg] at the time when the command of a cycle is reached, which is that of the next MDT."""
     s = task[0].state
     if s.start_cycle <= cycle + 1:
         return _payload_at(cycle + 1, task, timeline)
@@ -182,7 +182,7 @@ def coming_payload(cycle, task, timeline):
 
 @kernel
 def correct_torques(row, task, corrections):
-    """Add ``row`` of the learned torques to the ``torques`` of the task, as far as the motors can give their sum."""
+    """Add ``row`` of the learned torques to the ``torques`` of the task, and limit the sums to the motor torque."""
     if 0 <= row < corrections.shape[0]:
         limit = task[0].constants.torque_max
         for i in range(3):
@@ -192,7 +192,7 @@ def correct_torques(row, task, corrections):
 
 @kernel
 def _payload_at(cycle, task, timeline):
-    """Payload [kg] once the events of a coming cycle have happened; none of them happens here."""
+    """Payload [kg] after the events of a future cycle, without carrying them out."""
     s, c, profile, tables = task[0].state, task[0].constants, timeline.profile[0], timeline.tables
     time = (cycle - profile.cycle) * c.cycle_time
     number, master, _, _ = profile_at(time, s.move, timeline)
@@ -213,7 +213,7 @@ def _payload_at(cycle, task, timeline):
 
 @kernel
 def _switch_outputs(number, over, tables, s):
-    """Carry out every event that the master has passed, in order; all that are left when a move is over."""
+    """Carry out, in order, all events that the master has passed, or all remaining ones of a move that has ended."""
     while True:
         move = tables.moves[tables.order[s.move]]
         while s.event < move.events:
@@ -236,13 +236,13 @@ def _switch_outputs(number, over, tables, s):
 
 @kernel
 def answer_cycle(cycle, positions, torques, task):
-    """Fill the ``answer`` of the task: forward kinematics and errors of a bus cycle.
+    """Set the ``answer`` of the task: forward kinematics and errors of a bus cycle.
 
-    ``positions`` [rad] and ``torques`` [N m] are those of the motor shafts as the drives answered, shapes (3,).
+    ``positions`` [rad] and ``torques`` [N m] are those of the motor shafts in the AT, shapes (3,).
     """
     s, c, out = task[0].state, task[0].constants, task[0].answer
     row = cycle % HISTORY
-    # the command that the actual position answers to, on the chord between two commands
+    # the actual position corresponds to a command on the chord between two earlier commands
     whole = math.floor(c.set_point_delay)
     share = c.set_point_delay - whole
     newer = max(cycle - int(whole), 0) % HISTORY
@@ -260,7 +260,7 @@ def answer_cycle(cycle, positions, torques, task):
     for i in range(3):
         due_shaft = (s.theta_history[row, i] + s.twist_history[row, i]) * c.gear_ratio
         if s.tracks_history[row] != 0:
-            # on a belt nothing stands: what counts is the command that the actual position answers to
+            # on a belt the set points never rest: compare with the command that the actual position corresponds to
             due_shaft = (1.0 - share) * (s.theta_history[newer, i] + s.twist_history[newer, i])
             due_shaft += share * (s.theta_history[older, i] + s.twist_history[older, i])
             due_shaft *= c.gear_ratio

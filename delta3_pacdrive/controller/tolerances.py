@@ -1,6 +1,6 @@
-"""How exactly a trajectory of arm angles has to be followed, as the joint_trajectory_controller of ros2_control has it.
+"""Tolerances of trajectories of arm angles, defined as in the joint_trajectory_controller of ros2_control.
 
-Pure: where the arms are comes in bus cycle by bus cycle, what is violated goes out as a reason. Times are bus time.
+Pure: arm positions arrive bus cycle by bus cycle, a violation is returned as a reason. Times are bus time.
 """
 
 import math
@@ -18,41 +18,30 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
 
 NONE = (0.0, 0.0, 0.0)
-ERASED = -1.0  # instead of a tolerance of a goal: none, whatever the default is
+ERASED = -1.0  # value of a goal that disables a tolerance
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Tolerances of each arm; 0: none.
-
-    Attributes
-    ----------
-    path_rad, goal_rad
-        On the way, and at its end.
-    goal_time_s
-        In which the arms must stand at the end, counted from the last point on; 0: for ever.
-    stopped_rad_s
-        Speed below which an arm stands.
-
-    """
+    """Tolerances of each arm; 0 disables a tolerance."""
 
     path_rad: tuple[float, float, float] = NONE
     goal_rad: tuple[float, float, float] = NONE
-    goal_time_s: float = 0.0
-    stopped_rad_s: float = 0.01
+    goal_time_s: float = 0.0  # from the last point to rest at the goal, 0: no limit
+    stopped_rad_s: float = 0.01  # speed below which an arm is at rest
 
     @property
     def any(self) -> bool:
-        """Whether anything is to be watched."""
+        """Whether a violation is possible."""
         return any(self.path_rad) or (any(self.goal_rad) and self.goal_time_s > 0.0)
 
     def to_values(self) -> dict[str, Any]:
-        """Return the fields, as a request has them."""
+        """Return the fields for a request."""
         return asdict(self)
 
     @staticmethod
     def of(values: Any) -> 'Tolerances':
-        """Read back what ``to_values`` returned; raises ProgramError."""
+        """Parse the output of ``to_values``; raises ProgramError."""
         names = [field.name for field in fields(Tolerances)]
         if not isinstance(values, dict) or set(values) != set(names):
             raise ProgramError(f'tolerances must have the keys {", ".join(names)}')
@@ -77,12 +66,12 @@ def _tolerance(value: Any, name: str) -> float:
 
 
 def overridden(default: float, asked: float, what: str) -> float:
-    """Return the tolerance that counts: 0 leaves the default, -1 takes it away.
+    """Return the effective tolerance: 0 keeps the default, -1 disables it.
 
     Raises
     ------
     ProgramError
-        It is something else below 0, or not finite.
+        The value is otherwise negative, or not finite.
 
     """
     if asked == 0.0:
@@ -95,67 +84,56 @@ def overridden(default: float, asked: float, what: str) -> float:
 
 
 @dataclass(frozen=True)
-class Followed:
-    """The arms on a trajectory in one bus cycle.
-
-    Attributes
-    ----------
-    cycle, time_s
-        The bus cycle, and the time on the trajectory [s].
-    due
-        Angles [rad], speeds [rad/s] and accelerations [rad/s^2] that they should have, the set-point delay removed.
-    actual
-        Angles and speeds that they have.
-
-    """
+class TrajectoryState:
+    """The arms on a trajectory in one bus cycle."""
 
     cycle: int
-    time_s: float
-    due: Floats
-    actual: Floats
+    time_s: float  # on the trajectory
+    due: Floats  # expected angles [rad], speeds [rad/s] and accelerations [rad/s^2], set-point delay removed
+    actual: Floats  # angles [rad] and speeds [rad/s]
 
 
 class ToleranceWatch:
-    """A watch over one trajectory after the other."""
+    """Supervision of one trajectory after the other."""
 
     def __init__(self, tolerances: Tolerances, parameters: Parameters) -> None:
         self._default = self._tolerances = tolerances
         self._period_s = parameters.bus.cycle_time_s
-        self._run = 0  # program whose tolerances they are
-        self._settled = 0  # program whose goal was looked at to the end
+        self._run = 0  # number of the program with these tolerances
+        self._settled = 0  # number of the last program whose goal was decided
         self._behind_s = parameters.set_point_delay_cycles * self._period_s
         self._goal: Floats | None = None
         self._deadline = NEVER
-        self._violated = 0  # number of the last program in which the path was
+        self._violated = 0  # number of the last program that violated its path tolerance
 
     @property
     def waits(self) -> bool:
-        """Whether the arms still have to come to a goal."""
+        """Whether the arms have not reached a goal yet."""
         return self._goal is not None
 
     @property
-    def wants(self) -> bool:
-        """Whether anything of the present program is to be watched."""
+    def active(self) -> bool:
+        """Whether the present program has tolerances or a goal."""
         return self.waits or self._tolerances.any or any(self._tolerances.goal_rad)
 
     def begin(self, run: int, tolerances: Tolerances | None) -> None:
-        """Begin with a program, known by its number, and the tolerances of its own, if it has some."""
+        """Start with a program by its number; ``tolerances`` replace the default ones."""
         self._run, self._tolerances, self._goal = run, tolerances or self._default, None
 
-    def forget(self) -> bool:
-        """Wait for no goal any more; whether one was waited for."""
+    def clear(self) -> bool:
+        """Cancel the wait for a goal; return whether there was one."""
         waited = self.waits
         self._goal, self._deadline = None, NEVER
         return waited
 
     def arrive(self, timeline: Timeline) -> None:
-        """Note that a program was driven to its end."""
+        """Handle a program that has been executed to its end."""
         move = timeline.plan.move(len(timeline.plan) - 1)
         if self._settled != self._run and not self.waits and move.kind == MoveKind.JOINTS:
             self._note_goal(timeline, move)
 
     def due(self, timeline: Timeline, cycle: int) -> tuple[float, Floats] | None:
-        """Return the time on a trajectory in a bus cycle [s], and what is due; None if none is driven."""
+        """Return the time on a trajectory in a bus cycle [s] and the expected motion, None without a trajectory."""
         if timeline.profile is None or cycle < timeline.start_cycle:
             return None
         now = timeline.at(cycle)
@@ -171,8 +149,8 @@ class ToleranceWatch:
         )
 
     def follow(self, run: int, timeline: Timeline, cycle: int, angles_rad: Floats) -> Reason | None:
-        """Look where the arms are in a bus cycle of a program, known by its number; returns what is violated, once."""
-        self.forget()
+        """Check the arms in a bus cycle of program ``run``; return a violation of the path tolerance, once."""
+        self.clear()
         if run == self._violated or timeline.profile is None or cycle < timeline.start_cycle:
             return None
         now = timeline.at(cycle)
@@ -182,7 +160,7 @@ class ToleranceWatch:
         if not timeline.profile.held:
             self._note_goal(timeline, move)
         due, rate = sample_path([now.distance_m], move.segments)[0, :2]
-        # the arms answer to the command of some time ago
+        # the arms correspond to an earlier command
         missed = np.abs(due - self._behind_s * now.speed_m_s * rate - angles_rad)
         for axis, (error, tolerance) in enumerate(zip(missed, self._tolerances.path_rad, strict=True)):
             if 0.0 < tolerance < error:
@@ -202,7 +180,7 @@ class ToleranceWatch:
             self._deadline = timeline.end_cycle + round(time_s / self._period_s) if time_s > 0.0 else NEVER
 
     def settle(self, cycle: int, angles_rad: Floats, speeds_rad_s: Floats) -> Reason | None:
-        """Look whether the arms have come to the end of the trajectory; returns what is violated."""
+        """Check whether the arms have reached the end of the trajectory; return a violation."""
         goal = self._goal
         if goal is None:
             return None

@@ -1,7 +1,7 @@
-"""A request to follow arm angles over time, as the topic ``joint_trajectory`` asks for it, and when that begins.
+"""Requests of the topic ``joint_trajectory``: arm angles over bus time.
 
-Times are bus time. A trajectory that is late joins itself: points that cannot be reached any more are dropped, as the
-joint_trajectory_controller of ros2_control does, and the rest keeps its times.
+A late trajectory is joined in progress as in the joint_trajectory_controller of ros2_control: points that cannot be
+reached in time are dropped, the others keep their times.
 """
 
 import json
@@ -14,32 +14,21 @@ from delta3_pacdrive.controller.tolerances import Tolerances
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
 
 NAME = 'joint_trajectory'
-LEAD_S, LEAD_PER_POINT_S = 0.2, 1.5e-3  # in which a trajectory is planned and ordered, before its cycle comes
-SOON = -1  # instead of a bus cycle: as soon as possible
-ROUNDING = 1e-6  # of a bus cycle
+LEAD_S, LEAD_PER_POINT_S = 0.2, 1.5e-3  # time to plan and order a trajectory
+SOON = -1  # bus cycle: as soon as possible
+ROUNDING = 1e-6  # tolerance, in bus cycles
 
 
 @dataclass(frozen=True)
 class TrajectoryRequest:
-    """A trajectory is asked for.
+    """A requested trajectory."""
 
-    Attributes
-    ----------
-    stamp_s
-        Bus time of its start, 0: now.
-    points
-        As a program has them; none: stop.
-    tolerances
-        Of this trajectory, None: those of all.
-
-    """
-
-    stamp_s: float
-    points: list[Any]
-    tolerances: Tolerances | None = None
+    stamp_s: float  # bus time of the start, 0: now
+    points: list[Any]  # as in a program; empty: stop
+    tolerances: Tolerances | None = None  # None: default
 
     def to_json(self) -> str:
-        """Return the text of the request."""
+        """Return the request as JSON."""
         values: dict[str, Any] = {'stamp_s': self.stamp_s, 'points': self.points}
         if self.tolerances is not None:
             values['tolerances'] = self.tolerances.to_values()
@@ -47,7 +36,7 @@ class TrajectoryRequest:
 
     @staticmethod
     def from_json(text: str) -> 'TrajectoryRequest':
-        """Read back what ``to_json`` wrote; raises ProgramError."""
+        """Parse the output of ``to_json``; raises ProgramError."""
         try:
             values = json.loads(text)
         except (ValueError, RecursionError):
@@ -72,7 +61,7 @@ class TrajectoryRequest:
         Raises
         ------
         ProgramError
-            It is over already, or begins too far ahead.
+            It has ended already, or starts too far ahead.
 
         """
         if self.stamp_s == 0.0:

@@ -111,8 +111,7 @@ class TurnFigures:
     current_peak_a: float
     current_rms_a: float
 
-    @property
-    def told(self) -> dict[str, float]:
+    def to_dict(self) -> dict[str, float]:
         """The figures under the names that results of runs have."""
         return {
             'turn_error_max_rad': self.error_max_rad,
@@ -268,23 +267,23 @@ class Turning:
         self.state: NDArray[Any] = self.record['state']
         self.turns = NO_TURNS
         self.state['passed_history'] = PASSED_NONE
-        self.stand_at(parameters.rotary.home_rad)
+        self.set_angle(parameters.rotary.home_rad)
 
-    def rehearse(self, task: NDArray[Any], timeline: Timeline) -> None:
+    def precompile(self, task: NDArray[Any], timeline: Timeline) -> None:
         """Call the compiled code once, so that none is compiled in the middle of a bus cycle; nothing changes by it."""
         record = self.record.copy()
         command_turn(0, task, timeline.arrays, self.turns, record)
         answer_turn(0, 0.0, 0.0, task, record)
 
-    def stand_at(self, angle_rad: float) -> None:
+    def set_angle(self, angle_rad: float) -> None:
         """Take over where the tool stands: it has always stood there."""
         state = self.state
         state['angle'] = state['angle_history'] = angle_rad
         state['answered'] = state['due'] = state['actual'] = angle_rad
 
-    def stand_behind(self, position_rad: float) -> None:
+    def set_position(self, position_rad: float) -> None:
         """Take over where the tool stands by the position of its motor shaft."""
-        self.stand_at(position_rad / float(self.record['constants']['gear_ratio'][0]))
+        self.set_angle(position_rad / float(self.record['constants']['gear_ratio'][0]))
 
     def off_rad(self, position_rad: float) -> float:
         """Return how far the tool is from its command, by its motor shaft; 0 within the position window."""
@@ -304,7 +303,7 @@ class Turning:
         return float(state['motor']), float(state['torque'])
 
     @property
-    def told(self) -> list[float]:
+    def feedback(self) -> list[float]:
         """Where the tool is commanded to be, where it is by its motor, and its error, of the last answer [rad]."""
         state = self.state[0]
         return [float(state['answered']), float(state['actual']), float(state['error'])]

@@ -19,7 +19,7 @@ from delta3_pacdrive.controller.messages import Request, RequestReport
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.controller.planner_actions import Arrival
 from delta3_pacdrive.controller.request_tracker import Phase
-from delta3_pacdrive.controller.tolerances import ERASED, Followed, Tolerances, overridden
+from delta3_pacdrive.controller.tolerances import ERASED, Tolerances, TrajectoryState, overridden
 from delta3_pacdrive.controller.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
 from delta3_pacdrive.ros.joint_trajectory import joint_trajectory
@@ -277,7 +277,7 @@ class FollowJointTrajectory:
             self._told = followed.cycle
             running.handle.publish_feedback(self._feedback(followed))
 
-    def _feedback(self, followed: Followed) -> Any:
+    def _feedback(self, followed: TrajectoryState) -> Any:
         feedback = self._action.Feedback()
         stamp = feedback.header.stamp
         stamp.sec, stamp.nanosec = self._cycles.stamp(followed.cycle)

@@ -271,7 +271,7 @@ def run_single(factory: Callable[[], Node]) -> int:
             print(f'note: {exposure}', file=sys.stderr)
         # nodes started together compile once, not each for itself
         simulation.compile_kernels(show=Lines().show)
-        simulation.rehearse(parameters.load())
+        simulation.precompile(parameters.load())
 
     status = run([factory], prepare=prepare)
     interrupts.ignore()

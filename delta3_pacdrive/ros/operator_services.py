@@ -94,11 +94,11 @@ class OperatorServices:
     # control --------------------------------------------------------------------------------------------------------
 
     def _on_alive(self, message: Header) -> None:
-        self._control.heard(message.frame_id, message.stamp.sec, time.monotonic())
+        self._control.receive_heartbeat(message.frame_id, message.stamp.sec, time.monotonic())
 
     def look(self) -> None:
         """Look whether who has control is still there; else the robot stops on its path."""
-        lost = self._control.lost(time.monotonic())
+        lost = self._control.poll(time.monotonic())
         if lost is None:
             return
         self._log.error(f'{lost.name} has control no longer: no word for too long')

@@ -55,7 +55,7 @@ class PlannerLink:
 
     def _on_alive(self, message: Header) -> None:
         planner, session, _ = interfaces.read_heartbeat(message)
-        if self._orders.heard_planner(planner, session, message.stamp.sec, time.monotonic()):
+        if self._orders.receive_heartbeat(planner, session, message.stamp.sec, time.monotonic()):
             self._log.info(f'planner {planner}')
             self.tell_status()
 

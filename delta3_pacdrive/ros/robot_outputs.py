@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from delta3_pacdrive.controller import robot_actions
-from delta3_pacdrive.controller.robot_actions import Asked, Located, Said, Switched
+from delta3_pacdrive.controller.robot_actions import AccessRequested, Located, Logged, Switched
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.motion.move import OUTPUTS
@@ -58,10 +58,10 @@ class RobotOutputs:
             robot_actions.Followed: lambda action: planner.tell_profile(action.profile),
             Located: self._tell_place,
             Switched: self._tell_outputs,
-            Asked: self._ask,
+            AccessRequested: self._ask,
             robot_actions.Injected: lambda action: faults.inject(action.faults, action.cycle),
-            robot_actions.Answered: lambda action: action.request(action.reason, action.sentence),
-            Said: self._say,
+            robot_actions.Replied: lambda action: action.request(action.reason, action.sentence),
+            Logged: self._say,
         }
 
     def carry_out(self) -> None:
@@ -90,7 +90,7 @@ class RobotOutputs:
         message.position = [*(float(bits >> n & 1) for n in range(len(OUTPUTS))), self._task.payload]
         self._outputs.publish(message)
 
-    def _ask(self, action: Asked) -> None:
+    def _ask(self, action: AccessRequested) -> None:
         def take(index: int, answer: Answer) -> None:
             action.done(index, answer)
             self.carry_out()
@@ -100,7 +100,7 @@ class RobotOutputs:
         except TelegramError:
             action.done(action.index, Answer(action.access.idn, ServiceError.NOT_OPEN))
 
-    def _say(self, action: Said) -> None:
+    def _say(self, action: Logged) -> None:
         if action.error:
             self._log.error(action.sentence)
         else:

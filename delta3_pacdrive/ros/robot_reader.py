@@ -169,7 +169,7 @@ class RobotReader:
         with suppress(TelegramError):
             status = Status.from_json(message.data)
             if status.session == self.operator.present.session:
-                self.planned.look(status)
+                self.planned.update(status)
 
     def learn(self) -> bool:
         """Ask for the parameters of the robot once in each session; whether others than before are known now."""

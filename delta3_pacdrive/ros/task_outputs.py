@@ -37,7 +37,7 @@ class JointMotionOutputs:
         known, before, self._stamp = self._motion.take(cycle, place), self._stamp, stamp
         if not known or not (self._joints.wanted or self._jacobian.wanted):
             return
-        told = self._motion.told()
+        told = self._motion.signals()
         numbers = told['joint_speed'] + told['joint_acceleration']
         if math.isfinite(sum(numbers)):
             self._joints.send(before, numbers)
@@ -91,14 +91,14 @@ class TaskOutputs:
             if output.wanted:
                 output.send(stamp, values.tolist())
         if self._turn is not None and self._turning is not None and self._turn.wanted:
-            self._turn.send(stamp, self._turning.told)
+            self._turn.send(stamp, self._turning.feedback)
         if self._through_jacobian is not None:
             self._through_jacobian.send(cycle, stamp, self._tcp_command)
         if self._joint_states.wanted and cycle % self._joint_states_every == 0:
             # of the joints that are shown: arms and tool, behind the gears
             torques = self._axes.torques.tolist()
             arms = [torque * self._ratio for torque in torques[:ARMS]]
-            angle = [] if self._turning is None else [self._turning.told[1]]
+            angle = [] if self._turning is None else [self._turning.feedback[1]]
             speed = [speed / self._tool_ratio for speed in self._axes.speeds[ARMS:]]
             tool = [torque * self._tool_ratio for torque in torques[ARMS:]]
             positions, rates = self._joint_motion()

@@ -46,7 +46,7 @@ class ToleranceMonitor:
 
     def look(self) -> None:
         """Tell the planner what has come."""
-        if self._take is None and self._planner.trajectory.wants:
+        if self._take is None and self._planner.trajectory.needs_positions:
             self._listen()
         while self._take is not None and (taken := self._take()) is not None:
             try:

@@ -6,8 +6,8 @@ from delta3_pacdrive.simulation.warm_up import (
     compile_kernels,
     load_cyclic_kernels,
     load_kernels,
-    rehearse,
-    rehearse_parts,
+    precompile,
+    precompile_parts,
 )
 
 __all__ = [
@@ -17,7 +17,7 @@ __all__ = [
     'load_kernels',
     'placed',
     'plan_of',
-    'rehearse',
-    'rehearse_parts',
+    'precompile',
+    'precompile_parts',
     'run',
 ]

@@ -46,7 +46,7 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE, drives_of
 from delta3_pacdrive.sercos.words import in_torque
 from delta3_pacdrive.simulation.belts import readings
-from delta3_pacdrive.simulation.requested import Requested
+from delta3_pacdrive.simulation.requested import OptionalSignals
 from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 from delta3_pacdrive.simulation.tool_axis import NAMES as TURN_NAMES
 from delta3_pacdrive.simulation.tool_axis import answer_tool, command_tool, note_turn, note_turn_command
@@ -194,7 +194,7 @@ class SimulatedOperation:
     ) -> None:
         self._robot, self._task, self._parameters, self._world = robot, task, parameters, world
         of_belts = ('cell_belts',) if world is not None and world.belts else ()
-        self._requested = Requested((*signals, *of_belts), robot, parameters, world)
+        self._requested = OptionalSignals((*signals, *of_belts), robot, parameters, world)
         self._start = parameters.motion.start_cycle
         self._must_succeed = not faults
         self._schedule = Schedule()

@@ -20,7 +20,7 @@ from delta3_pacdrive.simulation.robot import Robot
 OF_TASK = ('payload', 'outputs', 'lost_telegrams', 'overruns', 'fault')
 
 
-class Requested:
+class OptionalSignals:
     """The requested signals are noted while a simulation runs.
 
     Parameters

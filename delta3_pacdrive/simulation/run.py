@@ -147,7 +147,7 @@ def run(
         'start_cycle': parameters.motion.start_cycle,
         'end_cycle': task.end_cycle,
         'planned_end_m': planned.plan.end_m().tolist(),
-        'figures': task.figures().told | ({} if robot.tool is None else robot.tool.told),
+        'figures': task.figures().to_dict() | ({} if robot.tool is None else robot.tool.to_dict()),
         'faults': [fault.to_document() | {'text': fault.text} for fault in program.faults],
         'unlearned': task.learned.reason,
     }

@@ -45,7 +45,7 @@ class SteppedOperation(SimulatedOperation):
     ) -> None:
         super().__init__(robot, task, (), parameters, signals, world)
         self._inputs, self._ended = inputs, ended
-        self._told = False  # that a belt was lost
+        self._loss_reported = False  # that a belt was lost
 
     def commanded(self) -> Commanded:
         """Return what the last command has left."""
@@ -66,21 +66,21 @@ class SteppedOperation(SimulatedOperation):
             if self.cycle > condition.latest:
                 return False
             self._step(condition)
-            self._tell_lost()
+            self._raise_loss()
         return True
 
     def go_to(self, cycle: int) -> None:
         """Go on until a bus cycle is the next one; raises RunError as ``wait`` does."""
         self.wait(WaitCondition(cycle - 1, cycle - 1))
 
-    def _tell_lost(self) -> None:
+    def _raise_loss(self) -> None:
         task, tracking = self._task, self._task.tracking
         if tracking is None or tracking.lost is None:
-            self._told = False
-        elif not self._told and 0 < tracking.rest_cycle < self.cycle:
+            self._loss_reported = False
+        elif not self._loss_reported and 0 < tracking.rest_cycle < self.cycle:
             if task.loaded and not (task.held and task.end_cycle < self.cycle):
                 return
-            self._told = True
+            self._loss_reported = True
             raise RefusedError(tracking.lost)
 
     def _met(self, condition: WaitCondition) -> bool:
@@ -96,7 +96,7 @@ class SteppedOperation(SimulatedOperation):
         cycle, task = self.cycle, self._task
         end = min(condition.earliest(self.commanded(), task.loaded), condition.latest) + 1
         if task.loaded and not task.held:
-            end = min(end, max(task.coming_last_cycle, cycle + 1))
+            end = min(end, max(task.pending_last_cycle, cycle + 1))
         self.cycle = self._advance(cycle, max(end, cycle + 1))
         if self.stopped:
             self.run()
@@ -105,8 +105,8 @@ class SteppedOperation(SimulatedOperation):
         if (
             task.loaded
             and not task.held
-            and answered >= task.coming_last_cycle
+            and answered >= task.pending_last_cycle
             and task.in_position(answered)
         ):
             self._ended()
-            task.unload()
+            task.clear_program()

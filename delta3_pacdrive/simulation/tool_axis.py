@@ -176,8 +176,7 @@ class ToolDrive:
         """Status word S-0-0135 of the last AT."""
         return int(self.record['status'][0])
 
-    @property
-    def told(self) -> dict[str, float]:
+    def to_dict(self) -> dict[str, float]:
         """What only a simulation knows, under the names that results of runs have."""
         return {'turn_place_error_max_rad': float(self.record['true_place_error_max'][0])}
 

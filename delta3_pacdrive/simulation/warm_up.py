@@ -98,7 +98,7 @@ def _compile(parameters: Parameters) -> None:
         for number in range(1, processes)
     ]
     try:
-        rehearse_parts(0, parameters)  # what helpers have not done, for whatever reason, is done here
+        precompile_parts(0, parameters)  # what helpers have not done, for whatever reason, is done here
     finally:
         for helper in helpers:
             helper.kill()
@@ -111,11 +111,11 @@ import ctypes, json, signal, sys
 ctypes.CDLL(None).prctl(1, signal.SIGKILL)
 sys.path.insert(0, sys.argv[1])
 from delta3_pacdrive import parameters, simulation
-simulation.rehearse_parts(int(sys.argv[2]), parameters.from_flat(json.loads(sys.argv[3])))
+simulation.precompile_parts(int(sys.argv[2]), parameters.from_flat(json.loads(sys.argv[3])))
 """
 
 
-def rehearse_parts(number: int, parameters: Parameters) -> None:
+def precompile_parts(number: int, parameters: Parameters) -> None:
     """Call the kernels of all parts of the machine, as one of several processes.
 
     Parameters
@@ -139,7 +139,7 @@ def _stand(parameters: Parameters) -> None:
     )
 
 
-def rehearse(parameters: Parameters) -> None:
+def precompile(parameters: Parameters) -> None:
     """Run every kernel once, so that none is compiled or loaded in the middle of a cycle.
 
     Parameters
@@ -163,7 +163,7 @@ def load_cyclic_kernels(parameters: Parameters) -> None:
         Of the robot that will run.
 
     """
-    for part in (_rehearse_plant, _rehearse_drive, _rehearse_task):
+    for part in (_precompile_plant, _precompile_drive, _precompile_task):
         part(parameters)
 
 
@@ -171,10 +171,10 @@ def _call_all(parameters: Parameters) -> None:
     robot, task = _started(_rehearsal(parameters), parameters)
     robot.cycle(task.command(0), task.control(0), task.payload)
     task.receive(0, robot.answers[0], robot.answers[2])
-    _rehearse_plant(parameters)
-    _rehearse_drive(parameters)
+    _precompile_plant(parameters)
+    _precompile_drive(parameters)
     _stand(parameters)
-    _rehearse_joints(parameters)
+    _precompile_joints(parameters)
     task.hold()
     robot.drives[0].phase_currents()
 
@@ -188,13 +188,13 @@ def _started(program: Program, parameters: Parameters) -> tuple[Robot, Transform
     return robot, task
 
 
-def _rehearse_plant(parameters: Parameters) -> None:
+def _precompile_plant(parameters: Parameters) -> None:
     """Call the plant as its node does."""
     samples = round(parameters.bus.exchange_period_s / parameters.drive.current_period_s)
     Plant(parameters).advance(np.zeros((samples, 3)), [False] * 3)
 
 
-def _rehearse_drive(parameters: Parameters) -> None:
+def _precompile_drive(parameters: Parameters) -> None:
     """Call a drive as its node does."""
     drive, shaft = MC4(parameters), (0.0, 0.0, 0.0)
     drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
@@ -208,25 +208,25 @@ def _rehearse_drive(parameters: Parameters) -> None:
     drive.leave_bus()
 
 
-def _rehearse_planning(parameters: Parameters) -> None:
+def _precompile_planning(parameters: Parameters) -> None:
     program_planner.plan(_rehearsal(parameters), np.array(parameters.motion.home_m), parameters)
 
 
-def _rehearse_task(parameters: Parameters) -> None:
+def _precompile_task(parameters: Parameters) -> None:
     """Call the task as its node does: it looks at plans, commands, and receives answers."""
     _, task = _started(Program('rehearsal', (Dwell(1.0),)), parameters)
     check_speed(task.timeline.plan.move(0), 1.0, parameters)
     task.command(0)
     task.receive(0, np.zeros(3), np.zeros(3))
-    _rehearse_joints(parameters)
+    _precompile_joints(parameters)
 
 
-def _rehearse_joints(parameters: Parameters) -> None:
+def _precompile_joints(parameters: Parameters) -> None:
     """Call what tells the joint states."""
     tree_joints(np.zeros((1, 3)), np.zeros((1, 3)), np.empty((1, 2, len(JOINTS))), geometry(parameters))
 
 
-def _rehearse_robot(parameters: Parameters) -> None:
+def _precompile_robot(parameters: Parameters) -> None:
     """Call drives and plant as the simulation does."""
     Robot(parameters).cycle(np.zeros(3), CONTROL_ON)
 
@@ -234,10 +234,10 @@ def _rehearse_robot(parameters: Parameters) -> None:
 # One for each process. What takes longest comes first, one part with each process; who has done his own helps with that
 # of another one, since none compiles what another one is compiling. The robot takes what plant and drive have done.
 _ORDERS = (
-    (_rehearse_plant, _rehearse_drive, _rehearse_robot, _rehearse_planning, _rehearse_task),
-    (_rehearse_drive, _rehearse_plant, _rehearse_task, _stand, _rehearse_planning),
-    (_rehearse_task, _rehearse_planning, _rehearse_drive, _rehearse_plant, _stand),
-    (_rehearse_planning, _rehearse_task, _rehearse_plant, _rehearse_drive, _rehearse_robot),
+    (_precompile_plant, _precompile_drive, _precompile_robot, _precompile_planning, _precompile_task),
+    (_precompile_drive, _precompile_plant, _precompile_task, _stand, _precompile_planning),
+    (_precompile_task, _precompile_planning, _precompile_drive, _precompile_plant, _stand),
+    (_precompile_planning, _precompile_task, _precompile_plant, _precompile_drive, _precompile_robot),
 )
 
 

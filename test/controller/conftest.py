@@ -18,7 +18,7 @@ from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner import Planner
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
 from delta3_pacdrive.controller.planning_job import Job, Result, work
-from delta3_pacdrive.controller.robot_actions import Answered, Asked, Followed
+from delta3_pacdrive.controller.robot_actions import AccessRequested, Followed, Replied
 from delta3_pacdrive.controller.robot_state import RobotState
 from delta3_pacdrive.controller.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
@@ -83,7 +83,7 @@ class Rig:
         self.off_rad = 0.0  # by which the motor of axis 2 is off its command
         self.drives_refuse = ''  # a reset, with a sentence
         self.said: list[Any] = []
-        self.watch.announced(PLANNER, identity)
+        self.watch.receive_announcement(PLANNER, identity)
         self.state.locate(self.task.state['tcp'][0], 0)
         self.tick()
         self.tick()
@@ -107,15 +107,15 @@ class Rig:
         self.now_s += PERIOD_S
         self._beats += 1
         if self.beating:
-            self.control.heard(self.beating, self._beats, self.now_s)
-        self.orders.heard_planner(PLANNER, '5e55', self._beats, self.now_s)
-        self.orders.look(self.now_s)
-        if self.control.lost(self.now_s) and self.state.motion == 'moving':
+            self.control.receive_heartbeat(self.beating, self._beats, self.now_s)
+        self.orders.receive_heartbeat(PLANNER, '5e55', self._beats, self.now_s)
+        self.orders.poll(self.now_s)
+        if self.control.poll(self.now_s) and self.state.motion == 'moving':
             self.state.hold()
-        self.enabling.look()
+        self.enabling.poll()
         self.settle()
         self.tell()
-        self.planner.look(self.now_s)
+        self.planner.poll(self.now_s)
         self.settle()
 
     def run(self, cycles: int) -> None:
@@ -167,12 +167,12 @@ class Rig:
     def _carry_out(self, action: Any) -> None:
         self.said.append(action)
         match action:
-            case Asked(index, access, done):
+            case AccessRequested(index, access, done):
                 done(index, Answer(access.idn, 0 if not self.drives_refuse else 0x7004))
             case Followed(profile):
                 origin = Origin.from_label(self.orders.profile_label())
                 self.planner.receive_profile(origin, profile.to_array())
-            case Answered(request, reason, sentence):
+            case Replied(request, reason, sentence):
                 request(reason, sentence)
 
     def carry_out_of_planner(self, action: Any) -> None:
@@ -292,7 +292,7 @@ def memory(robot: Parameters) -> Callable[[Job], Result]:
         return work(Job(0, queue, text, adaptation, here, wrapped), robot, lambda *_: None)
 
     def plan(job: Job) -> Result:
-        if job.behind is not None:
+        if job.append_to is not None:
             return work(job, robot, lambda *_: None)
         x, y, z = (round(value, 9) for value in job.here_m)
         known = remembered(job.queue, job.text, job.adaptation, (x, y, z), job.wrapped)

@@ -136,7 +136,7 @@ def test_halted_it_comes_to_rest_and_gets_on_again_from_there():
     assert stood[0] - bench.along(399, 400)[0] == pytest.approx(0.5 * 0.5 * (rest - 400) * 1e-3, abs=5e-4)
     back_s = bench.tracking.back_s(500)
     bench.tracking.again_cycle = 500
-    bench.tracking.go_on()
+    bench.tracking.resume()
     on = 500 + math.ceil(back_s / 1e-3) + 1
     bench.run(on + 100)
     assert np.abs(bench.along(on, on + 100) - bench.due(0.4, on, on + 100)).max() < 30e-6
@@ -149,7 +149,7 @@ def test_work_that_is_over_while_it_is_halted_is_left_behind_it():
     assert not bench.tracking.works
     left = 500 + math.ceil(bench.tracking.back_s(500) / 1e-3)
     bench.tracking.again_cycle = 500
-    bench.tracking.go_on()
+    bench.tracking.resume()
     bench.run(left + 1, never)
     assert bench.tracking.free
     assert bench.offsets[left] is None
@@ -160,7 +160,7 @@ def test_halted_again_before_it_goes_on_it_stands():
     bench.tracking.halt(400)
     bench.run(450)
     bench.tracking.again_cycle = 470
-    bench.tracking.go_on()
+    bench.tracking.resume()
     bench.run(460)
     bench.tracking.halt(460)
     assert np.ptp(bench.run(600).along(450, 600)) == 0.0
@@ -209,7 +209,7 @@ def test_released_the_robot_is_free_and_the_next_order_counts():
     bench = Bench(steady).order(0.4).run(400)
     bench.tracking.halt(400)
     bench.run(450)
-    bench.tracking.release()
+    bench.tracking.clear()
     assert bench.tracking.free
     assert bench.tracking.lost is None
     bench.order(0.3).run(800, lambda k: k >= 470)
@@ -331,7 +331,7 @@ def test_the_plan_gets_on_and_leaves_and_ends_where_it_is_told():
 def test_torques_on_a_belt_are_those_of_the_whole_motion():
     class Moves:
         offset = Motion((0.05, -0.02, 0.01), (0.8, -0.3, 0.2), (6.0, 9.0, -4.0))
-        lost, forgets = None, False
+        lost, clears_at_rest = None, False
 
         def step(self, cycle, asked):
             return True
@@ -357,7 +357,7 @@ def test_torques_on_a_belt_are_those_of_the_whole_motion():
 
 
 def test_parts_that_nobody_takes_over_are_the_newest_and_the_others_are_counted(monkeypatch):
-    monkeypatch.setattr(belt_knowledge, 'TOLD_MAX', 3)
+    monkeypatch.setattr(belt_knowledge, 'PARTS_MAX', 3)
     tracking = BeltTracking(parameters.load(), [BELT])
     counts = [math.floor(PER_M * 0.1 * n) for n in range(5)]
     for cycle, count in enumerate(counts):

@@ -83,7 +83,7 @@ def test_a_robot_that_goes_with_a_belt_without_moves_is_stopped_too(node, called
     located = node.controller.state.located
     answer = getattr(node.controller.scripts, ask)()
     assert answer.startswith('goes with its belt no longer, in bus cycle ')
-    node.controller.gate.happen(GateEvent.LEAVE)
+    node.controller.gate.handle(GateEvent.END)
     node.goes_on()
     assert node.stands()
     assert node.controller.task.tracking.free
@@ -94,7 +94,7 @@ def test_a_script_that_is_lost_on_a_belt_leaves_the_robot_beside_it(robot, node,
     gets_on(called)
     called.wait_time(0.1)
     node.controller.control.release(node.identity)
-    node.controller.look(1.0)
+    node.controller.poll(1.0)
     node.goes_on()
     assert node.stands()
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
@@ -109,7 +109,7 @@ def test_a_script_does_not_begin_on_a_robot_that_still_leaves_a_belt(node, calle
     while node.controller.state.motion is not MotionState.IDLE or node.controller.task.tracking.free:
         called.wait_time(0.001)
     node.ask('leave')
-    node.controller.gate.happen(GateEvent.LEAVE)
+    node.controller.gate.handle(GateEvent.END)
     reason, _ = node.ask('attach')
     assert (reason.code, str(reason)) == (
         Code.LATE, 'the robot still goes with a belt: ask again once it has left that'
@@ -120,7 +120,7 @@ def test_an_emergency_stop_on_a_belt_ends_with_a_robot_that_takes_moves_again(ro
     gets_on(called)
     controller = node.controller
     controller.state.emergency_stop()
-    controller.look(1.0)
+    controller.poll(1.0)
     node.goes_on()
     assert node.stands()
     controller.state.recover(controller.task.locate(node.bus.answers[-1]))
@@ -138,7 +138,7 @@ def test_a_robot_that_goes_with_a_belt_is_disabled_as_one_that_moves(node, calle
     before = largest_step(node)
     assert controller.enabling.disable().startswith('stops on its path from bus cycle ')
     assert controller.state.fault.code is FaultCode.DISABLED
-    controller.look(1.0)
+    controller.poll(1.0)
     node.goes_on()
     assert node.stands()
     assert controller.task.tracking.rest_cycle < controller.next_cycle
@@ -170,7 +170,7 @@ def test_who_asks_to_get_on_again_and_does_not_go_on_stands(node, called):
     assert reason is None
     assert answer.endswith(', if the robot goes on then')
     node.controller.control.release(node.identity)
-    node.controller.look(1.0)
+    node.controller.poll(1.0)
     node.goes_on()
     assert node.stands(300)
     assert node.controller.state.motion is MotionState.STOPPED
@@ -202,7 +202,7 @@ def test_an_order_that_nobody_follows_is_not_that_of_the_next_part(node, called,
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
     node.get_on(ORDER)
     node.ask('leave')
-    node.controller.gate.happen(GateEvent.LEAVE)
+    node.controller.gate.handle(GateEvent.END)
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
 
 
@@ -332,7 +332,7 @@ def test_a_script_that_catches_the_stop_of_an_operator_does_nothing_on_the_belt_
 def test_a_script_without_control_is_told_so_in_its_block(node, called):
     block = gets_on(called)
     node.controller.control.release(node.identity)
-    node.controller.look(1.0)
+    node.controller.poll(1.0)
     with pytest.raises(cell.ScriptError, match='does not have control of the robot any more') as lost:
         called.wait_time(0.1)
     assert block.__exit__(type(lost.value), lost.value, None) is False
@@ -404,7 +404,7 @@ def test_belts_that_fall_silent_are_named(node, called):
     cycles.take_belts = lambda *_: None
     node.goes_on(20)
     for n in range(50):
-        node.controller.look(0.2 * n)
+        node.controller.poll(0.2 * n)
     assert str(node.controller.state.fault).startswith('no AT of the belts for')
     assert not node.controller.bus.cyclic
     assert node.controller.task.tracking.free

@@ -18,7 +18,7 @@ def control() -> Control:
 def look_until(control: Control, start_s: float, end_s: float) -> list[str]:
     """Look every period; returns who has lost control."""
     steps = round((end_s - start_s) / PERIOD_S)
-    lost = [control.lost(start_s + step * PERIOD_S) for step in range(1, steps + 1)]
+    lost = [control.poll(start_s + step * PERIOD_S) for step in range(1, steps + 1)]
     return [operator.name for operator in lost if operator]
 
 
@@ -64,9 +64,9 @@ def test_released_control_is_free_and_was_not_lost(control: Control) -> None:
 
 def test_who_falls_silent_loses_control_once_after_the_limit_and_not_before(control: Control) -> None:
     control.take(ANNA, False, 0.0)
-    control.heard('a1', 1, 0.0)
+    control.receive_heartbeat('a1', 1, 0.0)
     assert look_until(control, 0.0, OPERATOR_SILENT_S - 2 * PERIOD_S) == []
-    control.heard('a1', 2, OPERATOR_SILENT_S - 2 * PERIOD_S)
+    control.receive_heartbeat('a1', 2, OPERATOR_SILENT_S - 2 * PERIOD_S)
     assert look_until(control, OPERATOR_SILENT_S - 2 * PERIOD_S, 2 * OPERATOR_SILENT_S - 3 * PERIOD_S) == []
     assert look_until(control, 2 * OPERATOR_SILENT_S - 3 * PERIOD_S, 3 * OPERATOR_SILENT_S) == ['Anna']
     assert (control.operator, control.losses) == (None, 1)
@@ -77,7 +77,7 @@ def test_whose_first_heartbeat_has_not_come_yet_is_waited_for_longer(control: Co
     assert look_until(control, 0.0, OPERATOR_APPEARS_S - PERIOD_S) == []
     assert look_until(control, OPERATOR_APPEARS_S - PERIOD_S, OPERATOR_APPEARS_S + 2 * PERIOD_S) == ['Anna']
     control.take(BERT, False, 10.0)
-    control.heard('b2', 1, 10.0)
+    control.receive_heartbeat('b2', 1, 10.0)
     control.take(ANNA, True, 10.0)  # the heartbeat of who was there before is not hers
     assert look_until(control, 10.0, 10.0 + OPERATOR_APPEARS_S - PERIOD_S) == []
 
@@ -85,11 +85,11 @@ def test_whose_first_heartbeat_has_not_come_yet_is_waited_for_longer(control: Co
 def test_heartbeats_that_are_played_back_keep_nobody_in_control(control: Control) -> None:
     control.take(ANNA, False, 0.0)
     for number in range(1, 6):
-        control.heard('a1', number, 0.0)
+        control.receive_heartbeat('a1', number, 0.0)
     lost = []
     for step in range(1, 40):
-        control.heard('a1', 1 + step % 5, step * PERIOD_S)
-        lost.append(control.lost(step * PERIOD_S))
+        control.receive_heartbeat('a1', 1 + step % 5, step * PERIOD_S)
+        lost.append(control.poll(step * PERIOD_S))
     assert [operator.name for operator in lost if operator] == ['Anna']
 
 
@@ -97,8 +97,8 @@ def test_the_heartbeat_of_another_operator_keeps_nobody_in_control(control: Cont
     control.take(ANNA, False, 0.0)
     lost = []
     for step in range(1, 60):
-        control.heard('b2', step, step * PERIOD_S)
-        lost.append(control.lost(step * PERIOD_S))
+        control.receive_heartbeat('b2', step, step * PERIOD_S)
+        lost.append(control.poll(step * PERIOD_S))
     assert [operator.name for operator in lost if operator] == ['Anna']
 
 

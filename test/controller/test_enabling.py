@@ -81,8 +81,8 @@ def test_who_waits_for_drives_to_be_enabled_is_told_when_that_will_not_be(rig: A
     lost = RobotFault(FaultCode.ANSWER_LOST, 'nobody is there')
 
     def fall() -> None:
-        rig.state.lose_bus(lost)
-        rig.enabling.lose_bus(lost)
+        rig.state.handle_bus_loss(lost)
+        rig.enabling.handle_bus_loss(lost)
 
     cases = (
         (lambda: rig.do('disable'), Code.STATE, 'the drives were disabled meanwhile'),
@@ -149,8 +149,8 @@ def test_a_reset_is_answered_when_the_bus_falls_meanwhile(rig: Any) -> None:
     answers: list[Any] = []
     rig.enabling.reset(lambda *answer: answers.append(answer))
     lost = RobotFault(FaultCode.ANSWER_LOST, 'nobody is there')
-    rig.state.lose_bus(lost)
-    rig.enabling.lose_bus(lost)
+    rig.state.handle_bus_loss(lost)
+    rig.enabling.handle_bus_loss(lost)
     rig.settle()
     assert [reason.code for reason, _ in answers] == [Code.BUS]
 

@@ -23,7 +23,7 @@ def reset_in(state: ResetState) -> FaultReset:
 @pytest.mark.parametrize('event', ResetEvent)
 def test_every_event_leads_where_the_table_says_or_nowhere(state: ResetState, event: ResetEvent) -> None:
     reset = reset_in(state)
-    assert reset.happen(event) == ((state, event) in TRANSITIONS)
+    assert reset.handle(event) == ((state, event) in TRANSITIONS)
     assert reset.state is TRANSITIONS.get((state, event), state)
 
 
@@ -55,6 +55,6 @@ def test_after_any_events_a_reset_ends_once_for_each_that_was_begun(steps: list[
             case 'answer' | 'error':
                 ended += reset.answered('' if step == 'answer' else 'no')
             case 'lose':
-                ended += reset.happen(ResetEvent.LOSE_BUS)
+                ended += reset.handle(ResetEvent.BUS_LOST)
         assert begun - ended == reset.under_way
         assert reset.request == (begun - 1 if begun else None)

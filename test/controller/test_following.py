@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.controller.following import TRANSITIONS, FollowEvent, Following, FollowState
+from delta3_pacdrive.controller.following import TRANSITIONS, AppendedMoves, AppendEvent, AppendState
 from delta3_pacdrive.controller.planning_job import FOLLOWING_MAX
 from delta3_pacdrive.controller.program_run import OrderNumbers, ProgramRun
 
@@ -295,23 +295,23 @@ def test_moves_of_an_operator_who_loses_control_before_they_are_taken_are_refuse
     assert len(rig.task.timeline.plan) == 1
 
 
-@pytest.mark.parametrize('state', FollowState)
-@pytest.mark.parametrize('event', FollowEvent)
+@pytest.mark.parametrize('state', AppendState)
+@pytest.mark.parametrize('event', AppendEvent)
 def test_every_event_leads_where_the_table_says_and_nowhere_else(
-    state: FollowState, event: FollowEvent
+    state: AppendState, event: AppendEvent
 ) -> None:
-    following = Following(ProgramRun(OrderNumbers(), CYCLE_S), OrderNumbers())
+    following = AppendedMoves(ProgramRun(OrderNumbers(), CYCLE_S), OrderNumbers())
     following.state = state
-    following.happen(event)
+    following.handle(event)
     assert following.state is TRANSITIONS.get((state, event), state)
 
 
 def test_every_state_is_reached_and_left() -> None:
     reached = {after for (before, _), after in TRANSITIONS.items() if after is not before}
-    assert reached == set(FollowState)
-    assert {before for before, _ in TRANSITIONS} == set(FollowState)
-    assert all(FollowState.NONE in {TRANSITIONS[s, e] for s, e in TRANSITIONS if s is state} or state
-               in (FollowState.NONE,) for state, _ in pairwise([*FollowState, FollowState.NONE]))  # fmt: skip
+    assert reached == set(AppendState)
+    assert {before for before, _ in TRANSITIONS} == set(AppendState)
+    assert all(AppendState.NONE in {TRANSITIONS[s, e] for s, e in TRANSITIONS if s is state} or state
+               in (AppendState.NONE,) for state, _ in pairwise([*AppendState, AppendState.NONE]))  # fmt: skip
 
 
 def request(rig: Any, text: str) -> Any:

@@ -49,7 +49,7 @@ def test_cycle_by_cycle_it_has_the_same_bits(places, robot):
     for cycle, place in enumerate(places):
         assert on_line.take(cycle, place) == (cycle >= 2)
         if cycle >= 2:
-            for name, values in on_line.told().items():
+            for name, values in on_line.signals().items():
                 assert values == whole[name][cycle - 2].tolist(), (name, cycle)
 
 

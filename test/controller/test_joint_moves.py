@@ -113,7 +113,7 @@ def test_between_the_points_arms_and_tcp_follow_the_polynomials(robot, home):
 def test_a_program_that_is_over_leaves_the_arms_where_they_are_within_the_grid(robot, home):
     task = started(robot, plan_of(robot, swing(home)))
     last = [task.command(cycle).copy() for cycle in range(task.end_cycle + 1)][-1]
-    task.unload()
+    task.clear_program()
     assert np.abs(task.command(task.next_cycle) - last).max() <= INCREMENT_RAD * (1.0 + 1e-6)
 
 

@@ -112,7 +112,7 @@ def test_another_speed_goes_without_them(model):
     [
         (lambda task: task.hold(), False),
         (lambda task: task.stop_at(START + 60), True),
-        (lambda task: task.unload(), False),
+        (lambda task: task.clear_program(), False),
     ],
     ids=['hold', 'fault', 'forgotten'],
 )
@@ -128,7 +128,7 @@ def test_they_fade_when_the_program_is_left_and_a_fault_drops_them_for_good(act,
     act(task)
     torques_of(task, START + 1000)
     assert task.learned.reason
-    task.unload()
+    task.clear_program()
     task.locate(Standing(model).motors)
     task.load(planned(model))
     task.start(task.next_cycle)

@@ -87,10 +87,10 @@ def test_an_order_of_anybody_else_is_refused_row_by_row(
 
 
 def test_a_heartbeat_in_another_session_makes_nobody_listened_to(rig: Any, robot: Any) -> None:
-    rig.watch.announced('bbbbbbbb', Identity.of(robot))
+    rig.watch.receive_announcement('bbbbbbbb', Identity.of(robot))
     for step in range(1, 40):  # the present planner says nothing any more
-        rig.orders.heard_planner('bbbbbbbb', 'ffff', step, rig.now_s + 0.2 * step)
-        rig.orders.look(rig.now_s + 0.2 * step)
+        rig.orders.receive_heartbeat('bbbbbbbb', 'ffff', step, rig.now_s + 0.2 * step)
+        rig.orders.poll(rig.now_s + 0.2 * step)
     assert rig.watch.planner == ''
 
 
@@ -137,7 +137,7 @@ def test_an_order_that_is_taken_back_when_it_runs_is_given_up(rig: Any, rows: li
 
 
 def test_a_plan_for_another_robot_is_refused_by_the_parameter(rig: Any, robot: Any, rows: list[Any]) -> None:
-    rig.watch.announced(ME, Identity.of(robot.replace(kinematics__upper_arm_length_m=0.38)))
+    rig.watch.receive_announcement(ME, Identity.of(robot.replace(kinematics__upper_arm_length_m=0.38)))
     send(rig, 100, rows)
     ((_, accepted, sentence),) = verdicts(rig)
     assert not accepted

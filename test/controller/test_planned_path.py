@@ -94,7 +94,7 @@ def plan(robot: Any) -> Plan:
 def test_the_path_of_an_order_is_shown_once_it_is_accepted(path: PlannedPath, plan: Plan) -> None:
     take(path, ordered(plan, 1))
     assert not len(path.points_m)
-    path.look(status(1))
+    path.update(status(1))
     assert comes_near(path, HOME, A, B)
     # in rounds each different move is drawn once
     steps = np.linalg.norm(np.diff(path.points_m, axis=0), axis=1)
@@ -105,22 +105,22 @@ def test_the_path_of_an_order_is_shown_once_it_is_accepted(path: PlannedPath, pl
 def test_who_hears_first_what_was_accepted_shows_the_path_as_soon_as_it_has_come(
     path: PlannedPath, plan: Plan
 ) -> None:
-    path.look(status(1))
+    path.update(status(1))
     take(path, ordered(plan, 1)[:-1])
     assert not len(path.points_m)
     take(path, ordered(plan, 1)[-1:])
     assert comes_near(path, HOME, A, B)
-    path.look(status(1))
+    path.update(status(1))
     assert path.changes == 1
 
 
 def test_an_order_that_is_refused_is_never_shown(path: PlannedPath, plan: Plan, robot: Any) -> None:
     take(path, ordered(plan, 1))
-    path.look(status(1))
+    path.update(status(1))
     other = Stream(robot, line(C))
     for number in range(2, 30):
         take(path, ordered(other.timeline.plan, number))
-        path.look(status(1))
+        path.update(status(1))
     assert comes_near(path, A, B)
     assert not comes_near(path, C)
     # the order that is driven is known however many others were refused
@@ -131,14 +131,14 @@ def test_an_order_that_is_refused_is_never_shown(path: PlannedPath, plan: Plan, 
 def test_moves_that_follow_lengthen_the_path_and_what_was_driven_stays(robot: Any, path: PlannedPath) -> None:
     stream = Stream(robot, line(A))
     take(path, stream.rows)
-    path.look(status(1))
+    path.update(status(1))
     take(path, stream.follow(150, line(B)))
     assert not comes_near(path, B)
-    path.look(status(2))
+    path.update(status(2))
     assert comes_near(path, HOME, A, B)
     # the first move has been driven, and is no part of the plan any more
     take(path, stream.follow(stream.timeline.end_cycle - 20, line(C)))
-    path.look(status(3))
+    path.update(status(3))
     assert comes_near(path, HOME, A, B, C)
     assert np.linalg.norm(np.diff(path.points_m, axis=0), axis=1).max() <= STEP_M
 
@@ -148,10 +148,10 @@ def test_a_corner_that_is_rounded_when_moves_follow_is_drawn_as_it_is_driven(
 ) -> None:
     stream = Stream(robot, line(A, blend_m=0.02))
     take(path, stream.rows)
-    path.look(status(1))
+    path.update(status(1))
     assert comes_near(path, HOME, A)
     take(path, stream.follow(120, line(B)))
-    path.look(status(2))
+    path.update(status(2))
     assert comes_near(path, HOME, B)
     apart = np.linalg.norm(path.points_m - A, axis=1).min()
     assert 2e-3 < apart < 0.02
@@ -160,11 +160,11 @@ def test_a_corner_that_is_rounded_when_moves_follow_is_drawn_as_it_is_driven(
 def test_who_has_missed_the_beginning_shows_what_follows(robot: Any, path: PlannedPath) -> None:
     stream = Stream(robot, line(A))
     take(path, stream.follow(150, line(B)))
-    path.look(status(2))
+    path.update(status(2))
     assert comes_near(path, A, B)
     assert not comes_near(path, HOME)
     take(path, stream.follow(stream.timeline.end_cycle - 20, line(C)))
-    path.look(status(3))
+    path.update(status(3))
     assert comes_near(path, A, B, C)
 
 
@@ -175,7 +175,7 @@ def test_of_a_move_that_is_resumed_the_rest_is_shown(robot: Any, path: PlannedPa
     rest = replace(first, master=table)
     path.take(label('LINE', 1), rest.to_array(0, 1))
     path.take(label(ORDER, 1), np.array([-1.0, 1.0, 0.0]))
-    path.look(status(1))
+    path.update(status(1))
     assert comes_near(path, first.sample([0.05])[0, 0], A)
     assert not comes_near(path, HOME)
 
@@ -186,7 +186,7 @@ def test_a_path_of_arm_angles_is_that_of_the_robot_that_is_known_at_last(robot: 
     planned = program_planner.plan(program_file.parse(document, robot.motion), HOME, robot)
     path = PlannedPath(robot.replace(kinematics__forearm_length_m=0.9).kinematics)
     take(path, ordered(planned.plan, 1))
-    path.look(status(1))
+    path.update(status(1))
     assert not comes_near(path, planned.plan.end_m())
     path.use(robot.kinematics)
     assert comes_near(path, planned.plan.end_m())
@@ -194,10 +194,10 @@ def test_a_path_of_arm_angles_is_that_of_the_robot_that_is_known_at_last(robot: 
 
 def test_a_path_of_a_session_that_is_over_is_not_shown(path: PlannedPath, plan: Plan) -> None:
     take(path, ordered(plan, 1))
-    path.look(status(1))
-    path.look(status(0))  # the planner was started again
+    path.update(status(1))
+    path.update(status(0))  # the planner was started again
     assert len(path.points_m)
-    path.look(status(0, session='0ff5'))
+    path.update(status(0, session='0ff5'))
     assert not len(path.points_m)
 
 
@@ -206,7 +206,7 @@ def test_a_plan_of_thousands_of_moves_is_drawn_with_fewer_points(path: PlannedPa
     for n in range(count):
         path.take(label('LINE', 1), plan.moves[n % 2].to_array(n, count))
     path.take(label(ORDER, 1), np.arange(-2.0, count))
-    path.look(status(1))
+    path.update(status(1))
     assert POINTS_MAX / 2 < len(path.points_m) <= POINTS_MAX
 
 
@@ -223,7 +223,7 @@ def test_what_is_no_row_of_a_plan_is_refused(path: PlannedPath, text: str, row: 
         path.take(text, np.array(row))
     path.take(label(ORDER, 1), np.array([-1.0, 1.0, np.nan, 1e300, -5.0]))
     path.take(label('ABRACADABRA', 1), np.array([1.0]))
-    path.look(status(1))
+    path.update(status(1))
     assert not len(path.points_m)
 
 
@@ -231,5 +231,5 @@ def test_a_move_that_is_longer_than_numbers_go_is_not_shown(path: PlannedPath, p
     slow = np.array([1e2, 5e306, 5e304, 5e302, 5e300])  # so that no jerk is infinite
     row = replace(plan.moves[0], master=slow * plan.moves[0].master).to_array(0, 1)
     take(path, [(label('LINE', 1), row), (label(ORDER, 1), np.array([-1.0, 1.0, 0.0]))])
-    path.look(status(1))
+    path.update(status(1))
     assert np.isfinite(path.points_m).all()

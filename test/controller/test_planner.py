@@ -59,10 +59,10 @@ def test_a_verdict_that_was_lost_is_read_out_of_the_status(client: Client) -> No
 def test_an_order_that_nobody_answers_is_taken_back_and_the_queue_is_as_before(client: Client) -> None:
     ordered = client.order()
     client.now_s += VERDICT_S - 0.1
-    client.planner.look(client.now_s)
+    client.planner.poll(client.now_s)
     assert client.none(Revoked)
     client.now_s += 0.2
-    client.planner.look(client.now_s)
+    client.planner.poll(client.now_s)
     assert client.do(Revoked).number == ordered.number
     assert client.answer()[0].code == Code.SILENT
     assert client.planner.queue[0] == 1
@@ -73,7 +73,7 @@ def test_a_plan_that_is_still_being_checked_may_take_its_time(client: Client) ->
     for checked in range(1, 10):
         client.now_s += VERDICT_S - 1.0
         client.say(checked=checked)
-        client.planner.look(client.now_s)
+        client.planner.poll(client.now_s)
     assert client.none(Revoked)
 
 
@@ -120,7 +120,7 @@ def test_a_program_that_ran_on_a_bus_that_is_gone_can_be_started_again(client: C
     client.say(session='beef', previous='', state='idle', located=1, order=0)
     client.ask('resume')
     client.now_s += NEWS_S
-    client.planner.look(client.now_s)
+    client.planner.poll(client.now_s)
     assert 'only a stopped program can be resumed' in client.answer()[0].sentence
     client.ask('start')
     client.plan()
@@ -147,7 +147,7 @@ def test_who_knows_more_of_control_is_served_when_the_planner_knows_it_too(clien
 def test_control_that_never_becomes_known_makes_nobody_wait_for_ever(client: Client) -> None:
     client.ask('clear', control=7)
     client.now_s += NEWS_S
-    client.planner.look(client.now_s)
+    client.planner.poll(client.now_s)
     assert client.answer() == (None, 'the queue is empty')
 
 

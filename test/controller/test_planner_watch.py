@@ -17,8 +17,8 @@ def identity(robot) -> Identity:
 @pytest.fixture
 def watch(identity: Identity) -> PlannerWatch:
     made = PlannerWatch(PERIOD_S, identity)
-    made.announced('one', identity)
-    made.announced('two', identity)
+    made.receive_announcement('one', identity)
+    made.receive_announcement('two', identity)
     return made
 
 
@@ -27,19 +27,19 @@ def look_until(watch: PlannerWatch, start_s: float, end_s: float, running: str) 
     said = []
     for step in range(1, round((end_s - start_s) / PERIOD_S) + 1):
         now = start_s + step * PERIOD_S
-        said.append((now, watch.look(now, running)))
+        said.append((now, watch.poll(now, running)))
     return [(now, reason.sentence) for now, reason in said if reason]
 
 
 def test_a_planner_that_has_not_announced_its_parameters_is_not_listened_to(watch: PlannerWatch) -> None:
-    watch.heard('three', 1, 0.0)
+    watch.receive_heartbeat('three', 1, 0.0)
     assert watch.planner == ''
     assert str(watch.disagreement()) == 'there is no planner'
 
 
 def test_the_first_planner_is_listened_to_and_a_second_one_is_not(watch: PlannerWatch) -> None:
-    watch.heard('one', 1, 0.0)
-    watch.heard('two', 1, 0.0)
+    watch.receive_heartbeat('one', 1, 0.0)
+    watch.receive_heartbeat('two', 1, 0.0)
     assert watch.planner == 'one'
     assert watch.disagreement() is None
 
@@ -47,7 +47,7 @@ def test_the_first_planner_is_listened_to_and_a_second_one_is_not(watch: Planner
 def test_a_planner_that_falls_silent_under_its_program_is_told_once_the_limit_is_over(
     watch: PlannerWatch,
 ) -> None:
-    watch.heard('one', 1, 0.0)
+    watch.receive_heartbeat('one', 1, 0.0)
     said = look_until(watch, 0.0, PLANNER_SILENT_S + 0.5, 'one')
     assert [text for _, text in said][:1] == [f'unit_robot silent for {PLANNER_SILENT_S + PERIOD_S:.1f} s']
     assert said[0][0] == pytest.approx(PLANNER_SILENT_S + PERIOD_S, abs=PERIOD_S)
@@ -57,7 +57,7 @@ def test_a_planner_that_falls_silent_under_its_program_is_told_once_the_limit_is
 def test_a_planner_that_falls_silent_while_nothing_runs_is_forgotten_without_a_word(
     watch: PlannerWatch,
 ) -> None:
-    watch.heard('one', 1, 0.0)
+    watch.receive_heartbeat('one', 1, 0.0)
     assert look_until(watch, 0.0, PLANNER_SILENT_S + 0.5, '') == []
     assert watch.planner == ''
 
@@ -65,8 +65,8 @@ def test_a_planner_that_falls_silent_while_nothing_runs_is_forgotten_without_a_w
 def test_another_planner_takes_the_place_of_one_that_is_silent_and_stops_its_program(
     watch: PlannerWatch,
 ) -> None:
-    watch.heard('one', 1, 0.0)
-    watch.heard('two', 1, 0.1)
+    watch.receive_heartbeat('one', 1, 0.0)
+    watch.receive_heartbeat('two', 1, 0.1)
     said = look_until(watch, 0.0, RESTARTED_S + 0.5, 'one')
     assert [text for _, text in said] == ['unit_robot was started again while its program ran']
     assert watch.planner == 'two'
@@ -75,35 +75,35 @@ def test_another_planner_takes_the_place_of_one_that_is_silent_and_stops_its_pro
 def test_another_planner_changes_nothing_while_the_first_one_lives(watch: PlannerWatch) -> None:
     said = []
     for step in range(1, 50):
-        watch.heard('one', step, step * PERIOD_S)
-        watch.heard('two', step, step * PERIOD_S)
-        said.append(watch.look(step * PERIOD_S, 'one'))
+        watch.receive_heartbeat('one', step, step * PERIOD_S)
+        watch.receive_heartbeat('two', step, step * PERIOD_S)
+        said.append(watch.poll(step * PERIOD_S, 'one'))
     assert set(said) == {None}
     assert watch.planner == 'one'
 
 
 def test_heartbeats_that_are_played_back_do_not_keep_a_dead_planner_alive(watch: PlannerWatch) -> None:
     for number in range(1, 6):
-        watch.heard('one', number, 0.0)
+        watch.receive_heartbeat('one', number, 0.0)
     said = []
     for step in range(1, 40):
-        watch.heard('one', 1 + step % 5, step * PERIOD_S)
-        said.append(watch.look(step * PERIOD_S, 'one'))
+        watch.receive_heartbeat('one', 1 + step % 5, step * PERIOD_S)
+        said.append(watch.poll(step * PERIOD_S, 'one'))
     assert [reason.sentence[:17] for reason in said if reason] == ['unit_robot silent']
 
 
 def test_a_planner_for_another_robot_is_named_with_the_parameter(robot, watch: PlannerWatch) -> None:
-    watch.announced('other', Identity.of(robot.replace(kinematics__upper_arm_length_m=0.38)))
-    watch.heard('other', 1, 0.0)
+    watch.receive_announcement('other', Identity.of(robot.replace(kinematics__upper_arm_length_m=0.38)))
+    watch.receive_heartbeat('other', 1, 0.0)
     assert 'kinematics.upper_arm_length_m is 0.38 there, 0.4 here' in str(watch.disagreement())
 
 
 def test_announcements_of_many_do_not_push_out_the_planner_that_is_listened_to(
     identity: Identity, watch: PlannerWatch
 ) -> None:
-    watch.heard('one', 1, 0.0)
+    watch.receive_heartbeat('one', 1, 0.0)
     for number in range(3 * PLANNERS_MAX):
-        watch.announced(f'many{number}', identity)
+        watch.receive_announcement(f'many{number}', identity)
     assert watch.disagreement() is None
-    watch.heard('one', 2, 1.0)
+    watch.receive_heartbeat('one', 2, 1.0)
     assert watch.planner == 'one'

@@ -23,11 +23,11 @@ HALF = Change(0.5, 'override 50 %', lasting=True)
 def test_every_row_leads_where_the_table_says(state: ChangeState, event: ChangeEvent) -> None:
     changes = ProfileChange()
     changes.send(HALF, 1, 0.0)
-    changes.happen(ChangeEvent.MISS)
+    changes.handle(ChangeEvent.MISS)
     if state is ChangeState.SENT:
         changes.send(HALF, 2, 0.0)
     assert changes.lead_cycles == LEAD_CYCLES * LEAD_FACTOR
-    changes.happen(event)
+    changes.handle(event)
     after, lead = TRANSITIONS[state, event]
     assert changes.state is after
     due = {Lead.AS_BEFORE: LEAD_FACTOR, Lead.LONGER: LEAD_FACTOR**2, Lead.SHORTEST: 1}
@@ -50,7 +50,7 @@ def test_after_any_events_a_change_waits_only_if_it_was_sent_and_not_answered(
             changes.send(HALF, number, float(number))
             assert (changes.number, changes.since_s) == (number, float(number))
         elif event is not ChangeEvent.MISS or changes.may_be_later:
-            changes.happen(event)
+            changes.handle(event)
         else:
             continue
         waits = event is ChangeEvent.SEND

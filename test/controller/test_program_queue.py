@@ -47,7 +47,7 @@ def test_a_robot_that_stands_elsewhere_keeps_the_moves_and_forgets_the_plan(
 ) -> None:
     queue = ProgramQueue(None)
     queue.put(*planned)
-    queue.forget_plan()
+    queue.clear_plan()
     assert (queue.program, queue.planned) == (planned[0], None)
 
 
@@ -72,7 +72,7 @@ def test_there_is_never_a_plan_without_a_program_nor_a_time_without_a_plan(
             case 'put planned':
                 queue.put(*planned)
             case 'forget':
-                queue.forget_plan()
+                queue.clear_plan()
             case 'clear':
                 queue.clear()
         assert queue.program is not None or queue.planned is None

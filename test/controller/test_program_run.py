@@ -51,7 +51,7 @@ def lead(run: ProgramRun, order: Order, *events: RunEvent) -> list[Any]:
         elif event is E.RENUMBER:
             actions = run.renumber()
         else:
-            actions = run.happen(event)
+            actions = run.handle(event)
     return actions
 
 
@@ -80,7 +80,7 @@ def test_every_state_is_reached_and_left_and_every_event_happens() -> None:
 def test_what_is_not_in_the_table_changes_nothing(events: list[RunEvent]) -> None:
     run = ProgramRun(OrderNumbers(), 1e-3)
     for event in events:
-        assert run.happen(event) == []
+        assert run.handle(event) == []
     assert (run.state, run.remains, run.timeline) == (S.NONE, Remains.NOTHING, None)
 
 
@@ -126,4 +126,4 @@ def test_an_order_is_sent_again_with_a_number_far_above_but_not_for_ever(
         assert again.moves == first.moves
         first = again
     assert run.renumber() == []
-    assert run.happen(E.REVOKE) == [Revoked(first.number)]
+    assert run.handle(E.REVOKE) == [Revoked(first.number)]

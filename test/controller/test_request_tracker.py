@@ -65,7 +65,7 @@ def test_an_output_ends_with_the_move_before_it(told: Told) -> None:
 def test_what_is_given_up_and_what_never_started_says_why(told: Told) -> None:
     told.tracker.begin('c')
     told.tracker.refuse('c', GONE)
-    told.tracker.empty(GONE)
+    told.tracker.abort_queued(GONE)
     assert told.new()[1:] == [('c', 'refused', 0), ('a', 'aborted', 2), ('b', 'aborted', 1)]
     told.tracker.refuse('d', GONE)  # before it was planned
     assert told.new() == [('d', 'refused', 0)]
@@ -77,12 +77,12 @@ def test_moves_that_follow_are_driven_behind_the_others(told: Told) -> None:
     told.new()
     told.tracker.begin('c')
     # the first move is not known any more, and a blend has moved the end of the last one
-    told.tracker.follow('c', 1, [(0, 0.2), (1, 0.09), (1, 0.2)])
+    told.tracker.append('c', 1, [(0, 0.2), (1, 0.09), (1, 0.2)])
     assert told.new() == [('c', 'planning', 0), ('c', 'queued', 1)]
-    assert told.tracker.following == 1
+    assert told.tracker.appended == 1
     told.tracker.reach(1, 0.1)
     assert told.new() == [('a', 'done', 0), ('b', 'done', 0), ('c', 'running', 1)]
-    told.tracker.give_up(GONE)
+    told.tracker.abort(GONE)
     assert told.new() == [('c', 'aborted', 1)]
 
 

@@ -72,27 +72,27 @@ class Cell:
 
     def greet(self, _: Any) -> None:
         for index, position in enumerate(HOME):
-            self.robot.greeted(index, ((position, 0.0, 0.0), READY, 0))
+            self.robot.receive_greeting(index, ((position, 0.0, 0.0), READY, 0))
 
     def send(self, cycle: int, command: Command) -> None:
         assert cycle not in self.sent
         self.sent[cycle] = command._replace(motors=command.motors.copy())
 
-    def tell(self, cycle: int) -> None:
+    def publish_answers(self, cycle: int) -> None:
         self.told.append(cycle)
 
-    def refuse(self, reason: str) -> None:
+    def reject_telegram(self, reason: str) -> None:
         self.refused.append(reason)
 
     def check_faults(self, _: Any) -> None:
         """Find nothing wrong."""
 
-    def change(self) -> None:
+    def run_actions(self) -> None:
         self.robot.state.actions.clear()
 
-    def report(self) -> None:
+    def publish_status(self) -> None:
         self.reports += 1
-        self.change()
+        self.run_actions()
 
     @property
     def fault(self) -> str:
@@ -104,7 +104,9 @@ class Cell:
     def hear(self, name: str, occasion: Occasion = Occasion.CALLED, instance: str = 'first') -> None:
         session = self.robot.bus.session.decode()
         seen = max(self.sent, default=-1) + 1
-        self.robot.announced(Announcement(name, instance, session, occasion, OURS, DRIVES, seen, self.inputs))
+        self.robot.receive_announcement(
+            Announcement(name, instance, session, occasion, OURS, DRIVES, seen, self.inputs)
+        )
 
     def come_up(self) -> 'Cell':
         """Let everybody answer until cyclic operation begins."""
@@ -113,7 +115,7 @@ class Cell:
                 break
             for name in PARTICIPANTS:
                 self.hear(name)
-            self.robot.look_at_start_up(None)
+            self.robot.poll_start_up(None)
         assert self.robot.bus.phase == Phase.CP4
         self.ahead = [self.robot.next_cycle] * 3
         self.robot.cycles.start_due()
@@ -143,7 +145,7 @@ class Cell:
         end = self.now_s + seconds
         while self.now_s < end:
             self.now_s += REPORT_S
-            self.robot.look(self.now_s)
+            self.robot.poll(self.now_s)
 
 
 @pytest.fixture
@@ -311,7 +313,7 @@ EVENTS = st.one_of(
 )
 
 
-def happen(cell: Cell, event: tuple[str, Any]) -> None:
+def handle(cell: Cell, event: tuple[str, Any]) -> None:
     what, value = event
     robot = cell.robot
     if what == 'run':
@@ -343,7 +345,7 @@ def test_whatever_happens_bus_time_never_goes_back_and_a_fault_stays(events: lis
     cell = Cell().come_up()
     fault, cycle = '', 0
     for event in events:
-        happen(cell, event)
+        handle(cell, event)
         robot = cell.robot
         assert robot.next_cycle - robot.answered >= 0
         assert not robot.cycles.running or robot.next_cycle - robot.answered <= OUTSTANDING

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from delta3_pacdrive.controller.motion_state import TRANSITIONS, Event, MotionState
-from delta3_pacdrive.controller.robot_actions import Asked, Entered
+from delta3_pacdrive.controller.robot_actions import AccessRequested, Entered
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
 from delta3_pacdrive.sercos.service_channel import Answer, ServiceError, parse_idn
 
@@ -26,13 +26,13 @@ def let_it_happen(rig: Any, event: Event) -> Any:
             return rig.do('hold')[0]
         case Event.ABORT:
             return not isinstance(rig.state.abort(), Reason)
-        case Event.STAND | Event.END:
+        case Event.REST | Event.END:
             rig.run(1000)
-        case Event.GIVE_UP:
+        case Event.CLEAR:
             rig.state.abort()
             rig.run(200)
         case Event.FAIL:
-            rig.state.note(FAULT)
+            rig.state.record_fault(FAULT)
         case Event.RESET:
             return rig.do('reset')[0]
     return True
@@ -115,7 +115,7 @@ def test_the_drives_are_asked_for_the_currents_of_a_program_when_it_is_over(rig:
     rig.lead_to(MotionState.MOVING)
     rig.said.clear()
     rig.run(1000)
-    asked = [act for act in rig.said if isinstance(act, Asked)]
+    asked = [act for act in rig.said if isinstance(act, AccessRequested)]
     rig.task.current_peak[:] = rig.task.current_rms[:] = [
         None
     ] * 3  # the rig's drives have answered nothing of use
@@ -135,7 +135,7 @@ def test_the_drives_are_asked_for_the_currents_of_a_program_when_it_is_over(rig:
 def test_currents_that_are_told_late_are_not_those_of_the_next_program(rig: Any) -> None:
     rig.lead_to(MotionState.MOVING)
     rig.run(1000)
-    late = [act for act in rig.said if isinstance(act, Asked)]
+    late = [act for act in rig.said if isinstance(act, AccessRequested)]
     assert len(late) >= 6
     rig.task.load(rig.task.timeline.plan)
     rig.task.start(rig.next_cycle + 20)

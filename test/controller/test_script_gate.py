@@ -20,9 +20,9 @@ def gate(robot):
 def brought_to(gate, state):
     """Bring a gate into a state."""
     if state is not GateState.FREE:
-        gate.happen(GateEvent.ATTACH)
+        gate.handle(GateEvent.ATTACH)
     if state is GateState.RUNNING:
-        gate.happen(GateEvent.WAIT)
+        gate.handle(GateEvent.WAIT)
     assert gate.state is state
     return gate
 
@@ -31,16 +31,16 @@ def brought_to(gate, state):
 @pytest.mark.parametrize('event', GateEvent)
 def test_each_row_of_the_table_and_nothing_else_happens(gate, state, event):
     step = TRANSITIONS.get((state, event))
-    held = brought_to(gate, state).happen(event)
+    held = brought_to(gate, state).handle(event)
     assert gate.state is (state if step is None else step.state)
     assert held is (step is not None and step.holds_robot)
 
 
 def test_a_script_that_is_lost_stops_the_robot_and_one_that_ends_does_not():
     for state in (GateState.RUNNING, GateState.WAITING):
-        assert TRANSITIONS[state, GateEvent.LOSE].holds_robot
-        assert not TRANSITIONS[state, GateEvent.LEAVE].holds_robot
-    assert (GateState.FREE, GateEvent.LOSE) not in TRANSITIONS
+        assert TRANSITIONS[state, GateEvent.CONTROL_LOST].holds_robot
+        assert not TRANSITIONS[state, GateEvent.END].holds_robot
+    assert (GateState.FREE, GateEvent.CONTROL_LOST) not in TRANSITIONS
 
 
 def test_the_bus_waits_only_while_a_script_decides_and_never_for_a_clock(robot, gate):
@@ -92,7 +92,7 @@ def test_the_robot_is_held_with_the_command_before_the_cycle_of_the_hold(gate):
 def test_a_hold_of_a_script_that_has_ended_is_forgotten(gate):
     gate.attach(10)
     gate.hold_cycle = 15
-    gate.happen(GateEvent.LEAVE)
+    gate.handle(GateEvent.END)
     assert not any(gate.commanded(cycle) for cycle in range(12, 17))
 
 
@@ -155,7 +155,7 @@ def test_a_fault_opens_the_gate_so_that_the_robot_can_stop(robot):
     called.wait_time(0.1)
     sent = len(bus.commands)
     bus.controller.state.emergency_stop()
-    bus.controller.look(1.0)
+    bus.controller.poll(1.0)
     for _ in range(1000):
         bus.exchange()
     assert len(bus.commands) > sent + 900

@@ -50,11 +50,11 @@ class Sequence:
             if kind < 0.8
             else self.operate
             if kind < 0.9
-            else self.happen
+            else self.handle
         )
         what()
         self.now_s += 0.1
-        self.controller.look(self.now_s)
+        self.controller.poll(self.now_s)
         for _ in range(self.chance.randrange(4)):
             self.node.bus.exchange()
 
@@ -131,7 +131,7 @@ class Sequence:
         what = chance.choice(list(acts))
         self.attempt(what, acts[what])
 
-    def happen(self):
+    def handle(self):
         """Let something happen: time passes, or an answer is lost."""
         if self.chance.random() < 0.3:
             self.node.bus.lose_answer = self.controller.cycles.answered + 1
@@ -158,7 +158,7 @@ class Sequence:
                 self.attempt('the script goes on', lambda: self.script.wait_time(0.02))
             self.node.goes_on(20)
             self.now_s += 0.1
-            self.controller.look(self.now_s)
+            self.controller.poll(self.now_s)
         raise AssertionError('nobody has answered')
 
     def check(self):

@@ -106,15 +106,15 @@ def test_a_hold_at_no_bus_cycle_is_refused(node, called, text):
 
 def test_a_script_that_waits_is_told_that_it_is_not_forgotten(node, called):
     moving(node, called)
-    node.controller.control.heard(node.identity, 1, 1.0)
-    node.controller.look(1.0)
+    node.controller.control.receive_heartbeat(node.identity, 1, 1.0)
+    node.controller.poll(1.0)
     assert node.replies == [(None, '', False)]
 
 
 def test_a_script_that_has_lost_control_leaves_the_robot_in_a_stop_on_its_path(node, called):
     moving(node, called)
     node.controller.control.take(Operator('0011223344556677', 'somebody else'), True, 1.0)
-    node.controller.look(1.0)
+    node.controller.poll(1.0)
     assert node.controller.state.motion is MotionState.STOPPING
     assert node.controller.gate.state is GateState.FREE
     assert node.replies[-1][0].code is Code.CONTROL
@@ -129,7 +129,7 @@ def test_a_script_that_is_lost_while_the_bus_waits_for_it_lets_the_bus_go_on_to_
     called.wait_time(0.1)
     assert node.controller.gate.closed
     node.controller.control.release(node.identity)
-    node.controller.look(1.0)
+    node.controller.poll(1.0)
     for _ in range(2000):
         node.bus.exchange()
     assert node.controller.state.motion is MotionState.STOPPED
@@ -203,7 +203,7 @@ def test_an_abort_that_is_refused_because_nothing_is_driven_leaves_the_script_wa
 def test_a_fault_ends_a_wait_with_its_sentence(node, called):
     moving(node, called)
     node.controller.state.emergency_stop()
-    node.controller.look(1.0)
+    node.controller.poll(1.0)
     reason, _, done = node.replies[-1]
     assert (reason.code, done) == (Code.FAULT, True)
     with pytest.raises(ScriptError, match='emergency stop') as refused:
@@ -233,8 +233,8 @@ def test_what_a_planner_drives_and_somebody_holds_can_be_resumed_before_a_script
     called.wait_time(0.1)
     called.give_up()
     node.ask(LEAVE)
-    node.controller.planners.announced(node.identity, Identity.of(robot))  # it was the planner's
-    node.controller.orders.heard_planner(node.identity, node.bus.session, 1, 0.0)
+    node.controller.planners.receive_announcement(node.identity, Identity.of(robot))  # it was the planner's
+    node.controller.orders.receive_heartbeat(node.identity, node.bus.session, 1, 0.0)
     reason, _ = node.ask(ATTACH)
     assert str(reason).endswith(
         'delta3 move abort gives up what it drives, delta3 move resume goes on with it'
@@ -271,7 +271,7 @@ class InterruptedNode(ServedNode):
 
     def leave_robot(self):
         self.controller.control.release(self.identity)
-        self.controller.look(1.0)
+        self.controller.poll(1.0)
 
     def end(self):
         self.ask(LEAVE)
@@ -300,7 +300,7 @@ def test_a_script_that_is_interrupted_before_it_hears_of_its_order_leaves_the_ro
 def test_a_script_that_is_announced_begins_in_its_bus_cycle(robot):
     node = ServedNode(robot)
     gate = node.controller.gate
-    gate.happen(GateEvent.LEAVE)
+    gate.handle(GateEvent.END)
     gate.begins = node.controller.answered + 50
     first = gate.begins
     reason, _ = node.ask(ATTACH)
@@ -316,8 +316,8 @@ def test_a_planner_that_is_heard_first_while_a_script_drives_changes_nothing(rob
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     orders, planners = node.controller.orders, node.controller.planners
-    planners.announced('a-planner', Identity.of(robot))
-    assert orders.heard_planner('a-planner', node.bus.session, 1, 0.0)
+    planners.receive_announcement('a-planner', Identity.of(robot))
+    assert orders.receive_heartbeat('a-planner', node.bus.session, 1, 0.0)
     called.move_l(to_mm=[150, 50, -800])
     called.wait_time(0.1)
     assert node.controller.state.motion is MotionState.MOVING
@@ -347,7 +347,7 @@ def test_a_script_that_ends_lets_the_bus_go_on_with_what_was_answered_meanwhile(
 def test_a_script_that_is_gone_lets_the_bus_go_on_with_what_was_answered_meanwhile(node, called):
     before = answered_while_the_bus_waits(node, called)
     node.controller.control.release(node.identity)
-    node.controller.look(1.0)
+    node.controller.poll(1.0)
     for _ in range(50):
         node.bus.exchange()
     assert node.controller.answered > before + 40

@@ -182,7 +182,7 @@ def test_tolerances_of_a_trajectory_count_for_it_and_no_other(robot, timeline):
     assert watch.follow(1, timeline, 500, answered(timeline, 500, 0.0, -0.0125, 0.0)) is not None
     watch.begin(2, None)
     assert watch.follow(2, timeline, 500, answered(timeline, 500, 0.0, -0.0125, 0.0)) is None
-    assert not watch.wants
+    assert not watch.active
 
 
 def test_a_goal_is_waited_for_although_nobody_has_looked_on_the_way(robot, timeline):

@@ -227,7 +227,7 @@ def test_a_stop_that_nobody_answers_is_told_after_a_while_and_the_next_request_i
     client.run()
     client.ask('trajectory', TrajectoryRequest(0.0, []).to_json())
     client.now_s += VERDICT_S + 0.1
-    client.planner.look(client.now_s)
+    client.planner.poll(client.now_s)
     assert client.answer()[0].code == Code.SILENT
     client.ask('clear')
     assert client.answer()[0] is None

@@ -155,7 +155,7 @@ def test_the_control_word_marks_the_cycles_of_a_program_and_those_that_count(rob
     assert task.control(task.last_cycle) & CONTROL_MEASURE == CONTROL_MEASURE
     assert task.last_cycle < last
     assert task.control(task.last_cycle + 1) & CONTROL_MEASURE == CONTROL_PROGRAM, held
-    task.unload()
+    task.clear_program()
     assert task.control(last) == CONTROL_ON
 
 
@@ -352,7 +352,7 @@ def test_a_held_tcp_stands_on_its_line_until_the_program_is_unloaded(robot):
     direction = (np.array(END) - START) / np.linalg.norm(np.array(END) - START)
     away = place - START
     assert np.linalg.norm(away - (away @ direction) * direction) < GRID_M
-    task.unload()
+    task.clear_program()
     task.command(standing + 50)
     assert np.array_equal(task.state['tcp'][0], place)
 
@@ -408,7 +408,7 @@ def test_an_output_behind_the_place_of_a_hold_waits_for_the_program_to_go_on(rob
     assert not any(row[3] for row in rows)
     timeline = task.timeline
     task.change(resume(timeline, stopped + 220, 0.5))
-    rows = outputs_over(task, stopped + 200, task.coming_last_cycle)
+    rows = outputs_over(task, stopped + 200, task.pending_last_cycle)
     n = next(n for n, row in enumerate(rows) if row[3])
     assert rows[n - 1][2] < 0.2 - ROUNDING <= rows[n][2]
 

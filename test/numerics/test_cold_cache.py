@@ -33,7 +33,7 @@ from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.numerics import kernel
 saved = []
 with kernel.watched(lambda: saved.append(1)):
-    simulation.rehearse(parameters.load(*sys.argv[1:]))
+    simulation.precompile(parameters.load(*sys.argv[1:]))
 print(json.dumps(len(saved)))
 """
 

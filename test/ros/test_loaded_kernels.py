@@ -46,7 +46,7 @@ def late(*arguments: str) -> str:
     return printed(STANDING, *arguments)[0]
 
 
-PREPARED = [('', 'load_cyclic_kernels'), ('rich+rotary', 'load_cyclic_kernels'), ('', 'rehearse')]
+PREPARED = [('', 'load_cyclic_kernels'), ('rich+rotary', 'load_cyclic_kernels'), ('', 'precompile')]
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,7 @@ def test_where_moves_end_is_known_at_an_override(machine):
     start, delay = machine.motion.start_cycle, machine.set_point_delay_cycles
     stepped.go_to(start + 100)
     task.change(resume(task.timeline, task.next_cycle, 0.5))
-    stepped.go_to(task.coming_last_cycle + 1)
+    stepped.go_to(task.pending_last_cycle + 1)
     profile = task.timeline.record[0]
     over = profile['cycle'] + (profile['duration'] + (end - profile['time']) / 0.5) / 1e-3
     errors = stepped.signals()['turn_error'][:, 0]
@@ -250,7 +250,7 @@ def test_a_pure_turn_is_held_and_resumed_as_any_move(machine):
     held_deg = math.degrees(task.turning.angle_rad)
     assert 20.0 < held_deg < 280.0
     task.change(resume(task.timeline, task.next_cycle, 1.0))
-    stepped.go_to(task.coming_last_cycle)
+    stepped.go_to(task.pending_last_cycle)
     assert math.degrees(task.turning.angle_rad) == pytest.approx(300.0, rel=1e-12)
 
 

@@ -59,7 +59,7 @@ DOMAIN, _LOCK = _free_domain()
 @pytest.fixture(autouse=True, scope='session')
 def compiled() -> None:
     """Compile every kernel before the first test waits for something."""
-    simulation.rehearse(parameters.load())
+    simulation.precompile(parameters.load())
 
 
 @pytest.fixture(autouse=True, scope='session')

@@ -11,7 +11,7 @@ from delta3_pacdrive.controller.belt_axes import belts_text
 from delta3_pacdrive.controller.control import Operator
 from delta3_pacdrive.controller.messages import EXACT, EXTEND, ORDER, PROFILE, Origin, Request
 from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
-from delta3_pacdrive.controller.robot_actions import Answered, Asked
+from delta3_pacdrive.controller.robot_actions import AccessRequested, Replied
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.controller.script_gate import GateState
 from delta3_pacdrive.controller.script_service import (
@@ -62,7 +62,7 @@ class BusPort:
 
     def greet(self, _: Any) -> None:
         for index, position in enumerate(self.machine.encoder_positions()):
-            self.controller.greeted(index, ((position, 0.0, 0.0), 0, 0))
+            self.controller.receive_greeting(index, ((position, 0.0, 0.0), 0, 0))
 
     def send(self, cycle: int, command: Any) -> None:
         kept = command._replace(motors=command.motors.copy(), torques=np.copy(command.torques))
@@ -80,26 +80,26 @@ class BusPort:
         self.machine.grip(self.world.carried_kg)
         return self.world.carried_kg
 
-    def tell(self, cycle: int) -> None:
+    def publish_answers(self, cycle: int) -> None:
         if cycle == self._first_decision:
             self.controller.gate.attach(cycle + 1)
 
-    def refuse(self, reason: str) -> None:
+    def reject_telegram(self, reason: str) -> None:
         raise AssertionError(reason)
 
     def check_faults(self, _: Any) -> None:
         """Find nothing wrong."""
 
-    def change(self) -> None:
+    def run_actions(self) -> None:
         actions, self.controller.state.actions = self.controller.state.actions, []
         for action in actions:
-            if isinstance(action, Answered):
+            if isinstance(action, Replied):
                 action.request(action.reason, action.sentence)
-            elif isinstance(action, Asked):  # drives without a fault have nothing to say against it
+            elif isinstance(action, AccessRequested):  # drives without a fault have nothing to say against it
                 action.done(action.index, Answer(action.access.idn, 0))
 
-    def report(self) -> None:
-        self.change()
+    def publish_status(self) -> None:
+        self.run_actions()
 
 
 class ScriptBus:
@@ -134,8 +134,8 @@ class ScriptBus:
                 session = self.controller.bus.session.decode()
                 occasion = Occasion.CALLED
                 told = Announcement(name, 'first', session, occasion, ours, DRIVES, 0, belts=belts)
-                self.controller.announced(told)
-            self.controller.look_at_start_up(None)
+                self.controller.receive_announcement(told)
+            self.controller.poll_start_up(None)
         while self.controller.gate.state is GateState.FREE:
             self.exchange()
 

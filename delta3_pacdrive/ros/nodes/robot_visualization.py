@@ -190,7 +190,7 @@ class RobotVisualizationNode(PollingNode):
 
     def _on_status(self, message: String) -> None:
         self._present.heard()
-        self._planned.look(Status.from_json(message.data))
+        self._planned.update(Status.from_json(message.data))
         self._markers.plan(self._planned.points_m)
 
     def _on_outputs(self, message: JointState) -> None:

@@ -95,18 +95,20 @@ class TransformationTaskNode(PollingNode):
             factor > 0.0,
             self._cycles.statistics,
             self._cycles.take,
-            controller.greeted,
+            controller.receive_greeting,
             controller.services.drives,
         )
         self._inputs = InputReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         self._belts = BeltReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         offer_service_requests(self, controller.services)
         self._injection = FaultInjection(self, controller, cycle_time_s)
-        self._planner = PlannerLink(self, controller, self.change)
+        self._planner = PlannerLink(self, controller, self.run_actions)
         self._actions = RobotOutputs(self, controller, self._injection, self._planner, clock)
-        self._operators = OperatorServices(self, controller, self.change, self._planner.tell_status)
-        self._scripts = ScriptRequests(self, controller, self.change)
-        receive_announcements(self, controller.announced, self.refuse, controller.bus.names)
+        self._operators = OperatorServices(self, controller, self.run_actions, self._planner.tell_status)
+        self._scripts = ScriptRequests(self, controller, self.run_actions)
+        receive_announcements(
+            self, controller.receive_announcement, self.reject_telegram, controller.bus.names
+        )
         self._reports = ProgressReport(self, report_s, controller.progress, controller.totals)
         self._startup = self.create_timer(STARTUP_S, self._start_up)
         self._ticker = self.create_timer(period_s or STARTUP_S, self._tick, autostart=False)
@@ -148,21 +150,21 @@ class TransformationTaskNode(PollingNode):
             move, distance, speed = self.controller.task.progress()
             self._outputs.master.send(stamp, [distance, speed, float(move)])
 
-    def tell(self, cycle: int) -> None:
+    def publish_answers(self, cycle: int) -> None:
         """Tell what the answers of a bus cycle say."""
         self._outputs.send(cycle, self.stamp(cycle))
 
-    def change(self) -> None:
+    def run_actions(self) -> None:
         """Carry out what the state of the robot wants done."""
         self._actions.carry_out()
 
-    def report(self) -> None:
+    def publish_status(self) -> None:
         """Do the same, and tell everybody how things stand."""
         self._actions.carry_out()
         self._planner.tell_status()
         self._reports.publish()
 
-    def refuse(self, reason: str) -> None:
+    def reject_telegram(self, reason: str) -> None:
         """Say that a telegram was refused."""
         self._receiver.refuse(reason)
 
@@ -174,7 +176,7 @@ class TransformationTaskNode(PollingNode):
 
     def _start_up(self) -> None:
         self._receiver.poll(self._cycles.due)
-        self.controller.look_at_start_up(second_writer(self))
+        self.controller.poll_start_up(second_writer(self))
 
     def _tick(self) -> None:
         self._receiver.poll(self._cycles.due)
@@ -183,11 +185,11 @@ class TransformationTaskNode(PollingNode):
         self._cycles.start_due()
 
     def _look(self) -> None:
-        self.controller.look(time.monotonic())
+        self.controller.poll(time.monotonic())
         if self.controller.gate.closed:
             self.commands.repeat()
         self._operators.look()
-        self.report()
+        self.publish_status()
 
 
 def main() -> int:

@@ -128,7 +128,7 @@ class UnitRobotNode(PollingNode):
         self._looks += 1
         if self._faults.next_cycle < NEVER:
             self._faults.due(self._newest())
-        self._planner.look(time.monotonic())
+        self._planner.poll(time.monotonic())
         self._partners.look((TASK,), time.monotonic())
         self._monitor.look()
         self._carry_out()  # what the monitor has found ends goals before anybody takes them for reached
