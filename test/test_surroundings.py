@@ -1,5 +1,6 @@
 """Facts about every command in hostile surroundings: it gives its result, or one sentence and a status."""
 
+import json
 import os
 import re
 import shlex
@@ -10,7 +11,6 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 
-import forked_commands
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.cli import main
 from delta3_pacdrive.motion import program_file as programs
@@ -119,17 +119,19 @@ def fault_of(done, arguments, expected=None, quiet=False):
 
 def sweep(run, arguments_of_all, files, tmp_path, **expected):
     """Run command lines, each in a folder of its own; return what is wrong, by command line."""
-    wrong = {}
+    lines = []
     for number, arguments in enumerate(arguments_of_all):
         folder = tmp_path / str(number)
         folder.mkdir()
         own = [str(files / word) if (files / word).exists() else word for word in arguments]
-        done = run(own, folder)
+        lines.append((own, str(folder)))
+    wrong = {}
+    for arguments, (_, folder), done in zip(arguments_of_all, lines, run(lines), strict=True):
         status = 0 if arguments[-1] == '--help' else REJECTED.get(arguments[0], 0)
         fault = fault_of(done, arguments, **{'expected': status} | expected)
         made = [word for word in arguments if word.startswith('out')]
         if not fault and not done.returncode and 'expected' not in expected:
-            fault = ', '.join(f'{name} is missing' for name in made if not (folder / name).exists())
+            fault = ', '.join(f'{name} is missing' for name in made if not (Path(folder) / name).exists())
         if fault:
             wrong[shlex.join(arguments)] = fault
     return wrong
@@ -150,14 +152,35 @@ def afresh(arguments, folder, environment, shell=''):
     return ended([sys.executable, '-P', '-m', main.__name__, *arguments], folder, environment, shell)
 
 
-def forked(environment, folder=None, shell=''):
-    """Return what runs a command by a fork of an interpreter that was started with this environment."""
-    command = str(forked_commands.folder(environment) / 'delta3')
+FORKS = """
+import importlib, json, os, sys
+from delta3_pacdrive import cli, parameters, simulation
+from delta3_pacdrive.cli.main import COMMANDS, main
+for name in COMMANDS:
+    importlib.import_module(f'{cli.__name__}.' + name.replace('-', '_'))
+simulation.load_kernels(parameters.load())
+for arguments, folder in json.load(sys.stdin):
+    if not (child := os.fork()):
+        os.chdir(folder)
+        for number, name in enumerate((os.devnull, 'stdout', 'stderr')):
+            os.dup2(os.open(name, os.O_RDWR | os.O_CREAT), number)
+        sys.argv[1:] = arguments
+        sys.exit(main())
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
 
-    def run(arguments, own):
-        return ended([command, *arguments], folder or own, environment, shell)
 
-    return run
+def forks(lines, environment):
+    """Run command lines in their folders as forks of one interpreter that has this environment; return how they end."""
+    done = subprocess.run(
+        [sys.executable, '-P', '-c', FORKS], input=json.dumps(lines), env=environment, capture_output=True,
+        text=True, timeout=len(lines) * LIMIT_S, check=True,
+    )  # fmt: skip
+    results = []
+    for (arguments, folder), status in zip(lines, done.stdout.split(), strict=True):
+        output, errors = ((Path(folder) / name).read_text(errors='replace') for name in ('stdout', 'stderr'))
+        results.append(subprocess.CompletedProcess(arguments, int(status), output, errors))
+    return results
 
 
 def test_every_command_is_swept():
@@ -166,25 +189,27 @@ def test_every_command_is_swept():
 
 
 def test_without_environment_and_in_ascii_every_command_works(files, tmp_path):
-    assert sweep(forked(BARE), calls(), files, tmp_path) == {}
+    assert sweep(lambda lines: forks(lines, BARE), calls(), files, tmp_path) == {}
 
 
 @pytest.mark.long
 def test_with_the_encoding_of_windows_without_a_home_and_one_column_wide_every_command_works(files, tmp_path):
-    assert sweep(forked(OF_WINDOWS), calls(), files, tmp_path) == {}
+    assert sweep(lambda lines: forks(lines, OF_WINDOWS), calls(), files, tmp_path) == {}
 
 
 @pytest.mark.long
 def test_where_nothing_can_be_written_and_nobody_reads_every_command_ends_in_one_sentence(files, tmp_path):
-    run = forked(OF_WINDOWS, '/proc', '| head -0')
+    def run(lines):
+        return [afresh(arguments, '/proc', OF_WINDOWS, '| head -0') for arguments, _ in lines]
+
     assert sweep(run, calls(everything=False), files, tmp_path, expected=None, quiet=True) == {}
     assert list(Path('/proc').glob('out*')) == []
 
 
 @pytest.mark.long
 def test_figures_are_drawn_without_a_home(files, tmp_path):
-    def run(arguments, folder):
-        return afresh(arguments, folder, HOMELESS)
+    def run(lines):
+        return [afresh(arguments, folder, HOMELESS) for arguments, folder in lines]
 
     assert sweep(run, [CALLS['plot']], files, tmp_path) == {}
 
@@ -193,8 +218,8 @@ def test_figures_are_drawn_without_a_home(files, tmp_path):
 def test_with_closed_streams_every_command_works(shell, files, tmp_path):
     lines = calls() if EVERYTHING else [[name, '--help'] for name in main.COMMANDS]
 
-    def run(arguments, folder):
-        return afresh(arguments, folder, KEPT, shell)
+    def run(lines):
+        return [afresh(arguments, folder, KEPT, shell) for arguments, folder in lines]
 
     assert sweep(run, lines, files, tmp_path, quiet=True) == {}
 
@@ -233,15 +258,17 @@ def test_a_foreign_library_that_comes_first_is_named_in_one_sentence(library, co
     environment = foreign(tmp_path / 'foreign', library, code)
     names = sorted(main.OF_ROBOTS) if library == 'rclpy' else list(main.COMMANDS)
     lines = [CALLS[name] for name in names if name not in SLOW]
-    told = []
+    named = []
 
-    def run(arguments, folder):
-        done = afresh(arguments, folder, environment)
-        told.append(f'cannot load {library} from {tmp_path}/foreign/{library}' in done.stderr)
-        return done
+    def run(lines):
+        results = [afresh(arguments, folder, environment) for arguments, folder in lines]
+        named.extend(
+            f'cannot load {library} from {tmp_path}/foreign/{library}' in one.stderr for one in results
+        )
+        return results
 
     assert sweep(run, lines, files, tmp_path, expected=None) == {}
-    assert any(told)
+    assert any(named)
 
 
 def with_namespace():

@@ -40,7 +40,7 @@ def trace() -> Trace:
     return simulation.run(programs.load('experiment1', robot.motion), robot)
 
 
-def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_path: Path) -> None:
+def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_path: Path, drawn: None) -> None:
     paths = run_figures.draw(trace, ReportFolder(tmp_path, Provenance.of('test')))
     assert {path.name for path in paths} == PROMISED
     for path in paths:
@@ -59,7 +59,6 @@ def turning(tmp_path_factory: pytest.TempPathFactory) -> Trace:
     return simulation.run(programs.load(path, robot.motion), robot)
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_a_run_of_a_rotary_axis_has_one_figure_more(turning: Trace, tmp_path: Path) -> None:
     paths = run_figures.draw(turning, ReportFolder(tmp_path, Provenance.of('test')))
     assert {path.name for path in paths} == {*PROMISED, 'turn.png'}

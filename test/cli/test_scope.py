@@ -9,6 +9,7 @@ import pytest
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.drive.channels import CHANNELS
 from delta3_pacdrive.recording.trace import Trace
+from pictures import undrawn
 
 
 @pytest.fixture(autouse=True)
@@ -63,11 +64,11 @@ def test_a_program_triggers_with_what_was_before_it(capsys):
         assert file.read(4) == b'\x89PNG'
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_a_report_holds_figure_and_file_of_each_record_with_a_row_on_its_page(tmp_path, capsys):
     asked = ('--scope', 'axis1.current,axis2.speed', '--trigger', 'axis1.speed', '--edge', 'both', '--mode', 'normal',
              '--records', '2', '--duration', '0.01', '--scope-output', 's.npz')  # fmt: skip
-    result = simulated(capsys, *asked, '--report', 'run')
+    with undrawn():
+        result = simulated(capsys, *asked, '--report', 'run')
     names = {'s_1.npz', 's_2.npz', 'oscilloscope_1.png', 'oscilloscope_2.png', 'oscilloscope_records.csv'}
     assert names | {'index.html', 'signals.csv', 'currents.png'} <= {
         path.name for path in (tmp_path / 'run').iterdir()

@@ -1,14 +1,13 @@
 """Every example runs as it stands, and what it prints is so; those with a robot: ``test/system/test_examples.py``."""
 
-import os
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import commands
 import delta3_pacdrive as d3
-import forked_commands
 from thoroughness import some
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
@@ -17,12 +16,11 @@ WITH_A_ROBOT = {'own_node', 'stream_of_moves', 'swing_the_arms', 'react_to_a_fau
 
 
 @pytest.fixture
-def run(shell):
-    """Return what runs an example in a folder of its own, and gives the numbers of each line that it prints."""
+def run(tmp_path):
+    """Return a function that runs an example in an empty folder and returns the numbers of each line it prints."""
 
     def numbers(name, *arguments):
-        forked = f'{forked_commands.folder()}{os.pathsep}{os.environ["PATH"]}'
-        done = shell(f'python {EXAMPLES / name}.py {" ".join(arguments)}', PATH=forked)
+        done = commands.script(EXAMPLES / f'{name}.py', *arguments, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         found = [
             [float(text) for text in re.findall(r'[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?', line)]
@@ -329,9 +327,9 @@ def test_fit_a_parameter(run):
 
 
 @pytest.mark.parametrize('ending', some(['', 'csv'], ['']))
-def test_read_a_recording(ending, run, tmp_path, shell):
+def test_read_a_recording(ending, run, tmp_path):
     if ending:
-        assert shell('delta3 simulate experiment3 --trace run.csv').returncode == 0
+        assert commands.delta3('simulate', 'experiment3', '--trace', tmp_path / 'run.csv').returncode == 0
     text, lines = run('read_a_recording', *(['run.csv'] if ending else []))
     assert 'experiment 3' in text
     assert 'coupling_torque' in text

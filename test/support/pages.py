@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-import forked_commands
+import commands
 from thoroughness import EVERYTHING
 
 SOURCE = Path(__file__).parents[2]
@@ -47,7 +47,8 @@ BLOCK = re.compile(
     r'^(?P<fence>```+|:::+) *(?P<language>[^\n]*)\n(?P<text>.*?)^(?P=fence) *$',
     re.M | re.S,
 )
-FIRST = SOURCE / 'docs/get_started.md'  # its commands are new interpreters, those of all others forks of one
+FIRST = SOURCE / 'docs/get_started.md'  # every command is run by the shell, as a reader runs it
+SHELL_ONLY = set('|<>&;$`"*?()')  # in lines with one of these the shell does something
 UP_PACE = '0.25'  # bus time over wall time of a robot that pages keep up and say no pace of
 DRIVEN_ALL_THE_TIME = ('cell.md', 'belts.md')  # by scripts, which would take four times as long
 END_S = 120.0
@@ -112,17 +113,21 @@ def environment(folder: Path) -> dict[str, str]:
     }
 
 
-def pace_interpreters(folder: Path) -> None:
-    """Let a robot that is kept up go at the pace of the tests where commands are new interpreters, too.
+def pace_robots(folder: Path) -> None:
+    """Let ``delta3 up`` run at the pace of the tests unless its options set another one.
 
-    One in real time takes both cores of a slow machine, for as long as it is up, from all that runs beside it.
+    A robot that is up mostly waits for commands; in real time it would need both cores of a slow machine meanwhile.
     """
     stand_in = folder / 'bin' / 'delta3'
     command = str(Path(sys.executable).with_name('delta3'))
     stand_in.write_text(
-        f'#!{sys.executable} -P\nimport os, sys\nsys.path.insert(0, {str(Path(__file__).parent)!r})\n'
-        'from command_server import paced\n'
-        f'os.execv({command!r}, paced([{command!r}, *sys.argv[1:]], {UP_PACE!r}))\n',
+        f"""#!{sys.executable} -P
+import os, sys
+words = [{command!r}, *sys.argv[1:]]
+if words[1:2] == ['up'] and not any(word.startswith('--real-time') for word in words):
+    words += ['--real-time-factor', {UP_PACE!r}]
+os.execv(words[0], words)
+""",
         encoding='utf-8',
     )
     stand_in.chmod(0o755)
@@ -240,12 +245,8 @@ def same(expected: str, printed: str) -> bool:
 def run_page(page: Path, folder: Path) -> None:
     """Run the blocks of a page in their order."""
     variables = environment(folder)
-    if page == FIRST:
-        pace_interpreters(folder)
-    else:
-        variables['PATH'] = f'{forked_commands.folder()}{os.pathsep}{variables["PATH"]}'
-        if page.name not in DRIVEN_ALL_THE_TIME:
-            variables['DELTA3_TEST_PACE'] = UP_PACE
+    if page.name not in DRIVEN_ALL_THE_TIME:
+        pace_robots(folder)
     if page.name == 'CONTRIBUTING.md':
         copy_sources(folder)
     names: dict[str, Any] = {'__name__': '__main__'}
@@ -289,6 +290,10 @@ def run_block(
                 end(process)
             else:
                 others[command] = process
+        case 'bash' if runs_here(block.text):
+            for line in block.text.splitlines():
+                done = commands.delta3(*shlex.split(line, comments=True)[1:], cwd=folder)
+                assert done.returncode == 0, f'{line}: {done.stderr}'
         case 'bash':
             shell.run(block.text)
         case 'console':
@@ -301,6 +306,15 @@ def run_block(
             run_dialogue(block, names)
         case _:
             raise AssertionError(f'{block.language!r} is none of {sorted(LANGUAGES)}, or has no file name')
+
+
+def runs_here(text: str) -> bool:
+    """Return whether every line is a plain command of delta3 without a robot, which needs no shell."""
+    lines = text.splitlines()
+    plain = all(
+        line.startswith('delta3 ') and not SHELL_ONLY & set(line.partition(' #')[0]) for line in lines
+    )
+    return plain and not ROBOT.search(text) and '--help' not in text
 
 
 def commands_in(text: str) -> Iterator[list[str]]:
@@ -323,7 +337,7 @@ def read_commands(text: str) -> int:
         if name in ('--help', '--version') or '--help' in options:
             continue  # it ends with a text
         try:
-            import_module(f'delta3_pacdrive.cli.{name}').main.read(options)
+            import_module(f'delta3_pacdrive.cli.{name.replace("-", "_")}').main.read(options)
         except (ImportError, SystemExit) as refusal:
             raise AssertionError(f'delta3 {name} {shlex.join(options)} is refused') from refusal
     return len(commands)

@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
-import forked_commands
+import commands
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.controller.messages import Origin, Status
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
@@ -36,6 +36,7 @@ DEADLINE_S = (
 
 STRETCH_MAX = 6.0  # by which a deadline may be stretched on a machine that has other things to do
 END_S = 30.0  # for processes to be gone, where others keep all cores busy
+PACE = ('--real-time-factor', '0.2')  # of a robot that waits for commands: in real time it needs a core
 DOMAINS = 100  # below the ports that Linux hands out by itself
 
 
@@ -82,8 +83,8 @@ def own_domain() -> Iterator[None]:
 
 
 def processes_of_domain() -> list[str]:
-    """Command lines of the processes of the domain, without zombies, who has started the tests and who serves them."""
-    found, own = [], _starters() | {str(pid) for pid in forked_commands.servers}
+    """Return the command lines of the processes of the domain, without zombies and without the tests themselves."""
+    found, own = [], _starters()
     for folder in Path('/proc').glob('[0-9]*'):
         try:
             environment = (folder / 'environ').read_bytes().split(b'\0')
@@ -167,12 +168,18 @@ def _start(command: list[str], arguments: tuple[str | Path, ...], **options: Any
     return process
 
 
+CLIENTS = {'move', 'io', 'drive'}  # commands that start no process
+COMMAND = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
+
+
 @pytest.fixture
 def delta3() -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run a command line to its end, as a fork of an interpreter that has everything loaded."""
+    """Run a command line to its end: a client in this process, any other in a new interpreter."""
 
     def run(*arguments: str | Path, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
-        line = [str(forked_commands.folder() / 'delta3'), *(str(item) for item in arguments)]
+        if arguments[0] in CLIENTS or arguments[:2] == ('faults', 'inject'):
+            return commands.delta3(*arguments)
+        line = [*COMMAND, *(str(item) for item in arguments)]
         return subprocess.run(line, capture_output=True, text=True, timeout=timeout, check=False)
 
     return run
@@ -194,16 +201,8 @@ def _end(processes: list[subprocess.Popen[str]]) -> None:
 
 @pytest.fixture(scope='session')
 def start_delta3() -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start a command line in a new interpreter; what a failed test leaves running is ended."""
-    command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main']
-    yield lambda *arguments, **options: _start(command, arguments, **options)
-    _end(_started)
-
-
-@pytest.fixture(scope='session')
-def fork_delta3() -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start a command line as a fork, where what it is for counts and not how it starts; it is ended likewise."""
-    yield lambda *arguments: _start([str(forked_commands.folder() / 'delta3')], arguments)
+    """Start a command line in a new interpreter; processes that a failed test leaves running are ended."""
+    yield lambda *arguments, **options: _start(COMMAND, arguments, **options)
     _end(_started)
 
 

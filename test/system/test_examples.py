@@ -9,18 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from robots import read_until
+from robots import PACE, read_until
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
 
 
 @pytest.fixture
-def up(fork_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None) -> Iterator[Callable]:
+def up(start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None) -> Iterator[Callable]:
     """Return what brings a robot up, as an example says; it ends with the test."""
 
     @contextmanager
     def running(*options: str) -> Iterator[None]:
-        process = fork_delta3('up', '--single-process', *options)
+        process = start_delta3('up', '--single-process', *PACE, *options)
         try:
             read_until(process.stderr, 'ready after')
             yield

@@ -157,9 +157,9 @@ def test_a_soak_too_short_for_a_program_is_no_success(delta3: Runner, nothing_le
 
 
 def test_an_interrupted_catalogue_shows_what_it_has(
-    fork_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path, nothing_left_behind: None
+    start_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path, nothing_left_behind: None
 ) -> None:
-    process = fork_delta3('faults', '--only', 'drop_mdt', '--csv', tmp_path / 'table.csv')
+    process = start_delta3('faults', '--only', 'drop_mdt', '--csv', tmp_path / 'table.csv')
     assert process.stdout is not None
     header, first = process.stdout.readline(), process.stdout.readline()
     process.send_signal(signal.SIGINT)
@@ -173,11 +173,11 @@ def test_an_interrupted_catalogue_shows_what_it_has(
 
 
 def test_an_interruption_reaches_the_pace_that_runs_and_its_figures_are_shown(
-    fork_delta3: Callable[..., subprocess.Popen[str]],
+    start_delta3: Callable[..., subprocess.Popen[str]],
     processes: Callable[[], list[str]],
     nothing_left_behind: None,
 ) -> None:
-    process = fork_delta3('soak', '--minutes', '4', '--json')
+    process = start_delta3('soak', '--minutes', '4', '--json')
     deadline = time.monotonic() + 40.0
     while len(processes()) < 8:  # both commands, and the six processes of a robot
         assert time.monotonic() < deadline
@@ -194,10 +194,10 @@ def test_an_interruption_reaches_the_pace_that_runs_and_its_figures_are_shown(
 
 @pytest.mark.long
 def test_a_robot_that_is_up_is_disturbed_and_goes_on(
-    fork_delta3: Callable[..., subprocess.Popen[str]], delta3: Runner, nothing_left_behind: None
+    start_delta3: Callable[..., subprocess.Popen[str]], delta3: Runner, nothing_left_behind: None
 ) -> None:
     """The life of a robot: a drive's process dies in motion, comes back, and the program is resumed."""
-    process = fork_delta3('up', '--no-realtime', '--real-time-factor', '0.25')
+    process = start_delta3('up', '--no-realtime', '--real-time-factor', '0.25')
     assert process.stderr is not None
     read_until(process.stderr, 'ready after')
     assert process.stderr.readline() == 'controller: torque of the whole model, cubic set points\n'
@@ -234,10 +234,10 @@ def test_a_robot_that_is_up_is_disturbed_and_goes_on(
 
 
 def test_a_soak_that_is_ended_early_tells_the_figures_until_then(
-    fork_delta3: Callable[..., subprocess.Popen[str]], graph: Any, nothing_left_behind: None
+    start_delta3: Callable[..., subprocess.Popen[str]], graph: Any, nothing_left_behind: None
 ) -> None:
     states = graph.listen(String, 'motion/state', LATCHED)
-    process = fork_delta3('soak', '--minutes', '10', '--seed', '2')
+    process = start_delta3('soak', '--minutes', '10', '--seed', '2')
     graph.spin_until(lambda: 'moving' in [state.data for state in states], 'the first program', 30.0)
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=60.0)

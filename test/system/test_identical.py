@@ -377,7 +377,7 @@ def test_time_optimal_arches_give_the_bits_of_their_simulation(
 @pytest.mark.long
 def test_a_robot_that_is_up_gets_the_set_points_of_the_simulation(
     delta3: Runner,
-    fork_delta3: Callable[..., subprocess.Popen[str]],
+    start_delta3: Callable[..., subprocess.Popen[str]],
     tmp_path: Path,
     nothing_left_behind: None,
 ) -> None:
@@ -386,7 +386,7 @@ def test_a_robot_that_is_up_gets_the_set_points_of_the_simulation(
     program = programs.load('packaging_fast', robot.motion)
     simulated = simulation.run(program, robot)
     parameters.write(simulation.placed(robot, program), tmp_path / 'robot.yaml')
-    process = fork_delta3(
+    process = start_delta3(
         'up', '--single-process', '--parameters', tmp_path / 'robot.yaml', '--bag', tmp_path / 'bag'
     )
     assert delta3('move', 'wait').returncode == 0

@@ -30,7 +30,7 @@ KILLED = '{fault: kill, node: transformation_task}'
 
 @pytest.mark.long
 def test_a_cell_whose_master_is_killed_ends_its_script_and_works_again_once_it_is_reset(
-    fork_delta3: Callable[..., subprocess.Popen[str]],
+    start_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,
     tmp_path: Path,
     nothing_left_behind: None,
@@ -38,7 +38,7 @@ def test_a_cell_whose_master_is_killed_ends_its_script_and_works_again_once_it_i
     around, works = tmp_path / 'cell.yaml', tmp_path / 'works.py'
     around.write_text(AROUND, encoding='utf-8')
     works.write_text(WORKS, encoding='utf-8')
-    process = fork_delta3('up', '--cell', around)
+    process = start_delta3('up', '--cell', around)
     read_until(process.stderr, 'ready after')
     script = subprocess.Popen(
         [sys.executable, '-P', str(works)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

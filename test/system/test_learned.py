@@ -41,11 +41,11 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def up(program: Path, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[None]:
+def up(program: Path, start_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[None]:
     """Let a robot be up that follows it."""
     file = program.with_suffix('.npz')
     with nothing_is_left():
-        process = fork_delta3('up', '--single-process', '--parameters', 'model', '--learned', str(file))
+        process = start_delta3('up', '--single-process', '--parameters', 'model', '--learned', str(file))
         read_until(process.stderr, 'ready after')
         yield
         process.send_signal(signal.SIGINT)
@@ -55,7 +55,7 @@ def up(program: Path, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iter
 
 @pytest.mark.long
 def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
-    up: None, program: Path, delta3: Runner, fork_delta3: Callable[..., subprocess.Popen[str]]
+    up: None, program: Path, delta3: Runner, start_delta3: Callable[..., subprocess.Popen[str]]
 ) -> None:
     def said(*arguments: str) -> str:
         """Return what is said of learned torques after a motion."""
@@ -74,7 +74,7 @@ def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
     state = json.loads(delta3('move', 'state', '--json').stdout)
     assert (state['learned_torques'], state['unlearned']) == (True, '')
     assert 'they belong to a plan of' in said('program', str(program), '--speed', '0.2')
-    client = fork_delta3('move', 'program', str(program))  # who ends it holds the robot
+    client = start_delta3('move', 'program', str(program))  # who ends it holds the robot
     assert client.stdout is not None
     assert client.stdout.readline().split(' ')[0] == 'started'
     client.send_signal(signal.SIGINT)

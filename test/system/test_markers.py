@@ -15,6 +15,7 @@ from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
 from delta3_pacdrive.sercos.telegrams import JOINTS
+from robots import PACE
 
 READY_S = 30.0
 NAME = 'robot_visualization'  # the kernel shows the first 15 characters
@@ -22,10 +23,10 @@ NAME = 'robot_visualization'  # the kernel shows the first 15 characters
 
 @pytest.fixture
 def robot(
-    fork_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
+    start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
 ) -> Iterator[subprocess.Popen[str]]:
     """Bring a robot up with markers, and end it with Ctrl-C."""
-    process = fork_delta3('up', '--markers', '--no-realtime')
+    process = start_delta3('up', '--markers', '--no-realtime', *PACE)
     assert process.stderr is not None
     lines = iter(process.stderr.readline, '')
     assert any(line.startswith('controller: ') for line in lines)  # behind that it is ready

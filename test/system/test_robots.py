@@ -33,15 +33,15 @@ def process_of(namespace: str, name: str, numbers: list[int]) -> int:
 
 
 def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
-    fork_delta3: Callable[..., subprocess.Popen[str]],
+    start_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,
     processes: Callable[[], list[str]],
     nothing_left_behind: None,
     tmp_path: Path,
 ) -> None:
-    up = fork_delta3('up', '--robots', '2', *SLOW)
+    up = start_delta3('up', '--robots', '2', *SLOW)
     assert 'ready after' in read_until(up.stderr, 'ready after')
-    recorder = fork_delta3('record', '--all', str(tmp_path / 'both'))
+    recorder = start_delta3('record', '--all', str(tmp_path / 'both'))
     for _ in range(2):
         assert 'recorder]: recording' in read_until(recorder.stderr, 'recorder]: recording')
     moved = delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005', '--detach', '--namespace', 'robot2')
@@ -84,7 +84,7 @@ def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
 
 @pytest.mark.long
 def test_a_robot_that_stands_still_makes_one_of_the_same_clock_wait(
-    fork_delta3: Callable[..., subprocess.Popen[str]],
+    start_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,
     processes: Callable[[], list[str]],
     nothing_left_behind: None,
@@ -94,7 +94,7 @@ def test_a_robot_that_stands_still_makes_one_of_the_same_clock_wait(
         found = told['robots'].items()
         return {name: robot['bus_time_s'] for name, robot in found if 'bus_time_s' in robot}
 
-    up = fork_delta3('up', '--robots', '2', '--shared-clock', *SLOW)
+    up = start_delta3('up', '--robots', '2', '--shared-clock', *SLOW)
     read_until(up.stderr, 'ready after')
     numbers = [int(entry.split(':')[0]) for entry in processes()]
     frozen = process_of('/robot1', 'robot', numbers)

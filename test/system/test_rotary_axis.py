@@ -6,18 +6,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from robots import PACE
+
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def test_a_tool_turns_on_a_robot_that_is_up_and_is_where_it_is_told_to_be(
-    fork_delta3: Callable[..., subprocess.Popen[str]],
+    start_delta3: Callable[..., subprocess.Popen[str]],
     delta3: Runner,
     tmp_path: Path,
     nothing_left_behind: Any,
 ) -> None:
     program = tmp_path / 'turns.yaml'
     program.write_text('moves: [{move_l: {to_m: [0.1, 0.0, -0.8], turn_deg: 90}}]')
-    up = fork_delta3('up', '--parameters', 'rotary')
+    up = start_delta3('up', '--parameters', 'rotary', *PACE)
     assert up.stderr is not None
     assert any('ready' in line for line in up.stderr)
     assert 'tool at 0.00 deg' in delta3('move', 'state').stdout.replace('-0.00', '0.00')

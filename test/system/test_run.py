@@ -16,7 +16,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from delta3_pacdrive.bringup.scheduling import drop_real_time, real_time_is_permitted
-from robots import crowding
+from robots import PACE, crowding
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -49,28 +49,28 @@ def _pid_of(name: str, processes: Callable[[], list[str]]) -> int:
 
 @pytest.fixture
 def long_run(
-    tmp_path: Path, fork_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
+    tmp_path: Path, start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
 ) -> Iterator[tuple[subprocess.Popen[str], Path]]:
     """Start a run that lasts for ten minutes, and wait until it is recording the motion."""
-    yield from _long_run(tmp_path, fork_delta3)
+    yield from _long_run(tmp_path, start_delta3)
 
 
 @pytest.fixture
 def light_run(
-    tmp_path: Path, fork_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
+    tmp_path: Path, start_delta3: Callable[..., subprocess.Popen[str]], nothing_left_behind: None
 ) -> Iterator[tuple[subprocess.Popen[str], Path]]:
     """Start such a run in one process, which leaves half of a small machine to others."""
-    yield from _long_run(tmp_path, fork_delta3, '--single-process')
+    yield from _long_run(tmp_path, start_delta3, '--single-process')
 
 
 def _long_run(
-    tmp_path: Path, fork_delta3: Callable[..., subprocess.Popen[str]], *options: str
+    tmp_path: Path, start_delta3: Callable[..., subprocess.Popen[str]], *options: str
 ) -> Iterator[tuple[subprocess.Popen[str], Path]]:
     program = tmp_path / 'long.yaml'
     program.write_text(LONG_PROGRAM)
     bag = tmp_path / 'bag'
     # at a quarter of the pace: a machine that is busy with six processes has time for what is looked at
-    process = fork_delta3('run', program, '--bag', bag, '--real-time-factor', '0.25', *options)
+    process = start_delta3('run', program, '--bag', bag, '--real-time-factor', '0.25', *options)
     try:
         # the recorder's file grows only once cyclic operation has begun
         file = bag / 'bag.mcap'
@@ -141,7 +141,7 @@ def test_a_process_that_dies_ends_the_run_with_its_name(
 @pytest.mark.long
 def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     tmp_path: Path,
-    fork_delta3: Callable[..., subprocess.Popen[str]],
+    start_delta3: Callable[..., subprocess.Popen[str]],
     processes: Callable[[], list[str]],
     nothing_left_behind: None,
 ) -> None:
@@ -149,7 +149,7 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
     program.write_text('moves: [{move_l: {to_m: [0.2, 0, -0.75], speed_m_s: 0.03}}]')
     bag = tmp_path / 'bag'
     # so slow that a machine which is busy with it has time for the recorder, and the program does not end before that
-    process = fork_delta3('run', program, '--bag', bag, '--json', '--real-time-factor', '0.25')
+    process = start_delta3('run', program, '--bag', bag, '--json', '--real-time-factor', '0.25')
     file = bag / 'bag.mcap'
     # several times as much as is looked for: topic after topic is written, and a busy recorder takes big bites
     _wait_for(
@@ -179,14 +179,14 @@ def test_a_recording_that_cannot_be_read_takes_no_result_with_it(
     left: int,
     told: str,
     tmp_path: Path,
-    fork_delta3: Callable[..., subprocess.Popen[str]],
+    start_delta3: Callable[..., subprocess.Popen[str]],
     processes: Callable[[], list[str]],
     nothing_left_behind: None,
 ) -> None:
     program = tmp_path / 'slow.yaml'
     program.write_text('moves: [{move_l: {to_m: [0.2, 0, -0.75], speed_m_s: 0.06}}]')
     bag = tmp_path / 'bag'
-    process = fork_delta3('run', program, '--bag', bag, '--json')
+    process = start_delta3('run', program, '--bag', bag, '--json')
     file = bag / 'bag.mcap'
     _wait_for(
         lambda: process.poll() is not None or (file.exists() and file.stat().st_size > 500_000), 'a run'
@@ -202,9 +202,9 @@ def test_a_recording_that_cannot_be_read_takes_no_result_with_it(
 
 @pytest.mark.parametrize('number', [pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGHUP])
 def test_a_robot_that_is_ended_brakes_first(
-    number: signal.Signals, fork_delta3: Callable, delta3: Runner, tmp_path: Path, nothing_left_behind: None
+    number: signal.Signals, start_delta3: Callable, delta3: Runner, tmp_path: Path, nothing_left_behind: None
 ) -> None:
-    process = fork_delta3('up', '--bag', tmp_path / 'bag')
+    process = start_delta3('up', '--bag', tmp_path / 'bag', *PACE)
     assert delta3('move', 'wait').returncode == 0
     process.send_signal(number)
     _, errors = process.communicate(timeout=60.0)
@@ -325,7 +325,7 @@ def test_who_may_not_schedule_in_real_time_is_told_how_to_get_it_and_the_robot_r
     processes: Callable[[], list[str]],
     nothing_left_behind: None,
 ) -> None:
-    process = start_delta3('up', preexec_fn=without_permission)
+    process = start_delta3('up', *PACE, preexec_fn=without_permission)
     line = process.stderr.readline()
     assert 'rtprio 20' in line
     assert '--single-process' in line

@@ -15,7 +15,7 @@ from delta3_pacdrive import cell, parameters
 from delta3_pacdrive.cell import script as scripts
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.ros.robot_client import OperatorNode
-from robots import nothing_is_left, read_until
+from robots import PACE, nothing_is_left, read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -211,10 +211,10 @@ print('over', robot.late, flush=True)
 class Up:
     """A robot in real time, and an operator who looks at it."""
 
-    def __init__(self, graph: Any, fork_delta3: Callable[..., subprocess.Popen[str]]) -> None:
+    def __init__(self, graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> None:
         self._graph = graph
         self.operator = graph.add(OperatorNode, graph.spin_for)
-        self._process = fork_delta3('up', '--single-process')
+        self._process = start_delta3('up', '--single-process', *PACE)
         read_until(self._process.stderr, 'ready after')
 
     def start(self, side_mm: int, folder: Path) -> subprocess.Popen[str]:
@@ -242,10 +242,10 @@ class Up:
 
 
 @pytest.fixture(scope='module')
-def up(shared_graph: Any, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[Up]:
+def up(shared_graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[Up]:
     """Give the robot of this file; it is gone when its tests are over."""
     with nothing_is_left():
-        made = Up(shared_graph, fork_delta3)
+        made = Up(shared_graph, start_delta3)
         yield made
         made.end()
 

@@ -19,7 +19,7 @@ from delta3_pacdrive.bringup.scheduling import PREFERRED_NICENESS, real_time_is_
 from delta3_pacdrive.errors import RefusedError
 from delta3_pacdrive.recording.bag_reader import open_bag
 from delta3_pacdrive.ros.robot_client import OperatorNode
-from robots import nothing_is_left, read_until
+from robots import PACE, nothing_is_left, read_until
 from thoroughness import some
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
@@ -32,10 +32,10 @@ THERE_M = 1e-3  # from where it is home, before a test
 class Up:
     """A robot that is up for the tests of this file, and who takes it home between them."""
 
-    def __init__(self, graph: Any, fork_delta3: Callable[..., subprocess.Popen[str]]) -> None:
+    def __init__(self, graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> None:
         self._graph = graph
         self._operator = graph.add(OperatorNode, graph.spin_for)
-        self.process = fork_delta3('up', '--single-process')
+        self.process = start_delta3('up', '--single-process', *PACE)
         assert self.process.stderr is not None
         read_until(self.process.stderr, 'ready after')
         self.controller = self.process.stderr.readline()
@@ -74,10 +74,10 @@ class Up:
 
 
 @pytest.fixture(scope='module')
-def up(shared_graph: Any, fork_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[Up]:
+def up(shared_graph: Any, start_delta3: Callable[..., subprocess.Popen[str]]) -> Iterator[Up]:
     """Give the robot of this file; it is gone when its tests are over."""
     with nothing_is_left():
-        made = Up(shared_graph, fork_delta3)
+        made = Up(shared_graph, start_delta3)
         yield made
         made.end()
 
@@ -90,10 +90,10 @@ def robot(up: Up) -> subprocess.Popen[str]:
 
 
 def test_a_robot_that_is_up_has_the_controller_that_knows_the_model_and_says_so(
-    up: Up, fork_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path
+    up: Up, start_delta3: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
     assert up.controller == f'controller: {parameters.load("model").controller}\n'
-    recorder = fork_delta3('record', tmp_path / 'bag')
+    recorder = start_delta3('record', tmp_path / 'bag')
     assert recorder.stderr is not None
     said = iter(recorder.stderr.readline, '')
     assert any('controller of the robot: torque of the whole model' in line for line in said)
@@ -146,9 +146,9 @@ def test_a_program_is_held_resumed_and_aborted_from_the_command_line(
     some([signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL], [signal.SIGINT, signal.SIGKILL]),
 )
 def test_who_moves_the_robot_and_is_ended_leaves_it_standing_on_its_path(
-    number: signal.Signals, robot: subprocess.Popen, fork_delta3: Callable, delta3: Runner
+    number: signal.Signals, robot: subprocess.Popen, start_delta3: Callable, delta3: Runner
 ) -> None:
-    client = fork_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
+    client = start_delta3('move', 'l', '0.2', '0', '-0.75', '--speed', '0.005')
     assert client.stdout.readline().startswith('started')
     client.send_signal(number)
     output, errors = client.communicate(timeout=120.0)
@@ -216,7 +216,7 @@ def test_a_second_client_is_refused_by_the_name_of_the_first_until_it_takes_over
 def test_moves_are_appended_while_the_robot_moves_and_while_it_is_held(
     robot: subprocess.Popen, delta3: Runner
 ) -> None:
-    assert delta3('move', 'l', '0.1', '0', '-0.75', '--speed', '0.01', '--detach').returncode == 0
+    assert delta3('move', 'l', '0.1', '0', '-0.75', '--speed', '0.05', '--detach').returncode == 0
     appended = delta3('move', 'l', '0.1', '0.01', '-0.75', '--queue')
     assert (appended.returncode, appended.stdout[:19]) == (0, '1 statements follow'), appended.stderr
     assert delta3('move', 'hold').returncode == 0

@@ -65,17 +65,17 @@ def ended(process: subprocess.Popen[str]) -> tuple[int, str]:
 
 
 @pytest.fixture
-def robot(fork_delta3: Any, nothing_left_behind: None) -> Iterator[subprocess.Popen[str]]:
-    process = fork_delta3('up', *SLOW)
+def robot(start_delta3: Any, nothing_left_behind: None) -> Iterator[subprocess.Popen[str]]:
+    process = start_delta3('up', *SLOW)
     ready(process)
     yield process
     assert ended(process)[0] == 0
 
 
 @pytest.fixture
-def url(robot: subprocess.Popen[str], fork_delta3: Any) -> Iterator[str]:
+def url(robot: subprocess.Popen[str], start_delta3: Any) -> Iterator[str]:
     """Give the address of the page of a robot."""
-    process = fork_delta3('view')
+    process = start_delta3('view')
     found = re.search(r'http\S+', line := process.stderr.readline())
     assert found, line
     yield found[0]
@@ -124,11 +124,11 @@ def jerk_m_s3(bag: Path) -> np.ndarray:
 
 @pytest.mark.long
 def test_a_jog_stops_softly_when_the_button_is_let_go_and_when_the_page_is_gone(
-    fork_delta3: Any, nothing_left_behind: None, browser: Any, delta3: Runner, tmp_path: Path
+    start_delta3: Any, nothing_left_behind: None, browser: Any, delta3: Runner, tmp_path: Path
 ) -> None:
-    robot = fork_delta3('up', *SLOW, '--bag', str(tmp_path / 'bag'))
+    robot = start_delta3('up', *SLOW, '--bag', str(tmp_path / 'bag'))
     ready(robot)
-    view = fork_delta3('view')
+    view = start_delta3('view')
     found = re.search(r'http\S+', view.stderr.readline())
     assert found
     with Visit(browser, found[0]) as visit:
@@ -156,18 +156,18 @@ def test_a_jog_stops_softly_when_the_button_is_let_go_and_when_the_page_is_gone(
 
 @pytest.mark.long
 def test_the_page_goes_on_with_a_robot_that_was_started_again(
-    fork_delta3: Any, nothing_left_behind: None, browser: Any
+    start_delta3: Any, nothing_left_behind: None, browser: Any
 ) -> None:
-    first = fork_delta3('up', *SLOW)
+    first = start_delta3('up', *SLOW)
     ready(first)
-    view = fork_delta3('view')
+    view = start_delta3('view')
     found = re.search(r'http\S+', view.stderr.readline())
     assert found
     with Visit(browser, found[0]) as visit:
         visit.page.get_by_text('idle', exact=True).first.wait_for()
         assert ended(first)[0] == 0
         visit.page.get_by_text('no robot', exact=True).first.wait_for()
-        second = fork_delta3('up', *SLOW)
+        second = start_delta3('up', *SLOW)
         ready(second)
         visit.page.get_by_text('idle', exact=True).first.wait_for()
     assert ended(view) == (0, '')
@@ -263,14 +263,14 @@ def test_a_page_without_a_robot_ends_with_one_sentence(delta3: Runner, nothing_l
 
 @pytest.mark.long
 def test_the_oscilloscope_of_the_page_shows_samples_and_says_who_else_has_a_drive(
-    url: str, browser: Any, fork_delta3: Any
+    url: str, browser: Any, start_delta3: Any
 ) -> None:
     with Visit(browser, url, height=1000) as visit:
         visit.page.get_by_text('idle', exact=True).first.wait_for()
         visit.page.get_by_text('Oscilloscope', exact=True).click()
         press(visit, 'Record')
         visit.page.get_by_text('8000 samples of 2 channels at 16000 Hz').first.wait_for()
-        other = fork_delta3('scope', 'axis1.current', '--trigger', 'fault')
+        other = start_delta3('scope', 'axis1.current', '--trigger', 'fault')
         assert other.stderr.readline() == 'waiting for a fault of a drive\n'
         press(visit, 'Record')
         visit.page.get_by_text('the oscilloscope of axis1 is in use by process').first.wait_for()
@@ -284,12 +284,12 @@ def test_the_oscilloscope_of_the_page_shows_samples_and_says_who_else_has_a_driv
 
 @pytest.mark.long
 def test_an_input_that_is_set_on_the_page_is_set_without_control_of_the_robot(
-    fork_delta3: Any, nothing_left_behind: None, browser: Any, delta3: Runner, tmp_path: Path
+    start_delta3: Any, nothing_left_behind: None, browser: Any, delta3: Runner, tmp_path: Path
 ) -> None:
     (tmp_path / 'cell.yaml').write_text(CELL)
-    robot = fork_delta3('up', *SLOW, '--cell', str(tmp_path / 'cell.yaml'))
+    robot = start_delta3('up', *SLOW, '--cell', str(tmp_path / 'cell.yaml'))
     ready(robot)
-    view = fork_delta3('view')
+    view = start_delta3('view')
     found = re.search(r'http\S+', view.stderr.readline())
     assert found
 

@@ -156,7 +156,7 @@ def test_the_figure_of_the_residuals_has_each_measurement_under_its_label():
     assert drawn['after, not used'] == pytest.approx([0.02])
 
 
-def test_the_table_that_it_leaves_gives_the_same_again(summary, folder, tmp_path, undrawn):
+def test_the_table_that_it_leaves_gives_the_same_again(summary, folder, tmp_path):
     again = study(tmp_path, simulate=None, chosen='rich').fit(folder / 'measurements.csv')
     for name, values in summary['corrections'].items():
         assert again['corrections'][name] == pytest.approx(values, abs=2e-7)
@@ -165,14 +165,14 @@ def test_the_table_that_it_leaves_gives_the_same_again(summary, folder, tmp_path
 
 
 @pytest.mark.long
-def test_a_calibrated_robot_is_calibrated_already(summary, tmp_path, undrawn):
+def test_a_calibrated_robot_is_calibrated_already(summary, tmp_path):
     again = study(tmp_path, chosen=summary['parameter_file']).fit(None)
     assert left(again, 'true TCP where weight presses')['before_rms_m'] < GOAL_M
     assert left(again, 'true TCP where weight presses')['after_rms_m'] < GOAL_M
 
 
 @pytest.mark.long
-def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrated, tmp_path, undrawn):
+def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrated, tmp_path):
     """The lengths are calibrated; then each motor is homed anew, and misses."""
     missed = [0.3, -0.5, 0.2]
     angles = np.array(calibrated.rich.arm_angle_error_deg) + missed
@@ -190,7 +190,7 @@ def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrat
 
 @pytest.mark.long
 @pytest.mark.parametrize('method', ['plane', 'ball'])
-def test_touches_make_the_shape_of_the_motion_right(method, tmp_path, undrawn):
+def test_touches_make_the_shape_of_the_motion_right(method, tmp_path):
     found = study(tmp_path, method, 40, 4, noise_m=1e-5).fit(None)
     true = left(found, 'true TCP, its shape, where weight presses')
     assert true['after_rms_m'] < true['before_rms_m']

@@ -28,7 +28,6 @@ def settings_of(folder, bus, **fields):
     return Settings('geometry', (str(trace),), start_off=0.3, **fields)
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_an_interrupted_estimation_goes_on_from_its_last_iterate(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
     whole = Study(settings, tmp_path / 'whole', 'test', quiet).run()
@@ -62,7 +61,6 @@ def test_corrections_of_each_arm_are_no_start_of_the_group_geometry(bus, tmp_pat
         Study(settings, tmp_path / 'run', 'test', quiet)
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_an_estimation_does_not_go_on_with_other_inputs(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
     Study(settings, tmp_path / 'run', 'test', quiet).run()
@@ -155,7 +153,6 @@ def test_options_out_of_range_are_refused_before_anything_runs(arguments, senten
     assert sentence in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_an_input_that_cannot_be_read_leaves_an_earlier_estimation_as_it_is(bus, tmp_path):
     settings = settings_of(tmp_path, bus)
     Study(settings, tmp_path / 'run', 'test', quiet).run()
@@ -189,14 +186,12 @@ def short(tmp_path_factory):
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures('undrawn')
 def test_the_estimation_of_the_thesis_runs_as_the_documentation_has_it(tmp_path, capsys):
     report = run_json(['--group', 'thesis', '--output', str(tmp_path)], capsys)
     assert any('the initial values came back' in sentence for sentence in report['explanation'])
     assert {'K_m', 'F_s'} <= estimates(report).keys()
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_bus_cycles_from_50_percent_off_are_estimated(short, tmp_path, capsys):
     arguments = [
         short,
@@ -216,7 +211,6 @@ def test_bus_cycles_from_50_percent_off_are_estimated(short, tmp_path, capsys):
         assert row['low_95'] <= row['true'] <= row['high_95']
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_sampling_method_and_free_choose_models_and_quantities(short, tmp_path, capsys):
     base = [short, '--group', 'masses', '--output', str(tmp_path)]
     drive = run_json(base, capsys)
@@ -233,7 +227,6 @@ def test_sampling_method_and_free_choose_models_and_quantities(short, tmp_path, 
     assert 'm_n' not in estimates(drive)
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_start_off_noise_and_seed_change_the_start_and_the_measurement(short, tmp_path, capsys):
     base = [short, '--group', 'masses', '--known', 'm_fb,m_payload', '--output', str(tmp_path)]
     reports = {
@@ -257,7 +250,6 @@ def test_start_off_noise_and_seed_change_the_start_and_the_measurement(short, tm
     assert reports[('--noise', '1')]['residuals'][0]['intervals_from'] == 'residuals'
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_the_measurement_that_is_written_is_the_one_that_was_estimated_from(short, tmp_path, capsys):
     for name in ('own.npz', 'own.csv'):
         base = ['--group', 'masses', '--known', 'm_fb,m_payload', '--output', str(tmp_path / 'out')]

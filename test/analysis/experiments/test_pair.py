@@ -173,7 +173,6 @@ def test_what_cannot_be_attributed_is_told(other, why, nominal, tmp_path, monkey
     assert any(why in note for note in found.notes)
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_the_folder_of_a_pair_holds_what_that_of_an_experiment_holds(nominal, built, tmp_path):
     document = PairStudy(Pair(nominal, built, attributed=False), tmp_path / 'out', 'a test', silent).run()
     names = {path.name for path in (tmp_path / 'out').iterdir()}
@@ -215,7 +214,6 @@ def test_a_model_that_was_asked_for_keeps_its_bus_cycle(slow, tmp_path):
 # the command ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_the_command_reads_a_foreign_table_and_tells_the_shift_it_found(built, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     table_of(built, tmp_path / 'plain.csv', ('arm_position', 'arm_speed', 'current'), 700.0, 1234.5)

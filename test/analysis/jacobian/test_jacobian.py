@@ -538,7 +538,6 @@ def test_bad_input_is_refused_in_a_sentence(arguments, status, sentence, capsys,
 
 
 @pytest.mark.parametrize('signals', some(['actual', 'true'], ['true']))
-@pytest.mark.usefixtures('undrawn')
 def test_the_command_compares_the_signals_and_the_pose_that_are_asked_for(
     signals, robot, trace, tmp_path, capsys
 ):

@@ -154,7 +154,7 @@ def test_the_folder_has_figures_8_2_to_8_4_and_the_trace_reads_back(tmp_path, ca
     assert loaded['phase_current'].any(axis=0).all()
 
 
-def test_the_load_of_the_command_line_is_the_load_of_the_motor(tmp_path, capsys, monkeypatch, undrawn):
+def test_the_load_of_the_command_line_is_the_load_of_the_motor(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'short.yaml').write_text('moves: [{move_l: {to_m: [0.02, 0.0, -0.76]}}]\n', encoding='utf-8')
     load = ['--load-inertia', '0.3', '--load-torque', '6.4']

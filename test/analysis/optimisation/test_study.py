@@ -61,7 +61,7 @@ class Here:
 
 
 @pytest.fixture
-def here(monkeypatch, undrawn):
+def here(monkeypatch):
     return Here(monkeypatch)
 
 

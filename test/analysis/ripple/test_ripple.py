@@ -128,7 +128,7 @@ def test_the_picture_shows_one_cycle_before_and_one_after_with_the_samples_of_th
         assert at[time_ms] == pytest.approx(samples[time_ms], rel=1e-12)
 
 
-def test_the_motor_that_is_asked_for_is_the_one_that_is_shown(tmp_path, capsys, undrawn):
+def test_the_motor_that_is_asked_for_is_the_one_that_is_shown(tmp_path, capsys):
     program, folder = tmp_path / 'short.yaml', tmp_path / 'out'
     program.write_text('moves: [{move_l: {to_m: [0.1, 0.05, -0.8]}}]\n')
     case = ['--cycle-time', '1', '--interpolation', 'linear', '--axis', '3']

@@ -62,7 +62,7 @@ def study(path, folder, workers, progress=silent):
 
 
 @pytest.mark.long
-def test_a_killed_worker_and_an_interruption_change_no_bit_of_the_table(path, serial, tmp_path, undrawn):
+def test_a_killed_worker_and_an_interruption_change_no_bit_of_the_table(path, serial, tmp_path):
     folder, killed = tmp_path / 'out', []
 
     def kill(stage, done, _total):

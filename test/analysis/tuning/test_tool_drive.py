@@ -136,7 +136,6 @@ def test_the_command_says_what_is_for_the_arms(more, capsys):
     assert f'error: {more[0]} is for the drives of the arms: --axis 4 takes none' in capsys.readouterr().err
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_the_folder_tells_of_the_drive_of_the_tool(tmp_path, capsys):
     folder = tmp_path / 'tuning'
     command = ['tune', '--axis', '4', '--parameters', 'rotary', '--set', 'K_Ppos=60', '--output', str(folder)]

@@ -370,7 +370,6 @@ def test_recording_that_allows_nothing_says_what_is_missing(robot, operation, ex
         settings.apply([settings.parse('K_Pvel=200')], robot)
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_command_compares_gains_and_tells_what_is_unstable(tmp_path, capsys, excited):
     excited.save(tmp_path / 'trace.npz')
     arguments = ['--set', 'K_Pvel=4', '--sweep', 'K_Ppos=40:80:2', '--recording', str(tmp_path / 'trace.npz')]

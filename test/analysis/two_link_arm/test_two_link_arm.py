@@ -250,7 +250,7 @@ DRAWN = [(ARM, (-0.2, 0.4)), (TwoLinkArm(0.5, 0.5), (0.0, 0.0)), (TwoLinkArm(0.1
 
 
 @pytest.mark.parametrize(('arm', 'point'), some(DRAWN, DRAWN[:1]))
-def test_every_figure_is_drawn_in_a_readable_size(arm, point, tmp_path):
+def test_every_figure_is_drawn_in_a_readable_size(arm, point, tmp_path, drawn):
     folder = ReportFolder(tmp_path, Provenance.of('test'))
     paths = folder.figures(figures.by_name(arm, point))
     table = folder.table(figures.table(arm))
@@ -308,7 +308,6 @@ def test_the_command_prints_both_solutions_with_jacobian_and_determinant(capsys)
         assert part in text
 
 
-@pytest.mark.usefixtures('undrawn')
 def test_the_command_gives_the_same_as_json_in_si_units(capsys, tmp_path):
     arguments = ['--point', '-0.2', '0.4', '--velocity', '0.1', '0', '--figures', str(tmp_path / 'new')]
     assert main(['two-link', '--json', *arguments]) == 0
