@@ -1,12 +1,12 @@
-"""A Delta-3 robot on a PacDrive motion controller, emulated on ROS 2.
+"""Delta-3 robot with a PacDrive motion controller, emulated on ROS 2.
 
-The public face of the package, all of it without ROS:
+The public API of the package, all of it without ROS:
 
     import delta3_pacdrive as d3
 
     robot = d3.load_parameters()                                  # or a file, or 'rich': the built robot
     trace = d3.simulate('experiment1', robot)                     # or a file, or a program
-    trace = d3.load_trace('my_bag')                               # of a robot that was recorded
+    trace = d3.load_trace('my_bag')                               # recorded from a running robot
     theta = d3.kinematics.inverse([0.1, 0.0, -0.8], robot)        # rad, of points of shape (..., 3)
     tau = d3.dynamics.inverse(theta, [0.0] * 3, [0.0] * 3, robot)     # N m
 """
@@ -40,7 +40,7 @@ __all__ = [
     'simulate',
 ]
 
-# what is loaded when it is asked for first: numerical libraries take half a second
+# imported on first access: numerical libraries take half a second
 _LAZY = {
     'Parameters': 'delta3_pacdrive.parameters',
     'Program': 'delta3_pacdrive.motion.program',
@@ -54,8 +54,8 @@ def load_parameters(path: str | Path | None = None) -> Parameters:
     Parameters
     ----------
     path
-        A parameter file, or ``rich``: the built robot, or ``model``: feed-forward of the whole model, or several
-        joined: ``rich+model``. Without it the packaged nominal robot.
+        A parameter file; ``rich``: the built robot; ``model``: feed-forward of the whole model; several joined with
+        ``+``: ``rich+model``. Default: the packaged nominal robot.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def load_parameters(path: str | Path | None = None) -> Parameters:
     Raises
     ------
     ParameterError
-        The file cannot be read or breaks rules; names up to ten places and the rules.
+        The file cannot be read or breaks rules; lists up to ten places with the rules.
 
     """
     from delta3_pacdrive import parameters
@@ -83,23 +83,23 @@ def load_program(
     Parameters
     ----------
     source
-        A YAML file, the name of a packaged program such as ``experiment1``, or what such a file would hold.
+        A YAML file, the name of a packaged program such as ``experiment1``, or the content of such a file.
     parameters
-        Of the robot: what the program does not limit, they do.
+        Robot whose limits apply where the program sets none.
     cell
-        What stands around the robot, as ``simulate`` takes it: the program may use its names of outputs.
+        Cell of the robot, as in ``simulate``: the program may use its output names.
 
     Returns
     -------
     program
-        Its statements, read but not planned yet.
+        Its statements, not yet planned.
 
     Raises
     ------
     ProgramError
-        The file cannot be read or breaks rules; names up to ten places and the rules.
+        The file cannot be read or breaks rules; lists up to ten places with the rules.
     CellError
-        The same of the cell.
+        The same for the cell.
 
     """
     from delta3_pacdrive.motion import program_file
@@ -119,17 +119,17 @@ def load_trace(path: str | Path) -> Trace:
     Parameters
     ----------
     path
-        A trace (``.npz``, or ``.csv`` with units in its header), or the folder of a bag.
+        A trace (``.npz``, or ``.csv`` with units in its header) or a bag folder.
 
     Returns
     -------
     trace
-        Its signals, as those of ``simulate``; a bag has no true values, which no topic tells.
+        The signals, as from ``simulate``; a bag has no true values, because no topic publishes them.
 
     Raises
     ------
     TraceError
-        There is no such recording, or it cannot be read.
+        The recording does not exist or cannot be read.
 
     """
     from delta3_pacdrive.recording import trace_file
@@ -143,37 +143,37 @@ def simulate(
     signals: Sequence[str] = (),
     cell: Cell | str | Path | Mapping[str, Any] | None = None,
 ) -> Trace:
-    """Run a program on a robot, without ROS and without a clock: the same control and plant code as the nodes.
+    """Run a program on a robot without ROS and faster than real time, with the control and plant code of the nodes.
 
     Parameters
     ----------
     program
-        A program, its file, or the name of a packaged one.
+        A program, its file, or the name of a packaged one; others use the controller with the whole model.
     parameters
-        Of the robot; without them those of ``delta3 simulate``: nominal, with the controller of the thesis for its
-        packaged programs, else with the one that knows the model.
+        Robot; default as in ``delta3 simulate``: nominal, with the controller of the thesis for its packaged programs
+        and the model-based controller for all others.
     signals
-        What is told on request only, by names and patterns: ``payload``, ``outputs``, ``tcp_speed``, ``drive_*``.
+        Optional signals, by names and patterns: ``payload``, ``outputs``, ``tcp_speed``, ``drive_*``.
     cell
-        Cell of the robot: a cell file, ``'cell'`` for the packaged one, what such a file would hold, or a ``Cell``. Its
-        gripper takes real parts then; ``trace.meta['cell']`` tells what has happened to them.
+        A cell file, ``'cell'`` for the packaged one, the content of such a file, or a ``Cell``. With a cell the
+        gripper handles parts; ``trace.meta['cell']`` reports them.
 
     Returns
     -------
     trace
         Every signal cycle by cycle: ``trace.time_s`` [s], shape (n,), ``trace['current']`` [A], ``trace['tcp_error']``
-        [m] and so on, shape (n, 3); ``trace.meta['figures']`` has the figures of the run.
+        [m] and so on, shape (n, 3); ``trace.meta['figures']`` holds the figures of the run.
 
     Raises
     ------
     ProgramError
-        The program cannot be read, or a move breaks a limit; says which, where and by how much.
+        The program cannot be read, or a move breaks a limit; names the move, the place and the excess.
     CellError
-        The cell cannot be read; names up to ten places and the rules.
+        The cell cannot be read; lists up to ten places with the rules.
     RunError
         A drive cannot be enabled.
     TraceError
-        There is no such signal.
+        A signal is unknown.
 
     """
     from delta3_pacdrive.motion.program import Program

@@ -1,4 +1,4 @@
-"""What goes wrong: exceptions of one family, each also a built-in one; faults of the robot and refusals, as values."""
+"""Exceptions of the package, each also derived from a built-in one; robot faults and rejections as values."""
 
 import os
 import sys
@@ -12,30 +12,30 @@ _OWN = ('delta3_pacdrive', '__main__', '__mp_main__')
 
 
 class Delta3Error(Exception):
-    """Base of everything this package raises on purpose; the message is one sentence for the user, or several."""
+    """Base class of all exceptions that this package raises; the message is meant for the user."""
 
     _complaints: tuple[str, ...] = ()
 
     @classmethod
     def of_all(cls, complaints: Iterable[str]) -> Self:
-        """Return an error of all that is wrong at once."""
-        told = tuple(complaints)
-        error = cls('; '.join(told))
-        error._complaints = told
+        """Return one error with several complaints, joined by semicolons."""
+        parts = tuple(complaints)
+        error = cls('; '.join(parts))
+        error._complaints = parts
         return error
 
     @property
     def complaints(self) -> tuple[str, ...]:
-        """What is wrong, one by one."""
+        """The complaints one by one."""
         return self._complaints or (str(self),)
 
 
 class ParameterError(Delta3Error, ValueError):
-    """A parameter file or value breaks a rule; the message names the key and the rule."""
+    """A parameter file or value breaks a rule."""
 
 
 class UnreachableError(Delta3Error, ValueError):
-    """A pose that the arms cannot reach, or an angle triple that closes no chain."""
+    """A pose that the arms cannot reach, or arm angles for which forward kinematics has no solution."""
 
 
 class SingularityError(Delta3Error, ValueError):
@@ -43,152 +43,139 @@ class SingularityError(Delta3Error, ValueError):
 
 
 class ProgramError(Delta3Error, ValueError):
-    """A motion program is malformed, or a move in it is refused."""
+    """A motion program is malformed, or one of its moves is rejected."""
 
 
 class CellError(Delta3Error, ValueError):
-    """A cell file breaks a rule; the message names the place and the rule."""
+    """A cell file breaks a rule."""
 
 
 class TelegramError(Delta3Error, ValueError):
-    """A message on a cyclic topic has the wrong shape, a number that is not finite, or a bad stamp."""
+    """A cyclic message has the wrong shape, a non-finite number or an invalid stamp."""
 
 
 class TraceError(Delta3Error, ValueError):
-    """A recording that cannot be read or lacks a signal."""
+    """A recording cannot be read or lacks a signal."""
 
 
 class EstimationError(Delta3Error, ValueError):
-    """Signals that hold nothing to estimate from, or an estimation that cannot go on."""
+    """The signals are unsuitable for an estimation, or the estimation did not converge."""
 
 
 class CalibrationError(Delta3Error, ValueError):
-    """Measurements that no calibration can be made of, or poses that cannot be measured."""
+    """Measurements unsuitable for a calibration, or poses that cannot be measured."""
 
 
 class TuningError(Delta3Error, ValueError):
-    """A tuning that is asked for what its input, its load or its settings do not allow."""
+    """A tuning request that its input, load or settings do not allow."""
 
 
 class LearnedError(Delta3Error, ValueError):
-    """Learned torques that cannot be read, do not fit what is driven, or cannot be learned."""
+    """Learned torques that cannot be read or learned, or that do not fit the program."""
 
 
 class SweepError(Delta3Error, ValueError):
-    """A sweep cannot be made as its file has it, or on the cluster that is there."""
+    """A sweep file that cannot be executed, or not on the available cluster."""
 
 
 class LineError(Delta3Error, ValueError):
-    """A line of robots that cannot be as its file has it."""
+    """A line file that breaks a rule."""
 
 
 class FigureError(Delta3Error, OSError):
-    """Figures that cannot be written."""
+    """Figures cannot be written."""
 
 
 class ReportError(Delta3Error, OSError):
-    """A report cannot be written, or what it is about cannot be read."""
+    """A report cannot be written, or its input cannot be read."""
 
 
 class KernelError(Delta3Error, OSError):
-    """Compiled kernels have no place."""
+    """No folder for compiled kernels is available."""
 
 
 class RunError(Delta3Error, RuntimeError):
-    """A run of the graph ended otherwise than planned; the message names who and why."""
+    """A run of the graph failed; the message names the process and the reason."""
 
 
 class RunInterruptedError(RunError):
-    """A run was ended from outside, and has put in order what it leaves behind."""
+    """A run was interrupted from outside, after its cleanup."""
 
 
 class Code(StrEnum):
-    """What kind of refusal it is."""
+    """Kind of rejection."""
 
     CONTROL = 'control'  # another operator has control of the robot
-    STATE = 'state'  # not in this state of the robot
-    DISABLED = 'disabled'  # the drives are not enabled
+    STATE = 'state'  # not allowed in the current robot state
+    DISABLED = 'disabled'
     FAULT = 'fault'  # a fault is latched
     BUS = 'bus'  # the bus is not in cyclic operation
     CONTENT = 'content'  # the request itself breaks a rule or a limit
-    LATE = 'late'  # its bus cycle is over
-    FOREIGN = 'foreign'  # of another session, a second time, or from nobody who is there
-    WITHDRAWN = 'withdrawn'  # given up by whoever asked for it
-    SILENT = 'silent'  # somebody who should have answered did not
-    TIMEOUT = 'timeout'  # what was waited for has not come in time
-    BELT = 'belt'  # a part on a belt cannot be met, or the robot could not stay on the belt
+    LATE = 'late'  # its bus cycle has passed
+    FOREIGN = 'foreign'  # from another session, an unknown sender, or a duplicate
+    WITHDRAWN = 'withdrawn'  # cancelled by the requester
+    SILENT = 'silent'  # no response from a participant
+    TIMEOUT = 'timeout'
+    BELT = 'belt'  # a part on a belt is out of reach, or the robot cannot follow the belt
 
     @classmethod
     def of(cls, text: str) -> 'Code':
-        """Return the code that a message names; one that is unknown is taken for ``CONTENT``."""
+        """Return the code for ``text``, ``CONTENT`` if it is unknown."""
         return next((code for code in cls if code == text), cls.CONTENT)
 
 
 class FaultCode(StrEnum):
-    """A code tells what kind of fault has stopped the robot."""
+    """Kind of fault that stopped the robot."""
 
-    DRIVE = 'drive'  # a drive reports it; the number of its diagnostic message follows
-    ANSWER_LOST = 'answer_lost'  # answers of drives are missing
+    DRIVE = 'drive'  # reported by a drive, with the number of its diagnostic message
+    ANSWER_LOST = 'answer_lost'  # missing ATs
     BUS_TIME = 'bus_time'  # a drive is in another bus cycle than the master
-    NOT_ENABLED = 'not_enabled'  # a drive is without torque while a program runs
-    SECOND_WRITER = 'second_writer'  # two answers of one drive in one cycle
-    PARTICIPANT_LEFT = 'participant_left'  # somebody was started again, or has left the bus
-    PARAMETERS = 'parameters'  # not everybody rests on the same parameters
-    PLACE = 'place'  # the motors stand where the arms cannot be
+    NOT_ENABLED = 'not_enabled'  # a drive lost torque while a program was running
+    SECOND_WRITER = 'second_writer'  # two ATs of one drive in one cycle
+    PARTICIPANT_LEFT = 'participant_left'  # a participant restarted or left the bus
+    PARAMETERS = 'parameters'  # participants use different parameters
+    PLACE = 'place'  # forward kinematics has no solution for the motor angles
     PLANNER_SILENT = 'planner_silent'
     PLANNER_RESTARTED = 'planner_restarted'
-    NOT_IN_POSITION = 'not_in_position'  # the robot has not come to the end of a program, or to an exact stop
+    NOT_IN_POSITION = 'not_in_position'  # at the end of a program or at an exact stop
     EMERGENCY_STOP = 'emergency_stop'
-    DISABLED = 'disabled'  # by the operator, in motion
+    DISABLED = 'disabled'  # by the operator, during motion
 
     @classmethod
     def of(cls, text: str) -> 'FaultCode':
-        """Return the code that a message names; one that is unknown is taken for ``DRIVE``."""
+        """Return the code for ``text``, ``DRIVE`` if it is unknown."""
         return next((code for code in cls if code == text), cls.DRIVE)
 
 
 def sources_of(source: str) -> tuple[str, ...]:
-    """Return one by one whom the ``source`` of a fault names."""
+    """Split the ``source`` of a fault into names."""
     return tuple(source.split(', ')) if source else ()
 
 
 @dataclass(frozen=True)
 class RobotFault:
-    """A fault has stopped the robot, or keeps it from starting.
-
-    Attributes
-    ----------
-    code
-        What kind of fault it is.
-    sentence
-        The same for people.
-    source
-        Who is or may be its cause: axis or participant, several parted by a comma; empty for the robot as a whole.
-    number
-        Number of the diagnostic message (``drive.diagnostics``), 0 if it has none or a drive has not told it yet.
-    cycle
-        Bus cycle in which it was found, -1 as long as nobody has said so.
-
-    """
+    """A fault that stopped the robot or prevents it from starting."""
 
     code: FaultCode
     sentence: str
-    source: str = ''
-    number: int = 0
-    cycle: int = -1
+    source: str = ''  # axes or participants that may be the cause, comma-separated; empty for the whole robot
+    number: int = (
+        0  # diagnostic message (``drive.diagnostics``); 0 without one, or not yet reported by the drive
+    )
+    cycle: int = -1  # bus cycle of detection; -1 if unknown
 
     def __str__(self) -> str:
-        """Return the sentence."""
+        """Return the message for the user."""
         return self.sentence
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Who is or may be its cause, one by one."""
+        """Possible causes one by one."""
         return sources_of(self.source)
 
     @staticmethod
     def facts(fault: 'RobotFault | None') -> dict[str, Any]:
-        """Return what messages and reports tell of a fault beside its sentence; 0 and empty if there is none."""
+        """Return the fields of messages and reports about a fault; 0 and empty strings without one."""
         if fault is None:
             return {'fault_code': '', 'fault_number': 0, 'fault_source': '', 'fault_cycle': 0}
         return {
@@ -200,7 +187,7 @@ class RobotFault:
 
     @classmethod
     def of(cls, facts: Mapping[str, Any], sentence: str) -> Self | None:
-        """Read back what ``facts`` wrote; None if there was no fault."""
+        """Rebuild a fault from ``facts``; None if there was none."""
         if not facts.get('fault_code'):
             return None
         code = FaultCode.of(facts['fault_code'])
@@ -209,24 +196,24 @@ class RobotFault:
 
 @dataclass(frozen=True)
 class Reason:
-    """A refusal, and the fault that it is because of, if it is."""
+    """A rejection, with the fault that caused it, if any."""
 
     code: Code
     sentence: str
     fault: RobotFault | None = None
 
     def __str__(self) -> str:
-        """Return the sentence."""
+        """Return the message for the user."""
         return self.sentence
 
     @staticmethod
     def of(error: Delta3Error) -> 'Reason':
-        """Return the reason of a refused request; any other error tells what breaks a rule."""
+        """Return the reason of a rejected request; other errors map to ``Code.CONTENT``."""
         return error.reason if isinstance(error, RefusedError) else Reason(Code.CONTENT, str(error))
 
 
 class RefusedError(ProgramError):
-    """A request that is refused, with the reason."""
+    """A rejected request, with the reason."""
 
     def __init__(self, reason: Reason) -> None:
         super().__init__(reason.sentence)
@@ -234,14 +221,14 @@ class RefusedError(ProgramError):
 
 
 class ScriptError(RefusedError):
-    """A call of a script that is refused, or a script that cannot go on; the message begins with its file and line.
+    """A rejected call of a script, or a script that cannot continue; the message begins with file and line.
 
     Parameters
     ----------
     reason
-        Why, with its code.
+        Code and message.
     place
-        File and line of the script, such as ``pick.py:12``; empty if nobody knows it.
+        File and line of the script, such as ``pick.py:12``; empty if unknown.
 
     """
 
@@ -254,12 +241,12 @@ class ScriptError(RefusedError):
 
     @property
     def code(self) -> Code:
-        """What kind of refusal it is."""
+        """Kind of rejection."""
         return self.reason.code
 
 
 class WaitTimeoutError(ScriptError, TimeoutError):
-    """What a script has waited for has not come in time."""
+    """A script waited longer than its timeout."""
 
 
 NO_ROS = (
@@ -269,24 +256,24 @@ NO_ROS = (
 
 
 def loading_failure(error: BaseException) -> str | None:
-    """Return why a library of others cannot be loaded, as one sentence; None if the error has another cause."""
+    """Return one sentence if a third-party library failed to load; None if the error has another cause."""
     missing = getattr(error, 'name', None) if isinstance(error, ModuleNotFoundError) else None
     if missing == 'rclpy':
         return NO_ROS
     library, file = '', None
     trace = error.__traceback__
-    while trace is not None:  # the innermost is the cause
+    while trace is not None:  # the innermost frame is the cause
         frame = trace.tb_frame
         name = str(frame.f_globals.get('__name__', '')).partition('.')[0]
         if frame.f_code.co_name == '<module>' and name not in _OWN:
             library, file = name, frame.f_code.co_filename
         trace = trace.tb_next
-    if not library and isinstance(error, ImportError | AttributeError):  # some of it is missing
+    if not library and isinstance(error, ImportError | AttributeError):  # incomplete library
         library = '' if isinstance(error, AttributeError) else (error.name or '').partition('.')[0]
         module = error.obj if isinstance(error, AttributeError) else sys.modules.get(library)
         if isinstance(module, ModuleType):
             library, file = module.__name__, getattr(module, '__file__', None)
-    elif not library and isinstance(error, SyntaxError):  # it was not compiled and has no frame
+    elif not library and isinstance(error, SyntaxError):  # not compiled, so it has no frame
         file = error.filename
         library = _module_of(file)
     library = library.partition('.')[0]
@@ -300,7 +287,7 @@ def loading_failure(error: BaseException) -> str | None:
 
 
 def _module_of(file: str | None) -> str:
-    """Return the top-level module of a source file on the import path; empty if it is elsewhere."""
+    """Return the top-level module of a source file, empty if it is not on the import path."""
     from pathlib import Path
 
     for folder in filter(None, sys.path):
@@ -310,9 +297,9 @@ def _module_of(file: str | None) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a value as text for a message: short, whatever it is."""
+    """Return a value as text of at most 60 characters."""
     try:
         text = repr(value)
-    except (ValueError, RecursionError):  # whole numbers of thousands of digits, endless nesting
+    except (ValueError, RecursionError):  # integers of thousands of digits, endless nesting
         text = f'a value of type {type(value).__name__}, too large to show'
     return text if len(text) <= 60 else f'{text[:57]}...'

@@ -1,12 +1,10 @@
-"""What ends a command from outside: Ctrl-C, SIGTERM, a terminal that closes. One sentence and a status, no traceback.
+"""Handling of SIGINT, SIGTERM and SIGHUP: one message and an exit status instead of a traceback.
 
-Imports next to nothing, so that it is in force before anything that takes long is loaded. A signal has one of two
-effects:
+This module imports almost nothing, so that it can be installed before slow imports. A signal has one of two effects:
 
-- *at once* (the default): the process tells that it was interrupted, and is gone. This is for stages that leave nothing
-  half done: an exception that flies through the import of a C extension or through the compiler comes out as something
-  else, or not at all.
-- *raising*: it becomes an exception, ``Interrupted``, for work that puts something in order when it ends.
+- The default: the process prints a message and exits immediately. This suits stages without cleanup; an exception
+  raised inside the import of a C extension or inside the compiler may be replaced or lost.
+- Inside ``raising``: it raises ``Interrupted``, for work that needs cleanup.
 """
 
 import math
@@ -21,13 +19,13 @@ from types import FrameType
 from typing import Any
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-PATIENCE_S = 3.0  # for what is put in order; after that another signal ends the process at once
-END_S = 5.0  # for threads of libraries, when everything is said
-AGAIN_S = 1e-3  # until an exception that a callback has swallowed is raised again
+PATIENCE_S = 3.0  # for cleanup; after it a second signal ends the process immediately
+END_S = 5.0  # for threads of libraries at exit
+AGAIN_S = 1e-3  # until an exception swallowed by a callback is raised again
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal asks for the end."""
+    """A signal requested termination."""
 
     def __init__(self, number: int) -> None:
         super().__init__(sentence(number))
@@ -35,9 +33,9 @@ class Interrupted(KeyboardInterrupt):
 
 
 class Flag:
-    """Says whether a signal asks for the end, to whoever looks; true once it does.
+    """Termination request that can be set from a signal handler.
 
-    A handler may set it. It must not set a ``threading.Event``: that takes a lock, and who is interrupted may hold it.
+    A ``threading.Event`` takes a lock, which the interrupted thread may hold.
     """
 
     def __init__(self) -> None:
@@ -47,12 +45,12 @@ class Flag:
         return self._is_set
 
     def set(self) -> None:
-        """Ask for the end."""
+        """Request termination."""
         self._is_set = True
 
 
 class _State:
-    number = 0  # of the signal that asked for the end
+    number = 0  # of the signal that requested termination
     since_s = 0.0
     installed = False
     raises = False
@@ -64,22 +62,22 @@ _state = _State()
 
 
 def sentence(number: int) -> str:
-    """Say what happened."""
+    """Return the message for a signal."""
     return 'interrupted' if number == signal.SIGINT else f'ended by {signal.Signals(number).name}'
 
 
 def status(number: int) -> int:
-    """Return the exit status after a signal, as shells have it."""
+    """Return the exit status of a process ended by a signal, as shells define it."""
     return 128 + number
 
 
 def asked() -> int:
-    """Return the number of the signal that asked for the end, or 0."""
+    """Return the number of the signal that requested termination, or 0."""
     return _state.number
 
 
 def install() -> None:
-    """Answer signals from now on; those that the parent had us ignore (nohup, background jobs) stay ignored."""
+    """Install the handlers; signals ignored by the parent process (nohup, background jobs) stay ignored."""
     if _state.installed:
         return
     for number in NUMBERS:
@@ -92,26 +90,26 @@ def install() -> None:
         if not issubclass(unraisable.exc_type, Interrupted):
             hook(unraisable)
             return
-        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)  # not in here: this hook would swallow it as well
+        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)  # raised here, the hook would swallow it as well
 
     sys.unraisablehook = raise_again
     _state.installed = True
 
 
 def note(number: int) -> None:
-    """Take note of a signal that somebody else answers, for the exit status."""
+    """Record a signal that other code handles, for the exit status."""
     if not _state.number:
         _state.number, _state.since_s = number, time.monotonic()
 
 
 def answer_as_json(yes: bool) -> None:
-    """Let the sentence also stand on standard output, as JSON."""
+    """Also print the message as JSON on standard output."""
     _state.as_json = yes
 
 
 @contextmanager
 def raising(yes: bool = True) -> Iterator[None]:
-    """Let signals become exceptions inside (or not, although they do outside)."""
+    """Make signals raise ``Interrupted`` inside the context, or not (``yes=False``)."""
     before, _state.raises = _state.raises, yes
     try:
         yield
@@ -121,10 +119,9 @@ def raising(yes: bool = True) -> Iterator[None]:
 
 @contextmanager
 def answered_by(end: Callable[[], None], patience_s: float = math.inf) -> Iterator[None]:
-    """Let signals only be noted, and call ``end``, inside: for work that looks by itself whether it is to end.
+    """Record signals and call ``end`` inside the context, for work that polls for termination.
 
-    ``end`` takes no lock: it interrupts whoever may hold it. A signal that comes later than ``patience_s`` after the
-    first one ends the process at once.
+    ``end`` must not take a lock. A signal later than ``patience_s`` after the first one ends the process immediately.
     """
 
     def answer(number: int, _: FrameType | None) -> None:
@@ -142,7 +139,7 @@ def answered_by(end: Callable[[], None], patience_s: float = math.inf) -> Iterat
 
 
 def ignore() -> None:
-    """Let no signal disturb what is left to be said and the end of the interpreter."""
+    """Ignore further signals, so that the last output and the interpreter's exit are not disturbed."""
     if _state.installed:
         for number in NUMBERS:
             signal.signal(number, signal.SIG_IGN)
@@ -150,9 +147,9 @@ def ignore() -> None:
 
 
 def end_within(seconds: float, status: int) -> None:
-    """End the process with a status after a time, even if threads keep the interpreter from ending.
+    """Exit with a status after ``seconds``, even if threads keep the interpreter alive.
 
-    A process that only calls a command as a function goes on.
+    Has no effect in a process that calls a command as a function.
     """
 
     def leave() -> None:
@@ -186,7 +183,7 @@ def _on_alarm(*_: Any) -> None:
 
 
 def _leave() -> None:
-    """Tell it once and be gone, whatever the interpreter is in the middle of."""
+    """Print the message once and exit, regardless of the interpreter's state."""
     _state.leaves = True
     text = sentence(_state.number)
     show_cursor = b'\x1b[?25h' if os.isatty(2) else b''  # a display may have hidden it
@@ -194,6 +191,6 @@ def _leave() -> None:
         os.write(2, show_cursor + f'error: {text}\n'.encode())
         if _state.as_json:
             os.write(1, f'{{"ok": false, "error": "{text}"}}\n'.encode())
-    except OSError:  # nobody listens
+    except OSError:  # the stream is closed
         pass
     os._exit(status(_state.number))

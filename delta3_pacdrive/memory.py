@@ -1,6 +1,6 @@
-"""How a process uses memory: how often it looks for garbage, and how much it needs.
+"""Memory limits and garbage collection of a process.
 
-A limit under which numerical libraries hang, instead of failing, is refused before they load.
+Numerical libraries hang under too low a limit, so it is checked before they load.
 """
 
 import gc
@@ -15,12 +15,12 @@ from delta3_pacdrive.errors import RunError
 OFFLINE_MB, GRAPH_MB = (
     800,
     1400,
-)  # measured: 650 for an offline command, 1260 for a process of a robot, on two cores
-CORE_MB = 100  # linear algebra holds this much for each further core
+)  # measured on two cores: 650 for an offline command, 1260 for a robot process
+CORE_MB = 100  # reserved by linear algebra for each further core
 
 
 def require(in_a_graph: bool) -> None:
-    """Raise RunError if this process may have less memory than its libraries reserve."""
+    """Raise RunError if the memory limit of this process is below the amount that its libraries reserve."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     cores = len(os.sched_getaffinity(0))
     needed = (GRAPH_MB if in_a_graph else OFFLINE_MB) + CORE_MB * max(cores - 2, 0)
@@ -32,10 +32,9 @@ def require(in_a_graph: bool) -> None:
 
 @contextmanager
 def bounded() -> Iterator[None]:
-    """Let this process take at most half of the memory of the machine in addition, meanwhile.
+    """Limit additional memory of this process to half of the machine's memory.
 
-    A small compressed file may unpack to more than that: then MemoryError is raised, instead of the machine standing
-    still.
+    A small compressed file may unpack to more: MemoryError is raised instead of the machine swapping.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     try:
@@ -55,10 +54,10 @@ def bounded() -> Iterator[None]:
 
 
 def collect_seldom() -> None:
-    """Look for garbage seldom: little of what a command imports becomes some, and to look takes a sixth of its time."""
+    """Collect garbage rarely: imports leave little garbage, and collecting takes a sixth of the time of a command."""
     gc.set_threshold(50_000, 10, 10)
 
 
 def collect_often() -> None:
-    """Look for garbage often, as Python does by itself: one look is short, and delays no cycle."""
+    """Collect garbage with the thresholds of Python: each collection is short and delays no bus cycle."""
     gc.set_threshold(700, 10, 10)

@@ -1,7 +1,7 @@
-"""Folders and lock files that no other user of the machine can replace, in folders that all users share.
+"""Folders and lock files that other users of the machine cannot replace.
 
-Compiled kernels are executed and network profiles decide where a robot listens, so every folder on their path counts:
-its owner could exchange all folders below.
+Compiled kernels are executed, and network profiles decide where a robot listens. Every folder of their paths is
+checked, because its owner could exchange the folders below it.
 """
 
 import errno
@@ -17,22 +17,22 @@ from pathlib import Path
 
 
 def temporary_path(name: str) -> Path:
-    """Return where a private folder of this user belongs among the temporary files."""
+    """Return the path of a private temporary folder of this user."""
     return Path(tempfile.gettempdir(), f'delta3_pacdrive_{os.getuid()}', name)
 
 
 def temporary_folder(name: str) -> Path:
-    """Return a private folder of this user among the temporary files; raises OSError."""
+    """Create and return a private temporary folder of this user; raises OSError."""
     return private_folder(temporary_path(name))
 
 
 def private_folder(path: Path) -> Path:
-    """Return a folder, without links in its path, that only this user can change; create it if it is missing.
+    """Create a folder that only this user can change, and return its path without links.
 
     Raises
     ------
     OSError
-        Another user owns or can write a folder or a link of its path, or it cannot be created.
+        Another user owns or can write to a folder or a link of the path, or it cannot be created.
 
     """
     path = Path(os.path.abspath(path))
@@ -48,12 +48,12 @@ def private_folder(path: Path) -> Path:
 
 
 def _require_safe(path: Path, created: bool = False) -> None:
-    """Raise OSError if another user could exchange what is at a path."""
+    """Raise OSError if another user could exchange a path component."""
     if created:
         with suppress(FileExistsError):
             path.mkdir(mode=0o700)
     found = path.lstat()
-    # the owner of the root folder can exchange everything; in a container this need not be user 0
+    # the owner of the root folder can exchange everything; in a container it need not be user 0
     if found.st_uid not in (0, os.getuid(), Path('/').stat().st_uid):
         raise _refusal(f'it belongs to user {found.st_uid}', path)
     if stat.S_ISLNK(found.st_mode):
@@ -65,14 +65,14 @@ def _require_safe(path: Path, created: bool = False) -> None:
 
 
 def _others_write(found: os.stat_result) -> bool:
-    """Whether other users can write to a folder; members of the group of this user alone are not others."""
+    """Whether other users can write to a folder; a private group of this user does not count."""
     if found.st_mode & stat.S_IWOTH:
         return True
     return bool(found.st_mode & stat.S_IWGRP) and found.st_gid != 0 and not _is_own_group(found.st_gid)
 
 
 def _is_own_group(number: int) -> bool:
-    """Whether a group has the name of this user and no other member, as most distributions create it."""
+    """Whether a group has the user's name and no other member, the default of most distributions."""
     try:
         user, group = pwd.getpwuid(os.getuid()), grp.getgrgid(number)
     except KeyError:
@@ -86,7 +86,7 @@ def _refusal(reason: str, path: Path) -> PermissionError:
 
 @contextmanager
 def lock(path: Path) -> Iterator[None]:
-    """Hold an exclusive lock on a file in a private folder; the file stays, so that every process locks the same one.
+    """Hold an exclusive lock on a file in a private folder; the file is kept, so that all processes lock the same one.
 
     Raises
     ------
@@ -104,6 +104,6 @@ def lock(path: Path) -> Iterator[None]:
         try:
             yield
         finally:
-            fcntl.flock(number, fcntl.LOCK_UN)  # children that were forked meanwhile have it open, too
+            fcntl.flock(number, fcntl.LOCK_UN)  # processes forked meanwhile have it open, too
     finally:
         os.close(number)

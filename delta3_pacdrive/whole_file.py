@@ -1,7 +1,4 @@
-"""Files are there whole or not at all; and why one cannot be written is known before anything is computed for it.
-
-What is read is a file, not a pipe that waits for ever, and of a size that is known before it is unpacked.
-"""
+"""Atomic writing of files, and checks of outputs before a computation and of inputs before reading."""
 
 import errno
 import os
@@ -17,16 +14,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-UNPACKED_BYTES_MAX = 2 << 30  # of an input in memory: an hour of all signals of a robot
-NAME_LENGTH = 60  # of the file, in the name beside it, which must not become too long
+UNPACKED_BYTES_MAX = 2 << 30  # of an input in memory: one hour of all signals of a robot
+NAME_LENGTH = 60  # of the file name within the temporary name
 
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Give the name under which a file is to be written; it takes the place of ``path`` if nothing goes wrong.
+    """Yield a temporary path that replaces ``path`` if the block succeeds.
 
-    A reader sees the old file or the new one, never half of it. What is no file, but a device or a pipe, is written
-    itself. Raises OSError.
+    A reader sees the old file or the new one, never a part. Devices and pipes are written directly. Raises OSError.
     """
     if path.exists():
         if not path.is_file() and not path.is_dir():
@@ -34,7 +30,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
             return
         if not os.access(path, os.W_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
-    whole = Path(os.path.realpath(path))  # a link stays one
+    whole = Path(os.path.realpath(path))  # keeps a symbolic link
     partial = whole.with_name(f'.{whole.name[:NAME_LENGTH]}.{os.getpid()}')
     try:
         yield partial
@@ -46,16 +42,16 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def write_text(text: str, path: Path) -> Path:
-    """Write a text file as ``atomic_path`` does; raises OSError."""
+    """Write a text file atomically; raises OSError."""
     with atomic_path(path) as partial:
         partial.write_text(text, encoding='utf-8')
     return path
 
 
 def file_refusal(path: Path, folder_is_made: bool = False) -> str:
-    """Return why no file can be written there, empty if one can, as far as that can be known before.
+    """Return the reason for which a file cannot be written, empty if none is known.
 
-    With ``folder_is_made`` whoever writes it makes the folder that it needs.
+    With ``folder_is_made`` the writer creates the folder.
     """
     if os.path.isdir(path):
         return 'it is a folder'
@@ -71,15 +67,15 @@ def file_refusal(path: Path, folder_is_made: bool = False) -> str:
 
 
 def folder_refusal(path: Path) -> str:
-    """Return why there can be no folder of this name with files in it; empty if there can, as far as can be known."""
-    above = next(here for here in (path, *path.parents) if os.path.lexists(here) or here == here.parent)
+    """Return the reason for which files cannot be written to a folder of this name, empty if none is known."""
+    above = next(one for one in (path, *path.parents) if os.path.lexists(one) or one == one.parent)
     if not os.path.isdir(above):
-        return f'{above} is no folder'
+        return f'{above} is not a folder'
     return _closed(above)
 
 
 def _closed(folder: Path) -> str:
-    """Return why nothing can be written into a folder; empty if something can."""
+    """Return the reason for which nothing can be written to a folder, empty if it is writable."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             return ''
@@ -88,14 +84,14 @@ def _closed(folder: Path) -> str:
 
 
 def require_regular(path: Path) -> None:
-    """Raise OSError if an input is not there, or is a pipe, a socket or a device."""
+    """Raise OSError if an input is missing, or is a pipe, a socket or a device."""
     mode = path.stat().st_mode
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise OSError(errno.EINVAL, 'it is a pipe or a device, not a file', str(path))
 
 
 def require_size(path: Path, unpacked_bytes: int) -> None:
-    """Raise OSError if an input would take too much memory."""
+    """Raise OSError if an input needs too much memory."""
     if unpacked_bytes > UNPACKED_BYTES_MAX:
         limit = UNPACKED_BYTES_MAX >> 20
         reason = f'it would take {unpacked_bytes >> 20} MiB of memory, the limit is {limit} MiB'
@@ -103,13 +99,13 @@ def require_size(path: Path, unpacked_bytes: int) -> None:
 
 
 def arrays_of(path: Path) -> 'dict[str, NDArray[Any]]':
-    """Return the arrays of an ``.npz`` file; raises ValueError, OSError and what a damaged file makes of numpy."""
+    """Return the arrays of an ``.npz`` file; raises ValueError, OSError and numpy's errors for damaged files."""
     import numpy as np
 
     require_regular(path)
     with path.open('rb') as stream:
-        if not zipfile.is_zipfile(stream):  # numpy would speak of pickles
-            raise ValueError('it is no .npz archive, or its end is missing')
+        if not zipfile.is_zipfile(stream):  # numpy would complain about pickles
+            raise ValueError('it is not a .npz archive, or its end is missing')
         with zipfile.ZipFile(stream) as archive:
             require_size(path, sum(entry.file_size for entry in archive.infolist()))
         stream.seek(0)

@@ -98,8 +98,8 @@ def test_what_cannot_be_written_is_known_before(tmp_path):
     assert whole_file.file_refusal(Path('/proc/file')).startswith('the folder /proc may not be written: ')
     assert whole_file.folder_refusal(tmp_path) == ''
     assert whole_file.folder_refusal(tmp_path / 'one' / 'two') == ''
-    assert whole_file.folder_refusal(file) == f'{file} is no folder'
-    assert whole_file.folder_refusal(file / 'one') == f'{file} is no folder'
+    assert whole_file.folder_refusal(file) == f'{file} is not a folder'
+    assert whole_file.folder_refusal(file / 'one') == f'{file} is not a folder'
     assert whole_file.folder_refusal(Path('/proc/one/two')).startswith(
         'the folder /proc may not be written: '
     )

@@ -365,7 +365,7 @@ def _drives(trace: Trace) -> tuple[tuple[DriveChange, ...], ...]:
 def _changes(rows: Sequence[Sequence[int]], start: int, period_s: float) -> Iterator[DriveChange]:
     before = None
     for cycle, word in rows:
-        told = words.told_state(word), words.told_brake(word)
+        told = words.drive_state(word), words.brake_state(word)
         if told != before:  # words differ in warnings as well
             yield DriveChange((cycle - start) * period_s, *told)
         before = told

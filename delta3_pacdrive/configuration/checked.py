@@ -1,4 +1,4 @@
-"""The strict reader of documents: names place and rule of what is wrong, and tells up to ten errors at once."""
+"""Strict reader of documents: reports up to ten errors, each with its place and rule."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from delta3_pacdrive.configuration.located import Place, place_in, place_of, pla
 from delta3_pacdrive.errors import Delta3Error, shown
 
 ERRORS_MAX = 10
-NAME_MAX = 60  # longer ones are nobody's slip
+NAME_MAX = 60  # longer names are not typing errors
 
 _Value = TypeVar('_Value')
 
 
 class Refusal(Exception):  # noqa: N818 (it never leaves a reader)
-    """A value breaks a rule; where it stands is known by who asked for it, unless it is told here."""
+    """A value breaks a rule; without a place, that of the value being read applies."""
 
     def __init__(self, sentence: str, place: Place | None = None) -> None:
         super().__init__(sentence)
@@ -26,18 +26,18 @@ class Refusal(Exception):  # noqa: N818 (it never leaves a reader)
 
 
 class _EnoughError(Exception):
-    """Ten errors are enough."""
+    """The maximum number of errors is reached."""
 
 
 class Errors:
-    """What is wrong with a document."""
+    """Errors of a document."""
 
     def __init__(self, source: str = '') -> None:
         self._source = source
         self._found: dict[str, Place] = {}
 
     def add(self, refusal: Refusal, place: Place | None) -> None:
-        """Note an error with its place."""
+        """Add an error with its place."""
         place = refusal.place or place
         if not self._source:
             where = f'line {place.line}, column {place.column}: ' if place else ''
@@ -50,7 +50,7 @@ class Errors:
 
     @contextmanager
     def noted(self, place: Place | None = None) -> Iterator[None]:
-        """Note the refusal that ends a piece of reading, and go on after it."""
+        """Record the rejection that ends this block, and continue after it."""
         try:
             yield
         except Refusal as refusal:
@@ -58,7 +58,7 @@ class Errors:
 
     @contextmanager
     def raised_as(self, kind: type[Delta3Error]) -> Iterator[None]:
-        """Raise all errors as one at the end, in the order in which they stand in the file."""
+        """Raise all recorded errors as one exception, in the order of the file."""
         more = []
         try:
             yield
@@ -69,14 +69,14 @@ class Errors:
 
 
 class Section:
-    """A mapping that is read key by key; an error in one value does not hide those in the others.
+    """A mapping that is read key by key; an error in one value does not hide those in others.
 
     A key in metres or radians may also be given in millimetres or degrees: ``to_mm`` for ``to_m``.
 
     Raises
     ------
     Refusal
-        It is no mapping.
+        The value is not a mapping.
 
     """
 
@@ -86,7 +86,7 @@ class Section:
         if not isinstance(value, dict):
             raise Refusal(f'{where} must be a mapping, not {shown(value)}', place_of(value))
         self._value, self._where, self._errors = value, where, errors
-        self._given: dict[str, str] = {}  # the keys that are there, by those that they stand for
+        self._given: dict[str, str] = {}  # given keys by their base keys
         allowed = sorted(allowed)
         for key in value:
             with errors.noted(place_of_key(value, key)):
@@ -112,7 +112,7 @@ class Section:
         default: Any = None,
         prefix: str | None = None,
     ) -> _Value:
-        """Return what a reader makes of the value of a key; the default if it is not there, or wrong and noted."""
+        """Return the value of a key as converted by ``reader``; the default if it is missing or invalid."""
         if key not in self._given:
             return default  # type: ignore[no-any-return]
         given = self._given[key]
@@ -138,7 +138,7 @@ def expected(value: Any, allowed: Iterable[str]) -> str:
 
 
 def nearest_of(value: Any, names: Iterable[str]) -> str:
-    """Ask for the nearest name; empty if none is near."""
+    """Return a suggestion of the closest name, empty if none is close."""
     if not isinstance(value, str) or len(value) > NAME_MAX:
         return ''
     nearest = difflib.get_close_matches(value, [name for name in names if len(name) <= NAME_MAX], 1)
@@ -151,13 +151,13 @@ def counted(count: int, noun: str) -> str:
 
 
 def refuse(sentence: str, place: Place | None = None) -> NoReturn:
-    """Raise a refusal."""
+    """Raise a Refusal."""
     raise Refusal(sentence, place)
 
 
 @contextmanager
 def at(place: Place | None) -> Iterator[None]:
-    """Give a refusal that knows no place this one."""
+    """Set the place of a rejection that has none."""
     try:
         yield
     except Refusal as refusal:

@@ -1,4 +1,4 @@
-"""Units that keys may say: millimetres for metres, degrees for radians, and what is derived from them by time."""
+"""Units in keys: millimetres for metres, degrees for radians, and their time derivatives."""
 
 import math
 import re
@@ -9,12 +9,12 @@ from delta3_pacdrive.configuration.located import Items
 
 _KEY = re.compile(r'(?P<name>.+)_(?P<unit>mm|deg)(?P<per>(_s[23]?)?)')
 _BASE = {'mm': 'm', 'deg': 'rad'}
-# a division rounds as the decimal point of a number in metres does
+# dividing rounds to the same float as the literal in metres
 _CONVERSIONS: dict[str, Callable[[float], float]] = {'mm': lambda value: value / 1000.0, 'deg': math.radians}
 
 
 def base_key(key: Any, allowed: Iterable[str]) -> str:
-    """Return the key in metres or radians that one in millimetres or degrees stands for; empty if there is none."""
+    """Return the key in metres or radians for one in millimetres or degrees; empty if none is allowed."""
     found = _KEY.fullmatch(key) if isinstance(key, str) else None
     if found is None:
         return ''
@@ -23,7 +23,7 @@ def base_key(key: Any, allowed: Iterable[str]) -> str:
 
 
 def with_units(key: Any, allowed: Iterable[str]) -> list[str]:
-    """Return the allowed keys, with their converted units, that a key without a unit may mean: ``to`` for ``to_m``."""
+    """Return the allowed keys, in all their units, that a key without a unit may mean: ``to`` for ``to_m``."""
     if not isinstance(key, str):
         return []
     names = set(allowed)
@@ -36,13 +36,13 @@ def with_units(key: Any, allowed: Iterable[str]) -> list[str]:
 
 
 def base_unit(key: str) -> str:
-    """Return the unit that the values of a key are read in."""
+    """Return the unit into which the values of a key are converted."""
     found = _KEY.fullmatch(key)
     return _BASE[found['unit']] + found['per'].replace('_', '/') if found else ''
 
 
 def in_base_unit(key: str, value: Any) -> Any:
-    """Return numbers, and lists of them, in metres or radians; names and mappings, which say their own units, stay."""
+    """Convert numbers, and lists of numbers, to metres or radians; other values stay unchanged."""
     found = _KEY.fullmatch(key)
     return value if found is None else _converted(value, _CONVERSIONS[found['unit']])
 

@@ -1,4 +1,4 @@
-"""Documents that remember where in their file each value stands; otherwise they are plain mappings and lists."""
+"""Mappings and lists that remember the positions of their values in the file."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -8,27 +8,27 @@ from yaml.representer import SafeRepresenter
 
 
 class Place(NamedTuple):
-    """Where something begins; both count from 1."""
+    """Position in a file, counted from 1."""
 
     line: int
     column: int
 
 
 class Fields(dict[Any, Any]):
-    """A mapping, with the places of its keys and of its values."""
+    """A mapping with the positions of its keys and values."""
 
     __slots__ = ('key_places', 'place', 'places', 'source')
 
     def __init__(self, place: Place) -> None:
         super().__init__()
         self.place = place
-        self.source = ''  # of a whole document: the name of its file
+        self.source = ''  # file name, of the root of a document
         self.places: dict[Any, Place] = {}
         self.key_places: dict[Any, Place] = {}
 
 
 class Items(list[Any]):
-    """A list, with the places of its items."""
+    """A list with the positions of its items."""
 
     __slots__ = ('place', 'places', 'source')
 
@@ -40,7 +40,7 @@ class Items(list[Any]):
 
 
 def place_in(container: Any, key: Any) -> Place | None:
-    """Return where a value of a mapping or a list stands, if it is known."""
+    """Return the position of a value in a mapping or list, if it is known."""
     if isinstance(container, Fields):
         return container.places.get(key)
     if isinstance(container, Items):
@@ -50,21 +50,21 @@ def place_in(container: Any, key: Any) -> Place | None:
 
 
 def place_of_key(container: Any, key: Any) -> Place | None:
-    """Return where a key stands, if it is known."""
+    """Return the position of a key, if it is known."""
     return container.key_places.get(key) if isinstance(container, Fields) else None
 
 
 def place_of(value: Any) -> Place | None:
-    """Return where a mapping or a list begins, if it is known."""
+    """Return the position of a mapping or list, if it is known."""
     return value.place if isinstance(value, (Fields, Items)) else None
 
 
 def numbered(items: list[Any], where: str) -> Iterator[tuple[Any, str, Place | None]]:
-    """Return each item with its name and its place."""
+    """Yield each item with its name and position."""
     for n, item in enumerate(items):
         yield item, f'{where}[{n}]', place_in(items, n)
 
 
-# what was read can be written again
+# documents read from files can be written again
 yaml.SafeDumper.add_representer(Fields, SafeRepresenter.represent_dict)
 yaml.SafeDumper.add_representer(Items, SafeRepresenter.represent_list)

@@ -1,14 +1,14 @@
-"""Names of the packaged programs. Light: the help of a command tells them."""
+"""Names of the packaged programs; imports nothing heavy, because command help lists them."""
 
 import os
 
-# what the thesis ran; its controller goes with them
+# programs of the thesis; they run with its controller
 THESIS_PROGRAMS = ('experiment1', 'experiment2', 'experiment3', 'excitation')
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
 def program_names() -> list[str]:
-    """Return the names that go without a path, sorted."""
+    """Return the names that need no path, sorted."""
     for root in (_PACKAGE, os.path.dirname(_PACKAGE)):  # installed, or in the source tree
         folder = os.path.join(root, 'config', 'programs')
         if os.path.isdir(folder):
@@ -17,5 +17,5 @@ def program_names() -> list[str]:
 
 
 def is_own(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file of one's own goes before the packaged one of its name; a folder is no such file."""
+    """Whether a file of the user takes precedence over the packaged one of the same name."""
     return os.path.exists(path) and not os.path.isdir(path)

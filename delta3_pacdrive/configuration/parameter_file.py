@@ -1,7 +1,7 @@
-"""ROS parameter files, read strictly: every value of every group, and no other, each of its type and within its range.
+"""Strict reader of ROS parameter files: complete groups, no unknown values, each of its type and range.
 
-A group is a dataclass whose fields carry ``low`` and ``high`` in their metadata, or ``choices`` if they are words.
-Values with a default may be missing: files of robots without a calibration have none.
+A group is a dataclass whose fields have ``low`` and ``high`` in their metadata, or ``choices`` for strings. Values
+with a default are optional.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ Tree = dict[str, Any]
 
 
 def read(path: Path) -> Tree:
-    """Return the groups in a file as they stand there; raises ParameterError."""
+    """Return the groups of a file without checking them; raises ParameterError."""
     document = yaml_file.read(path, 'parameter file', ParameterError)
     try:
         (node,) = document.values()
@@ -33,19 +33,19 @@ def read(path: Path) -> Tree:
 
 
 def write(tree: Tree, path: Path, head: Iterable[str] = ()) -> None:
-    """Write a file that ``read`` and every node read, below lines of comments, ``head``."""
+    """Write a parameter file with the comment lines ``head`` at its top."""
     yaml_file.write(path, {'/**': {'ros__parameters': tree}}, head)
 
 
 def place_of(tree: Tree, name: str) -> Place | None:
-    """Return where the value of a dotted name stands, if it is known."""
+    """Return the position of the value of a dotted name, if it is known."""
     group, _, key = name.partition('.')
     given = tree.get(group)
     return place_in(given, key) if isinstance(given, dict) and key in given else None
 
 
 def checked_groups(tree: Tree, groups: Mapping[str, Any], errors: Errors) -> dict[str, Any]:
-    """Return the groups as objects of their classes; those with errors, which are noted, are left out."""
+    """Return the groups as objects of their classes; groups with errors are omitted and the errors recorded."""
     for group in tree:
         if group not in groups:
             with errors.noted(place_of_key(tree, group)):
@@ -60,7 +60,7 @@ def checked_groups(tree: Tree, groups: Mapping[str, Any], errors: Errors) -> dic
 
 
 def _checked_group(given: Any, group: str, cls: Any, errors: Errors) -> dict[str, Any]:
-    """Return the values of a group that are good."""
+    """Return the valid values of a group."""
     fields = {f.name: f for f in dataclasses.fields(cls)}
     if given is None and all(f.default is not dataclasses.MISSING for f in fields.values()):
         given = {}
@@ -81,7 +81,7 @@ def _checked_group(given: Any, group: str, cls: Any, errors: Errors) -> dict[str
 
 
 def checked_some(given: Mapping[str, Any], group: str, cls: Any, errors: Errors) -> dict[str, Any]:
-    """Return values of a group, of which there need not be all; errors are noted, also of what is not finite."""
+    """Return the valid values of an incomplete group; also records non-finite numbers as errors."""
     fields = {f.name: f for f in dataclasses.fields(cls)}
     values = {}
     for key, value in given.items():

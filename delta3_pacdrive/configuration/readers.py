@@ -1,4 +1,4 @@
-"""Readers of single values, for ``Section.read``: each takes a value and its name, and refuses what breaks its rule."""
+"""Readers of single values, for ``Section.read``: each takes a value and its name and rejects invalid values."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -9,7 +9,7 @@ from delta3_pacdrive.errors import shown
 
 
 def number(value: Any, where: str) -> float:
-    """Read a number, infinite ones included."""
+    """Read a number; infinity is allowed."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         refuse(f'{where} must be a number, not {shown(value)}')
     try:
@@ -22,7 +22,7 @@ def number(value: Any, where: str) -> float:
 
 
 def number_between(low: float, high: float) -> Callable[[Any, str], float]:
-    """Return the reader of numbers from ``low`` to ``high``."""
+    """Return a reader of numbers from ``low`` to ``high``."""
 
     def read(value: Any, where: str) -> float:
         found = number(value, where)
@@ -34,7 +34,7 @@ def number_between(low: float, high: float) -> Callable[[Any, str], float]:
 
 
 def whole_number_between(low: int, high: int) -> Callable[[Any, str], int]:
-    """Return the reader of whole numbers from ``low`` to ``high``."""
+    """Return a reader of integers from ``low`` to ``high``."""
 
     def read(value: Any, where: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
@@ -45,7 +45,7 @@ def whole_number_between(low: int, high: int) -> Callable[[Any, str], int]:
 
 
 def one_of(names: Sequence[str]) -> Callable[[Any, str], str]:
-    """Return the reader of one of some names; the refusal tells the nearest."""
+    """Return a reader of one of ``names``; the error suggests the closest."""
 
     def read(value: Any, where: str) -> str:
         if value not in names:
@@ -64,7 +64,7 @@ def flag(value: Any, where: str) -> bool:
 
 
 def line_of_text(characters_max: int) -> Callable[[Any, str], str]:
-    """Return the reader of one line of at most so many characters."""
+    """Return a reader of one line of at most ``characters_max`` characters."""
 
     def read(value: Any, where: str) -> str:
         if not isinstance(value, str):

@@ -1,4 +1,4 @@
-"""The one reader of YAML files: bounded in size and depth, no aliases (no bombs), one sentence for every failure."""
+"""Reader of YAML files: limited size and depth, no aliases (no bombs), one sentence for every error."""
 
 import codecs
 import math
@@ -19,7 +19,7 @@ SIZE_MAX_BYTES = 4 * 1024 * 1024
 
 DEPTH_MAX = 50
 _TEXT_TAGS = (None, '!', 'tag:yaml.org,2002:str')
-# YAML 1.1 in PyYAML takes 2e4 and 1e-1 for texts, and 010 for 8; here the first are numbers, the last is a text
+# PyYAML (YAML 1.1) reads 2e4 and 1e-1 as strings and 010 as 8; this reader returns numbers and a string
 _INTEGER = re.compile(r'[-+]?(0|[1-9][0-9]*(_[0-9]+)*|0x[0-9a-fA-F]+|0b[01]+)')
 _NUMBER = re.compile(r'[-+]?([0-9]+(_[0-9]+)*\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?')
 _LEADING_ZERO = re.compile(r'[-+]?0[0-9_]+')
@@ -32,7 +32,7 @@ _WORDS: dict[str, Any] = {
 }
 _NUMERIC = frozenset('0123456789+-.')
 _FAILURES = (yaml.YAMLError, RecursionError, ValueError)
-# the parser in C needs a tenth of the time
+# the C parser needs a tenth of the time
 LOADER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
@@ -41,7 +41,7 @@ def _place(mark: Any) -> Place:
 
 
 def _broken(problem: str, event: Any) -> yaml.MarkedYAMLError:
-    """Return the error of an event that YAML allows and this reader does not."""
+    """Return the error for an event that is valid YAML but not allowed in these files."""
     return yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
 
 
@@ -62,17 +62,17 @@ def _scalar(event: Any) -> Any:
 
 
 class _Builder:
-    """Puts a document together from the parser's events; no recursion, so that no depth breaks it."""
+    """Builds a document from parser events without recursion, so that its depth is limited only by ``DEPTH_MAX``."""
 
     def __init__(self) -> None:
         self.root: Any = None
         self._open: list[Fields | Items] = []
-        self._keys: list[Any] = []  # of each open mapping: the key whose value comes next
+        self._keys: list[Any] = []  # of each open mapping: the key of the next value
         self._key_places: list[Place] = []
         self._documents = 0
 
     def take(self, event: Any) -> None:
-        """Take the next event."""
+        """Process the next event."""
         kind = type(event)
         if kind is yaml.ScalarEvent:
             self._put(_scalar(event), event)
@@ -129,7 +129,7 @@ _NONE = object()
 
 
 def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
-    """Return the document in ``path``; ``what`` ("program file") names it in the message of the ``error`` raised."""
+    """Return the document in ``path``; ``what`` ("program file") names it in the message of ``error``."""
     path = Path(path)
     try:
         whole_file.require_regular(path)
@@ -147,9 +147,9 @@ def read(path: str | Path, what: str, error: type[Delta3Error]) -> Any:
 
 
 def parse(content: bytes | str, what: str, error: type[Delta3Error], file: str = '') -> Any:
-    """Return the document in a text (of a ``file``); its mappings and lists know where they stand.
+    """Return the document in a text; its mappings and lists know the positions of their values.
 
-    The message of an error begins with file, line and column, as far as they are known.
+    The message of an error begins with ``file``, line and column, as far as they are known.
     """
     if len(content) > SIZE_MAX_BYTES:
         raise error(f'{what} is larger than {SIZE_MAX_BYTES // 1024**2} MiB')
@@ -175,7 +175,7 @@ def parse(content: bytes | str, what: str, error: type[Delta3Error], file: str =
 
 
 def _place_of(failure: Exception, content: bytes | str, event: Any) -> Place | None:
-    """Return where a text breaks the rules of YAML; None if that is unknown."""
+    """Return the position of a YAML error, None if it is unknown."""
     if isinstance(failure, yaml.MarkedYAMLError):
         mark = failure.problem_mark or failure.context_mark
         return _place(mark) if mark else None
@@ -193,20 +193,20 @@ def _place_of(failure: Exception, content: bytes | str, event: Any) -> Place | N
 
 
 def _reason(failure: Exception, content: bytes | str) -> str:
-    """Return which rule of YAML a text breaks, in one line."""
+    """Return the violated YAML rule in one line."""
     if isinstance(failure, UnicodeDecodeError):
         if isinstance(content, bytes) and content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return 'the encoding is UTF-16, but must be UTF-8'
         return f'the byte 0x{failure.object[failure.start]:02x} is not UTF-8'
     if isinstance(failure, yaml.MarkedYAMLError):
-        told = filter(None, (failure.context, failure.problem, failure.note))
-        return ' '.join(', '.join(told).split())
+        parts = filter(None, (failure.context, failure.problem, failure.note))
+        return ' '.join(', '.join(parts).split())
     if isinstance(failure, ReaderError):
         return f'the character U+{failure.character:04X} is not allowed'
     return ' '.join(str(failure).split()) or type(failure).__name__
 
 
 def write(path: Path, document: Any, head: Iterable[str] = ()) -> None:
-    """Write a document below lines of comments, ``head``, whole or not at all; raises OSError."""
+    """Write a document with the comment lines ``head`` at its top, atomically; raises OSError."""
     comments = ''.join(f'# {" ".join(line.split())}\n' for line in head)
     whole_file.write_text(comments + yaml.safe_dump(document, sort_keys=False), path)

@@ -183,7 +183,7 @@ class RobotController:
             begins = self.cycles.first_cycle()
             self._awaited = ALL_READY if begins is None else None
             first = first if begins is None else begins
-        self._do(self.bus.look(first, doubled, ready and self._awaited is None))
+        self._do(self.bus.poll(first, doubled, ready and self._awaited is None))
 
     def receive_announcement(self, announcement: Announcement) -> None:
         """Take the announcement of a participant of the bus, or of a planner."""
@@ -214,12 +214,12 @@ class RobotController:
                     self._callbacks.announce(action)
                 case master.Greet():
                     self._callbacks.greet(action)
-                case master.Stand(cycle):
+                case master.RobotReady(cycle):
                     if not self.state.fault:
                         self.state.locate(self.task.state['tcp'][0], cycle)
                 case master.Begin(cycle):
                     self._begin(cycle)
-                case master.GiveUp(fault, session):
+                case master.AbortCyclic(fault, session):
                     self._end_session(fault, session)
                 case master.Note(fault):
                     self.state.record_fault(fault)
@@ -229,7 +229,7 @@ class RobotController:
                     self._exclude_drive(index, fault)
                 case master.Wait(waiting):
                     self.state.actions.append(Logged(str(waiting)))
-        if any(isinstance(action, (master.GiveUp, master.StopRobot, master.Drop)) for action in actions):
+        if any(isinstance(action, (master.AbortCyclic, master.StopRobot, master.Drop)) for action in actions):
             self._callbacks.publish_status()
         elif self.state.actions:
             self._callbacks.run_actions()

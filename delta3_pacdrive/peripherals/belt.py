@@ -1,6 +1,6 @@
-"""A belt: how it moves, what its encoder tells, and where its parts are.
+"""Conveyor belts: motion, encoder, light barrier and the parts on the surface.
 
-The encoder sits on the shaft of the belt. What lies on the belt goes with its surface, which may slip on the shaft:
+The encoder is on the shaft. Parts move with the surface, which may slip on the shaft:
 
     x_surface = x_shaft - slip,   count = floor(increments_per_m x_shaft)
 """
@@ -13,12 +13,12 @@ import numpy as np
 
 Place = tuple[float, float, float]  # [m]
 WIDTH_M = 0.4
-BOUNCES_MAX = 3  # of a light barrier, after a part
+BOUNCES_MAX = 3  # false latches of a light barrier after a part
 
 
 @dataclass(frozen=True)
 class SpeedChange:
-    """From a time on [s] the belt goes over to a speed [m/s] with an acceleration [m/s^2]."""
+    """Change to a new speed with a constant acceleration, starting at a time after program start."""
 
     after_s: float
     speed_m_s: float
@@ -27,45 +27,28 @@ class SpeedChange:
 
 @dataclass(frozen=True)
 class Stream:
-    """Parts that come on a belt.
-
-    Attributes
-    ----------
-    part
-        Type of them.
-    count
-        How many.
-    spacing_m
-        From one to the next [m].
-    spread_m
-        How far a part may be beside its place, along the belt and across, evenly drawn [m].
-    spread_rad
-        How far it may be turned [rad].
-    also
-        Other types that come among them, evenly drawn.
-
-    """
+    """Parts arriving on a belt; deviations from the nominal position are uniformly distributed."""
 
     part: str
     count: int
     spacing_m: float
-    spread_m: tuple[float, float] = (0.0, 0.0)
-    spread_rad: float = 0.0
-    also: tuple[str, ...] = ()
+    spread_m: tuple[float, float] = (0.0, 0.0)  # largest deviation along and across the belt
+    spread_rad: float = 0.0  # largest rotation
+    also: tuple[str, ...] = ()  # further part types, drawn with equal probability
 
 
 @dataclass(frozen=True)
 class LightBarrier:
-    """A light barrier across the belt: what it sees of the middle of a part.
+    """A light barrier across the belt, which latches the encoder count when the middle of a part passes.
 
     Attributes
     ----------
     at_m
-        Its place on the belt [m].
+        Distance from the start of the belt [m].
     delay_s
-        From the passing to the latching of the encoder [s]; the count is that of this instant.
+        From passing to latching [s]; the latched count is that of the later instant.
     bounce_s
-        After a part it may latch up to three times more, within this time [s].
+        Period after a part in which up to ``BOUNCES_MAX`` false latches occur [s].
 
     """
 
@@ -76,20 +59,20 @@ class LightBarrier:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera takes a picture each time that the belt has gone a way.
+    """A camera that takes a picture each time the belt has moved a certain distance.
 
     Attributes
     ----------
     at_m, length_m
-        Middle and length of what it sees of the belt [m].
+        Centre and length of the field of view along the belt [m].
     every_m
-        Way from one picture to the next [m].
+        Belt travel between pictures [m].
     latency_s
-        From a picture to what it tells [s].
+        From exposure to result [s].
     noise_m, noise_rad
-        Standard deviations of a place, along and across [m], and of an angle [rad].
+        Standard deviations of measured positions, along and across [m], and angles [rad].
     missed_share, doubled_share
-        Of the parts in a picture: how many it does not see, how many it tells twice.
+        Probabilities that a visible part is not reported, or reported twice.
 
     """
 
@@ -105,36 +88,22 @@ class Camera:
 
 @dataclass(frozen=True)
 class Belt:
-    """A belt.
+    """A belt as described in the cell file.
 
     Attributes
     ----------
-    name
-        Of the belt.
     origin_m
-        Where it begins: the middle of its surface [m].
+        Middle of the surface at the start of the belt [m].
     direction_rad
-        In which it runs, about the vertical, 0 along x [rad].
-    length_m
-        From its begin to its end [m].
-    increments_per_m
-        Of its encoder [1/m].
+        Direction of travel about the vertical, 0 along x [rad].
     speed
-        What it does, in the order of time; it stands before.
+        Speed changes in order of time; the belt is at rest before the first one.
     jitter_m_s, jitter_hz
-        Amplitude [m/s] and frequency [Hz] of a speed that swings about that.
+        Amplitude [m/s] and frequency [Hz] of a sinusoidal speed error.
     slip
-        Share of the way of the shaft that the surface lags behind.
-    stream
-        Its parts; None: there are none.
-    barrier
-        None: nothing latches.
-    camera
-        None: nothing sees the parts.
+        Fraction of the shaft's travel by which the surface lags.
     window_m
-        From where to where along it a robot may work on it [m]; None: nowhere.
-    width_m
-        Of its surface [m].
+        Begin and end of the section in which a robot may work [m]; None: no section.
 
     """
 
@@ -154,7 +123,7 @@ class Belt:
     width_m: float = WIDTH_M
 
     def place_m(self, along_m: float, across_m: float = 0.0) -> Place:
-        """Place of the surface [m]; ``across_m`` is to the left of the direction."""
+        """Position on the surface [m]; ``across_m`` is to the left of the direction of travel."""
         x, y, z = self.origin_m
         c, s = math.cos(self.direction_rad), math.sin(self.direction_rad)
         return (x + c * along_m - s * across_m, y + s * along_m + c * across_m, z)
@@ -162,7 +131,7 @@ class Belt:
 
 @dataclass(frozen=True)
 class Latch:
-    """What a light barrier has latched: number of the part [by coming], count of the encoder, and its bus cycle."""
+    """Encoder count latched by a light barrier, with the number of the part."""
 
     part: int
     count: int
@@ -170,14 +139,7 @@ class Latch:
 
 
 class BeltMotion:
-    """A belt moves as its file says: where it is at a time is a formula, so that no error adds up.
-
-    Parameters
-    ----------
-    belt
-        What it is.
-
-    """
+    """Closed-form motion of a belt, so that no error accumulates over time."""
 
     def __init__(self, belt: Belt) -> None:
         self._belt = belt
@@ -202,57 +164,57 @@ class BeltMotion:
         return at + t * (speed + 0.5 * acceleration * t), speed + acceleration * t
 
     def shaft_m(self, time_s: float) -> float:
-        """Way of the shaft at a time [m]."""
+        """Travel of the shaft at a time [m]."""
         begin, at, speed, acceleration = self._rows[bisect_right(self._times, time_s) - 1]
         t = 0.0 if math.isinf(begin) else time_s - begin
-        way = at + t * (speed + 0.5 * acceleration * t)
+        travel = at + t * (speed + 0.5 * acceleration * t)
         if self._belt.jitter_hz > 0.0 and time_s > 0.0:
             rate = math.tau * self._belt.jitter_hz
-            way += self._belt.jitter_m_s / rate * (1.0 - math.cos(rate * time_s))
-        return way
+            travel += self._belt.jitter_m_s / rate * (1.0 - math.cos(rate * time_s))
+        return travel
 
     def surface_m(self, time_s: float) -> float:
-        """Way of the surface at a time [m]."""
+        """Travel of the surface at a time [m]."""
         return (1.0 - self._belt.slip) * self.shaft_m(time_s)
 
     def count(self, time_s: float) -> int:
-        """What the encoder reads at a time."""
+        """Encoder count at a time."""
         return math.floor(self._belt.increments_per_m * self.shaft_m(time_s))
 
 
 @dataclass
 class OnBelt:
-    """A part on the belt: place on the surface when that has not moved [m], across it [m], angle [rad], type."""
+    """A part on the belt."""
 
     number: int
-    along_m: float
+    along_m: float  # position at zero travel of the surface
     across_m: float
     angle_rad: float
     type: str = ''
 
 
 class BeltState:
-    """A belt with its parts goes from bus cycle to bus cycle.
+    """State of a belt with its parts, advanced one bus cycle at a time.
 
     Parameters
     ----------
     belt
-        What it is.
+        Description of the belt.
     cycle_time_s
-        Of the bus [s].
+        Bus cycle time [s].
     start_cycle
-        Bus cycle from which its times count.
+        Bus cycle of time 0 of the belt.
     generator
-        Of where parts lie.
+        Source of the parts' random positions and of bounces.
 
     Attributes
     ----------
     parts
-        Those on it; they come at its begin.
+        Parts on the belt; they appear at its start.
     count
-        Of the encoder at the begin of this bus cycle.
+        Encoder count at the beginning of this bus cycle.
     latches
-        What the light barrier tells in this bus cycle: what it has latched, once its delay has passed.
+        Light barrier events reported in this bus cycle, after their delay.
 
     """
 
@@ -268,7 +230,7 @@ class BeltState:
         self._waiting = self._drawn(generator)
         self._generator = generator
         self._jump_m = 0.0
-        self._barred: list[tuple[float, int]] = []  # time at which a part is latched, its number
+        self._barred: list[tuple[float, int]] = []  # latching time and part number of pending events
 
     def _drawn(self, generator: np.random.Generator) -> list[OnBelt]:
         stream = self.belt.stream
@@ -288,16 +250,16 @@ class BeltState:
         return sorted(found, key=lambda one: -one.along_m)
 
     def time_s(self, cycle: int) -> float:
-        """Time of the begin of a bus cycle [s], as the times of the belt count."""
+        """Time of the beginning of a bus cycle [s], relative to ``start_cycle``."""
         return (cycle - self._start) * self._cycle_time_s
 
     @property
     def way_m(self) -> float:
-        """Way of the surface at the begin of this bus cycle [m]."""
+        """Travel of the surface at the beginning of this bus cycle [m]."""
         return self._way
 
     def jump(self, jump_m: float) -> None:
-        """Let the encoder read a way too much [m], from now on."""
+        """Add an offset [m] to the encoder from now on."""
         if jump_m != self._jump_m:
             before, self._jump_m = self._jump_m, jump_m
             per_m = self.belt.increments_per_m
@@ -307,15 +269,15 @@ class BeltState:
         return self._motion.count(time_s) + math.floor(self._jump_m * self.belt.increments_per_m)
 
     def place_m(self, part: OnBelt) -> Place:
-        """Where the underside of a part is at the begin of this bus cycle [m]."""
+        """Middle of the underside of a part at the beginning of this bus cycle [m]."""
         return self.belt.place_m(self.along_m(part), part.across_m)
 
     def along_m(self, part: OnBelt) -> float:
-        """Where a part is on the belt at the begin of this bus cycle [m]."""
+        """Position of a part along the belt at the beginning of this bus cycle [m]."""
         return part.along_m + self._way
 
     def step(self, cycle: int) -> list[OnBelt]:
-        """Go on to a bus cycle; return the parts that have come in it."""
+        """Advance to a bus cycle; return the parts that entered the belt in it."""
         time = self.time_s(cycle)
         before, self._way = self._way, self._motion.surface_m(time)
         self.count = self._count(time)
@@ -343,7 +305,7 @@ class BeltState:
         self._barred = [one for one in self._barred if one[0] > now]
 
     def _passing(self, part: OnBelt, cycle: int) -> float:
-        """Time at which a part passes the barrier, which it does in the bus cycle before this instant."""
+        """Return the time at which a part, known to pass in the last bus cycle, crosses the barrier."""
         low, high = self.time_s(cycle - 1), self.time_s(cycle)
         barrier = self.belt.barrier.at_m if self.belt.barrier is not None else 0.0
         for _ in range(40):
@@ -355,7 +317,7 @@ class BeltState:
         return high
 
     def surface_place(self, place: Place) -> tuple[float, float] | None:
-        """Where a place of the frame ``base`` is along the belt and across it [m]; None: beside the belt."""
+        """Return the position along and across the belt [m] of a point in frame ``base``; None off the belt."""
         x, y = place[0] - self.belt.origin_m[0], place[1] - self.belt.origin_m[1]
         c, s = math.cos(self.belt.direction_rad), math.sin(self.belt.direction_rad)
         along, across = c * x + s * y, -s * x + c * y
@@ -363,16 +325,16 @@ class BeltState:
         return (along, across) if on_it else None
 
     def put(self, part: OnBelt) -> None:
-        """Put a part on the surface as it is now."""
+        """Place a part on the moving surface."""
         part.along_m -= self._way
         self.parts.append(part)
 
     def take(self, number: int) -> None:
-        """Take a part away."""
+        """Remove a part."""
         self.parts = [part for part in self.parts if part.number != number]
 
     def leave(self) -> list[OnBelt]:
-        """Return the parts that have left the end of the belt, once."""
+        """Remove and return the parts that have passed the end of the belt."""
         gone = [part for part in self.parts if self.along_m(part) > self.belt.length_m]
         if gone:
             self.parts = [part for part in self.parts if self.along_m(part) <= self.belt.length_m]

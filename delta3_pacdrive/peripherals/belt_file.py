@@ -1,4 +1,4 @@
-"""Reads the section ``belts`` of a cell file."""
+"""Reader of the section ``belts`` of a cell file."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -23,7 +23,7 @@ from delta3_pacdrive.peripherals.cell_values import (
 
 
 def read_belt(parts: tuple[str, ...], errors: Errors, name: str, value: Any, where: str) -> Belt:
-    """Read one belt; ``parts`` are the types that the cell has."""
+    """Read one belt; ``parts`` are the part types of the cell."""
     keys = ('origin_m', 'length_m', 'encoder')
     optional = (
         'direction_rad',

@@ -1,4 +1,4 @@
-"""A binary signal that follows another one with delays, and bounces."""
+"""Binary signal with on and off delay and contact bounce."""
 
 import numpy as np
 
@@ -6,23 +6,18 @@ from delta3_pacdrive.peripherals.cell import Delays
 
 
 class BinarySignal:
-    """A signal takes over a value that has lasted for its delay; shorter ones have no effect.
+    """A signal that takes over an input value after it has lasted for the delay; shorter pulses have no effect.
 
     Parameters
     ----------
     delays
-        Of the signal; they are rounded to bus cycles.
+        Delays and bounce time; rounded to bus cycles.
     cycle_time_s
-        Of the bus [s].
+        Bus cycle time [s].
     generator
-        Gives the values while it bounces.
+        Source of the random values during bounce.
     value
-        At first.
-
-    Attributes
-    ----------
-    value
-        What it tells.
+        Initial value.
 
     """
 
@@ -36,7 +31,7 @@ class BinarySignal:
         self._waited = self._bounces = 0
 
     def step(self, value: bool) -> bool:
-        """Go on by one bus cycle with the value that it follows; return what it tells."""
+        """Advance by one bus cycle with an input value; return the output value."""
         if value == self._settled:
             self._waited = 0
         elif self._waited >= self._delays[value]:

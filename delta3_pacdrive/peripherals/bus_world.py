@@ -1,6 +1,6 @@
-"""The cell as it takes part in the bus: outputs come with the MDT, inputs go out with the AT, both by bus cycle.
+"""The cell as a bus participant: receives outputs with the MDT and sends inputs with the AT.
 
-Pure: what goes out is sent by a ``WorldPort``. Outputs of the MDT of a bus cycle are there in the next one.
+Free of ROS: a ``WorldPort`` sends. Outputs of the MDT of one bus cycle take effect in the next.
 """
 
 from collections import deque
@@ -14,92 +14,95 @@ from delta3_pacdrive.motion.output_names import OWN, OutputNames, named_bits
 from delta3_pacdrive.peripherals.parts import Miss, PartRecord
 from delta3_pacdrive.peripherals.world import World
 
-COMMANDS_MAX = 64  # MDT that are ahead of the plant
+COMMANDS_MAX = 64  # queued MDTs that are ahead of the plant
 
 
 class WorldPort(Protocol):
-    """What a cell does on the bus."""
+    """Outgoing messages of a cell."""
 
     def send_inputs(self, cycle: int, inputs: Mapping[str, bool]) -> None:
         """Send the inputs of a bus cycle."""
 
     def send_belts(self, cycle: int) -> None:
-        """Send what the belts tell in a bus cycle."""
+        """Send the belt data of a bus cycle."""
 
-    def tell_parts(self, told: dict[str, Any]) -> None:
-        """Tell what has happened to parts in a bus cycle."""
+    def publish_parts(self, document: dict[str, Any]) -> None:
+        """Publish the part events of a bus cycle."""
 
 
 class BusWorld:
-    """A cell goes on with the plant.
+    """Steps a cell with the plant and exchanges its inputs and outputs.
 
     Parameters
     ----------
-    world
-        The cell.
-    port
-        Sends.
     outputs
-        Those of the robot, by all their names.
+        Output names of the robot and the cell.
 
     Attributes
     ----------
     outputs
-        That are there, as bits.
+        Outputs in effect, as bits.
     cycle
-        The last bus cycle that it has gone through, -1 before the first one.
+        Last bus cycle processed, -1 before the first.
 
     """
 
     def __init__(self, world: World, port: WorldPort, outputs: OutputNames = OWN) -> None:
         self._world, self._port, self._outputs = world, port, outputs
         self._commands: deque[tuple[int, int]] = deque(maxlen=COMMANDS_MAX)
-        self._known = -1  # newest bus cycle whose outputs are known
+        self._known = -1  # latest bus cycle whose outputs were received
         self.outputs, self.cycle = 0, -1
 
     def begin(self, cycle: int) -> None:
-        """Begin cyclic operation with a bus cycle: the outputs are as they were."""
+        """Start cyclic operation at a bus cycle, with unchanged outputs."""
         self._commands.clear()
         self._known = cycle - 1
 
     def take_outputs(self, cycle: int, outputs: int) -> None:
-        """Take the outputs of the MDT of a bus cycle, as bits."""
+        """Store the outputs of the MDT of a bus cycle, as bits."""
         if cycle > self._known:
             self._known = cycle
             self._commands.append((cycle, outputs))
 
     def knows(self, cycle: int) -> bool:
-        """Whether the outputs are known that are there in a bus cycle."""
+        """Whether the outputs in effect in a bus cycle have been received."""
         return self._known >= cycle - 1
 
     def step(self, cycle: int, tcp_m: Sequence[float], turn_rad: float = 0.0) -> float | None:
-        """Go on to a bus cycle, with the true place of the TCP [m] and angle of the tool [rad] at its begin.
+        """Advance to a bus cycle.
+
+        Parameters
+        ----------
+        cycle
+            Number of the bus cycle.
+        tcp_m, turn_rad
+            True TCP position [m] and tool angle [rad] at its beginning.
 
         Returns
         -------
         float | None
-            Mass that hangs at the robot from now on [kg]; None: the robot says it.
+            Payload from now on [kg]; None: the robot's own value applies.
 
         """
         while self._commands and self._commands[0][0] < cycle:
             self.outputs = self._commands.popleft()[1]
         world = self._world
-        # bus time may have gone on while the plant was not in it: the robot stood
+        # bus time may have advanced while the plant was not in cyclic operation: the robot was at rest
         for now in range(self.cycle + 1 if self.cycle >= 0 else cycle, cycle + 1):
             world.step(now, tcp_m, self.outputs, turn_rad)
             self.cycle = now
-            self._tell(now)
+            self._report(now)
         if world.inputs:
             self._port.send_inputs(cycle, world.inputs)
         if world.belts:
             self._port.send_belts(cycle)
         return world.carried_kg
 
-    def _tell(self, cycle: int) -> None:
+    def _report(self, cycle: int) -> None:
         changed, misses = self._world.changed, self._world.misses
         if changed or misses:
-            self._port.tell_parts(self._document(cycle, changed, misses))
-        self._world.forget()  # a robot that is up for days has no end of parts
+            self._port.publish_parts(self._document(cycle, changed, misses))
+        self._world.clear_history()  # bounds the memory of a robot that runs for days
 
     def _document(self, cycle: int, parts: Sequence[PartRecord], misses: Sequence[Miss]) -> dict[str, Any]:
         return {
@@ -109,12 +112,12 @@ class BusWorld:
             'misses': [one.to_document() for one in misses],
         }
 
-    def lose_part(self) -> None:
-        """Let what hangs at the robot fall off: a fault is injected."""
-        self._world.lose_part(self.cycle + 1)
+    def drop_part(self) -> None:
+        """Let the gripped part fall (injected fault)."""
+        self._world.drop_part(self.cycle + 1)
 
     def force(self, name: str, value: bool | None) -> Reason | str:
-        """Set an input from outside, or let it tell again what is true (None); returns why not, or since when."""
+        """Force an input to a value, or remove the override (None); return the error, or a confirmation."""
         inputs = self._world.inputs
         if name not in inputs:
             known = ', '.join(inputs) or 'none'
@@ -126,11 +129,11 @@ class BusWorld:
             self._world.forced.pop(name, None)
         else:
             self._world.forced[name] = value
-        how = 'tells again what is true' if value is None else f'is {"on" if value else "off"}'
-        return f'{name} {how} from bus cycle {self.cycle + 1} on'
+        change = 'is no longer forced' if value is None else f'is {"on" if value else "off"}'
+        return f'{name} {change} from bus cycle {self.cycle + 1} on'
 
     def to_dict(self) -> dict[str, Any]:
-        """Return inputs and outputs of the last bus cycle, and what is not over yet, as ``tell_parts`` tells it."""
+        """Return inputs and outputs of the last bus cycle, and unfinished parts as in ``publish_parts``."""
         forced = self._world.forced
         return {
             'cycle': self.cycle,

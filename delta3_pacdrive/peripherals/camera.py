@@ -1,4 +1,4 @@
-"""A camera above a belt: it sees parts, late, with noise, misses some and tells some twice."""
+"""Camera above a belt: reports parts with latency, noise, misses and duplicates."""
 
 import math
 from dataclasses import dataclass
@@ -10,46 +10,24 @@ from delta3_pacdrive.peripherals.belt import BeltState, Camera
 
 @dataclass(frozen=True)
 class Sighting:
-    """What a camera tells of a part.
-
-    Attributes
-    ----------
-    type
-        Of the part.
-    along_m, across_m
-        Where it was on the belt when the picture was taken [m].
-    angle_rad
-        Of the part against the direction of the belt [rad].
-    count
-        Of the encoder then.
-
-    """
+    """A part as reported by a camera, with belt coordinates and encoder count at exposure."""
 
     type: str
     along_m: float
     across_m: float
-    angle_rad: float
+    angle_rad: float  # relative to the direction of the belt
     count: int
 
 
 class CameraState:
-    """A camera goes with its belt from bus cycle to bus cycle.
-
-    Parameters
-    ----------
-    camera
-        What it is.
-    cycle_time_s
-        Of the bus [s].
-    generator
-        Of its noise, misses and doubles.
+    """State of a camera, advanced with its belt one bus cycle at a time.
 
     Attributes
     ----------
     pictures
-        How many it has taken.
+        Number of pictures taken.
     dead
-        A dead camera takes none; what it has taken before it still tells.
+        A dead camera takes no pictures; pending results are still reported.
 
     """
 
@@ -63,11 +41,11 @@ class CameraState:
 
     @property
     def latency_cycles(self) -> int:
-        """From a picture to the telling of what is in it [bus cycles]."""
+        """Bus cycles from a picture to its result."""
         return self._latency_cycles
 
     def step(self, cycle: int, belt: BeltState) -> list[Sighting]:
-        """Go on to a bus cycle, after the belt; return what is told in it."""
+        """Advance to a bus cycle, after the belt; return the parts reported in it."""
         if belt.way_m >= self._next_m:
             self._next_m += self._camera.every_m * math.ceil(
                 (belt.way_m - self._next_m) / self._camera.every_m + 1e-9
@@ -75,9 +53,9 @@ class CameraState:
             if not self.dead:
                 self.pictures += 1
                 self._late.append((cycle + self._latency_cycles, self._seen(belt)))
-        told = [one for due, seen in self._late if due <= cycle for one in seen]
+        reported = [one for due, seen in self._late if due <= cycle for one in seen]
         self._late = [row for row in self._late if row[0] > cycle]
-        return told
+        return reported
 
     def _seen(self, belt: BeltState) -> list[Sighting]:
         camera, draw = self._camera, self._generator

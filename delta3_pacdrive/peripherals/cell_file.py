@@ -1,18 +1,18 @@
-"""Cell files, read strictly: every complaint has file, line and column, up to ten of them at once.
+"""Strict reader of cell files; reports up to ten errors, each with file, line and column.
 
 name: one cup                   # optional
-seed: 1                         # optional: of whatever is random
-drop_max_mm: 5                  # optional: let go higher above its support, a part falls
-outputs:                        # optional: names for outputs of the robot, delays of what hangs there
+seed: 1                         # optional: of all random effects
+drop_max_mm: 5                  # optional: a part released higher above its support falls
+outputs:                        # optional: names of robot outputs, delays of the connected devices
   clamp: {output: output2, delays: {on_s: 0.05, off_s: 0.03}}
 cup:                            # optional
-  output: gripper               # or a name of outputs, whose delays are those of the valve then
+  output: gripper               # or a name in outputs, whose delays are then those of the valve
   diameter_mm: 40
   vacuum_pa: 60000
   open_share: 0.1               # optional: share of the vacuum without a part
   build_up_s: 0.008             # optional: time constants
   decay_s: 0.005
-  height_tolerance_mm: 1.5      # optional: from the cup to the top of a part
+  height_tolerance_mm: 1.5      # optional: vertical distance from cup to top of a part
   lateral_tolerance_mm: 5       # optional
   offset_mm: [0, 0, 0]          # optional: from the TCP to the cup
   valve: {on_s: 0.005, off_s: 0.005}
@@ -25,13 +25,13 @@ boxes:
   outfeed: {at_mm: [150, 0, -870], columns: 1, rows: 1, pitch_mm: [0, 0], clears_s: 0.1}
 belts:                            # at most 4
   line:
-    origin_mm: [-300, 100, -870]  # the middle of its surface, where it begins
+    origin_mm: [-300, 100, -870]  # middle of the surface at the start of the belt
     direction_deg: 0
     length_mm: 800
     encoder: {bits: 14, circumference_mm: 200}
     speed: [{after_s: 0, speed_m_s: 0.5, acceleration_m_s2: 2}]
     jitter: {speed_m_s: 0.005, frequency_hz: 8}               # optional
-    slip: 0.001                                               # optional: share of its way
+    slip: 0.001                                               # optional: fraction of the travel
     stream: {part: carton, count: 20, spacing_mm: 150, spread_mm: [5, 10], spread_deg: 20}    # optional
     barrier: {at_mm: 100, delay_s: 0.0005}                    # optional: latches the encoder
     camera: {at_mm: 150, length_mm: 200, every_mm: 150, latency_s: 0.03, noise_mm: 0.1, noise_deg: 0.5,
@@ -46,7 +46,7 @@ faults:
 - {fault: encoder_jump, belt: line, jump_mm: 30, after_s: 0.4}
 - {fault: camera_dead, belt: line, after_s: 1, for_s: 0.5}
 
-A length may be given in mm, an angle in deg: the key says so. Times count from the start of the program.
+Lengths may be given in mm and angles in deg, according to the key. Times count from program start.
 """
 
 import math
@@ -111,12 +111,12 @@ _Value = TypeVar('_Value')
 
 
 def load(path: str | Path) -> Cell:
-    """Read a cell file; the bare name ``cell`` means the packaged one, if there is no such file.
+    """Read a cell file; the bare name ``cell`` selects the packaged one unless such a file exists.
 
     Raises
     ------
     CellError
-        The file cannot be read or breaks rules; names up to ten places and the rules.
+        The file cannot be read or breaks rules; lists up to ten places with the rules.
 
     """
     path = find(path)
@@ -124,7 +124,7 @@ def load(path: str | Path) -> Cell:
 
 
 def cell_of(source: Cell | str | PathLike[str] | Mapping[str, Any] | None) -> Cell | None:
-    """Return a cell from its file, from what such a file would hold, or as it is; None for none. Raises CellError."""
+    """Return the cell of a file, a parsed document or a ``Cell``; None for None. Raises CellError."""
     if source is None or isinstance(source, Cell):
         return source
     if isinstance(source, str | PathLike):
@@ -137,7 +137,7 @@ def cell_of(source: Cell | str | PathLike[str] | Mapping[str, Any] | None) -> Ce
 
 
 def find(path: str | Path) -> Path:
-    """Return the file that ``path`` means: itself, else the packaged cell, if it is called so."""
+    """Return ``path`` if it exists, else the packaged cell for the name ``cell``."""
     path = Path(path)
     return path if path != Path('cell') or path.exists() else config_directory() / 'cell.yaml'
 
@@ -152,7 +152,7 @@ def parse(document: Any, file: str = '') -> Cell:
 
 
 _SECTIONS = ('parts', 'supplies', 'boxes', 'belts', 'inputs', 'outputs')
-SECTIONS = ('cup', *_SECTIONS)  # by which a cell file is known
+SECTIONS = ('cup', *_SECTIONS)  # identify a cell file
 
 
 def _cell(document: Any, errors: Errors) -> Cell:
@@ -168,7 +168,7 @@ def _cell(document: Any, errors: Errors) -> Cell:
     inputs = named('inputs', partial(_input, outputs))
     if cup is not None and cup.switch is not None and cup.switch.input in inputs:
         with errors.noted(place_in(document, 'cup')):
-            refuse(f'cup.switch.input is {shown(cup.switch.input)}, which stands in inputs already')
+            refuse(f'cup.switch.input is {shown(cup.switch.input)}, which is already in inputs')
     every_input = (*inputs, *([cup.switch.input] if cup is not None and cup.switch is not None else ()))
     if len(every_input) > CELL_INPUTS:
         with errors.noted(place_in(document, 'inputs')):
@@ -200,7 +200,7 @@ def _names_of(document: Any, key: str) -> tuple[str, ...]:
 
 
 def _named(read: Callable[..., _Value], errors: Errors, value: Any, where: str) -> dict[str, _Value]:
-    """Read a mapping of names to what ``read`` makes of each."""
+    """Read a mapping of names, each value with ``read``."""
     if not isinstance(value, dict):
         refuse(f'{where} must be a mapping of names, not {shown(value)}')
     if len(value) > NAMES_MAX:
@@ -222,7 +222,7 @@ def _delays(errors: Errors, value: Any, where: str) -> Delays:
 
 def _output(errors: Errors, name: str, value: Any, where: str) -> CellOutput:
     if name in OUTPUTS:
-        refuse(f'{where}: {shown(name)} is the name of an output of the robot: take another one')
+        refuse(f'{where}: {shown(name)} is the name of an output of the robot: use another name')
     fields = Section(value, where, errors, ('output', 'delays'), ('output',))
     return CellOutput(
         fields.read('output', one_of(OUTPUTS), ''), fields.read('delays', partial(_delays, errors), Delays())
@@ -230,17 +230,19 @@ def _output(errors: Errors, name: str, value: Any, where: str) -> CellOutput:
 
 
 def _require_single(outputs: Mapping[str, CellOutput], document: Any, errors: Errors) -> None:
-    """Refuse an output of the robot that has two names."""
+    """Reject two names for one output of the robot."""
     names: dict[str, str] = {}
     for name, one in outputs.items():
         if one.output in names:
             with errors.noted(place_in(document['outputs'], name)):
-                refuse(f'outputs.{name}.output is {one.output}, which is called {names[one.output]} already')
+                refuse(
+                    f'outputs.{name}.output is {one.output}, which already has the name {names[one.output]}'
+                )
         names.setdefault(one.output, name)
 
 
 def _named_output(outputs: Mapping[str, CellOutput], value: Any, where: str) -> str:
-    """Read an output by a name of the cell or of the robot; return that of the robot."""
+    """Read an output by its name in the cell or on the robot; return the robot's name."""
     name = one_of((*OUTPUTS, *outputs))(value, where)
     return outputs[name].output if name in outputs else name
 
@@ -255,7 +257,7 @@ def _cup(outputs: Mapping[str, CellOutput], errors: Errors, value: Any, where: s
     delays = next((one.delays for one in outputs.values() if one.output == output), Delays())
     if 'valve' in fields and delays != Delays():
         with errors.noted(place_in(value, 'valve')):
-            refuse(f'{where}.valve: output {output} has delays in outputs already: give one of them')
+            refuse(f'{where}.valve: output {output} already has delays in outputs: give only one of them')
     return Cup(
         output,
         fields.read('diameter_m', number_between(1e-3, 1.0), 1e-3),

@@ -1,4 +1,4 @@
-"""What stands around a robot, for who draws it: plain areas, as a document that traces, bags and a topic carry."""
+"""Geometry of a cell for display: horizontal areas, as a document for traces, bags and a topic."""
 
 import math
 from collections.abc import Iterable
@@ -10,18 +10,18 @@ from delta3_pacdrive.errors import TelegramError, shown
 from delta3_pacdrive.peripherals.belt import Belt
 from delta3_pacdrive.peripherals.cell import Box, Cell, Place
 
-BEAM_M = 0.004  # as wide as a light barrier is drawn
-THINGS_MAX = 5000  # a cell file has at most 1,000 names in each section
-REACH_MAX_M = 1e4  # a box of 1,000 places that are 10 m apart
+BEAM_M = 0.004  # displayed width of a light barrier
+THINGS_MAX = 5000  # a cell file has at most 1,000 names per section
+REACH_MAX_M = 1e4  # a box of 1,000 places at a pitch of 10 m
 
 
 class Kind(StrEnum):
-    """What a thing is."""
+    """Kind of an area."""
 
     BELT = 'belt'
-    WINDOW = 'window'  # of a belt: there a robot may work on it
+    WINDOW = 'window'  # section of a belt in which a robot may work
     BARRIER = 'barrier'
-    CAMERA = 'camera'  # what it sees of a belt
+    CAMERA = 'camera'  # field of view on a belt
     BOX = 'box'
     SUPPLY = 'supply'
     SENSOR = 'sensor'
@@ -29,27 +29,14 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True)
 class Thing:
-    """A level area of the cell.
-
-    Attributes
-    ----------
-    kind, name
-        What it is, and its name in the cell file; what belongs to a belt has that of the belt.
-    at_m, angle_rad
-        Its middle [m], and its angle about the vertical [rad].
-    size_m
-        Its length and width [m]; those of a sensor are the diameter of what it sees.
-    increments_per_m
-        Of the encoder of a belt [1/m]; 0 for anything else.
-
-    """
+    """A horizontal rectangle of the cell."""
 
     kind: Kind
-    name: str
-    at_m: Place
-    angle_rad: float
-    size_m: tuple[float, float]
-    increments_per_m: float = 0.0
+    name: str  # in the cell file; areas of a belt have the name of the belt
+    at_m: Place  # middle
+    angle_rad: float  # about the vertical
+    size_m: tuple[float, float]  # length and width; for a sensor the diameter of its range
+    increments_per_m: float = 0.0  # of a belt's encoder
 
 
 def document_of(cell: Cell) -> dict[str, Any]:
@@ -58,7 +45,7 @@ def document_of(cell: Cell) -> dict[str, Any]:
 
 
 def things_of(cell: Cell) -> list[Thing]:
-    """Return what stands in a cell: belts with what belongs to them, boxes, supplies, sensors."""
+    """Return the areas of a cell: belts with their sections, boxes, supplies, sensors."""
     found = [thing for belt in cell.belts.values() for thing in _of_belt(belt)]
     largest = max((part.size_m for part in cell.parts.values()), default=(0.1, 0.1, 0.1))
     found += [_of_box(box, largest) for box in cell.boxes.values()]
@@ -89,7 +76,7 @@ def _of_belt(belt: Belt) -> Iterable[Thing]:
 
 
 def _of_box(box: Box, part_m: Place) -> Thing:
-    """Return the area of the places of a box, each as large as the pitch, or as a part where there is none."""
+    """Return the area of a box: one pitch per place, or the size of the largest part without a pitch."""
     spans = [(count - 1) * pitch for count, pitch in zip((box.columns, box.rows), box.pitch_m, strict=True)]
     sides = [abs(pitch) or part for pitch, part in zip(box.pitch_m, part_m, strict=False)]
     x, y, z = box.at_m
@@ -98,31 +85,32 @@ def _of_box(box: Box, part_m: Place) -> Thing:
 
 
 def brings_parts(things: Iterable[Thing]) -> bool:
-    """Whether parts come to a robot with these things around it, so that nobody has to believe what is in its hand."""
+    """Whether the cell supplies parts, so that a display need not infer them from the gripper."""
     return any(thing.kind in (Kind.BELT, Kind.SUPPLY) for thing in things)
 
 
 def read(document: Any) -> list[Thing]:
-    """Return the things of a document that somebody tells; raises TelegramError for one that is none."""
+    """Return the areas of a received document; raises TelegramError if it is invalid."""
     try:
-        told = document['things']
-        if not isinstance(document['cell'], str) or not isinstance(told, list) or len(told) > THINGS_MAX:
+        things = document['things']
+        if not isinstance(document['cell'], str) or not isinstance(things, list) or len(things) > THINGS_MAX:
             raise ValueError('no list of things, or too long a one')
-        return [_read(one) for one in told]
+        return [_read(one) for one in things]
     except (ValueError, KeyError, TypeError, OverflowError):
-        raise TelegramError(f'{shown(document)} is no scene of a cell') from None
+        raise TelegramError(f'{shown(document)} is not a valid scene of a cell') from None
 
 
-def _read(told: dict[str, Any]) -> Thing:
+def _read(document: dict[str, Any]) -> Thing:
     names = [field.name for field in fields(Thing)]
-    if sorted(told) != sorted(names):
+    if sorted(document) != sorted(names):
         raise ValueError('other fields')
-    (x, y, z), (length, width) = told['at_m'], told['size_m']
-    numbers = [x, y, z, told['angle_rad'], length, width]
+    (x, y, z), (length, width) = document['at_m'], document['size_m']
+    numbers = [x, y, z, document['angle_rad'], length, width]
     for value in numbers:
         if isinstance(value, bool) or not abs(value) <= REACH_MAX_M:
             raise ValueError('no length or angle')
-    per_m, name = told['increments_per_m'], told['name']
+    per_m, name = document['increments_per_m'], document['name']
     if isinstance(per_m, bool) or not 0.0 <= per_m < math.inf or not isinstance(name, str):
         raise ValueError('no encoder, or no name')
-    return Thing(Kind(told['kind']), name, (x, y, z), told['angle_rad'], (length, width), float(per_m))
+    kind, angle = Kind(document['kind']), document['angle_rad']
+    return Thing(kind, name, (x, y, z), angle, (length, width), float(per_m))

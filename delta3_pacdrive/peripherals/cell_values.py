@@ -1,4 +1,4 @@
-"""Readers of values that several sections of a cell file share, and their limits."""
+"""Readers and limits of values used in several sections of a cell file."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,12 +12,12 @@ from delta3_pacdrive.peripherals.belt import Place
 REACH_M = 10.0
 TIME_MAX_S = 1e5
 DELAY_MAX_S = 10.0
-NAMES_MAX = 1000  # of one section
-PLACES_MAX = 1000  # in x or y of a box
+NAMES_MAX = 1000  # per section
+PLACES_MAX = 1000  # of a box, along x or y
 CHANGES_MAX = 10_000
 PARTS_MAX = 100_000
 BELT_MAX_M_S = 10.0
-VACUUM_MAX_PA = 101_325.0  # there is no more air
+VACUUM_MAX_PA = 101_325.0  # atmospheric pressure
 
 
 time_s, delay_s = number_between(0.0, TIME_MAX_S), number_between(0.0, DELAY_MAX_S)
@@ -26,7 +26,7 @@ distance_m = number_between(0.0, REACH_M)
 
 
 def numbers(count: int, low: float, high: float) -> Callable[[Any, str], tuple[float, ...]]:
-    """Return the reader of so many numbers from ``low`` to ``high``."""
+    """Return a reader of a list of ``count`` numbers from ``low`` to ``high``."""
     one = number_between(low, high)
 
     def read(value: Any, where: str) -> tuple[float, ...]:
@@ -43,12 +43,12 @@ pitch_m: Callable[[Any, str], tuple[float, float]] = numbers(2, -REACH_M, REACH_
 
 
 def no_parts(value: Any, where: str) -> str:
-    """Refuse a type of parts where there are none."""
+    """Reject a part type in a cell without parts."""
     refuse(f'{where} is {shown(value)}, but the cell has no parts')
 
 
 def listed(value: Any, where: str) -> Any:
-    """Return the entries of a list, each with its name and its place."""
+    """Return the items of a list, each with its name and position."""
     if not isinstance(value, list):
         refuse(f'{where} must be a list, not {shown(value)}')
     if len(value) > CHANGES_MAX:

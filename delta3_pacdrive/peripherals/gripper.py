@@ -1,4 +1,4 @@
-"""The gripper: a vacuum cup that takes a part, carries it, and lets it go or loses it."""
+"""Gripper: a vacuum cup that picks up, carries, releases and loses parts."""
 
 import math
 from collections.abc import Iterable
@@ -10,31 +10,20 @@ from delta3_pacdrive.peripherals.cell import Cup, Place, turned
 from delta3_pacdrive.peripherals.parts import Miss, Outcome, Part
 from delta3_pacdrive.peripherals.vacuum import Vacuum, force_needed_n
 
-LIFTED_M = 1e-4  # a part that has moved farther than that hangs at the cup
+LIFTED_M = 1e-4  # a part that has moved farther than this is lifted
 
 
 class Gripper:
-    """A gripper goes from bus cycle to bus cycle with the place of its cup.
-
-    Parameters
-    ----------
-    cup
-        What it is.
-    cycle_time_s
-        Of the bus [s].
-    generator
-        Of whatever is random.
+    """State of the vacuum gripper, advanced one bus cycle at a time.
 
     Attributes
     ----------
     part
-        What hangs at the cup, None if nothing does.
-    vacuum
-        In the cup.
+        Gripped part, None without one.
     holding_force_n, needed_force_n
-        What the cup holds with, and what the part at it needs [N].
+        Holding force of the cup, and force required by the gripped part [N].
     misses
-        Of each time that the valve was opened for nothing.
+        Valve openings without a part.
 
     """
 
@@ -46,10 +35,10 @@ class Gripper:
         self.holding_force_n = self.needed_force_n = 0.0
         self.misses: list[Miss] = []
         self._opened = -1  # bus cycle in which the valve opened, -1 while it is closed
-        self._taken = False  # since then
+        self._taken = False  # a part was gripped since then
         self._nearest: tuple[float, str] = (math.inf, 'there is no part')
-        self._offset = self._taken_at = (0.0, 0.0, 0.0)  # of the part from the cup, as it hangs on the tool
-        self._angle = 0.0  # of the part from the tool [rad]
+        self._offset = self._taken_at = (0.0, 0.0, 0.0)  # of the part from the cup, in the frame of the tool
+        self._angle = 0.0  # of the part relative to the tool [rad]
 
     @property
     def carried_kg(self) -> float:
@@ -66,22 +55,22 @@ class Gripper:
         lying: Iterable[Part],
         turn_rad: float = 0.0,
     ) -> Part | None:
-        """Go on by one bus cycle; return the part that has left the cup in it, if one has.
+        """Advance by one bus cycle; return the part that left the cup in it, if any.
 
         Parameters
         ----------
         cycle
             Number of the bus cycle.
         tcp_m, acceleration_m_s2
-            Place [m] and acceleration [m/s^2] of the TCP, shapes (3,).
+            Position [m] and acceleration [m/s^2] of the TCP, shapes (3,).
         output
-            Of the robot.
+            Valve output of the robot.
         pump
-            Whether there is vacuum at the valve.
+            Whether the pump works.
         lying
-            Parts that may be taken.
+            Parts that may be picked up.
         turn_rad
-            Angle of the tool [rad]: cup and part turn with it.
+            Tool angle [rad]; cup and part rotate with it.
 
         """
         opened = self._valve.step(output)
@@ -109,7 +98,7 @@ class Gripper:
         return self._let_go(cycle, needed, normal, opened, pump)
 
     def drop(self, cycle: int, reason: str) -> Part | None:
-        """Lose what hangs at the cup, for a reason from outside; return it."""
+        """Lose the gripped part for an external reason; return it."""
         part, self.part = self.part, None
         if part is not None:
             part.record.outcome, part.record.reason = Outcome.LOST, reason
@@ -117,11 +106,11 @@ class Gripper:
         return part
 
     def finish(self, cycle: int) -> None:
-        """Note what is true at the end of a run."""
+        """Close the valve at the end of a run and record a miss, if any."""
         self._note_valve(cycle, opened=False)
 
     def missing(self, cycle: int) -> list[Miss]:
-        """Return what would be missed if the valve closed in a bus cycle: nothing if it has taken a part."""
+        """Return the miss that closing the valve in a bus cycle would cause: none if a part was gripped."""
         if self._opened < 0 or self._taken:
             return []
         return [Miss(self._opened, cycle, self._nearest[1])]
@@ -135,7 +124,7 @@ class Gripper:
             self._opened = -1
 
     def _under(self, cup: Place, lying: Iterable[Part]) -> Part | None:
-        """Return the part that closes the cup; note how near it has been to one."""
+        """Return the part that closes the cup; update the smallest distance for the reason of a miss."""
         found, least = None, math.inf
         for part in lying:
             x, y, z = part.top_m
@@ -150,8 +139,8 @@ class Gripper:
                     (
                         'the vacuum did not hold the part before the cup left it, or the valve closed'
                         if closes
-                        else f'the middle of the nearest part was {1e3 * beside:.1f} mm beside the cup, its top '
-                        f'{1e3 * abs(above):.1f} mm {"below" if above > 0.0 else "above"} it'
+                        else f'the middle of the nearest part was {1e3 * beside:.1f} mm from the axis of the cup, '
+                        f'its top {1e3 * abs(above):.1f} mm {"below" if above > 0.0 else "above"} the cup'
                     ),
                 )
         return found
@@ -166,7 +155,7 @@ class Gripper:
         record.hold_use, record.where, record.place = 0.0, '', -1
 
     def _note_use(self, cycle: int, needed: float, opened: bool) -> None:
-        """Note the greatest share of the holding force; before it is lifted and while it is let go none is needed."""
+        """Update the largest used share of the holding force, between lifting and release."""
         if self.part is None or not opened or math.dist(self.part.at_m, self._taken_at) <= LIFTED_M:
             return
         record, share = self.part.record, needed / self.holding_force_n

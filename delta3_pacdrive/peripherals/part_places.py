@@ -1,4 +1,4 @@
-"""Where a part is while it stays somewhere: with the belt that it rides on, at the TCP, or where it lies."""
+"""Position of a part during a stay: on a belt, in the gripper, or at rest."""
 
 import math
 
@@ -9,18 +9,18 @@ from delta3_pacdrive.peripherals.parts import How, Stay
 def place_m(
     stay: Stay, tcp_m: Place, way_m: float = 0.0, direction_rad: float = 0.0, turn_rad: float = 0.0
 ) -> Place | None:
-    """Return where the middle of the underside of a part is [m]; None: it is gone.
+    """Return the middle of the underside of a part [m]; None if the part is gone.
 
     Parameters
     ----------
     stay
-        Of the part, the last one that has begun.
+        Latest stay of the part that has begun.
     tcp_m
-        Place of the TCP [m].
+        Position of the TCP [m].
     way_m, direction_rad
-        How far the belt that it rides on has gone since the begin of the stay [m], and its direction [rad].
+        Travel of the belt since the beginning of the stay [m], and its direction [rad].
     turn_rad
-        Angle of the tool [rad].
+        Tool angle [rad].
 
     """
     x, y, z = stay.at_m
@@ -35,5 +35,5 @@ def place_m(
 
 
 def angle_rad(stay: Stay, turn_rad: float = 0.0) -> float:
-    """Return how a part is turned about the vertical [rad], with the tool at an angle [rad]."""
+    """Return the angle of a part about the vertical [rad], given the tool angle [rad]."""
     return stay.angle_rad + turn_rad if stay.how is How.IN_HAND else stay.angle_rad

@@ -1,4 +1,4 @@
-"""Parts: where each of them is, and what has happened to it."""
+"""Parts: positions, outcome and history of each, and the support below a released part."""
 
 import math
 from collections.abc import Iterable
@@ -10,19 +10,19 @@ from delta3_pacdrive.peripherals.cell import Box, PartType, Place, turned
 
 
 class Outcome(StrEnum):
-    """What has become of a part."""
+    """Outcome of a part."""
 
-    WAITING = 'waiting'  # where it came from
+    WAITING = 'waiting'  # at its source
     IN_HAND = 'in hand'
     PLACED = 'placed'
-    DROPPED = 'dropped'  # let go too high, or above nothing
-    PRESSED = 'pressed'  # let go lower than there was room
-    LOST = 'lost'  # fell while it was carried
+    DROPPED = 'dropped'  # released too high, or above nothing
+    PRESSED = 'pressed'  # released below the height of its support
+    LOST = 'lost'  # fell while being carried
     PASSED = 'passed'  # left the end of its belt
 
 
 class How(StrEnum):
-    """How a part stays where it is."""
+    """Support of a part during a stay."""
 
     LYING = 'lying'
     RIDING = 'riding'  # on a belt
@@ -30,70 +30,46 @@ class How(StrEnum):
     GONE = 'gone'
 
 
-STAYS_MAX = 200  # the newest ones of a part: it may be carried to and fro for days
-DIGITS = 7  # of places: 0.1 um
+STAYS_MAX = 200  # latest stays kept per part
+DIGITS = 7  # of positions in records: 0.1 um
 
 
 @dataclass(frozen=True)
 class Stay:
-    """From a bus cycle on a part goes with what bears it, until its next stay.
-
-    Attributes
-    ----------
-    cycle
-        Bus cycle at whose begin it is there.
-    how
-        What it goes with.
-    belt, count
-        The belt that it rides on, and what its encoder reads then; else empty and 0.
-    at_m, angle_rad
-        Middle of its underside then [m], and its angle about the vertical [rad]. In hand it is seen from the TCP, and
-        from the tool of a rotary axis, with which it turns.
-
-    """
+    """Support of a part from a bus cycle on, until its next stay."""
 
     cycle: int
     how: How
-    at_m: Place
-    angle_rad: float
-    belt: str = ''
-    count: int = 0
+    at_m: Place  # middle of its underside at the beginning of the cycle; IN_HAND: relative to the TCP in the tool frame
+    angle_rad: float  # about the vertical; IN_HAND: relative to the tool
+    belt: str = ''  # RIDING: name of the belt
+    count: int = 0  # RIDING: encoder count at the beginning of the cycle
 
 
 @dataclass
 class PartRecord:
-    """What has happened to a part.
+    """History of a part.
 
     Attributes
     ----------
     number
-        Of the part, in the order in which parts came.
-    type
-        Name of its type.
+        Serial number, in order of appearance.
     source
-        The supply that it comes from.
-    outcome
-        What has become of it.
+        Supply or belt of its origin.
     reason
-        Why, if something went wrong.
-    picked_cycle
-        Bus cycle from which on it was in hand; -1: never.
+        Reason of a failure.
+    picked_cycle, released_cycle
+        Bus cycles in which it was gripped and left the cup; -1: never.
     pick_error_m
-        From the middle of its top to the cup in that cycle [m].
+        From the middle of its top to the cup when gripped [m].
     hold_use
-        Greatest share of the holding force that it needed while it was carried.
+        Largest share of the holding force required while it was carried.
     hold_needed_n, hold_force_n, hold_cycle
-        What it needed then, what there was [N], and in which bus cycle.
-    released_cycle
-        Bus cycle in which it left the cup; -1: never.
+        Required and available force [N] and bus cycle at that moment.
     where, place
-        Box and number of the place in which it is: layer by layer, along x first; -1 without a box.
+        Box, and number of the place in it: layer by layer, along x first; -1 without a box.
     place_error_m
-        From that place to the part in x and y, and how far it fell [m].
-    size_m
-        Its length, width and height [m].
-    stays
-        Where it has been, the newest ``STAYS_MAX``.
+        Distance from that place in x and y, and height of fall [m].
 
     """
 
@@ -116,26 +92,26 @@ class PartRecord:
     stays: list[Stay] = field(default_factory=list)
 
     def to_document(self) -> dict[str, Any]:
-        """Return it for a file."""
+        """Return the record as a document."""
         return asdict(self)
 
 
 @dataclass
 class Miss:
-    """The valve was opened and closed, and no part was in hand: when, and why."""
+    """Valve opened and closed without gripping a part."""
 
     opened_cycle: int
     closed_cycle: int
     reason: str
 
     def to_document(self) -> dict[str, Any]:
-        """Return it for a file."""
+        """Return the record as a document."""
         return asdict(self)
 
 
 @dataclass
 class Part:
-    """A part: its type, the middle of its underside [m], its angle about the vertical [rad], and its record."""
+    """A part: type, middle of its underside [m], angle about the vertical [rad], and record."""
 
     type: PartType
     at_m: Place
@@ -157,7 +133,7 @@ class Part:
         count: int = 0,
         turn_rad: float = 0.0,
     ) -> None:
-        """Note how it stays where it is from a bus cycle on, seen from a place [m] that is turned by an angle [rad]."""
+        """Append a stay to the record, relative to a point [m] and a tool angle [rad]."""
         x, y, z = (own - other for own, other in zip(self.at_m, seen_from_m, strict=True))
         x, y, z = (round(value, DIGITS) for value in turned((x, y, z), -turn_rad))
         angle = round(self.angle_rad - turn_rad, DIGITS)
@@ -166,14 +142,14 @@ class Part:
         del stays[:-STAYS_MAX]
 
     def is_above(self, other: 'Part') -> bool:
-        """Whether another part lies below this one, seen from above; both as if they stood along x and y."""
+        """Whether the footprints of this part and another overlap, both taken as aligned with x and y."""
         mine, its = self.type.size_m, other.type.size_m
         return all(abs(self.at_m[i] - other.at_m[i]) < 0.5 * (mine[i] + its[i]) for i in range(2))
 
 
 @dataclass(frozen=True)
 class Landing:
-    """Where a part comes to rest that is let go: height of its support [m], and box, place and error of the place."""
+    """Support of a released part: its height [m], box, place, and distance from the place [m]."""
 
     height_m: float
     where: str = ''
@@ -182,16 +158,16 @@ class Landing:
 
 
 def landing(part: Part, boxes: Iterable[Box], lying: Iterable[Part]) -> Landing | None:
-    """Return where a part comes to rest below its place; None: there is nothing.
+    """Return the support below a part; None without any.
 
     Parameters
     ----------
     part
-        At the place where it is let go.
+        Part at the position of release.
     boxes
-        Of the cell.
+        Boxes of the cell.
     lying
-        All other parts; the highest one that the part is above bears it, or is in its way.
+        All other parts; the highest one below supports the part.
 
     """
     x, y, _ = part.at_m
@@ -208,5 +184,5 @@ def landing(part: Part, boxes: Iterable[Box], lying: Iterable[Part]) -> Landing 
 
 
 def _reach(count: int, pitch_m: float, part: Part, i: int) -> float:
-    """How far from a place a part still belongs to it [m]."""
+    """Largest distance from a place at which a part still belongs to it [m]."""
     return 0.5 * abs(pitch_m) if count > 1 else 0.5 * part.type.size_m[i]

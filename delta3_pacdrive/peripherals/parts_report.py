@@ -1,4 +1,4 @@
-"""What has happened to the parts of a cell, and how well: of a simulation, or of what a robot has told bit by bit."""
+"""Reports on the parts of a cell, from a simulation or from the messages of a robot."""
 
 import json
 import math
@@ -14,27 +14,27 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.peripherals.parts import STAYS_MAX, How, Miss, Outcome, PartRecord, Stay
 
 ABOUT = ('cell', 'inputs', 'belts')
-PLACE, NUMBER_MAX = 3, 2**53  # numbers of a place, and the largest that is told
-KEPT_MAX = 10_000  # parts, and misses, that a log keeps one by one
-# recordings of before they were told
+PLACE, NUMBER_MAX = 3, 2**53  # coordinates of a position, and limit of numbers in messages
+KEPT_MAX = 10_000  # parts, and misses, that a log keeps individually
+# fields missing in older recordings
 OF_OLDER: dict[str, Any] = {'size_m': (0.0, 0.0, 0.0), 'stays': []}
 NOT_OVER = (Outcome.WAITING, Outcome.IN_HAND)
 
 
 @dataclass
 class Totals:
-    """What parts and misses come to, added up.
+    """Accumulated statistics of parts and misses.
 
     Attributes
     ----------
     outcomes
-        How many parts have come to each of them.
+        Number of parts per outcome.
     picked, missed
-        Parts that were taken, and how often there was none to take.
+        Number of parts gripped, and of misses.
     placed, error_max_m, error_square_m2
-        Parts that lie in places of boxes, the greatest distance from such a place, and the sum of all squares.
+        Number of parts in places of boxes, the largest distance from a place, and the sum of squared distances.
     hold_uses
-        The greatest share of the holding force that a part has needed; empty if none was taken.
+        Largest used share of the holding force; empty if no part was gripped.
 
     """
 
@@ -49,7 +49,7 @@ class Totals:
     def with_more(
         self, about: Mapping[str, Any], parts: Sequence[dict[str, Any]], misses: Sequence[dict[str, Any]]
     ) -> 'Totals':
-        """Return what it comes to with more parts and misses: documents of ``PartRecord`` and ``Miss``."""
+        """Return the statistics with further documents of ``PartRecord`` and ``Miss``."""
         placed = [one for one in parts if one['outcome'] == Outcome.PLACED]
         errors: Floats = np.array(
             [
@@ -86,11 +86,11 @@ def report_of(
     Parameters
     ----------
     about
-        Names of the cell, of its inputs and its belts.
+        Names of the cell, its inputs and its belts.
     parts, misses
         Documents of ``PartRecord`` and ``Miss``.
     before
-        What those come to that are not told one by one any more.
+        Statistics of parts and misses that are no longer listed.
 
     """
     totals = (before or Totals()).with_more(about, parts, misses)
@@ -108,62 +108,60 @@ def report_of(
     }
 
 
-class Told(NamedTuple):
-    """A message tells names of a cell, documents of parts by their numbers, and misses by the cycles of their begin."""
+class PartsMessage(NamedTuple):
+    """Content of a message: names of the cell, parts by number, misses by the bus cycle of opening."""
 
     about: dict[str, Any]
     parts: dict[int, dict[str, Any]]
     misses: dict[int, dict[str, Any]]
 
 
-def read_message(text: str) -> Told:
-    """Return what a message tells of parts; raises TelegramError for one that is none."""
+def read_message(text: str) -> PartsMessage:
+    """Parse a message about parts; raises TelegramError if it is invalid."""
     try:
-        told = json.loads(text)
-        parts = {one['number']: _read(PartRecord, one) for one in told['parts']}
-        misses = {one['opened_cycle']: _read(Miss, one) for one in told['misses']}
-        about = {name: told[name] for name in ABOUT}
+        document = json.loads(text)
+        parts = {one['number']: _read(PartRecord, one) for one in document['parts']}
+        misses = {one['opened_cycle']: _read(Miss, one) for one in document['misses']}
+        about = {name: document[name] for name in ABOUT}
         if not isinstance(about['cell'], str) or not all(map(_are_names, (about['inputs'], about['belts']))):
-            raise ValueError('a cell, or what it has, has no name')
+            raise ValueError('a cell, an input or a belt has no name')
     except (ValueError, KeyError, TypeError, RecursionError, AttributeError):
-        raise TelegramError(f'{shown(text)} is no log of parts') from None
-    return Told(about, parts, misses)
+        raise TelegramError(f'{shown(text)} is not a valid log of parts') from None
+    return PartsMessage(about, parts, misses)
 
 
 class PartsLog:
-    """The log of a robot's cell, as it comes message by message.
+    """Log of the parts of a robot's cell, built message by message.
 
-    It keeps what is not over, and the newest of what is; the rest stays in its counts and errors. A part of which
-    it is told again after so many others, because it was taken out of a box, counts as one more.
+    Unfinished parts and the latest finished ones are kept individually, older ones only in the statistics. An older
+    part that is reported again, because it was removed from a box, counts twice.
 
     Parameters
     ----------
     kept_max
-        Parts, and misses, that it keeps one by one.
+        Number of parts, and of misses, kept individually.
 
     """
 
     def __init__(self, kept_max: int = KEPT_MAX) -> None:
         self._kept_max = kept_max
         self._about: dict[str, Any] = {}
-        self._parts: dict[
-            int, dict[str, Any]
-        ] = {}  # by their numbers, in the order in which they were told last
-        self._misses: dict[int, dict[str, Any]] = {}  # by the bus cycles in which the valve was opened
+        self._parts: dict[int, dict[str, Any]] = {}  # by number, in order of their latest message
+        self._misses: dict[int, dict[str, Any]] = {}  # by the bus cycle of opening
         self._before = Totals()
 
     def add(self, text: str) -> None:
-        """Take a message; raises TelegramError for one that is none."""
-        told = read_message(text)
-        self._about = told.about
-        for number, one in told.parts.items():
+        """Add a message; raises TelegramError if it is invalid."""
+        message = read_message(text)
+        self._about = message.about
+        for number, one in message.parts.items():
             self._parts.pop(number, None)
             self._parts[number] = one
-        self._misses |= told.misses
-        self._forget()
+        self._misses |= message.misses
+        self._compact()
 
-    def _forget(self) -> None:
-        """Keep no more than may be kept: the oldest are added up."""
+    def _compact(self) -> None:
+        """Move the oldest parts and misses beyond the limit to the statistics."""
         more = max(len(self._parts) - self._kept_max, 0)
         over = islice((number for number, one in self._parts.items() if one['outcome'] not in NOT_OVER), more)
         parts = [self._parts.pop(number) for number in list(over)]
@@ -173,7 +171,7 @@ class PartsLog:
             self._before = self._before.with_more(self._about, parts, misses)
 
     def report(self) -> dict[str, Any] | None:
-        """Return the report of what was told, None if nothing was."""
+        """Return the report, None before the first message."""
         if not self._about:
             return None
         parts = [self._parts[number] for number in sorted(self._parts)]
@@ -181,14 +179,14 @@ class PartsLog:
         return report_of(self._about, parts, misses, self._before)
 
 
-def _read(kind: type[PartRecord | Miss | Stay], told: dict[str, Any]) -> dict[str, Any]:
-    """Return the document of a part, a stay or a miss; raises ValueError or TypeError for what is none."""
+def _read(kind: type[PartRecord | Miss | Stay], document: dict[str, Any]) -> dict[str, Any]:
+    """Check and return the document of a part, stay or miss; raises ValueError or TypeError."""
     hints = get_type_hints(kind)
     if kind is PartRecord:
-        told = OF_OLDER | told
-    if told.keys() != hints.keys():
-        raise ValueError(f'{shown(told)} has other fields')
-    for name, value in told.items():
+        document = OF_OLDER | document
+    if document.keys() != hints.keys():
+        raise ValueError(f'{shown(document)} has other fields')
+    for name, value in document.items():
         if hints[name] in (Outcome, How):
             hints[name](value)
         elif hints[name] is str:
@@ -206,7 +204,7 @@ def _read(kind: type[PartRecord | Miss | Stay], told: dict[str, Any]) -> dict[st
                 raise ValueError(f'{name} is {shown(value)}')
             if not all(_is_number(number, whole) for number in numbers):
                 raise TypeError(f'{name} is {shown(value)}')
-    return told
+    return document
 
 
 def _is_number(value: object, whole: bool) -> bool:

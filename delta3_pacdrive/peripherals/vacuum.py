@@ -1,10 +1,10 @@
-"""The vacuum of a cup: how it builds up and decays, and what it holds.
+"""Vacuum of a cup: build-up, decay and holding force.
 
-A cup of area A holds a part of mass m with F = p A. The part needs, under the acceleration a of the cup,
+A cup of area A holds a part of mass m with F = p A. At acceleration a of the cup the part requires
 
     F >= n + l / mu,   n = m (g + a_z),   l = m |a_xy|
 
-n is what pulls the part off, l what pushes it along the cup, where friction mu has to hold it: F - n presses it on.
+n pulls the part off; l pushes it along the cup and is held by friction mu under the contact force F - n.
 """
 
 import math
@@ -13,21 +13,21 @@ from delta3_pacdrive.peripherals.cell import STANDARD_GRAVITY_M_S2, Cup, Place
 
 
 def force_needed_n(mass_kg: float, friction: float, acceleration_m_s2: Place) -> tuple[float, float]:
-    """Return what a part needs to be held.
+    """Return the holding force that a part requires.
 
     Parameters
     ----------
     mass_kg
-        Of the part [kg].
+        Mass of the part [kg].
     friction
-        Between part and cup.
+        Coefficient between part and cup.
     acceleration_m_s2
-        Of the cup [m/s^2], shape (3,), z upwards.
+        Acceleration of the cup [m/s^2], shape (3,), z upwards.
 
     Returns
     -------
     needed, normal
-        Holding force that it needs, and the part of it that keeps it from being pulled off [N].
+        Required holding force, and its component against pull-off [N].
 
     """
     x, y, z = acceleration_m_s2
@@ -36,19 +36,12 @@ def force_needed_n(mass_kg: float, friction: float, acceleration_m_s2: Place) ->
 
 
 class Vacuum:
-    """The vacuum in a cup follows what it comes to with the time constants of building up and decaying.
-
-    Parameters
-    ----------
-    cup
-        What it is.
-    cycle_time_s
-        Of the bus [s].
+    """First-order vacuum with separate time constants for build-up and decay.
 
     Attributes
     ----------
     pressure_pa
-        How far the pressure in the cup is below that around it [Pa].
+        Vacuum relative to ambient pressure [Pa].
 
     """
 
@@ -58,12 +51,12 @@ class Vacuum:
         self.pressure_pa = 0.0
 
     def step(self, opened: bool, closed_by_part: bool) -> float:
-        """Go on by one bus cycle; return the holding force [N].
+        """Advance by one bus cycle; return the holding force [N].
 
         Parameters
         ----------
         opened
-            Whether the valve lets the pump suck.
+            Whether the valve is open and the pump works.
         closed_by_part
             Whether a part closes the cup.
 

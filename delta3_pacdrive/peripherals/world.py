@@ -1,4 +1,4 @@
-"""The cell around the robot, bus cycle by bus cycle: what its outputs do, and what its inputs tell."""
+"""Simulation of the cell around a robot, one bus cycle at a time."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,36 +23,25 @@ FAULT_OF_RUN = 'it fell off by an injected fault'
 
 
 class World:
-    """A cell goes with the robot: ``step`` is called once in each bus cycle, in order.
+    """State of a cell; ``step`` is called once per bus cycle, in order.
 
-    The same cell with the same robot gives the same bits: whatever is random comes from the seed of the cell, by the
-    name of what it happens to.
-
-    Parameters
-    ----------
-    cell
-        What stands there.
-    cycle_time_s
-        Of the bus [s].
-    start_cycle
-        Bus cycle in which the program starts: times of the cell count from it.
+    Equal cells and robots give bit-identical results: every random effect has its own generator, seeded by the seed of
+    the cell and the name of the affected object.
 
     Attributes
     ----------
     inputs
-        What each input tells, by its name.
+        Values of the inputs by name.
     forced
-        What somebody has set inputs to, by their names; it counts instead of what is true.
+        Overridden inputs by name.
     records
-        What has happened to each part, in the order in which they came, since ``forget``.
+        Records of all parts in order of appearance, since ``clear_history``.
     changed
-        Those of them to which something has happened in this bus cycle.
-    belts
-        What each belt does, by its name.
+        Records changed in this bus cycle.
     sightings
-        What the camera of each belt tells in this bus cycle.
+        Parts reported in this bus cycle by the camera of each belt.
     scene
-        What stands there, for who draws it: the document of ``cell_scene``.
+        Document of ``cell_scene`` for displays.
 
     """
 
@@ -61,14 +50,14 @@ class World:
         self.inputs: dict[str, bool] = dict.fromkeys(cell.input_names, False)
         self.forced: dict[str, bool] = {}
         self.records: list[PartRecord] = []
-        self._came = 0  # parts, up to now
+        self._came = 0  # number of parts so far
         self.changed: list[PartRecord] = []
         self._lying: dict[int, Part] = {}
         self._clearing: list[tuple[int, int]] = []  # bus cycle, number of the part
-        self._tcp: list[Place] = []  # of the last three bus cycles
+        self._tcp: list[Place] = []  # positions of the last three bus cycles
         self._cycle = -1
         self._begun = False
-        self._lost: list[PartRecord] = []  # between two bus cycles
+        self._lost: list[PartRecord] = []  # parts lost between two bus cycles
         self._signals = {
             name: BinarySignal(one.delays, cycle_time_s, self._generator(name))
             for name, one in cell.inputs.items()
@@ -93,7 +82,7 @@ class World:
             for name in sorted(followed)
         }
         self._left = {name: supply.count for name, supply in cell.supplies.items()}
-        self._next = dict.fromkeys(cell.supplies, 0)  # bus cycle of the next part, once the place is empty
+        self._next = dict.fromkeys(cell.supplies, 0)  # earliest bus cycle of the next part
         self._waiting: dict[str, Part] = {}
         self._places = [
             *cell.boxes.values(),
@@ -121,34 +110,32 @@ class World:
 
     @property
     def carried_kg(self) -> float | None:
-        """Mass that hangs at the robot [kg]; None: the cell has no gripper, so that the robot says it."""
+        """Payload [kg]; None: the cell has no gripper, so that the robot's own value applies."""
         return None if self._gripper is None else self._gripper.carried_kg
 
     def step(
         self, cycle: int, tcp_m: Sequence[float], outputs: int, turn_rad: float = 0.0
     ) -> Mapping[str, bool]:
-        """Go on to a bus cycle; return what the inputs tell at its begin.
+        """Advance to a bus cycle; return the inputs at its beginning.
 
         Parameters
         ----------
         cycle
             Number of the bus cycle.
-        tcp_m
-            True place of the TCP at its begin [m], shape (3,).
+        tcp_m, turn_rad
+            True TCP position [m], shape (3,), and tool angle [rad] at its beginning.
         outputs
-            Of the robot then: bit n = output n. Those of an MDT are there one bus cycle later.
-        turn_rad
-            True angle of its tool then [rad].
+            Outputs in effect, bit n = output n; those of an MDT take effect one bus cycle later.
 
         Returns
         -------
         Mapping[str, bool]
-            By the names of the inputs; the AT of this bus cycle tells them.
+            Inputs by name, sent with the AT of this bus cycle.
 
         Raises
         ------
         RunError
-            It is not the bus cycle after the last one.
+            The bus cycle does not follow the last one.
 
         """
         if self._cycle >= 0 and cycle != self._cycle + 1:
@@ -158,7 +145,7 @@ class World:
         self._cycle = cycle
         place = (float(tcp_m[0]), float(tcp_m[1]), float(tcp_m[2]))
         self._tcp = [*self._tcp[-2:], place]
-        if self._begun:  # those of before the first bus cycle are told with it
+        if self._begun:  # records of before the first bus cycle are reported with it
             self.changed = []
         self._begun = True
         self.changed += self._lost
@@ -181,42 +168,42 @@ class World:
                 self.changed.append(left.record)
         for name, signal in self._followed.items():
             signal.step(bool(outputs >> OUTPUTS.index(name) & 1))
-        self._tell_inputs(cycle)
+        self._update_inputs(cycle)
         return self.inputs
 
     def pictures(self, belt: str) -> int:
-        """Return how many pictures the camera of a belt has taken; 0 without one."""
+        """Return the number of pictures taken by the camera of a belt; 0 without a camera."""
         camera = self._cameras.get(belt)
         return 0 if camera is None else camera.pictures
 
     def pictured(self, belt: str) -> int:
-        """Return the bus cycle in which the picture was taken of whose parts the camera of a belt tells now."""
+        """Return the bus cycle of the picture whose parts the camera of a belt reports now."""
         return self._cycle - self._cameras[belt].latency_cycles
 
-    def lose_part(self, cycle: int) -> None:
-        """Let what hangs at the robot fall off: a fault is injected."""
+    def drop_part(self, cycle: int) -> None:
+        """Let the gripped part fall (injected fault)."""
         lost = None if self._gripper is None else self._gripper.drop(cycle, FAULT_OF_RUN)
         if lost is not None:
             lost.stay(cycle, How.GONE)
             self._lost.append(lost.record)
 
     def under_way(self) -> tuple[list[PartRecord], list[Miss]]:
-        """Return what is not over yet: parts in hand, and what would be missed if the valve closed now."""
+        """Return the records of gripped parts, and the miss that closing the valve now would cause."""
         missing = [] if self._gripper is None else self._gripper.missing(self._cycle)
         return [part.record for part in self._in_hand()], missing
 
-    def forget(self) -> None:
-        """Forget what has happened: whoever was told keeps it."""
+    def clear_history(self) -> None:
+        """Clear records and misses that have been reported."""
         self.records.clear()
         self.misses.clear()
 
     def finish(self) -> None:
-        """Note what is true at the end of a run."""
+        """Record a pending miss at the end of a run."""
         if self._gripper is not None:
             self._gripper.finish(self._cycle)
 
     def _acceleration(self) -> Place:
-        """Acceleration of the TCP [m/s^2] from its last three places: that of the bus cycle before."""
+        """TCP acceleration [m/s^2] of the previous bus cycle, from the last three positions."""
         if len(self._tcp) < 3:
             return (0.0, 0.0, 0.0)
         a, b, c = self._tcp
@@ -228,7 +215,7 @@ class World:
         )
 
     def _active(self, kind: str, cycle: int, target: str = '') -> CellFault | None:
-        """Return the last fault of a kind that lasts in a bus cycle."""
+        """Return the latest fault of a kind that is active in a bus cycle."""
         for fault in reversed(self._cell.faults):
             if fault.kind == kind and fault.target == target:
                 first = self._cycle_of(fault.after_s)
@@ -247,7 +234,7 @@ class World:
                 self._waiting[name] = part
 
     def _move_belt(self, name: str, cycle: int) -> None:
-        """Move a belt with its parts."""
+        """Advance a belt with its parts and its camera."""
         state, on_it = self.belts[name], self._on_belts[name]
         for come in state.step(cycle):
             stream = state.belt.stream
@@ -284,7 +271,7 @@ class World:
         return part
 
     def _pick_up(self, part: Part, cycle: int, tcp_m: Place, turn_rad: float) -> None:
-        """Take a part away from where it has lain."""
+        """Remove a gripped part from its support."""
         if self._lying.pop(part.record.number, None) is None:
             return
         part.stay(cycle, How.IN_HAND, tcp_m, turn_rad=turn_rad)
@@ -300,7 +287,7 @@ class World:
                 self.belts[name].take(found[0].number)
 
     def _land(self, part: Part, cycle: int) -> None:
-        """Put down a part that was let go; one that was lost is gone."""
+        """Put down a released part; a lost one is gone."""
         record = part.record
         if record.outcome is Outcome.LOST:
             part.stay(cycle, How.GONE)
@@ -325,7 +312,7 @@ class World:
             record.outcome, record.reason = Outcome.DROPPED, f'it fell {1e3 * drop:.1f} mm'
         elif self._cell.cup is not None and drop < -self._cell.cup.height_tolerance_m:
             record.outcome = Outcome.PRESSED
-            record.reason = f'it was {-1e3 * drop:.1f} mm lower than what bears it'
+            record.reason = f'it was {-1e3 * drop:.1f} mm below the height of its support'
         else:
             record.outcome = Outcome.PLACED
         part.at_m = (x, y, found.height_m)
@@ -342,13 +329,13 @@ class World:
             )
 
     def _belt_below(self, part: Part) -> tuple[Landing | None, OnBelt | None]:
-        """Return the belt below a part, and the part on it."""
+        """Return the belt surface below a part, and the part as an object on that belt."""
         for name, state in self.belts.items():
             there = state.surface_place(part.at_m)
             if there is not None:
                 along, across = there
                 angle = part.angle_rad - state.belt.direction_rad
-                # a number that no part of its stream has
+                # negative numbers are not used by its stream
                 on_belt = OnBelt(-1 - part.record.number, along, across, angle, part.type.name)
                 return Landing(state.belt.origin_m[2], name), on_belt
         return None, None
@@ -362,7 +349,7 @@ class World:
                     self.changed.append(part.record)
             self._clearing = [one for one in self._clearing if one[0] > cycle]
 
-    def _tell_inputs(self, cycle: int) -> None:
+    def _update_inputs(self, cycle: int) -> None:
         for name, one in self._cell.inputs.items():
             self.inputs[name] = self._signals[name].step(self._raw(one, cycle))
         cup = self._cell.cup
@@ -396,11 +383,11 @@ class World:
 
     @property
     def pressure_pa(self) -> float:
-        """How far the pressure in the cup is below that around it [Pa]."""
+        """Vacuum in the cup relative to ambient pressure [Pa]."""
         return 0.0 if self._gripper is None else self._gripper.vacuum.pressure_pa
 
     def signals(self) -> dict[str, list[float]]:
-        """Return what a trace keeps of this bus cycle: signals ``cell_...`` of ``recording/signals.py``."""
+        """Return the trace signals ``cell_...`` (``recording/signals.py``) of this bus cycle."""
         gripper = self._gripper
         inputs = [float(value) for value in self.inputs.values()]
         ways = [belt.way_m for belt in self.belts.values()]
@@ -415,11 +402,11 @@ class World:
 
     @property
     def misses(self) -> list[Miss]:
-        """Each time that the valve was opened and closed for nothing, since ``forget``."""
+        """Valve openings without a part, since ``clear_history``."""
         return [] if self._gripper is None else self._gripper.misses
 
     def report(self) -> dict[str, Any]:
-        """Return what has happened to all parts, and how well: for summaries and files."""
+        """Return the report on all parts."""
         return report_of(
             self.about(),
             [one.to_document() for one in self.records],
@@ -427,5 +414,5 @@ class World:
         )
 
     def about(self) -> dict[str, Any]:
-        """Return the names of the cell, of its inputs and its belts."""
+        """Return the names of the cell, its inputs and its belts."""
         return {'cell': self._cell.name, 'inputs': list(self.inputs), 'belts': list(self.belts)}

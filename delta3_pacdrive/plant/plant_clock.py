@@ -40,7 +40,7 @@ class Around(Protocol):
         Returns what hangs at the robot [kg]; None: the robot says it.
         """
 
-    def lose_part(self) -> None:
+    def drop_part(self) -> None:
         """Let what hangs at the robot fall off."""
 
 
@@ -207,7 +207,7 @@ class PlantClock:
             if self._tool is not None:
                 apply_to_motors(self._tool.state[0], self._faults.active, (TOOL_DRIVE,))
             if self._around is not None and any(fault.kind == 'payload_lost' for fault, _ in changes):
-                self._around.lose_part()
+                self._around.drop_part()
         if self._around is not None and not self.exchange % self._per_cycle:
             turn_rad = 0.0 if self._tool is None else self._tool.angle_rad
             self._carried = self._around.step(self.cycle, self._plant.tcp().tolist(), turn_rad)

@@ -154,9 +154,9 @@ class PlantCell:
                 message.poses.append(pose)
             self._seen.publish(message)
 
-    def tell_parts(self, told: dict[str, Any]) -> None:
-        """Tell what has happened to parts in a bus cycle."""
-        self._parts.publish(String(data=json.dumps(told)))
+    def publish_parts(self, document: dict[str, Any]) -> None:
+        """Publish the part events of a bus cycle."""
+        self._parts.publish(String(data=json.dumps(document)))
 
 
 class InputRequests:

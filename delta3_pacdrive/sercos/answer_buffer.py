@@ -1,4 +1,4 @@
-"""AT of the drives by bus cycle, until those of a cycle are all there or known to be lost."""
+"""Buffer of ATs by bus cycle, until all ATs of a cycle have arrived or are known to be lost."""
 
 from typing import Generic, TypeVar
 
@@ -9,19 +9,14 @@ Content = TypeVar('Content')
 
 
 class AnswerBuffer(Generic[Content]):
-    """The master keeps here what has been answered.
-
-    Parameters
-    ----------
-    drives
-        Number of drives on its bus.
+    """Reordering buffer of the master for the ATs of its drives.
 
     Attributes
     ----------
     expected
-        First cycle whose answer may still come, by axis; answers of one drive keep their order.
+        First cycle whose AT may still arrive, per axis; the ATs of one drive keep their order.
     lost, repeated
-        Answers that never came, and those that came again, too late, or from an axis that was given up.
+        Number of ATs that never arrived, and that arrived twice, too late, or from a removed axis.
 
     """
 
@@ -31,13 +26,13 @@ class AnswerBuffer(Generic[Content]):
         self._contents: list[dict[int, Content]] = [{} for _ in range(drives)]
 
     def begin(self, cycle: int) -> None:
-        """Begin cyclic operation with a cycle."""
+        """Start cyclic operation at a cycle."""
         self.expected = [cycle] * len(self.expected)
         for contents in self._contents:
             contents.clear()
 
     def put(self, index: int, cycle: int, content: Content | None) -> bool:
-        """Take an answer in, or note that it is lost (``None``); False if it contradicts one of the same cycle."""
+        """Store an AT, or record its loss (``None``); False if it contradicts another AT of the same cycle."""
         if cycle < self.expected[index]:
             self.repeated += 1
             waiting = self._contents[index].get(cycle)
@@ -49,22 +44,22 @@ class AnswerBuffer(Generic[Content]):
         return True
 
     def is_complete(self, cycle: int) -> bool:
-        """Whether nothing of a cycle can come any more."""
+        """Whether no further AT of a cycle can arrive."""
         return cycle < min(self.expected)
 
     def get(self, cycle: int) -> list[Content | None]:
-        """Take out the answers of a cycle; ``None``: lost."""
+        """Remove and return the ATs of a cycle; ``None``: lost."""
         return [contents.pop(cycle, None) for contents in self._contents]
 
     def behind(self, cycle: int) -> list[int]:
-        """Return the axes whose answer of a cycle is not known yet."""
+        """Return the axes whose AT of a cycle is outstanding."""
         return [index for index, expected in enumerate(self.expected) if expected <= cycle]
 
     def ahead(self, cycle: int) -> int:
-        """Return by how many cycles the foremost axis is ahead of one."""
+        """Return the lead of the foremost axis over a cycle [cycles]."""
         return max(-1 if end == NEVER else end for end in self.expected) - cycle
 
     def drop(self, index: int) -> None:
-        """Go on without an axis."""
+        """Continue without an axis."""
         self.expected[index] = NEVER
         self._contents[index].clear()

@@ -1,8 +1,8 @@
-"""The master's side of the cyclic telegrams: answers of the drives, their losses, and the faults they tell of.
+"""Evaluation of the ATs by the master: actual values, losses and drive faults.
 
-Knows bus cycles, no clock and no messages. What it finds in the answers of cycle k is answered with a stop from cycle
-k + ``outstanding_cycles_max`` on: by then no command has gone out yet, however many answers are on their way, so that
-the course of events depends on bus time alone.
+Works in bus cycles, without clock and messages. A fault found in the ATs of cycle k leads to a stop from cycle
+k + ``outstanding_cycles_max`` on. No command of that cycle has been sent yet, regardless of the ATs under way, so that
+the sequence of events depends on bus time only.
 """
 
 from collections.abc import Sequence
@@ -28,37 +28,26 @@ count_telegram, count_loss, too_many = (
 
 @dataclass(frozen=True)
 class AxisFault:
-    """A fault keeps an axis from going on, as the answers of a bus cycle tell.
-
-    Attributes
-    ----------
-    fault
-        Which axis, what it tells, and in which bus cycle.
-    not_following
-        Whether the axis does not follow its commands any more: bit 3 of S-0-0135 is off beside its fault.
-    drive
-        Number of the drive that reports it, from 0 on; None if the master has found it.
-
-    """
+    """A fault of an axis, found in the ATs of a bus cycle."""
 
     fault: RobotFault
-    not_following: bool = False
-    drive: int | None = None
+    not_following: bool = False  # bit 3 of S-0-0135 is off: the drive does not follow its commands
+    drive: int | None = None  # index of the reporting drive; None: found by the master
 
 
 class AxisMonitor:
-    """The monitor keeps what the master knows of the drives: those of the arms, and that of a rotary axis behind them.
+    """Actual values and status of all drives: the arms first, then a rotary axis.
 
     Attributes
     ----------
     positions, speeds, torques
-        Of the motor shafts [rad, rad/s, N m], as the last answers said, or extrapolated; by axis.
+        Motor shafts [rad, rad/s, N m] from the latest ATs, or extrapolated; by axis.
     status
         Status words S-0-0135.
     losses
-        Answers that were missing, per axis.
+        Number of missing ATs, per axis.
     absent
-        Axes that do not take part any more; their answers are neither expected nor counted.
+        Removed axes; their ATs are neither expected nor counted.
 
     """
 
@@ -72,12 +61,12 @@ class AxisMonitor:
         self.losses = [0] * count
         self.absent: set[int] = set()
         self._recent = [Losses() for _ in self._names]
-        # what couples is checked together: the arms, and the rotary axis by itself
+        # coupled axes are checked together: the arms, and the rotary axis separately
         self._groups = [range(arms), range(arms, count)] if count > arms else [range(arms)]
         self._checked: list[list[int]] = [[] for _ in self._groups]
 
     def begin(self) -> None:
-        """Begin cyclic operation: everybody takes part."""
+        """Start cyclic operation with all axes."""
         self.absent.clear()
         self.speeds = [0.0] * len(self._names)
         self.status = [0] * len(self._names)
@@ -85,25 +74,25 @@ class AxisMonitor:
         self._checked = [[] for _ in self._groups]
 
     def clear_losses(self) -> None:
-        """Begin a new window of lost answers."""
+        """Start a new window of lost ATs."""
         for recent in self._recent:
             recent.losses_in_window = 0
 
     def accept(self, axis: int, values: Sequence[float], status: int) -> None:
-        """Accept the answer of an axis, by its number: position [rad], speed [rad/s], torque [N m], status word."""
+        """Store the AT of an axis: position [rad], speed [rad/s], torque [N m], status word."""
         self.positions[axis], self.speeds[axis], self.torques[axis] = values
         self.status[axis] = status
         count_telegram(self._recent[axis])
 
     def accept_cycles(self, cycles: int, answers: Floats, status: Sequence[int]) -> None:
-        """Accept the answers of cycles in which nothing was lost, of which the last ones are given.
+        """Store the ATs of several cycles without losses, given those of the last one.
 
         Parameters
         ----------
         cycles
-            How many they are.
+            Number of cycles.
         answers
-            Rows of position [rad], speed [rad/s] and torque [N m], a column for each axis, shape (3, axes).
+            Rows of position [rad], speed [rad/s] and torque [N m], one column per axis, shape (3, axes).
         status
             Status words, shape (axes,).
 
@@ -114,7 +103,7 @@ class AxisMonitor:
             count_telegrams(recent, cycles)
 
     def extrapolate(self, axis: int) -> None:
-        """Go on without the answer of an axis in a cycle: its shaft is extrapolated at constant speed."""
+        """Replace a missing AT: the shaft is extrapolated at constant speed."""
         if axis in self.absent:
             return
         self.losses[axis] += 1
@@ -122,45 +111,45 @@ class AxisMonitor:
         self.positions[axis] += self.speeds[axis] * self._cycle_time_s
 
     def drop(self, axis: int) -> None:
-        """Go on without an axis until the bus is phased up again: it is as good as without power."""
+        """Continue without an axis, treated as unpowered, until the next phase-up of the bus."""
         self.absent.add(axis)
         self.status[axis] = 0
         self.speeds[axis] = self.torques[axis] = 0.0
 
     def faulty(self) -> list[int]:
-        """Numbers of the axes that report a fault."""
+        """Return the indices of the axes that report a fault."""
         return [index for index, status in enumerate(self.status) if status & ERROR]
 
     def is_checked(self, status: list[int]) -> bool:
-        """Whether these status words are those that were checked last: they tell nothing new."""
+        """Whether these status words have already been checked."""
         return status == [word for words in self._checked for word in words]
 
     def check(self, cycle: int, program_starts: int) -> AxisFault | None:
-        """Check the answers of a cycle, once they are all there.
+        """Check the ATs of a complete cycle.
 
         Parameters
         ----------
         cycle
             Number of the bus cycle.
         program_starts
-            Bus cycle from which on every drive must be in torque, ``NEVER`` if none is.
+            Bus cycle from which every drive must be in torque, ``NEVER`` without one.
 
         Returns
         -------
         AxisFault | None
-            The first fault that the answers tell of. A status that has been checked is not told again. A rotary axis
-            comes behind the arms, unless it alone does not follow any more.
+            First fault found; each status word is reported once. The arms take precedence over a rotary axis, unless
+            only the latter has stopped following its commands.
 
         """
         found: AxisFault | None = None
         for number, group in enumerate(self._groups):
-            told = self._check(cycle, program_starts, number, group)
-            if found is None or (told is not None and told.not_following and not found.not_following):
-                found = told
+            fault = self._check(cycle, program_starts, number, group)
+            if found is None or (fault is not None and fault.not_following and not found.not_following):
+                found = fault
         return found
 
     def _check(self, cycle: int, program_starts: int, number: int, group: range) -> AxisFault | None:
-        """Check the axes of a group, by its number."""
+        """Check the axes of one group."""
         for index in group:
             axis = self._names[index]
             if too_many(self._recent[index]):

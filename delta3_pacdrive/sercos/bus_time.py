@@ -1,19 +1,19 @@
-"""Bus time: the number of a cycle or of an exchange, and its stamp in integer nanoseconds."""
+"""Bus time: conversion between cycle or exchange numbers and stamps in integer nanoseconds."""
 
 from delta3_pacdrive.errors import TelegramError
 
 NANOSECONDS = 1_000_000_000
-NEVER = 2**62  # a cycle that does not come
+NEVER = 2**62  # cycle number that is never reached
 ACYCLIC_SEC = -1  # stamp of telegrams outside cyclic operation: before bus time 0
 
 
 class Clock:
-    """Converts between counts of a fixed period and (sec, nanosec) stamps, exactly.
+    """Exact conversion between counts of a fixed period and (sec, nanosec) stamps.
 
     Parameters
     ----------
     period_s
-        Period [s]: the bus cycle or the exchange period; a whole number of nanoseconds.
+        Bus cycle or exchange period [s]; a whole number of nanoseconds.
 
     """
 
@@ -30,7 +30,7 @@ class Clock:
         Raises
         ------
         TelegramError
-            The stamp does not lie on the grid.
+            The stamp is not a multiple of the period.
 
         """
         if sec < 0:

@@ -1,4 +1,4 @@
-"""Start-up of the bus: who is there, and whether everybody means the same (phases CP0 to CP3)."""
+"""Checks during start-up of the bus (CP0 to CP3): presence of all participants, equal parameters."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -7,39 +7,32 @@ from dataclasses import dataclass, fields
 from delta3_pacdrive.parameters import Parameters, flatten
 
 DRIVES = ('axis1', 'axis2', 'axis3')
-TOOL_DRIVE = 'axis4'  # of the rotary axis, where there is one
+TOOL_DRIVE = 'axis4'  # drive of the optional rotary axis
 ALL_DRIVES = (*DRIVES, TOOL_DRIVE)
-NO_TOOL_DRIVE = f'the robot has no {TOOL_DRIVE}, that of a rotary axis (rotary.present is false)'
+NO_TOOL_DRIVE = f'the robot has no {TOOL_DRIVE} for a rotary axis (rotary.present is false)'
 PLANT = 'plant'
 PARTICIPANTS = (*DRIVES, PLANT)  # of a robot without a rotary axis
 
 
 def drives_of(parameters: Parameters) -> tuple[str, ...]:
-    """Return the drives of a robot in their order: a fourth one if it has a rotary axis."""
+    """Return the drives of a robot in order; the fourth is that of a rotary axis."""
     return ALL_DRIVES if parameters.rotary.present else DRIVES
 
 
 @dataclass(frozen=True)
 class Identity:
-    """What every participant must agree on in CP2, as text.
-
-    Attributes
-    ----------
-    parameters
-        All of them (JSON): only to name those that make checksums differ.
-
-    """
+    """Settings on which all participants must agree in CP2, as text."""
 
     cycle_time_s: str
     exchange_period_s: str
     increments_per_rev: str
     gear_ratio: str
     parameter_checksum: str
-    parameters: str
+    parameters: str  # all of them (JSON), to name those that cause different checksums
 
     @staticmethod
     def of(parameters: Parameters) -> 'Identity':
-        """Return the identity of a participant with these parameters."""
+        """Return the identity of a participant with the given parameters."""
         return Identity(
             repr(parameters.bus.cycle_time_s),
             repr(parameters.bus.exchange_period_s),
@@ -51,12 +44,12 @@ class Identity:
 
 
 def missing(present: Mapping[str, object], participants: Sequence[str] = PARTICIPANTS) -> list[str]:
-    """Participants that have not announced themselves."""
+    """Return the participants that have not announced themselves."""
     return [name for name in participants if name not in present]
 
 
 def disagreements(master: Identity, participants: Mapping[str, Identity]) -> list[str]:
-    """One sentence for each participant that differs from the master; names both values."""
+    """Return one sentence per participant that differs from the master, with both values."""
     sentences = []
     for name, identity in participants.items():
         for f in fields(Identity):
@@ -71,14 +64,14 @@ def disagreements(master: Identity, participants: Mapping[str, Identity]) -> lis
 
 
 def _first_difference(theirs: str, ours: str) -> str:
-    """Name the first parameter that differs; empty if a text is not what it should be."""
+    """Name the first different parameter; empty if a text is malformed."""
     try:
-        there, here = dict(json.loads(theirs)), dict(json.loads(ours))
+        remote, own = dict(json.loads(theirs)), dict(json.loads(ours))
     except (ValueError, TypeError, RecursionError):
         return ''
-    different = [name for name in here if there.get(name) != here[name]]
+    different = [name for name in own if remote.get(name) != own[name]]
     if not different:
         return ''
     more = f', and {len(different) - 1} more' if len(different) > 1 else ''
     name = different[0]
-    return f' ({name} is {there.get(name)} there, {here[name]} here{more})'
+    return f' ({name} is {remote.get(name)} there, {own[name]} here{more})'

@@ -1,6 +1,6 @@
-"""Motor increments of the encoder and of the commands on the bus (thesis 8.1: 2^19 per revolution).
+"""Motor increments of encoders and of commands on the bus (thesis 8.1: 2^19 per revolution).
 
-Arguments of the functions and kernels here:
+Arguments of the functions and kernels:
 
 ``position``, ``positions``
     Motor shaft [rad]; several, shape (n,).
@@ -9,39 +9,39 @@ Arguments of the functions and kernels here:
 ``value``
     Number.
 ``out``
-    Takes the results, shape (n,).
+    Results, shape (n,).
 """
 
 import math
 
 from delta3_pacdrive.numerics.kernel import kernel
 
-INTEGER_MAX = 2.0**62  # of numbers that an integer holds, about
+INTEGER_MAX = 2.0**62  # approximate range of integers
 
 
 @kernel
 def _whole(value):
-    """Largest whole number up to a value, as a float; what no integer holds is whole already, or none.
+    """Largest integer not above a value, as a float; values beyond the integer range are returned unchanged.
 
-    ``numpy.floor`` is the same, but no compiler for other devices has it for single numbers.
+    Replaces ``numpy.floor``, which compilers for other devices do not support for scalars.
     """
     return float(math.floor(value)) if abs(value) < INTEGER_MAX else value
 
 
 @kernel
 def to_increments(position, increments_per_rad):
-    """Nearest increment, as a whole float, of a shaft position [rad]."""
+    """Nearest increment of a shaft position [rad], as a float."""
     return _whole(position * increments_per_rad + 0.5)
 
 
 @kernel
 def on_grid(position, increments_per_rad):
-    """Shaft position [rad] moved to the nearest increment."""
+    """Shaft position [rad] rounded to the nearest increment."""
     return to_increments(position, increments_per_rad) / increments_per_rad
 
 
 @kernel
 def all_on_grid(positions, increments_per_rad, out):
-    """Shaft positions [rad] moved to the nearest increments."""
+    """Shaft positions [rad] rounded to the nearest increments."""
     for n in range(len(positions)):
         out[n] = on_grid(positions[n], increments_per_rad)

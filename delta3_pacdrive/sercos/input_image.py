@@ -1,4 +1,4 @@
-"""Inputs of a robot by bus cycle, until the answers of that cycle are evaluated: the I/O image of the master."""
+"""Input image of the master: inputs by bus cycle, until the ATs of that cycle are evaluated."""
 
 from collections.abc import Sequence
 
@@ -6,18 +6,18 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 
 
 class InputImage:
-    """The master keeps here what the I/O of the plant has answered.
+    """Inputs received from the I/O of the plant.
 
     Attributes
     ----------
     names
-        Of the inputs; bit n is number n. Without any no answer is awaited.
+        Names of the inputs, bit n is number n; without names no inputs are expected.
     expected
-        First cycle whose inputs may still come; they keep their order.
+        First cycle whose inputs may still arrive; inputs keep their order.
     bits
-        Those of the newest cycle that is evaluated.
+        Inputs of the latest evaluated cycle.
     lost
-        Cycles whose inputs did not come.
+        Number of cycles without inputs.
 
     """
 
@@ -28,7 +28,7 @@ class InputImage:
         self._waiting: dict[int, int] = {}
 
     def begin(self, cycle: int, names: Sequence[str]) -> None:
-        """Begin cyclic operation with a cycle, and the inputs that the plant has announced."""
+        """Start cyclic operation at a cycle, with the inputs that the plant announced."""
         if self.names != tuple(names):
             self.bits = 0
         self.names = tuple(names)
@@ -36,18 +36,18 @@ class InputImage:
         self._waiting.clear()
 
     def put(self, cycle: int, bits: int) -> None:
-        """Take the inputs of a cycle in; those that come again count for nothing."""
+        """Store the inputs of a cycle; duplicates are ignored."""
         if self.expected <= cycle < NEVER:
             self._waiting[cycle] = bits
             self.lost += cycle - self.expected
             self.expected = cycle + 1
 
     def is_complete(self, cycle: int) -> bool:
-        """Whether nothing of a cycle can come any more."""
+        """Whether the inputs of a cycle have arrived or are known to be lost."""
         return cycle < self.expected
 
     def take(self, cycle: int) -> int:
-        """Take out the inputs of a cycle, as bits; if they are lost, those of the cycle before."""
+        """Remove and return the inputs of a cycle, as bits; the previous ones if they were lost."""
         if self.names:
             self.bits = self._waiting.pop(cycle, self.bits)
         return self.bits

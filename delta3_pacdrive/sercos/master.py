@@ -1,7 +1,7 @@
-"""The master of the bus: it phases the bus up from CP0 to CP4, lets it fall, and phases it up again.
+"""State machine of the bus master: phase-up from CP0 to CP4, fall-back on faults, and renewed phase-up.
 
-Looks, announcements and answers come in as events; what has to be done goes out as actions, in their order. A phase is
-left when nothing is left that it waits for; ``TRANSITIONS`` says where to, and what is done there.
+Polls, announcements and ATs are events; the machine returns actions in order. A phase ends when all its conditions are
+met; ``TRANSITIONS`` lists successors and actions.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,25 +22,25 @@ from delta3_pacdrive.sercos.telegrams import new_session
 from delta3_pacdrive.sercos.watchdog import ANSWER_SILENT_S, BUS_SILENT_S
 from delta3_pacdrive.sercos.words import Phase
 
-PATIENCE = 50  # looks in vain after which a guess at the reason is told
-CALL_EVERY = 10  # looks, after which the phase is announced once more
-AHEAD = 2  # cycles by which others answer later ones than a drive that is lost
+PATIENCE = 50  # unsuccessful polls before the message suggests a cause
+CALL_EVERY = 10  # polls between repeated announcements of the phase
+AHEAD = 2  # cycles by which the other drives are ahead of a drive considered lost
 
 
 class Event(Enum):
-    """What happens to the bus."""
+    """Events of the bus."""
 
-    PRESENT = auto()  # everybody has answered the call, and nobody is there twice
+    PRESENT = auto()  # all participants have announced themselves, each once
     ANSWERED = auto()  # all drives have answered a greeting
-    # all rest on the same parameters, they receive from one another, and the place of the robot is known
+    # parameters agree, participants receive from one another, and the robot pose is known
     AGREED = auto()
-    READY = auto()  # nothing speaks against cyclic operation
-    FALL = auto()  # cyclic operation cannot go on
+    READY = auto()  # cyclic operation may begin
+    FALL = auto()  # cyclic operation cannot continue
 
 
 @dataclass(frozen=True)
 class Announce:
-    """The phase is announced, with the bus time at which cyclic operation begins; whether it is entered now."""
+    """Announce the phase with the bus time at which cyclic operation begins, and whether the phase is entered now."""
 
     phase: Phase
     session: bytes
@@ -50,29 +50,29 @@ class Announce:
 
 @dataclass(frozen=True)
 class Greet:
-    """A greeting goes to all drives: an MDT outside of cyclic operation."""
+    """Send a greeting to all drives: an MDT outside cyclic operation."""
 
     phase: Phase
     session: bytes
 
 
 @dataclass(frozen=True)
-class Stand:
-    """The robot stands ready for a program, from a bus cycle on."""
+class RobotReady:
+    """The robot is ready for a program from a bus cycle on."""
 
     cycle: int
 
 
 @dataclass(frozen=True)
 class Begin:
-    """Cyclic operation begins with a bus cycle."""
+    """Start cyclic operation at a bus cycle."""
 
     cycle: int
 
 
 @dataclass(frozen=True)
-class GiveUp:
-    """Everything that needs cyclic operation is given up, which a fault has ended; a new session begins."""
+class AbortCyclic:
+    """Abort everything that requires cyclic operation, because of a fault, and start a new session."""
 
     fault: RobotFault
     session: bytes
@@ -80,21 +80,21 @@ class GiveUp:
 
 @dataclass(frozen=True)
 class Note:
-    """A fault is noted."""
+    """Record a fault."""
 
     fault: RobotFault
 
 
 @dataclass(frozen=True)
 class StopRobot:
-    """The robot stops for a fault that leaves the bus working."""
+    """Stop the robot for a fault that leaves the bus in operation."""
 
     fault: RobotFault
 
 
 @dataclass(frozen=True)
 class Drop:
-    """The bus goes on without a drive."""
+    """Continue cyclic operation without a drive."""
 
     index: int
     fault: RobotFault
@@ -102,19 +102,19 @@ class Drop:
 
 @dataclass(frozen=True)
 class Wait:
-    """What the present phase waits for has changed."""
+    """Publish a changed reason for waiting in the current phase."""
 
     reason: Reason
 
 
-Action = Announce | Greet | Stand | Begin | GiveUp | Note | StopRobot | Drop | Wait
+Action = Announce | Greet | RobotReady | Begin | AbortCyclic | Note | StopRobot | Drop | Wait
 
 TRANSITIONS: dict[tuple[Phase, Event], tuple[Phase, tuple[type[Action], ...]]] = {
     (Phase.CP0, Event.PRESENT): (Phase.CP1, (Announce,)),
     (Phase.CP1, Event.ANSWERED): (Phase.CP2, (Announce,)),
-    (Phase.CP2, Event.AGREED): (Phase.CP3, (Announce, Stand)),
+    (Phase.CP2, Event.AGREED): (Phase.CP3, (Announce, RobotReady)),
     (Phase.CP3, Event.READY): (Phase.CP4, (Begin, Announce)),
-    (Phase.CP4, Event.FALL): (Phase.CP0, (GiveUp, Announce)),
+    (Phase.CP4, Event.FALL): (Phase.CP0, (AbortCyclic, Announce)),
 }
 ONWARD = {
     Phase.CP0: Event.PRESENT,
@@ -125,31 +125,27 @@ ONWARD = {
 
 
 class BusMaster:
-    """One master of the bus.
+    """State machine of the bus master.
 
     Parameters
     ----------
     identity
-        What the master rests on; everybody has to rest on the same.
+        Settings of the master; all participants must agree with them.
     locate
-        Takes over where the motor shafts [rad] stand; returns why that is no place of the robot.
+        Takes the motor shaft positions [rad]; returns the reason if they are not a valid robot pose.
     draw
         Returns a new session.
     drives
-        Names of the drives on its bus.
+        Names of the drives.
 
     Attributes
     ----------
     names
-        Of those who take part.
-    phase, session
-        Of the bus.
-    cyclic
-        Whether the bus is in cyclic operation.
+        Names of all participants.
     waiting
-        What the present phase waits for, if it waits.
+        Reason for waiting in the current phase, if any.
     missing
-        Names of the participants that it waits for.
+        Participants that the current phase is waiting for.
 
     """
 
@@ -170,41 +166,41 @@ class BusMaster:
         self._call()
 
     def _call(self) -> None:
-        """Call everybody anew: whoever answered before has to do so again."""
+        """Start a new session, in which all participants must announce themselves again."""
         self.session = self._draw()
         self._participants.begin(self.session.decode())
-        self._resting: dict[int, float] = {}  # shaft positions [rad] that the drives have answered with
+        self._resting: dict[int, float] = {}  # shaft positions [rad] from answers to greetings
         self._looks = self._looks_in_vain = 0
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs that the plant answers for."""
+        """Names of the inputs announced by the plant."""
         return self._participants.inputs
 
     @property
     def belts(self) -> str:
-        """What the plant tells of its belts."""
+        """Belt description announced by the plant (JSON)."""
         return self._participants.belts
 
     def closed(self) -> Reason | None:
-        """Say why nothing that needs cyclic operation can be done, None if it can."""
+        """Return the reason why cyclic operation is unavailable, None if it is active."""
         return None if self.cyclic else Reason(Code.BUS, f'the bus is in {self.phase.name}')
 
     def channel_closed(self) -> Reason | None:
-        """Say why the service channels are closed, None from CP3 on."""
+        """Return the reason why the service channels are closed, None from CP3 on."""
         return None if self.phase >= Phase.CP3 else self.closed()
 
     # start-up ---------------------------------------------------------------------------------------------------------
 
-    def look(self, next_cycle: int, doubled: Reason | None, ready: bool) -> list[Action]:
-        """Look at the start-up, which goes on if it can.
+    def poll(self, next_cycle: int, doubled: Reason | None, ready: bool) -> list[Action]:
+        """Advance the start-up if the conditions of the phase are met.
 
         Parameters
         ----------
         next_cycle
-            First bus cycle that has not been started yet.
+            First bus cycle that has not been started.
         doubled
-            Who writes what only one may write, if somebody does.
+            Reason naming duplicate writers of a topic, if any.
         ready
             Whether cyclic operation may begin.
 
@@ -212,7 +208,7 @@ class BusMaster:
         actions: list[Action] = []
         self.missing = ()
         if self._looks % CALL_EVERY == 0:
-            # a participant does not obey while the last master may still be there
+            # repeated, because a participant ignores a new master while the last one may still be running
             actions.append(Announce(self.phase, self.session, next_cycle, entered=False))
         self._looks += 1
         if self.cyclic:
@@ -236,11 +232,11 @@ class BusMaster:
         return actions
 
     def _shafts(self) -> list[float]:
-        """Return where the motor shafts stand [rad], in the order of the drives."""
+        """Return the motor shaft positions [rad] in the order of the drives."""
         return [self._resting[n] for n in range(len(self._drives))]
 
     def _disagreement(self) -> RobotFault | None:
-        """Say who rests on something else than the master, which matters from CP2 on."""
+        """Return a fault if participants have other settings than the master, from CP2 on."""
         if self.phase < Phase.CP2:
             return None
         present = {name: self._participants.identities[name] for name in self.names}
@@ -248,7 +244,7 @@ class BusMaster:
         return RobotFault(FaultCode.PARAMETERS, '; '.join(sentences)) if sentences else None
 
     def _obstacle(self, doubled: Reason | None) -> Reason | None:
-        """Say what the present phase waits for."""
+        """Return what the current phase is waiting for."""
         if self.phase == Phase.CP0:
             if doubled is not None:
                 return Reason(Code.BUS, f'waiting until one of them ends: {doubled}')
@@ -258,7 +254,7 @@ class BusMaster:
             self.missing = silent = tuple(
                 axis for index, axis in enumerate(self._drives) if index not in self._resting
             )
-            # a drive answers with the shaft position that the plant tells it
+            # drives answer with shaft positions from the plant
             doubtful = len(silent) == len(self._drives) and self._looks_in_vain > PATIENCE
             doubt = ': is the plant running?' if doubtful else ''
             return (
@@ -273,23 +269,23 @@ class BusMaster:
         return None
 
     def positioned(self, index: int, position: float) -> None:
-        """Take the answer of a drive to a greeting: where its motor shaft stands [rad]."""
+        """Store the shaft position [rad] from a drive's answer to a greeting."""
         if not self.cyclic:
             self._resting[index] = position
 
     def announced(self, announcement: Announcement, next_cycle: int, answered: int) -> list[Action]:
-        """Take the announcement of a participant, up to whose coming some bus cycles have been answered."""
+        """Process an announcement; bus cycles before ``answered`` are complete."""
         if not self._participants.announced(announcement):
             return []
         name = announcement.name
-        sentence = f'{name} was started again, or has left the bus, in bus cycle {answered}'
+        sentence = f'{name} restarted or left the bus in bus cycle {answered}'
         fault = RobotFault(FaultCode.PARTICIPANT_LEFT, sentence, name, cycle=answered)
         return self.fall(fault, next_cycle) if name == PLANT else [StopRobot(fault)]
 
     # cyclic operation -------------------------------------------------------------------------------------------------
 
     def fall(self, fault: RobotFault, next_cycle: int) -> list[Action]:
-        """Let the phase fall to CP0, from where the bus comes up again as soon as everybody is there."""
+        """Fall back to CP0; the bus phases up again when all participants are present."""
         return self._take(Event.FALL, next_cycle, fault) if self.cyclic else [Note(fault)]
 
     def missed(
@@ -301,18 +297,18 @@ class BusMaster:
         answered: int,
         of_plant: str = 'the inputs',
     ) -> list[Action]:
-        """Look after drives that do not answer.
+        """React to drives or a plant that do not respond.
 
         Parameters
         ----------
         silent
-            Drives whose answers of the cycle ``answered`` are awaited; none: it is the plant.
+            Drives whose ATs of the cycle ``answered`` are outstanding; empty: the plant's data are.
         of_plant
-            What is awaited of the plant then.
+            Name of the plant's outstanding data.
         silence_s
-            How long no cycle has been complete [s].
+            Time since the last complete cycle [s].
         ahead
-            By how many cycles the foremost drive has answered more.
+            Lead of the foremost drive [cycles].
         next_cycle, answered
             First bus cycles that are not started, and not complete.
 
@@ -323,17 +319,17 @@ class BusMaster:
         if silence_s > ANSWER_SILENT_S and ahead > AHEAD and silent:
             return [Drop(index, fault) for index in silent]
         if silence_s > BUS_SILENT_S:
-            # where nobody can go on, or nobody may, the plant is as good a guess as the drives
+            # if all are missing, the plant is as likely a cause as the drives
             guess, source = f'{sentence}: is the plant running?', ', '.join((names, PLANT))
             return self.fall(replace(fault, sentence=guess, source=source), next_cycle)
         return []
 
     def _take(self, event: Event, next_cycle: int, fault: RobotFault | None = None) -> list[Action]:
-        """Let an event happen, which has a row in the present phase; return what it brings about."""
+        """Execute the transition of an event in the current phase; return its actions."""
         self.phase, acts = TRANSITIONS[self.phase, event]
         self.cyclic = self.phase == Phase.CP4
         self._looks_in_vain = 0
-        # bus time never goes back
+        # bus time never decreases
         first = next_cycle if event is Event.FALL else max(next_cycle, self._participants.bus_cycle)
         if event is Event.FALL:
             self._call()
@@ -342,9 +338,9 @@ class BusMaster:
         start = first if event is Event.READY else next_cycle
         values: dict[type[Action], Action] = {
             Announce: Announce(self.phase, self.session, start, entered=True),
-            Stand: Stand(first),
+            RobotReady: RobotReady(first),
             Begin: Begin(first),
         }
         if fault is not None:
-            values[GiveUp] = GiveUp(fault, self.session)
+            values[AbortCyclic] = AbortCyclic(fault, self.session)
         return [values[act] for act in acts]

@@ -1,8 +1,8 @@
-"""Who takes part in the bus, as the master knows it from announcements.
+"""Participants of the bus as known to the master from their announcements.
 
-An announcement says to which session it belongs: it answers a call of this master. One of another session, out of a
-bag that is played back for example, is of somebody who is not there. In cyclic operation nobody is called any more; who
-announces itself then has come later, or has left the bus.
+An announcement carries the session that it answers. Those of other sessions, for example from a bag being played back,
+are ignored. In cyclic operation the master sends no calls: an announcement then means that a participant has started
+or left the bus.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from delta3_pacdrive.sercos.configuration_check import PARTICIPANTS, PLANT, Iden
 
 
 class Occasion(StrEnum):
-    """Why a participant announces itself."""
+    """Reason of an announcement."""
 
     CALLED = 'answers the call'
     STARTED = 'has started in cyclic operation'
@@ -22,20 +22,20 @@ class Occasion(StrEnum):
 
 @dataclass(frozen=True)
 class Announcement:
-    """What a participant says of itself.
+    """Announcement of a participant.
 
     Attributes
     ----------
     instance
-        Identity of its process, other than that of any before.
+        Unique identity of its process.
     links
-        Partners from which it has received something in the session.
+        Partners from which it has received data in this session.
     bus_cycle
-        First bus cycle that it has not seen yet.
+        First bus cycle that it has not processed.
     inputs
-        Names of the inputs that it answers for.
+        Names of the inputs that it provides.
     belts
-        What it tells of the belts that it answers for: JSON, as ``controller/belt_axes.py`` has it.
+        Description of its belts: JSON, as in ``controller/belt_axes.py``.
 
     """
 
@@ -51,22 +51,16 @@ class Announcement:
 
 
 class Participants:
-    """Table of participants of one master.
-
-    Parameters
-    ----------
-    names
-        Of those who take part.
+    """Participants of one master.
 
     Attributes
     ----------
     identities, links
-        Of those that have answered the call of this session: identities, and the partners from which they have received
-        something.
+        Identities and received partners of the participants that have answered in this session.
     bus_cycle
-        First bus cycle that nobody has seen yet.
+        First bus cycle that no participant has processed.
     inputs, belts
-        Names of the inputs that the plant answers for, and what it tells of its belts.
+        Input names and belt description of the plant.
 
     """
 
@@ -79,20 +73,20 @@ class Participants:
         self.belts = '[]'
         self._session = ''
         self._cyclic = False
-        self._told: set[tuple[str, str, Occasion]] = set()
+        self._handled: set[tuple[str, str, Occasion]] = set()
 
     def begin(self, session: str) -> None:
-        """Call everybody anew."""
+        """Start a new session."""
         self._session, self._cyclic = session, False
         self.identities, self.links = {}, {}
-        self._told.clear()
+        self._handled.clear()
 
     def close(self) -> None:
-        """Begin cyclic operation."""
+        """Start cyclic operation."""
         self._cyclic = True
 
     def announced(self, announcement: Announcement) -> bool:
-        """Take an announcement; whether its participant has come or gone in cyclic operation."""
+        """Process an announcement; return whether its participant has started or left in cyclic operation."""
         if announcement.session != self._session or announcement.name not in self._names:
             return False
         self.bus_cycle = max(self.bus_cycle, announcement.bus_cycle)
@@ -103,7 +97,7 @@ class Participants:
                 self.inputs, self.belts = announcement.inputs, announcement.belts
             return False
         key = (announcement.name, announcement.instance, announcement.occasion)
-        if announcement.occasion == Occasion.CALLED or key in self._told:
+        if announcement.occasion == Occasion.CALLED or key in self._handled:
             return False
-        self._told.add(key)
+        self._handled.add(key)
         return True

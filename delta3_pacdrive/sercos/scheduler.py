@@ -1,4 +1,4 @@
-"""When bus cycles start on a clock, and the figures that tell how well that works. Time comes in as an argument."""
+"""Start times of bus cycles on a clock, and histograms of their timing. The current time is an argument."""
 
 import math
 from array import array
@@ -9,15 +9,15 @@ import numpy as np
 
 from delta3_pacdrive.sercos.shared_clock import SharedClock
 
-ROUNDING = 1e-6  # of a period
+ROUNDING = 1e-6  # in periods
 SHARES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 
 class Histogram:
-    """Counts of durations in bins of 10 us up to 100 ms, of 10 ms up to 100 s; constant memory however long it runs."""
+    """Histogram of durations in constant memory: bins of 10 us up to 100 ms, of 10 ms up to 100 s."""
 
     BIN_S, WIDE_S = 10e-6, 10e-3
-    BINS = 10_000  # of either width
+    BINS = 10_000  # per width
 
     def __init__(self) -> None:
         self._counts = array('q', bytes(2 * 8 * self.BINS))
@@ -43,11 +43,11 @@ class Histogram:
     def _upper_edge(self, number: int) -> float:
         if number < self.BINS:
             return (number + 1) * self.BIN_S
-        # whatever lies beyond the last bin is only known to be below the maximum
+        # durations beyond the last bin are only bounded by the maximum
         return (number - self.BINS + 1) * self.WIDE_S if number < 2 * self.BINS - 1 else math.inf
 
     def summary_ms(self) -> dict[str, float]:
-        """p50, p99, p99.9 and max in milliseconds."""
+        """Upper edges [s] of the bins that contain the given quantiles (0..1); 0 without durations."""
         values = [*self.percentiles(list(SHARES.values())), self.max_s]
         return {name: round(value * 1e3, 3) for name, value in zip([*SHARES, 'max'], values, strict=True)}
 
@@ -56,21 +56,19 @@ class Histogram:
 class CycleScheduler:
     """Decides when the next cycle may start.
 
-    A cycle that is due but held back because ``outstanding_max`` cycles wait for answers is an overrun. Cycles that are
-    late are caught up; a schedule that lags by more than ``outstanding_max`` cycles slips for good.
+    A cycle that is due but waits because ``outstanding_max`` cycles are unanswered is an overrun. Late cycles are
+    caught up; a schedule that lags by more than ``outstanding_max`` cycles is shifted permanently (slip).
 
     Attributes
     ----------
     period_s
         Wall-clock time per cycle [s]; 0 = as fast as possible.
-    outstanding_max
-        Most cycles that may wait for answers.
     shared
-        The clock that other robots go by as well, if they do.
+        Clock shared with other robots, if any.
     catches_up
-        Whether cycles that are late are caught up; else the schedule slips as soon as it lags by more than one.
+        Whether late cycles are caught up; otherwise the schedule slips when it lags by more than one.
     late_s
-        How long after its due time the last cycle has started [s]; 0 without a clock.
+        Delay of the last cycle's start after its due time [s]; 0 without a clock.
 
     """
 
@@ -85,7 +83,7 @@ class CycleScheduler:
     _held: bool = False
 
     def first_cycle(self, own_next: int, now_s: float) -> int | None:
-        """Return the cycle with which a schedule may begin, None as long as others of its clock are not ready."""
+        """Return the first cycle of a schedule, None while other robots on the shared clock are not ready."""
         if self.shared is None:
             return own_next
         if not self.shared.ready(now_s):
@@ -93,10 +91,10 @@ class CycleScheduler:
         return self.shared.first_cycle(own_next, now_s, self.period_s)
 
     def begin(self, cycle: int, due_s: float) -> float:
-        """Begin a new schedule, in which ``cycle`` is due at ``due_s``; without it the first call decides.
+        """Begin a schedule in which ``cycle`` is due at ``due_s``; by default the first call of ``may_start`` decides.
 
-        Whoever looks at a timer's ticks begins with the first one: a tick is never early, so that each finds its
-        cycle due and none has to wait for the next tick. Returned is how much later it is due by a shared clock [s].
+        Start with the first tick of a timer: ticks are never early, so that each finds its cycle due. Returns the
+        additional delay imposed by a shared clock [s].
         """
         self._origin_s = due_s - cycle * self.period_s
         self._held = False
@@ -132,7 +130,7 @@ class CycleScheduler:
         self.late_s = now_s - due if self.period_s else 0.0
         lag = now_s - due - (self.outstanding_max if self.catches_up else 1) * self.period_s
         if self.period_s and lag > 0.0:
-            # by whole periods: ticks and due times keep together
+            # whole periods keep ticks and due times aligned
             slip = math.ceil(lag / self.period_s - ROUNDING) * self.period_s
             self._origin_s += slip
             self.slip_s += slip

@@ -1,15 +1,15 @@
-"""Service channel of SERCOS: access to the operation data of a drive, a word of 16 bits a cycle beside the cyclic data.
+"""Service channel of SERCOS: access to the operation data of a drive, one 16-bit word per cycle in each direction.
 
-An access is a message of the master and an answer of the drive, both cut into numbered portions of 12 bits. Whoever has
-a message sends its portions in turn, over and over, until the other side shows that it has all of them: the drive by
-answering, the master by its next access or by silence. A word that is lost comes again with the next turn, a word that
-comes twice says nothing new, and whatever time the words need on the bus only adds to the access. One direction must
-keep its order, as telegrams do; whether bits are right is checked by the telegrams' checksums, not here.
+An access is a message of the master and a reply of the drive, both split into numbered portions of 12 bits. The sender
+repeats the portions of a message cyclically until the other side has confirmed all of them: the drive by replying, the
+master by its next access or by idle words. A lost word is repeated in the next round, a duplicate has no effect, and
+latency only prolongs the access. Words must keep their order in each direction, as telegrams do; bit errors are
+detected by the checksums of the telegrams, not here.
 
     =====  ==================  =======================================================================================
     bits   name                meaning
     =====  ==================  =======================================================================================
-    15     MHS, AHS            handshake: changes from access to access; the drive answers with that of the access
+    15     MHS, AHS            handshake: toggles with each access; the drive replies with the handshake of the access
     14-12  number of portion   1 to 7; 0: no portion
     11-0   portion             12 bits of the message, the most significant portion is number 1
     =====  ==================  =======================================================================================
@@ -17,8 +17,8 @@ keep its order, as telegrams do; whether bits are right is checked by the telegr
     ==================  ==============================================================================================
     word                meaning
     ==================  ==============================================================================================
-    0x0000              idle; also what a dead partner and an empty place in a telegram read as: says nothing
-    0x0001 to 0x0FFF    opening of the channel with a number; the drive forgets the access under way and echoes the word
+    0x0000              idle; ignored, as words of a stopped partner and empty fields of a telegram are zero
+    0x0001 to 0x0FFF    opening of the channel with a number; the drive clears a pending access and echoes the word
     0x1000 to 0x7FFF    portions of accesses with handshake 0
     0x8000 to 0x8FFF    not used
     0x9000 to 0xFFFF    portions of accesses with handshake 1
@@ -31,13 +31,13 @@ keep its order, as telegrams do; whether bits are right is checked by the telegr
     answer   error 16, zeros 4             value         7, else 2   after reading, else without the value
     =======  ============================  ============  ==========  ========================================
 
-A value is an IEEE 754 number of 64 bits, integers too. The channel is opened before the first access and after one that
-got no answer, so that no word of a forgotten access is ever taken for one of the next. If a word needs one cycle in
+A value is an IEEE 754 number of 64 bits, also for integers. The channel is opened before the first access and after one
+without a reply, so that no word of a cancelled access is mistaken for the next. If a word needs one cycle in
 either direction, reading and writing take 10 cycles, a command 5, an opening 2 more; further latency adds to each.
 
-SERCOS II has the same word and the same handshake bits, but a control word beside it and a step by step exchange of the
-elements of a data block (IEC 61491); name, unit, minimum and maximum are known on both sides here
-(drive/operation_data.py), and only the IDN (element 1) and the operation data (element 7) travel.
+SERCOS II uses the same word and handshake bits, with an additional control word and a stepwise exchange of the
+elements of a data block (IEC 61491). Here both sides know name, unit, minimum and maximum
+(drive/operation_data.py); only the IDN (element 1) and the operation data (element 7) are transmitted.
 """
 
 import math
@@ -68,11 +68,11 @@ _NUMBER_MAX = 4095
 
 
 class Operation(IntEnum):
-    """What an access does."""
+    """Kind of access."""
 
     READ = 1
     WRITE = 2
-    COMMAND = 3  # procedure command, executed at once
+    COMMAND = 3  # procedure command, executed immediately
 
 
 class ServiceError(IntEnum):
@@ -104,21 +104,21 @@ ERROR_TEXTS = {
     ServiceError.TOO_LARGE: 'the value is greater than the maximum',
     ServiceError.INVALID: 'the value is invalid',
     ServiceError.COMMAND_NOT_EXECUTABLE: 'the procedure command cannot be executed at this time',
-    ServiceError.NO_COMMAND: 'the IDN is no procedure command',
+    ServiceError.NO_COMMAND: 'the IDN is not a procedure command',
     ServiceError.NO_ANSWER: 'the drive does not answer in the service channel',
 }
 
 
 @dataclass(frozen=True)
 class Access:
-    """What the controller asks of a drive.
+    """Access of the controller to an operation datum of a drive.
 
     Attributes
     ----------
     idn
         Identification number in 16 bits: S-0-0104 is 104, P-0-0012 is 0x8000 | 12.
     value
-        To be written, in the unit of the IDN; only writing carries it.
+        Value to write, in the unit of the IDN.
 
     """
 
@@ -129,18 +129,11 @@ class Access:
 
 @dataclass(frozen=True)
 class Answer:
-    """What became of an access.
-
-    Attributes
-    ----------
-    value
-        That was read or written, in the unit of the IDN; not a number after an error.
-
-    """
+    """Reply to an access."""
 
     idn: int
     error: ServiceError = ServiceError.NONE
-    value: float = math.nan
+    value: float = math.nan  # read or written value, in the unit of the IDN; NaN after an error
 
     @property
     def sentence(self) -> str:
@@ -149,7 +142,7 @@ class Answer:
 
 
 def message_8503(idn: int, error: ServiceError, text: str) -> str:
-    """Diagnostic message 8503, service channel error, in words."""
+    """Return the text of diagnostic message 8503, service channel error."""
     return f'8503: {format_idn(idn)}: {text} (error 0x{error:04x})'
 
 
@@ -159,26 +152,26 @@ def parse_idn(text: str) -> int:
     Raises
     ------
     ParameterError
-        The text is no identification number.
+        The text is not an identification number.
 
     """
     match = _IDN_TEXT.fullmatch(text)
     if match is None or int(match[3]) > _NUMBER_MAX:
         raise ParameterError(
-            f'{shown(text)} is no IDN: expected S or P, a parameter set of 0 to 7 and a number up to 4095, '
+            f'{shown(text)} is not a valid IDN: expected S or P, a parameter set of 0 to 7 and a number up to 4095, '
             'such as S-0-0104'
         )
     return (_MANUFACTURER if match[1] == 'P' else 0) | int(match[2]) << _NUMBER_SHIFT | int(match[3])
 
 
 def format_idn(idn: int) -> str:
-    """Return the text of the 16 bits of an identification number."""
+    """Return the text of a 16-bit identification number."""
     kind = 'P' if idn & _MANUFACTURER else 'S'
     return f'{kind}-{idn >> _NUMBER_SHIFT & 7}-{idn & _NUMBER_MAX:04d}'
 
 
 class Sender:
-    """The portions of one message are sent in turn."""
+    """Sends the portions of one message cyclically."""
 
     def __init__(self, head: int, value: float | None, handshake: int) -> None:
         portions = _WITHOUT_VALUE if value is None else _PORTIONS
@@ -192,41 +185,41 @@ class Sender:
 
     @staticmethod
     def of_access(access: Access, handshake: int) -> 'Sender':
-        """Return the sender of an access, by the master."""
+        """Return the master's sender of an access."""
         head = access.operation << _OPERATION_SHIFT | access.idn << _IDN_SHIFT
         return Sender(head, access.value if access.operation == Operation.WRITE else None, handshake)
 
     @staticmethod
     def of_answer(access: Access, answer: Answer, handshake: int) -> 'Sender':
-        """Return the sender of the answer to an access, by the drive."""
+        """Return the drive's sender of a reply."""
         with_value = access.operation == Operation.READ and not answer.error
         return Sender(answer.error << _ERROR_SHIFT, answer.value if with_value else None, handshake)
 
     def word(self) -> int:
-        """Return the word that is sent next."""
+        """Return the next word to send."""
         word = self._words[self._next]
         self._next = (self._next + 1) % len(self._words)
         return word
 
 
 class Receiver:
-    """The portions of one message are put together, in whatever order and how often they come."""
+    """Assembles the portions of one message, in any order and with duplicates."""
 
     def __init__(self) -> None:
         self._portions: list[int | None] = [None] * _PORTIONS
 
     def add(self, word: int) -> None:
-        """Take a portion."""
+        """Store a portion."""
         self._portions[(word >> _NUMBER_SHIFT & 7) - 1] = word & PORTION_MASK
 
     def access(self) -> Access | None:
-        """Return the access once it is whole; portions that make none are forgotten."""
+        """Return the access once it is complete; invalid portions are cleared."""
         message = self._message(_WITHOUT_VALUE)
         if message is None:
             return None
         operation, idn = message >> _OPERATION_SHIFT, message >> _IDN_SHIFT & IDN_MAX
         if operation not in _OPERATIONS or message >> _VALUE_BITS & 3:
-            self._forget()
+            self._clear()
         elif operation != Operation.WRITE:
             return Access(idn, Operation(operation))
         elif (value := self._value()) is not None:
@@ -234,13 +227,13 @@ class Receiver:
         return None
 
     def answer(self, access: Access) -> Answer | None:
-        """Return the answer to an access once it is whole; portions that make none are forgotten."""
+        """Return the reply to an access once it is complete; invalid portions are cleared."""
         message = self._message(_WITHOUT_VALUE)
         if message is None:
             return None
         error = message >> _ERROR_SHIFT
         if error not in _ERRORS or message >> _VALUE_BITS & 0xF:
-            self._forget()
+            self._clear()
         elif error:
             return Answer(access.idn, ServiceError(error))
         elif access.operation != Operation.READ:
@@ -250,7 +243,7 @@ class Receiver:
         return None
 
     def _message(self, portions: int) -> int | None:
-        """The message of 84 bits once its first ``portions`` are there; the others count as zero."""
+        """Return the message of 84 bits once its first ``portions`` are present; the others count as zero."""
         message = 0
         for portion in self._portions[:portions]:
             if portion is None:
@@ -265,7 +258,7 @@ class Receiver:
         (value,) = struct.unpack('>d', (message & (1 << _VALUE_BITS) - 1).to_bytes(8, 'big'))
         return float(value)
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self._portions = [None] * _PORTIONS
 
 

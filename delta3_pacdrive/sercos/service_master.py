@@ -1,4 +1,4 @@
-"""The master's end of one drive's service channel; the words that go over it are told in ``service_channel``."""
+"""Master side of the service channel of one drive; ``service_channel`` describes the words."""
 
 from collections import deque
 from operator import index
@@ -21,19 +21,19 @@ from delta3_pacdrive.sercos.service_channel import (
 )
 
 WAITING_MAX = 64  # accesses
-ANSWER_CYCLES_MAX = 100  # cycles an access may take; PacDrive: about 10 ms
+ANSWER_CYCLES_MAX = 100  # per access; PacDrive: about 10 ms
 
 
 class ServiceMaster:
-    """The controller's end of one drive's service channel: one access at a time, the others wait.
+    """Master side of one drive's service channel: one access at a time, further ones are queued.
 
-    Call ``to_send`` once in each cycle and ``received`` once for each AT, in order. Answers come in the order of the
-    requests, one for each.
+    Call ``to_send`` once per cycle and ``received`` once per AT, in order. Each request gets one reply, in the order
+    of the requests.
 
     Parameters
     ----------
     cycles_max
-        Most cycles that an access may take, opening of the channel included.
+        Timeout of an access [cycles], including the opening of the channel.
 
     """
 
@@ -52,7 +52,7 @@ class ServiceMaster:
 
     @property
     def outstanding(self) -> int:
-        """Accesses whose answers have not been handed out yet."""
+        """Number of accesses without a returned reply."""
         return len(self._waiting) + len(self._answers) + (self._access is not None)
 
     def request(self, access: Access) -> None:
@@ -61,18 +61,18 @@ class ServiceMaster:
         Raises
         ------
         TelegramError
-            The queue is full, or the access cannot be put into words.
+            The queue is full, or the access cannot be encoded.
 
         """
         access = _checked(access)
         if self.outstanding >= self._waiting_max:
             raise TelegramError(
-                f'{format_idn(access.idn)} refused: {self.outstanding} accesses wait in the service channel already'
+                f'{format_idn(access.idn)} rejected: {self.outstanding} accesses are waiting in the service channel'
             )
         self._waiting.append(access)
 
     def close(self) -> None:
-        """End all accesses with the error "not open": the bus went back below CP2."""
+        """Reject all accesses with the error "not open", because the bus fell below CP2."""
         ended = [self._access, *self._waiting] if self._access else [*self._waiting]
         self._answers.extend(Answer(access.idn, ServiceError.NOT_OPEN) for access in ended)
         self._waiting.clear()
@@ -95,7 +95,7 @@ class ServiceMaster:
         return self._sender.word()
 
     def received(self, word: int | None) -> Answer | None:
-        """Take the word of the next AT, None for an AT that was lost; return an answer that is complete."""
+        """Process the word of the next AT, None if it was lost; return a completed reply."""
         if word is not None and self._access is not None and 0 <= word <= WORD_MAX:
             self._take(word, self._access)
         return self._answers.popleft() if self._answers else None
@@ -132,13 +132,13 @@ class ServiceMaster:
 
 
 def _checked(access: Access) -> Access:
-    """Return an access with the types that it declares."""
+    """Return a validated access with its declared types."""
     try:
         idn, operation, value = index(access.idn), Operation(access.operation), float(access.value)
     except (AttributeError, TypeError, ValueError, OverflowError):
         raise TelegramError(
-            f'{shown(access)} is no access: expected IDN, operation and a number of 64 bits'
+            f'{shown(access)} is not a valid access: expected IDN, operation and a number of 64 bits'
         ) from None
     if not 0 <= idn <= IDN_MAX:
-        raise TelegramError(f'{shown(idn)} is no IDN of 16 bits')
+        raise TelegramError(f'{shown(idn)} is not a 16-bit IDN')
     return Access(idn, operation, value)

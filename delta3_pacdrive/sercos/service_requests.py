@@ -1,4 +1,4 @@
-"""The master's ends of the service channels of all drives, and who waits for which answer."""
+"""Service channels of all drives in the master, with the callbacks of pending requests."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -18,21 +18,19 @@ Done = Callable[[int, Answer], None]
 
 
 class ServiceRequests:
-    """Requests to the drives, one after the other through the service channel of each.
+    """Requests to the drives, one at a time per service channel.
 
     Parameters
     ----------
     closed
-        Returns why the channels are closed, None while they are open.
+        Returns the reason why the channels are closed, None while they are open.
     drives
-        Names of the drives on the bus.
+        Names of the drives.
 
     Attributes
     ----------
     busy
-        Whether an access is under way.
-    drives
-        Names of the drives.
+        Whether an access is in progress.
 
     """
 
@@ -43,7 +41,7 @@ class ServiceRequests:
         self.busy = False
 
     def ask(self, index: int, access: Access, done: Done) -> None:
-        """Ask a drive; ``done`` is called with the answer some ten telegrams later. Raises TelegramError."""
+        """Queue an access; ``done`` is called with the reply some ten telegrams later. Raises TelegramError."""
         reason = self._closed()
         if reason is not None:
             text = f'{ERROR_TEXTS[ServiceError.NOT_OPEN]}: {reason}'
@@ -57,7 +55,7 @@ class ServiceRequests:
         return [channel.to_send() for channel in self._channels]
 
     def received(self, index: int, word: int | None) -> None:
-        """Take the word of an AT, None for one that was lost."""
+        """Process the word of an AT, None if it was lost."""
         answer = self._channels[index].received(word)
         if answer is not None:
             done = self._waiting[index].popleft()
@@ -65,7 +63,7 @@ class ServiceRequests:
             done(index, answer)
 
     def close(self) -> None:
-        """End all accesses: there are no more cycles."""
+        """Reject all pending accesses, because cyclic operation has ended."""
         for index, channel in enumerate(self._channels):
             channel.close()
             while channel.outstanding:

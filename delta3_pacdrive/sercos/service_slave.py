@@ -1,4 +1,4 @@
-"""The drive's end of the service channel; the words that go over it are told in ``service_channel``."""
+"""Drive side of the service channel; ``service_channel`` describes the words."""
 
 from collections.abc import Callable
 
@@ -16,26 +16,26 @@ from delta3_pacdrive.sercos.service_channel import (
 
 
 class ServiceSlave:
-    """The drive's end of the service channel.
+    """Drive side of the service channel.
 
-    Call ``received`` with the word of each MDT that comes and ``to_send`` for each AT.
+    Call ``received`` with the word of each received MDT and ``to_send`` for each AT.
 
     Parameters
     ----------
     access
-        Called once for each access that is complete; its answer goes back. It must not raise.
+        Executes a complete access and returns the reply. It must not raise.
 
     """
 
     def __init__(self, access: Callable[[Access], Answer]) -> None:
         self._handle = access
-        self._word = IDLE  # last of the master
-        self._handshake: int | None = None  # of the access under way or answered
+        self._word = IDLE  # last word of the master
+        self._handshake: int | None = None  # of the current access, pending or answered
         self._receiver = Receiver()
         self._sender: Sender | None = None
 
     def received(self, word: int) -> None:
-        """Take the word of an MDT."""
+        """Process the word of an MDT."""
         if not 0 <= word <= WORD_MAX:
             return
         if is_portion(word):
@@ -44,12 +44,12 @@ class ServiceSlave:
         elif word <= PORTION_MASK:
             self._word = word
             if word != IDLE:
-                self._handshake = None  # whatever comes next begins a new access
+                self._handshake = None  # the next portion begins a new access
 
     def to_send(self) -> int:
         """Return the word for the next AT."""
         if not is_portion(self._word):
-            return self._word  # echo of an opening, or silence after silence
+            return self._word  # echo of an opening, or idle
         return self._sender.word() if self._sender is not None else IDLE
 
     def _take(self, word: int) -> None:

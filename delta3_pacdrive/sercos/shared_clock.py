@@ -1,8 +1,8 @@
-"""A bus clock that several robots share: cycles of one number begin at one instant, and nobody runs away.
+"""Bus clock shared by several robots: equal cycle numbers start at the same time.
 
-Each master has a place in a block of memory that all of them map. None begins before all are ready; then the machine's
-clock, which never jumps, says when each cycle is due, and who falls behind makes all late. Without a clock they wait
-for one another. Whoever has no bus, or is no more, is waited for by nobody; he comes back to where the others are.
+Each master has an entry in a block of shared memory. No robot begins before all are ready. The machine's monotonic
+clock then defines when each cycle is due, and a slow robot delays all others; without a clock the robots wait for one
+another. Robots whose bus is down or whose process has ended are not waited for; they rejoin at the current cycle.
 """
 
 import fcntl
@@ -15,31 +15,31 @@ from enum import IntEnum
 
 from delta3_pacdrive.errors import RunError
 
-HEAD_START_NS = 60_000_000  # from when all are ready to the first cycle: all have heard of it then
-WINDOW_CYCLES = 100  # by which one may be ahead of another: they look for one another every 20 ms
+HEAD_START_NS = 60_000_000  # from the readiness of all to the first cycle, so that all have noticed it
+WINDOW_CYCLES = 100  # largest lead of a robot over another; they check every 20 ms
 ITEM_BYTES = 8
 MEMBER_ITEMS = 4  # state, process, next cycle, slip [ns]
 STATE, PROCESS, NEXT, SLIP = range(MEMBER_ITEMS)
 
 
 class MemberState(IntEnum):
-    """Where a master is, as the others see it."""
+    """State of a master as visible to the others."""
 
-    NEW = 0  # not ready yet for the first time: nobody begins without it
+    NEW = 0  # not ready yet for the first time: all others wait for it
     READY = 1
     RUNNING = 2
-    AWAY = 3  # its bus has fallen, or it is no more: nobody waits for it
+    AWAY = 3  # its bus is down or its process has ended: not waited for
 
 
 def size_of(members: int) -> int:
-    """Return the size of a clock of some robots [bytes]."""
+    """Return the size of a clock for a number of robots [bytes]."""
     return ITEM_BYTES * (1 + members * MEMBER_ITEMS)
 
 
 def create(members: int) -> str:
-    """Return the path of a new clock for some robots, which is there as long as this process is.
+    """Create a clock for a number of robots and return its path, valid for the lifetime of this process.
 
-    Any file of zeros of that size is one, too.
+    Any zero-filled file of that size is a clock, too.
     """
     descriptor = os.memfd_create('bus clock')
     os.ftruncate(descriptor, size_of(members))
@@ -47,19 +47,19 @@ def create(members: int) -> str:
 
 
 class SharedClock:
-    """The clock, as one of its members has it.
+    """One member's view of the clock.
 
     Parameters
     ----------
     path
-        Of the clock.
+        File of the clock.
     member
         Number of this master, from 0 on.
 
     Raises
     ------
     RunError
-        There is no such clock, what lies there is none, or it has no place of that number.
+        The file is missing or is not a clock, or the number exceeds its size.
 
     """
 
@@ -74,12 +74,12 @@ class SharedClock:
         if members < 1 or size != size_of(members):
             each = ITEM_BYTES * MEMBER_ITEMS
             raise RunError(
-                f'{path} is no bus clock: it has {size} bytes, one of N robots {ITEM_BYTES} + {each} N'
+                f'{path} is not a bus clock: it has {size} bytes, one of N robots has {ITEM_BYTES} + {each} N'
             )
         self._items = memoryview(memory).cast('q')
         self._places = range(1, len(self._items), MEMBER_ITEMS)
         if not {self._items[place + STATE] for place in self._places} <= set(MemberState):
-            raise RunError(f'{path} is no bus clock: something else stands in it')
+            raise RunError(f'{path} is not a bus clock: its content is invalid')
         if not 0 <= member < members:
             raise RunError(f'clock_member is {member}, but the bus clock {path} has {members} members')
         self._own = self._places[member]
@@ -93,17 +93,17 @@ class SharedClock:
         finally:
             fcntl.flock(self._file, fcntl.LOCK_UN)
 
-    # coming and going -------------------------------------------------------------------------------------------------
+    # joining and leaving ----------------------------------------------------------------------------------------------
 
     def ready(self, now_s: float) -> bool:
-        """Note that this master is ready for cyclic operation; return whether it may begin."""
+        """Mark this master as ready for cyclic operation; return whether it may begin."""
         items, own = self._items, self._own
         with self._alone():
             mine = items[own + PROCESS] == os.getpid()
             if items[own + STATE] == MemberState.NEW:
                 items[own + STATE] = MemberState.READY
             elif not mine and items[own + STATE] == MemberState.RUNNING:
-                items[own + STATE] = MemberState.AWAY  # an earlier process was
+                items[own + STATE] = MemberState.AWAY  # state of an earlier process
             items[own + PROCESS] = os.getpid()
             states = [items[place + STATE] for place in self._places]
             if not items[0] and MemberState.NEW not in states:
@@ -114,14 +114,14 @@ class SharedClock:
             return bool(items[0])
 
     def first_cycle(self, own_next: int, now_s: float, period_s: float) -> int:
-        """Return the bus cycle with which this master begins: 0 with all others, later where those are.
+        """Return the first bus cycle of this master: 0 in a common start, later the current one of the others.
 
         Parameters
         ----------
         own_next
-            First cycle that it has not started before.
+            First cycle that it has not started.
         now_s, period_s
-            Time of the clock that never jumps, and per cycle [s]; 0 = as fast as possible.
+            Time on the monotonic clock, and time per cycle [s]; 0 = as fast as possible.
 
         """
         items, own = self._items, self._own
@@ -133,46 +133,46 @@ class SharedClock:
         return cycle
 
     def begin(self, cycle: int) -> None:
-        """Note that cyclic operation begins with a cycle."""
+        """Mark this master as running from a cycle on."""
         self._items[self._own + NEXT] = cycle
         self._items[self._own + STATE] = MemberState.RUNNING
 
     def leave(self) -> None:
-        """Note that this master has no cyclic operation any more, or none at all."""
+        """Mark this master as away."""
         self._items[self._own + STATE] = MemberState.AWAY
 
     # cycles -----------------------------------------------------------------------------------------------------------
 
     def holds(self, cycle: int) -> bool:
-        """Whether a cycle has to wait for another robot, which is too far behind."""
+        """Whether a cycle must wait for a robot that is too far behind."""
         items, last = self._items, cycle - WINDOW_CYCLES
         for place in self._others:
             if items[place + NEXT] < last and items[place + STATE] == MemberState.RUNNING:
-                if _is_there(items[place + PROCESS]):
+                if _is_running(items[place + PROCESS]):
                     return True
                 items[place + STATE] = MemberState.AWAY
         return False
 
     def started(self, cycle: int) -> None:
-        """Note that a cycle starts now."""
+        """Record the start of a cycle."""
         self._items[self._own + NEXT] = cycle + 1
 
     @property
     def begin_s(self) -> float:
-        """When cycle 0 was due, on the clock that never jumps [s]."""
+        """Due time of cycle 0 on the monotonic clock [s]."""
         return self._items[0] * 1e-9
 
     def slip_s(self) -> float:
-        """Return by how much the clock has slipped [s]: whoever falls behind makes all late."""
+        """Return the total shift of the schedule [s], caused by the slowest robot."""
         items = self._items
         return max(items[place + SLIP] for place in self._places) * 1e-9
 
     def slip(self, seconds: float) -> None:
-        """Let the clock slip."""
+        """Shift the schedule of all robots."""
         self._items[self._own + SLIP] = round((self.slip_s() + seconds) * 1e9)
 
 
-def _is_there(process: int) -> bool:
+def _is_running(process: int) -> bool:
     with suppress(PermissionError):
         try:
             os.kill(process, 0)

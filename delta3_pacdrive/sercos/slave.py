@@ -1,7 +1,7 @@
-"""How a drive, or the plant, takes part in the bus: it joins, obeys one master at a time, and leaves.
+"""State machine of a bus slave, drive or plant: joins, follows one master at a time, and leaves.
 
-Announcements of phases and what is missing come in as events; what has to be done about it goes out as actions, in
-their order. ``TRANSITIONS`` is all of it: an event that has no row in a state changes nothing.
+Announced phases and losses are events; the machine returns actions in order. Events without a row of ``TRANSITIONS``
+in a state have no effect.
 """
 
 from dataclasses import dataclass
@@ -12,64 +12,64 @@ from delta3_pacdrive.sercos.words import Phase
 
 
 class State(Enum):
-    """What a slave is on the bus."""
+    """States of a slave."""
 
-    OUT = auto()  # it belongs to no session
-    PREPARED = auto()  # it knows the session and answers greetings: CP1 to CP3
-    CYCLIC = auto()  # it exchanges telegrams in bus cycles: CP4
-    PARTING = auto()  # it still does, to come to its stop: the master has let go, or is lost
+    OUT = auto()  # without a session
+    PREPARED = auto()  # knows the session and answers greetings: CP1 to CP3
+    CYCLIC = auto()  # exchanges telegrams in bus cycles: CP4
+    PARTING = auto()  # still exchanges telegrams during its stop: the master has fallen to CP0 or is lost
 
 
 class Event(Enum):
-    """What happens to a slave."""
+    """Events of a slave."""
 
     CALL = auto()  # CP0 is announced
-    CALL_IN_MOTION = auto()  # the same to one that has to come to a stop first
-    PREPARE = auto()  # CP1 to CP3 is announced, in another session than its own or anew
+    CALL_IN_MOTION = auto()  # CP0 is announced, but this slave must stop first
+    PREPARE = auto()  # CP1 to CP3 is announced, in a new session or repeatedly
     BEGIN = auto()  # CP4 is announced in its session
     FOREIGN = auto()  # CP4 is announced in another session
     LOSS = auto()  # the master is lost
-    REST = auto()  # the stop is over, or nobody is left to stop with
+    REST = auto()  # the stop has ended, or all partners have gone
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The slave announces itself to a master that calls, or whose session it adopts."""
+    """Announce the slave to a master that calls, or whose session it adopts."""
 
     session: bytes
 
 
 @dataclass(frozen=True)
 class Report:
-    """The slave announces to a master in cyclic operation that it has started."""
+    """Announce to a master in cyclic operation that the slave has started."""
 
     session: bytes
 
 
 @dataclass(frozen=True)
 class Adopt:
-    """The slave belongs to a session from now on."""
+    """Adopt a session."""
 
     session: bytes
 
 
 @dataclass(frozen=True)
 class Join:
-    """The slave begins cyclic operation at a bus time, in its own count of cycles or exchanges."""
+    """Start cyclic operation at a bus time, counted in the slave's cycles or exchanges."""
 
     start: int
 
 
 @dataclass(frozen=True)
 class Part:
-    """The slave begins its stop without the master, for a reason."""
+    """Start a stop without the master."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Leave:
-    """The slave ends what it did in a session, perhaps in cyclic operation."""
+    """End the activities of a session, possibly in cyclic operation."""
 
     session: bytes
     cyclic: bool
@@ -95,18 +95,7 @@ TRANSITIONS: dict[tuple[State, Event], tuple[State, tuple[type[Action], ...]]] =
 
 
 class BusSlave:
-    """One slave of the bus, a drive or the plant.
-
-    Attributes
-    ----------
-    state
-        What it is on the bus.
-    session
-        Session that it belongs to, ``NO_SESSION`` for none.
-    cyclic
-        Whether it exchanges telegrams in bus cycles.
-
-    """
+    """State machine of one slave, drive or plant."""
 
     def __init__(self) -> None:
         self.state = State.OUT
@@ -115,21 +104,21 @@ class BusSlave:
 
     @property
     def parting(self) -> bool:
-        """Whether it comes to its stop without the master."""
+        """Whether the slave is stopping without the master."""
         return self.state is State.PARTING
 
     def announced(self, phase: Phase, session: bytes, start: int, moves: bool, alone: bool) -> list[Action]:
-        """Take the announcement of a phase.
+        """Process the announcement of a phase.
 
         Parameters
         ----------
         phase, session, start
-            That a master announces; the bus time in this slave's own count.
+            Announced values; the bus time in this slave's own count.
         moves
-            Whether this slave has to come to a stop before it may leave cyclic operation.
+            Whether this slave must stop before leaving cyclic operation.
         alone
-            Whether only one master announces phases. In cyclic operation a second one, or a stranger, is not obeyed;
-            a new master announces itself again when the last one has gone.
+            Whether only one master announces phases. A second master is ignored in cyclic operation; a new master
+            repeats its announcement after the last one has gone.
 
         """
         if self.cyclic and not alone:
@@ -145,11 +134,11 @@ class BusSlave:
         return self._take(event, session, start)
 
     def lose_master(self, reason: str) -> list[Action]:
-        """Go on without the master, which is lost for a reason."""
+        """Handle the loss of the master."""
         return self._take(Event.LOSS, reason=reason)
 
     def rest(self) -> list[Action]:
-        """End the stop, or cyclic operation without anybody left."""
+        """End the stop, or cyclic operation without partners."""
         return self._take(Event.REST)
 
     def _take(
@@ -159,7 +148,7 @@ class BusSlave:
         start: int = 0,
         reason: str = 'the phase fell to CP0',
     ) -> list[Action]:
-        """Let an event happen; return what it brings about."""
+        """Execute the transition of an event, if there is one; return its actions."""
         if (self.state, event) not in TRANSITIONS:
             return []
         before = Leave(self.session, self.cyclic)

@@ -1,8 +1,8 @@
 """Telegrams as bytes of a fixed layout.
 
 All telegrams of a robot have the same names and lengths in every cycle, so that their CDR form is one `struct`:
-packing and checking it takes 2 us instead of the 40 us of building or parsing a message object. On the wire they are
-ordinary messages. What does not fit the layout (any client may publish) is parsed the ordinary way and checked.
+packing and checking takes 2 us instead of 40 us for building or parsing a message object. On the wire they are
+ordinary messages. Messages with another layout (any client may publish) are parsed normally and checked.
 """
 
 import struct
@@ -18,9 +18,9 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.sercos.telegrams import Telegram
 
 ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
-IMPOSSIBLE = 1e6  # rad, rad/s, N m: nothing that turns gets there
-STAMP = struct.Struct('<iI')  # sec, nanosec: behind the encapsulation
-_HEADER = struct.Struct('<iII')  # sec, nanosec, size of the frame with its end
+IMPOSSIBLE = 1e6  # rad, rad/s, N m: beyond any physical value
+STAMP = struct.Struct('<iI')  # sec, nanosec, after the encapsulation
+_HEADER = struct.Struct('<iII')  # sec, nanosec, size of the frame with its terminator
 Decoded = tuple[int, int, bytes, tuple[float, ...]]
 
 
@@ -35,7 +35,7 @@ def read_header(data: bytes) -> tuple[int, int, str]:
 
 
 class Message(NamedTuple):
-    """A message of any layout holds what telegrams hold."""
+    """Content of a message of any layout."""
 
     sec: int
     nanosec: int
@@ -45,10 +45,10 @@ class Message(NamedTuple):
 
 
 def _blocks(telegram: Telegram) -> tuple[list[tuple[bytes, int]], bytes]:
-    """Return the constant bytes before each block of doubles with the length of the block, and those behind all."""
+    """Return the constant bytes before each block of doubles with the block's length, and those after the last."""
     blocks: list[tuple[bytes, int]] = []
-    constant = b'\0'  # ends the frame
-    size = 12 + telegram.frame_length + 1  # behind the encapsulation
+    constant = b'\0'  # terminator of the frame
+    size = 12 + telegram.frame_length + 1  # after the encapsulation
 
     def grow(unit: int, data: bytes = b'') -> None:
         nonlocal constant, size
@@ -72,14 +72,14 @@ def _blocks(telegram: Telegram) -> tuple[list[tuple[bytes, int]], bytes]:
 
 
 class TelegramCodec:
-    """The codec packs and unpacks one telegram.
+    """Packs and unpacks one kind of telegram.
 
     Parameters
     ----------
     telegram
-        What it holds.
+        Layout of the telegram.
     parse
-        Reads a message of another layout; raises TelegramError.
+        Parses a message of another layout; raises TelegramError.
     limit
         Largest absolute value of a number.
 
@@ -93,12 +93,10 @@ class TelegramCodec:
         blocks, tail = _blocks(telegram)
         form = f'<4siII{telegram.frame_length}s'
         self._template: list[Any] = [ENCAPSULATION, 0, 0, self._frame_size, b'']
-        self._spans: list[
-            tuple[int, int, int]
-        ] = []  # of each block: place in the struct, first and last number
-        offsets: list[int] = []  # bytes before each block
-        places: list[int] = []  # of the constants
-        numbers: list[int] = []  # places of the numbers
+        self._spans: list[tuple[int, int, int]] = []  # per block: index in the struct, first and last number
+        offsets: list[int] = []  # of each block in bytes
+        places: list[int] = []  # indices of the constants
+        numbers: list[int] = []  # indices of the numbers
         for constant, length in blocks:
             form += f'{len(constant)}s'
             offsets.append(struct.calcsize(form))
@@ -112,14 +110,14 @@ class TelegramCodec:
         self._struct = struct.Struct(form + f'{len(tail)}s')
         self._constants = tuple(self._template[place] for place in places)
         self._constants_of = itemgetter(*places)
-        # of a single place an itemgetter returns no tuple
+        # for a single index itemgetter returns no tuple
         self._values_of = (
             itemgetter(*numbers) if len(numbers) > 1 else itemgetter(slice(numbers[0], numbers[0] + 1))
         )
 
         blank = self.encode((0, 0), bytes(telegram.frame_length), [0.0] * len(numbers))
         self._blank = np.frombuffer(blank, np.uint8)
-        self._fixed = np.ones(len(blank), dtype=bool)  # bytes that are the same in all messages
+        self._fixed = np.ones(len(blank), dtype=bool)  # bytes that are equal in all messages
         self._fixed[4:12] = self._fixed[16 : 16 + telegram.frame_length] = False
         for offset, (_, length) in zip(offsets, blocks, strict=True):
             self._fixed[offset : offset + 8 * length] = False
@@ -132,7 +130,7 @@ class TelegramCodec:
         self._row = np.dtype({'names': names, 'formats': formats, 'offsets': starts, 'itemsize': len(blank)})
 
     def encode(self, stamp: tuple[int, int], frame: bytes, values: Sequence[float]) -> bytes:
-        """Return the message as CDR; ``frame`` has the length that the telegram says."""
+        """Return the message as CDR; ``frame`` must have the frame length of the telegram."""
         fields = self._template.copy()
         fields[1], fields[2] = stamp
         fields[4] = frame
@@ -155,7 +153,7 @@ class TelegramCodec:
         return decoded
 
     def decode_layout(self, data: bytes) -> Decoded | None:
-        """Return (sec, nanosec, frame, values) of a message of this layout, None for any other."""
+        """Return (sec, nanosec, frame, values) of a message of this layout, None for others."""
         if len(data) != self._struct.size:
             return None
         fields = self._struct.unpack(data)
@@ -172,7 +170,7 @@ class TelegramCodec:
     ) -> tuple[NDArray[np.int32], NDArray[np.uint32], NDArray[np.bytes_], Floats, list[bytes]]:
         """Return seconds, nanoseconds, frames and numbers of all messages of this layout, and the other messages.
 
-        It takes a fraction of the time of decoding each; numbers are not checked.
+        Much faster than decoding one by one; numbers are not checked.
         """
         rows = [data for data in messages if len(data) == len(self._blank)]
         octets = np.frombuffer(b''.join(rows), np.uint8).reshape(-1, len(self._blank))

@@ -1,8 +1,8 @@
 """Cyclic telegrams of a robot: names and numbers of each, and the words in its frame.
 
-A telegram is a message with a header: the stamp is bus time, the frame carries what is no floating point number. Every
-frame between participants ends with the session, four hexadecimal digits that the master draws whenever it phases the
-bus up: what a foreign writer publishes, a second robot or a bag that is played back, is of another session.
+A telegram is a message with a header: the stamp is bus time, the frame carries all data that are not floating-point
+numbers. Frames between participants end with the session, four hexadecimal digits drawn by the master at each
+phase-up. It distinguishes telegrams of other writers, such as a second robot or a bag being played back.
 """
 
 import secrets
@@ -27,57 +27,44 @@ _SESSIONS = 1 << 16
 
 
 class Telegram(NamedTuple):
-    """A telegram has the same names and lengths in every cycle.
+    """Layout of a telegram, the same in every cycle."""
 
-    Attributes
-    ----------
-    topic, type
-        Relative name, and type of the message.
-    names
-        Of the joints; none in a message that has no such field.
-    lengths
-        Numbers in each of its arrays.
-    frame_length
-        Characters of ``frame_id``.
-
-    """
-
-    topic: str
+    topic: str  # relative name
     type: str
-    names: tuple[str, ...]
-    lengths: tuple[int, ...]
-    frame_length: int
+    names: tuple[str, ...]  # joints; empty for types without such a field
+    lengths: tuple[int, ...]  # of each array
+    frame_length: int  # characters of ``frame_id``
 
     @staticmethod
     def triple(topic: str, message_type: str) -> 'Telegram':
-        """Return that of a point or a vector in the frame of the base."""
+        """Return the layout of a point or a vector in the frame of the base."""
         return Telegram(topic, message_type, (), (3,), len(BASE_FRAME))
 
 
 def motor_current(axis: str, samples: int) -> Telegram:
-    """Return that of I_eff [A] at the end of each current-loop period, as efforts."""
+    """Return the layout with I_eff [A] at the end of each current-loop period, as efforts."""
     return Telegram(f'{axis}/motor_current', JOINT_STATE, (axis,), (0, 0, samples), len(CURRENT_FRAME))
 
 
 def mdt_form(drives: int) -> str:
-    """Return the form of the frame of an MDT to so many drives."""
+    """Return the format of the frame of an MDT to a number of drives."""
     return f'CPn{" wwww" * drives}{" ssss" * drives} ppp.pppp oo hhhh'
 
 
 def mdt(torques: bool, drives: Sequence[str] = DRIVES) -> Telegram:
-    """Return that of a master which commands torques S-0-0081 [N m] beside the shafts, or of one that does not."""
+    """Return the layout of an MDT, with or without torque commands S-0-0081 [N m]."""
     count = len(drives)
     lengths = (count, 0, count if torques else 0)
     return Telegram('sercos/mdt', JOINT_STATE, tuple(drives), lengths, len(mdt_form(count)))
 
 
 def at(axis: str) -> Telegram:
-    """Return that of the answers of a drive."""
+    """Return the layout of the AT of a drive."""
     return Telegram(f'sercos/at/{axis}', JOINT_STATE, (axis,), (1, 1, 1), len(AT_FRAME))
 
 
 def shafts(drives: Sequence[str] = DRIVES) -> Telegram:
-    """Return that of the true motor shafts of drives: positions [rad], speeds [rad/s], coupling torques [N m]."""
+    """Return the layout of the true motor shafts: positions [rad], speeds [rad/s], coupling torques [N m]."""
     count = len(drives)
     return Telegram('plant/motor_shafts', JOINT_STATE, tuple(drives), (count, count, count), len(NO_SESSION))
 
@@ -88,7 +75,7 @@ AT, TOOL_AT = tuple(at(axis) for axis in DRIVES), at(TOOL_DRIVE)
 INPUTS_TOPIC, BELTS_TOPIC = 'sercos/at/io', 'sercos/at/belts'
 SHAFTS = shafts()
 FOLLOWING_ERROR = Telegram('following_error', JOINT_STATE, DRIVES, (3, 0, 0), len(BASE_FRAME))
-# the joints of the robot as a tree (scene.joints): both rods of a forearm at their elbow, the plate on rod 1a
+# joints of the robot as a tree (scene.joints): both rods of a forearm at their elbow, the plate on rod 1a
 JOINTS = (
     *DRIVES,
     *(f'forearm{arm}{rod}_{angle}' for arm in (1, 2, 3) for rod in 'ab' for angle in ('pitch', 'swing')),
@@ -98,12 +85,12 @@ JOINTS = (
 
 
 def joints_of(drives: Sequence[str]) -> tuple[str, ...]:
-    """Return the joints of a robot with these drives: behind ``JOINTS`` the tool on the plate, if it has a drive."""
+    """Return the joints of a robot with these drives: ``JOINTS``, then the tool on the plate if it has a drive."""
     return (*JOINTS, *drives[len(DRIVES) :])
 
 
 def joint_states(drives: Sequence[str] = DRIVES) -> Telegram:
-    """Return that of positions [rad], speeds [rad/s] and torques [N m] of the joints of a robot with these drives."""
+    """Return the layout of joint positions [rad], speeds [rad/s] and torques [N m] of a robot with these drives."""
     names = joints_of(drives)
     return Telegram('joint_states', JOINT_STATE, names, (len(names),) * 3, len(BASE_FRAME))
 
@@ -115,11 +102,11 @@ TCP_ERROR = Telegram.triple('tcp/error', VECTOR)
 JOINT_MOTION = Telegram('joint_motion', JOINT_STATE, DRIVES, (0, 3, 3), len(BASE_FRAME))
 JACOBIAN = Telegram.triple('jacobian', VECTOR)
 MASTER = Telegram.triple('motion/master', VECTOR)
-TURN = Telegram.triple('tool/turn', VECTOR)  # of the rotary axis, where there is one
+TURN = Telegram.triple('tool/turn', VECTOR)  # of the optional rotary axis
 
 
 class DriveWords(NamedTuple):
-    """An MDT tells a drive these words."""
+    """Words of an MDT for one drive."""
 
     phase: Phase
     control: int
@@ -128,24 +115,24 @@ class DriveWords(NamedTuple):
 
 
 class BrakeOutput(NamedTuple):
-    """A motor current tells the plant these words."""
+    """Words of a motor current telegram for the plant."""
 
     released: bool
     payload_kg: float
 
 
 def inputs(names: Sequence[str]) -> Telegram:
-    """Return that of inputs with these names: 1 is on, 0 is off."""
+    """Return the layout of inputs with these names: 1 is on, 0 is off."""
     return Telegram(INPUTS_TOPIC, JOINT_STATE, tuple(names), (len(names), 0, 0), len(NO_SESSION))
 
 
 def belts(names: Sequence[str]) -> Telegram:
-    """Return that of belts with these names, of a bus cycle without parts: counts, and how many pictures were taken."""
+    """Return the layout of belts with these names, in a cycle without reported parts: encoder and picture counts."""
     return Telegram(BELTS_TOPIC, JOINT_STATE, tuple(names), (len(names), len(names), 0), len(NO_SESSION))
 
 
 def new_session() -> bytes:
-    """Draw a session."""
+    """Draw a session at random."""
     return b'%04x' % (1 + secrets.randbelow(_SESSIONS - 1))
 
 
@@ -157,16 +144,16 @@ def mdt_frame(
     service: Sequence[int] = (0, 0, 0),
     outputs: int = 0,
 ) -> bytes:
-    """Frame of an MDT: phase, the control word S-0-0134 for each drive, its word of the service channel, payload.
+    """Return the frame of an MDT: phase, control word S-0-0134 and service word of each drive, payload, outputs.
 
-    Behind them the digital outputs: bit n is output n. There are as many drives as words of the service channel.
+    Bit n is output n. There are as many drives as service words.
     """
     words = ' '.join(f'{word:04x}' for word in (*[control] * len(service), *service))
     return f'CP{phase} {words} {payload_kg:08.4f} {outputs:02x} '.encode() + session
 
 
 def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes, drives: int = len(DRIVES)) -> DriveWords:
-    """Return what an MDT to so many drives tells one of them; raises TelegramError."""
+    """Return the words of an MDT for one of its drives; raises TelegramError."""
     try:
         head, *words, payload, outputs, theirs = frame.decode('ascii').split()
         if len(words) != 2 * drives:
@@ -181,7 +168,7 @@ def parse_mdt_frame(frame: bytes, axis_index: int, session: bytes, drives: int =
 
 
 def parse_outputs(frame: bytes, session: bytes) -> int:
-    """Return the outputs that an MDT tells the plant, as bits; raises TelegramError."""
+    """Return the outputs of an MDT, as bits; raises TelegramError."""
     try:
         *_, outputs, theirs = frame.decode('ascii').split()
         parsed = _outputs(outputs)
@@ -192,12 +179,12 @@ def parse_outputs(frame: bytes, session: bytes) -> int:
 
 
 def at_frame(status: int, service: int, session: bytes) -> bytes:
-    """Frame of an AT: status word S-0-0135, word of the service channel."""
+    """Return the frame of an AT: status word S-0-0135, service word."""
     return b'%04x %04x %b' % (status, service, session)
 
 
 def parse_at_frame(frame: bytes, session: bytes) -> tuple[int, int]:
-    """Return (status word, word of the service channel) of an AT; raises TelegramError."""
+    """Return (status word, service word) of an AT; raises TelegramError."""
     try:
         status, service, theirs = frame.split()
         parsed = _TWO_WORDS.unpack(unhexlify(status + service))
@@ -209,7 +196,7 @@ def parse_at_frame(frame: bytes, session: bytes) -> tuple[int, int]:
 
 
 def current_frame(released: bool, payload_kg: float, session: bytes) -> bytes:
-    """Frame of a motor current: brake output, payload."""
+    """Return the frame of a motor current: brake output, payload."""
     return f'{BRAKE_FREE if released else BRAKE_HELD} {payload_kg:08.4f} '.encode() + session
 
 
@@ -230,7 +217,7 @@ def parse_current_frame(frame: bytes, session: bytes) -> BrakeOutput:
 
 
 def require_session(theirs: bytes, session: bytes, what: str = 'a message of motor shafts') -> None:
-    """Refuse a telegram of another session, which is the whole frame of shafts; raises TelegramError."""
+    """Raise TelegramError for a telegram of another session."""
     if theirs != session:
         raise TelegramError(
             f'{what} belongs to session {theirs.decode("ascii", "backslashreplace")!r:.20}, '
@@ -239,12 +226,12 @@ def require_session(theirs: bytes, session: bytes, what: str = 'a message of mot
 
 
 def phase_text(phase: Phase, session: bytes) -> str:
-    """Frame of the announcement of a communication phase."""
+    """Return the frame that announces a communication phase."""
     return f'{phase.name} {session.decode()}'
 
 
 def parse_phase_text(text: str) -> tuple[Phase, bytes]:
-    """Return phase and session; raises TelegramError."""
+    """Return phase and session of an announcement; raises TelegramError."""
     try:
         name, session = text.split()
         return Phase[name], session.encode('ascii')

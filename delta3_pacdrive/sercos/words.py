@@ -1,7 +1,7 @@
-"""Bus phases and the words of bits: S-0-0011 to S-0-0014, S-0-0032, S-0-0134, S-0-0135.
+"""Bus phases and bit words: S-0-0011 to S-0-0014, S-0-0032, S-0-0134, S-0-0135.
 
-Bits are those of SERCOS II (class 1: Schneider, D-SE-0063884; classes 2 and 3: KEBA, ServoOne SERCOS II and III;
-S-0-0134: Beckhoff). Only bits that something here sets or reads have a name.
+Bits as in SERCOS II (class 1: Schneider, D-SE-0063884; classes 2 and 3: KEBA, ServoOne SERCOS II and III;
+S-0-0134: Beckhoff). Only the bits in use have a name.
 """
 
 from enum import IntEnum, IntFlag
@@ -12,8 +12,8 @@ from delta3_pacdrive import parameters
 class Phase(IntEnum):
     """SERCOS communication phases."""
 
-    CP0 = 0  # participants are looked for
-    CP1 = 1  # addressed: telegrams go round
+    CP0 = 0  # search for participants
+    CP1 = 1  # addressed: telegrams are exchanged
     CP2 = 2  # parameters are compared
     CP3 = 3  # prepared: positions are known, a program may be loaded
     CP4 = 4  # cyclic operation
@@ -22,25 +22,25 @@ class Phase(IntEnum):
 class Control(IntFlag):
     """Master control word, S-0-0134.
 
-    Bits 8, 9 and 11 choose the operation mode. They stay 0, the primary one (S-0-0032): the drive has no other and
-    looks at none of them. Bit 10 (IPOSYNC) toggles with each new command where the control unit's cycle spans several
-    of the bus; here both are one (S-0-0001, S-0-0002), each MDT brings a command, and the bit stays 0.
+    Bits 8, 9 and 11 select the operation mode. They stay 0, the primary mode (S-0-0032), the only one of the drive,
+    which ignores them. Bit 10 (IPOSYNC) toggles with each new command where the control unit's cycle spans several
+    bus cycles; here both are equal (S-0-0001, S-0-0002), each MDT carries a command, and the bit stays 0.
 
-    Bits 7 and 6 are the real-time control bits 2 and 1. Like IPOSYNC they belong to the bus cycle of their MDT, not to
-    the next one: what they mark has begun when a drive has them.
+    Bits 7 and 6 are the real-time control bits 2 and 1. Like IPOSYNC they apply to the bus cycle of their MDT, which
+    has begun when a drive receives them, not to the next one.
     """
 
     DRIVE_ON = 1 << 15
     ENABLE = 1 << 14
     RUN = 1 << 13  # 0 = halt
-    PROGRAM = 1 << 7  # a program is driven; its rise begins new figures of the current
-    MEASURE = 1 << 6  # the currents of this bus cycle belong to these figures
+    PROGRAM = 1 << 7  # a program is running; its rising edge resets the current figures
+    MEASURE = 1 << 6  # the currents of this bus cycle are part of these figures
 
 
 class Status(IntFlag):
     """Drive status word, S-0-0135; bits 15 and 14 together are the state of readiness.
 
-    Bits 10 to 8 tell the operation mode at work: always 0, the primary one (S-0-0032).
+    Bits 10 to 8 are the active operation mode: always 0, the primary one (S-0-0032).
     """
 
     FOLLOWS_COMMAND = 1 << 3
@@ -52,7 +52,7 @@ class Status(IntFlag):
 
 
 class Class1(IntFlag):
-    """Class 1 diagnostic, S-0-0011: what has stopped the drive, latched."""
+    """Class 1 diagnostic, S-0-0011: causes of a shut-down, latched."""
 
     OVERLOAD = 1 << 0
     FEEDBACK = 1 << 5
@@ -66,14 +66,14 @@ class Class1(IntFlag):
 
 
 class Class2(IntFlag):
-    """Class 2 diagnostic, S-0-0012: what the drive warns of, at present."""
+    """Class 2 diagnostic, S-0-0012: current warnings."""
 
     OVERLOAD = 1 << 0
     MANUFACTURER = 1 << 15
 
 
 class Class3(IntFlag):
-    """Class 3 diagnostic, S-0-0013: states of operation, at present."""
+    """Class 3 diagnostic, S-0-0013: current operating states."""
 
     STANDSTILL = 1 << 1  # below the window S-0-0124
     TORQUE_LIMIT = 1 << 4  # the torque command is at its limit
@@ -81,7 +81,7 @@ class Class3(IntFlag):
 
 
 class Interface(IntFlag):
-    """Interface status, S-0-0014, above the communication phase in bits 2 to 0; latched as the fault is."""
+    """Interface status, S-0-0014, above the communication phase in bits 2 to 0; latched with the fault."""
 
     MST_FAILURE = 1 << 3
     MDT_FAILURE = 1 << 4
@@ -91,7 +91,7 @@ class OperationMode(IntFlag):
     """Operation mode, S-0-0032."""
 
     POSITION_CONTROL = 0b011  # with the motor's feedback
-    LAGLESS = 1 << 3  # without the following distance that a loop without velocity feed-forward needs
+    LAGLESS = 1 << 3  # without the following error of a loop without velocity feed-forward
 
 
 CONTROL_OFF = 0
@@ -111,10 +111,10 @@ def in_torque(status: int) -> bool:
     return status & READINESS_AND_ERROR == IN_TORQUE
 
 
-def told_state(status: int) -> str:
-    """Return the state of a drive as far as a status word tells it: ENABLED, STOPPING, FAULT, READY, NOT_READY.
+def drive_state(status: int) -> str:
+    """Return the state of a drive according to its status word: ENABLED, STOPPING, FAULT, READY, NOT_READY.
 
-    A drive that is enabled but follows no command is stopping; one that is being enabled still says that it is ready.
+    An enabled drive that does not follow its command is stopping; one that is being enabled still reports READY.
     """
     if status & IN_TORQUE == IN_TORQUE:
         return 'ENABLED' if status & Status.FOLLOWS_COMMAND and not status & Status.ERROR else 'STOPPING'
@@ -123,17 +123,17 @@ def told_state(status: int) -> str:
     return 'READY' if status & IN_TORQUE else 'NOT_READY'
 
 
-def told_brake(status: int) -> bool | None:
-    """Whether the brake of a drive is released, as far as a status word tells it; None where it may be either."""
-    state = told_state(status)
+def brake_state(status: int) -> bool | None:
+    """Return whether the brake of a drive is released according to its status word; None where both are possible."""
+    state = drive_state(status)
     if state == 'STOPPING' or status & IN_TORQUE == Status.READY_TO_ENABLE:
         return None
     return state == 'ENABLED'
 
 
-PAYLOAD_MAX_KG = parameters.PAYLOAD_MAX_KG  # telegrams carry what the robot may carry
+PAYLOAD_MAX_KG = parameters.PAYLOAD_MAX_KG  # range of payloads in telegrams
 
 
 def payload_on_grid(payload_kg: float) -> float:
-    """Payload as telegrams carry it, in steps of 0.1 g."""
+    """Round a payload to the resolution of telegrams, 0.1 g."""
     return round(payload_kg, 4)

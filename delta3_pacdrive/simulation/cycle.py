@@ -393,7 +393,7 @@ class SimulatedOperation:
             if fault.kind == 'emergency_stop':
                 self._stop(emergency_stop(cycle))
             if fault.kind == 'payload_lost' and self._world is not None:
-                self._world.lose_part(cycle)
+                self._world.drop_part(cycle)
 
     def _stop(self, stop: Stop, cause: str = '') -> None:
         if not self.stopped:

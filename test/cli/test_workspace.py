@@ -83,9 +83,9 @@ def test_what_cannot_be_obeyed_is_a_usage_error(arguments, capsys):
             ['--resolution', '0.6', '--output', 'maps', '--volume', 'new/v.npz'],
             'poses, the limit is 20000000',
         ),
-        (['--volume', 'v.npz/v.npz', '--output', 'maps'], 'cannot write v.npz/v.npz: v.npz is no folder'),
+        (['--volume', 'v.npz/v.npz', '--output', 'maps'], 'cannot write v.npz/v.npz: v.npz is not a folder'),
         (['--volume', 'folder.csv', '--output', 'maps'], 'cannot write folder.csv: it is a folder'),
-        (['--volume', 'v.npz', '--output', 'v.npz'], 'cannot write to v.npz: v.npz is no folder'),
+        (['--volume', 'v.npz', '--output', 'v.npz'], 'cannot write to v.npz: v.npz is not a folder'),
         (
             ['--volume', '/proc/new/v.npz'],
             'cannot write /proc/new/v.npz: the folder /proc may not be written: ',

@@ -255,7 +255,7 @@ def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_ends_the_bus(
 ) -> None:
     cell.run(10)
     cell.hear(name, occasion, 'second')
-    assert cell.fault.startswith(f'{name} was started again')
+    assert cell.fault.startswith(f'{name} restarted')
     assert cell.robot.bus.phase == phase
 
 

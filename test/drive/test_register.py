@@ -243,7 +243,7 @@ def test_periods_encoder_motor_and_actual_values_are_read_only(group):
         (
             Access(KV, Operation.COMMAND),
             Phase.CP4,
-            '8503: S-0-0104: Position loop KV-factor: the IDN is no procedure command (error 0x7013)',
+            '8503: S-0-0104: Position loop KV-factor: the IDN is not a procedure command (error 0x7013)',
         ),
         (
             Access(KV, Operation.READ),

@@ -43,8 +43,8 @@ class Bench:
     def send_belts(self, cycle):
         self.belts.append((cycle, [belt.count for belt in self.world.belts.values()]))
 
-    def tell_parts(self, told):
-        self.parts.append(told)
+    def publish_parts(self, document):
+        self.parts.append(document)
 
     def run(self, cycles, outputs=0, tcp=PICK):
         """Command outputs with the MDT of each bus cycle; return what hangs at the robot then."""
@@ -57,9 +57,9 @@ class Bench:
             self.around.take_outputs(cycle, outputs)
         return carried
 
-    def lose_part(self):
-        self.around.lose_part()
-        self.simulated.lose_part(self.around.cycle + 1)
+    def drop_part(self):
+        self.around.drop_part()
+        self.simulated.drop_part(self.around.cycle + 1)
 
     def log(self, *more, **options):
         """Return the log of all that was told."""
@@ -133,7 +133,7 @@ def test_the_log_of_parts_that_is_told_is_the_report_of_the_cell(bench):
     bench.run(5)
     bench.run(30, outputs=1)
     assert bench.log().report()['parts'][0]['outcome'] == 'in hand'
-    bench.lose_part()
+    bench.drop_part()
     bench.run(1, outputs=1, tcp=UP)
     assert bench.log().report()['parts'][0]['outcome'] == 'lost'
     bench.run(30, outputs=0, tcp=UP)
@@ -291,7 +291,7 @@ def test_an_input_that_is_set_from_outside_counts_until_it_is_let_go(bench):
     assert bench.around.force('start', False) == 'start is off from bus cycle 2 on'
     bench.run(5)
     assert not bench.inputs[6]['start']
-    assert bench.around.force('start', None) == 'start tells again what is true from bus cycle 7 on'
+    assert bench.around.force('start', None) == 'start is no longer forced from bus cycle 7 on'
     bench.run(1)
     assert bench.inputs[7]['start']
     assert not bench.around.to_dict()['inputs']['start']['forced']

@@ -109,12 +109,12 @@ WRONG = {
     'outputs: {gripper: {output: output2}}': "outputs.gripper: 'gripper' is the name of an output of the robot",
     'outputs: {a: {output: outpt2}}': "outputs.a.output is 'outpt2', but must be one of",
     'outputs: {a: {output: output2}, b: {output: output2}}': (
-        'outputs.b.output is output2, which is called a already'
+        'outputs.b.output is output2, which already has the name a'
     ),
     'inputs: {a: {follows: grippr}}': 'did you mean gripper?',
     'outputs: {a: {output: gripper, delays: {on_s: 1}}}\n'
     'cup: {output: a, diameter_mm: 40, vacuum_pa: 60000, valve: {on_s: 1}}': (
-        'cup.valve: output gripper has delays in outputs already: give one of them'
+        'cup.valve: output gripper already has delays in outputs: give only one of them'
     ),
     'inputs: {a: {changes: [], sensor: {at_mm: [0, 0, 0], radius_mm: 3}}}': (
         'inputs.a holds changes and sensor: give one of them'
@@ -144,7 +144,7 @@ WRONG = {
         'cup.switch.off_pa is 40000, but must be between 0 and 30000'
     ),
     'cup: {output: gripper, diameter_mm: 4, vacuum_pa: 5e4, switch: {input: v, on_pa: 3, off_pa: 1}}\n'
-    'inputs: {v: {}}': "cup.switch.input is 'v', which stands in inputs already",
+    'inputs: {v: {}}': "cup.switch.input is 'v', which is already in inputs",
 }
 
 

@@ -62,7 +62,7 @@ def test_a_belt_is_told_with_its_direction_and_its_encoder(scene):
 )  # fmt: skip
 def test_a_foreign_thing_is_refused(scene, name, value):
     scene['things'][0][name] = value
-    with pytest.raises(TelegramError, match='is no scene of a cell'):
+    with pytest.raises(TelegramError, match='is not a valid scene of a cell'):
         cell_scene.read(scene)
 
 
@@ -72,5 +72,5 @@ def test_a_foreign_thing_is_refused(scene, name, value):
      {'cell': 'a', 'things': [{}] * (cell_scene.THINGS_MAX + 1)}],
 )  # fmt: skip
 def test_a_foreign_scene_is_refused(told):
-    with pytest.raises(TelegramError, match='is no scene of a cell'):
+    with pytest.raises(TelegramError, match='is not a valid scene of a cell'):
         cell_scene.read(told)

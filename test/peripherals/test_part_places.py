@@ -120,7 +120,7 @@ def test_a_part_that_fell_is_gone(how):
     carried(world, ways)
     last = sum(cycles for *_, cycles in ways)
     if how == 'lost':
-        world.lose_part(last)
+        world.drop_part(last)
     for cycle in range(last, last + 60):
         world.step(cycle, nothing, OFF)
     (part,) = world.records

@@ -134,8 +134,8 @@ def test_the_switch_falls_back_below_its_lower_threshold():
 @pytest.mark.parametrize(
     ('place', 'told'),
     [
-        ((-0.1, 0.0, -0.84), '0.0 mm beside the cup, its top 10.0 mm below it'),
-        ((-0.108, 0.006, -0.85), '10.0 mm beside the cup'),
+        ((-0.1, 0.0, -0.84), '0.0 mm from the axis of the cup, its top 10.0 mm below the cup'),
+        ((-0.108, 0.006, -0.85), '10.0 mm from the axis of the cup'),
     ],
 )
 def test_a_cup_too_far_from_a_part_misses_it_and_says_by_how_much(place, told):
@@ -195,7 +195,7 @@ def test_a_part_let_go_too_high_is_dropped_and_one_pressed_down_too():
     assert (high.parts[0].outcome, high.parts[0].reason) == (Outcome.DROPPED, 'it fell 10.0 mm')
     assert (low.parts[0].outcome, low.parts[0].reason) == (
         Outcome.PRESSED,
-        'it was 3.0 mm lower than what bears it',
+        'it was 3.0 mm below the height of its support',
     )
     assert (beside.parts[0].outcome, beside.parts[0].reason) == (
         Outcome.DROPPED,
@@ -287,5 +287,5 @@ def test_an_empty_cell_does_nothing():
     hand = Hand({})
     assert hand.stay(ON, 5) == [None] * 5
     assert hand.world.carried_kg is None
-    hand.world.lose_part(5)
+    hand.world.drop_part(5)
     assert hand.world.report()['parts'] == []

@@ -93,7 +93,7 @@ class Deaf:
     def step(self, cycle: int, tcp_m: Sequence[float], turn_rad: float) -> float | None:
         return None
 
-    def lose_part(self) -> None:
+    def drop_part(self) -> None:
         raise AssertionError
 
 

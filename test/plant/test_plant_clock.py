@@ -63,7 +63,7 @@ class Surroundings:
         self.turns_rad.append(turn_rad)
         return 0.0
 
-    def lose_part(self) -> None:
+    def drop_part(self) -> None:
         self.lost += 1
 
 

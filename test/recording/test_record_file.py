@@ -62,7 +62,7 @@ def test_a_record_that_waited_for_nothing_has_no_trigger(tmp_path):
             '# trigger a fault, seen at noon s\ntime [s],axis1.current [A]\n0,1\n1,1\n',
             'but noon',
         ),
-        ('a.npz', 'none', 'it is no .npz archive'),
+        ('a.npz', 'none', 'it is not a .npz archive'),
         ('a.txt', 'none', 'must end in .csv, .npz or .parquet'),
     ],
 )

@@ -208,7 +208,7 @@ def test_a_drive_that_is_started_twice_stays_out(cell: Cell, graph: Any) -> None
     cell.move()
     second = graph.add(MC4DriveNode, axis=2, **ON_REQUEST)
     graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
-    assert cell.task.progress()['fault'].startswith('axis2 was started again, or has left the bus')
+    assert cell.task.progress()['fault'].startswith('axis2 restarted or left the bus')
     assert second.report.facts()['state'] == 'NOT_READY'
     graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'the stop')
     actual = np.array(cell.shafts[-1].position) / 32.0

@@ -142,7 +142,7 @@ def test_without_a_rotary_axis_nothing_is_told_of_a_fourth_drive_and_turns_are_r
     request = AddDiagnostics.Request(load_namespace='{fault: encoder_failure, axis: axis4}')
     answer = graph.call(AddDiagnostics, 'inject_fault', request)
     assert not answer.success
-    assert 'the robot has no axis4, that of a rotary axis' in answer.message
+    assert 'the robot has no axis4 for a rotary axis' in answer.message
     assert cell.task.progress()['fault'] == ''
     assert 'turn_rad' not in cell.task.progress()
 

@@ -83,7 +83,7 @@ def test_samples_of_a_rotary_axis_are_those_of_the_simulation(graph: Any) -> Non
 def test_a_rotary_axis_that_is_not_there_is_refused_by_the_other_drives(graph: Any) -> None:
     graph.robot()
     for channels in (['axis4.current'], ['axis1.current', 'axis4.current']):
-        with pytest.raises(ProgramError, match=r'^the robot has no axis4, that of a rotary axis'):
+        with pytest.raises(ProgramError, match=r'^the robot has no axis4 for a rotary axis'):
             Scope(graph, channels).record()
     assert len(Scope(graph, ['axis1.current']).record().values) == 1600
 

@@ -145,7 +145,7 @@ REFUSED = [
     ('axis1 write S-0-0104 1e9', '(error 0x7007)'),
     ('axis1 write S-0-0104 nan', '(error 0x7008)'),
     ('axis1 command S-0-0104', '(error 0x7013)'),
-    ('axis4 read S-0-0104', 'the robot has no axis4, that of a rotary axis (rotary.present is false)'),
+    ('axis4 read S-0-0104', 'the robot has no axis4 for a rotary axis (rotary.present is false)'),
     ('axis5 read S-0-0104', 'is no request'),
     ('axis1 write S-0-0104', 'it needs one'),
     ('axis1 write S-0-0104 much', "'much' is no number"),
@@ -154,7 +154,7 @@ REFUSED = [
     ('axis1 command S-0-0127', '(error 0x7012)'),
     ('axis1 command S-0-0128', '(error 0x7012)'),
     ('axis1 read S-0-0017', '(error 0x1001)'),
-    ('axis1 read position', 'is no IDN'),
+    ('axis1 read position', 'is not a valid IDN'),
     ('', 'is no request'),
 ]
 

@@ -15,14 +15,14 @@ from delta3_pacdrive.sercos.master import (
     ONWARD,
     PATIENCE,
     TRANSITIONS,
+    AbortCyclic,
     Announce,
     Begin,
     BusMaster,
     Drop,
-    GiveUp,
     Greet,
     Note,
-    Stand,
+    RobotReady,
     StopRobot,
     Wait,
 )
@@ -49,8 +49,8 @@ class Bus:
         self.located.append(list(positions))
         return self.nowhere
 
-    def look(self, next_cycle: int = 0, doubled: Reason | None = None, ready: bool = True) -> list[Any]:
-        return self.master.look(next_cycle, doubled, ready)
+    def poll(self, next_cycle: int = 0, doubled: Reason | None = None, ready: bool = True) -> list[Any]:
+        return self.master.poll(next_cycle, doubled, ready)
 
     def announce(
         self,
@@ -76,7 +76,7 @@ class Bus:
         self.everybody_answers()
         for _ in range(4):
             if self.master.phase < phase:
-                self.look()
+                self.poll()
         assert self.master.phase == phase
         return self
 
@@ -91,7 +91,7 @@ def bus() -> Bus:
 ROWS = {
     Phase.CP0: (Phase.CP1, [Announce(Phase.CP1, b'0001', 0, True)]),
     Phase.CP1: (Phase.CP2, [Announce(Phase.CP2, b'0001', 0, True)]),
-    Phase.CP2: (Phase.CP3, [Announce(Phase.CP3, b'0001', 0, True), Stand(0)]),
+    Phase.CP2: (Phase.CP3, [Announce(Phase.CP3, b'0001', 0, True), RobotReady(0)]),
     Phase.CP3: (Phase.CP4, [Begin(0), Announce(Phase.CP4, b'0001', 0, True)]),
 }
 
@@ -99,7 +99,7 @@ ROWS = {
 @pytest.mark.parametrize('phase', ROWS)
 def test_a_phase_that_waits_for_nothing_goes_over_to_the_next(phase: Phase, bus: Bus) -> None:
     bus.up_to(phase)
-    actions = [action for action in bus.look() if not isinstance(action, Greet)]
+    actions = [action for action in bus.poll() if not isinstance(action, Greet)]
     goal, expected = ROWS[phase]
     assert [action for action in actions if action != Announce(phase, b'0001', 0, False)] == expected
     assert bus.master.phase == goal
@@ -108,29 +108,29 @@ def test_a_phase_that_waits_for_nothing_goes_over_to_the_next(phase: Phase, bus:
 
 def test_the_participants_that_a_phase_waits_for_are_named(bus: Bus) -> None:
     assert bus.master.missing == ()
-    bus.look()
+    bus.poll()
     assert bus.master.missing == PARTICIPANTS
     for name in PARTICIPANTS[1:]:
         bus.announce(name, links=())
-    bus.look()
+    bus.poll()
     assert bus.master.missing == PARTICIPANTS[:1]
-    bus.look(doubled=Reason(Code.BUS, 'two plants'))
+    bus.poll(doubled=Reason(Code.BUS, 'two plants'))
     assert bus.master.missing == ()  # others have to end first
     bus.announce(PARTICIPANTS[0])
-    bus.look()
+    bus.poll()
     bus.master.positioned(1, 0.0)
-    bus.look()
+    bus.poll()
     assert (bus.master.phase, bus.master.missing) == (Phase.CP1, ('axis1', 'axis3'))
     for index in (0, 2):
         bus.master.positioned(index, 0.0)
-    bus.look()
+    bus.poll()
     bus.announce('plant', links=('axis1', 'axis2'))
-    bus.look()
+    bus.poll()
     assert (bus.master.phase, bus.master.missing) == (Phase.CP2, ('axis3',))
     bus.announce('plant')
-    bus.look()
+    bus.poll()
     assert (bus.master.phase, bus.master.missing) == (Phase.CP3, ())
-    bus.look(ready=False)
+    bus.poll(ready=False)
     assert bus.master.missing == ()
 
 
@@ -140,7 +140,7 @@ BURNS = RobotFault(FaultCode.PARTICIPANT_LEFT, 'the plant burns', 'plant')
 def test_the_last_row_falls_to_cp0_in_a_new_session(bus: Bus) -> None:
     bus.up_to(Phase.CP4)
     assert bus.master.fall(BURNS, 7) == [
-        GiveUp(BURNS, b'0002'),
+        AbortCyclic(BURNS, b'0002'),
         Announce(Phase.CP0, b'0002', 7, True),
     ]
     assert (bus.master.phase, bus.master.cyclic) == (Phase.CP0, False)
@@ -164,18 +164,18 @@ def test_before_cyclic_operation_nothing_falls_but_the_fault_is_noted(bus: Bus) 
 
 def test_cp0_names_who_is_missing_once_and_goes_on_when_everybody_is_there(bus: Bus) -> None:
     bus.announce('axis2')
-    assert bus.look()[-1] == Wait(Reason(Code.BUS, 'waiting for axis1, axis3, plant'))
-    assert bus.look() == []
+    assert bus.poll()[-1] == Wait(Reason(Code.BUS, 'waiting for axis1, axis3, plant'))
+    assert bus.poll() == []
     for name in ('axis1', 'axis3', 'plant'):
         bus.announce(name)
-    bus.look()
+    bus.poll()
     assert bus.master.phase == Phase.CP1
     assert bus.master.waiting is None
 
 
 def test_cp0_waits_while_somebody_writes_what_only_one_may(bus: Bus) -> None:
     bus.everybody_answers()
-    bus.look(doubled=Reason(Code.BUS, 'sercos/mdt has 2 writers'))
+    bus.poll(doubled=Reason(Code.BUS, 'sercos/mdt has 2 writers'))
     assert str(bus.master.waiting) == 'waiting until one of them ends: sercos/mdt has 2 writers'
     assert bus.master.phase == Phase.CP0
 
@@ -183,14 +183,14 @@ def test_cp0_waits_while_somebody_writes_what_only_one_may(bus: Bus) -> None:
 def test_in_cp1_the_plant_is_suspected_after_a_while_if_no_drive_at_all_answers(bus: Bus) -> None:
     for name in PARTICIPANTS:
         bus.announce(name)
-    bus.look()
+    bus.poll()
     for _ in range(PATIENCE + 1):
-        bus.look()
+        bus.poll()
         assert str(bus.master.waiting) == 'waiting for an answer of axis1, axis2, axis3'
-    bus.look()
+    bus.poll()
     assert str(bus.master.waiting) == 'waiting for an answer of axis1, axis2, axis3: is the plant running?'
     bus.master.positioned(0, 0.0)
-    bus.look()
+    bus.poll()
     assert str(bus.master.waiting) == 'waiting for an answer of axis2, axis3'
 
 
@@ -201,10 +201,10 @@ def test_nobody_leaves_cp2_before_the_plant_hears_every_drive(bus: Bus) -> None:
         (('axis1', 'axis3'), 'waiting for the plant to hear axis2'),
     ):
         bus.announce('plant', links=links)
-        bus.look()
+        bus.poll()
         assert str(bus.master.waiting) == waiting
     bus.announce('plant')
-    bus.look()
+    bus.poll()
     assert (bus.master.phase, bus.master.waiting) == (Phase.CP3, None)
     assert bus.located == [HOME]
 
@@ -213,46 +213,46 @@ def test_who_rests_on_something_else_keeps_the_bus_in_cp2_until_he_is_replaced(b
     bus.up_to(Phase.CP2)
     bus.announce('axis2', OTHERS)
     for _ in range(3):
-        (note,) = (action for action in bus.look() if isinstance(action, Note))
+        (note,) = (action for action in bus.poll() if isinstance(action, Note))
         assert note.fault.sentence.startswith('axis2 has gear_ratio 40.0, but the master has 32.0')
     assert bus.master.phase == Phase.CP2
     bus.announce('axis2', instance='second')
-    bus.look()
+    bus.poll()
     assert bus.master.phase == Phase.CP3
 
 
 def test_who_comes_in_cp3_with_something_else_keeps_the_bus_from_cyclic_operation(bus: Bus) -> None:
     bus.up_to(Phase.CP3)
     bus.announce('axis2', OTHERS, instance='second')
-    assert isinstance(bus.look()[-1], Note)
+    assert isinstance(bus.poll()[-1], Note)
     assert bus.master.phase == Phase.CP3
 
 
 def test_a_place_that_is_none_keeps_the_bus_in_cp2(bus: Bus) -> None:
     bus.up_to(Phase.CP2)
     bus.nowhere = Reason(Code.CONTENT, 'arm 1 reaches no such place')
-    assert bus.look()[-1] == Note(RobotFault(FaultCode.PLACE, 'arm 1 reaches no such place'))
+    assert bus.poll()[-1] == Note(RobotFault(FaultCode.PLACE, 'arm 1 reaches no such place'))
     bus.nowhere = None
-    bus.look()
+    bus.poll()
     assert bus.master.phase == Phase.CP3
 
 
 def test_cp3_lasts_until_cyclic_operation_may_begin(bus: Bus) -> None:
     bus.up_to(Phase.CP3)
     for _ in range(3):
-        bus.look(ready=False)
+        bus.poll(ready=False)
         assert bus.master.phase == Phase.CP3
 
 
 def test_drives_are_greeted_from_cp1_on_and_the_phase_is_announced_again_and_again(bus: Bus) -> None:
     bus.announce('axis1')
-    actions = [bus.look() for _ in range(2 * CALL_EVERY + 1)]
+    actions = [bus.poll() for _ in range(2 * CALL_EVERY + 1)]
     calls = [n for n, done in enumerate(actions) if Announce(Phase.CP0, b'0001', 0, False) in done]
     assert calls == [0, CALL_EVERY, 2 * CALL_EVERY]
     assert not any(isinstance(action, Greet) for done in actions for action in done)
     for phase in (Phase.CP1, Phase.CP2, Phase.CP3):
         bus.up_to(phase)
-        assert Greet(phase, b'0001') in bus.look(ready=False)
+        assert Greet(phase, b'0001') in bus.poll(ready=False)
 
 
 def test_the_service_channels_are_open_from_cp3_on(bus: Bus) -> None:
@@ -268,17 +268,17 @@ def test_the_service_channels_are_open_from_cp3_on(bus: Bus) -> None:
 def test_bus_time_never_goes_back(bus: Bus) -> None:
     bus.up_to(Phase.CP3)
     bus.announce('plant', bus_cycle=4000)
-    assert bus.look(30)[-2:] == [Begin(4000), Announce(Phase.CP4, b'0001', 4000, True)]
+    assert bus.poll(30)[-2:] == [Begin(4000), Announce(Phase.CP4, b'0001', 4000, True)]
 
 
 def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_lets_the_phase_fall(bus: Bus) -> None:
     bus.up_to(Phase.CP4)
     (stop,) = bus.announce('axis2', instance='second', occasion=Occasion.STARTED)
-    sentence = 'axis2 was started again, or has left the bus, in bus cycle 90'
+    sentence = 'axis2 restarted or left the bus in bus cycle 90'
     assert stop == StopRobot(RobotFault(FaultCode.PARTICIPANT_LEFT, sentence, 'axis2', cycle=90))
     assert bus.announce('plant', occasion=Occasion.LEFT, session='beef') == []  # of a recording
     give_up, announce = bus.announce('plant', occasion=Occasion.LEFT)
-    assert isinstance(give_up, GiveUp)
+    assert isinstance(give_up, AbortCyclic)
     assert announce == Announce(Phase.CP0, b'0002', 100, True)
 
 
@@ -298,12 +298,12 @@ def test_the_bus_goes_on_without_a_drive_only_if_others_do(bus: Bus) -> None:
 def test_a_start_up_that_begins_anew_asks_everybody_again(bus: Bus) -> None:
     bus.up_to(Phase.CP4)
     bus.master.fall('no matter what', 7)
-    bus.look()
+    bus.poll()
     assert str(bus.master.waiting) == 'waiting for axis1, axis2, axis3, plant'
     for name in PARTICIPANTS:
         bus.announce(name)
-    bus.look()
-    bus.look()
+    bus.poll()
+    bus.poll()
     assert str(bus.master.waiting) == 'waiting for an answer of axis1, axis2, axis3'
 
 
@@ -331,7 +331,7 @@ def live(bus: Bus, happening: Any) -> list[Any]:
     what, *facts = happening
     if what == 'look':
         doubled, ready = facts
-        return bus.look(0, Reason(Code.BUS, 'two') if doubled else None, ready)
+        return bus.poll(0, Reason(Code.BUS, 'two') if doubled else None, ready)
     if what == 'announce':
         return bus.announce(*facts)
     if what == 'answer':
@@ -393,5 +393,5 @@ def test_whatever_has_happened_the_bus_comes_up_when_everybody_answers(happening
     bus.everybody_answers()
     for _ in range(4):
         if not bus.master.cyclic:
-            bus.look()
+            bus.poll()
     assert bus.master.cyclic

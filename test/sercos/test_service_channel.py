@@ -294,7 +294,7 @@ def test_an_idn_is_its_kind_its_parameter_set_and_its_number(text, idn):
     ],
 )
 def test_texts_near_an_idn_are_refused(text):
-    with pytest.raises(ParameterError, match='is no IDN'):
+    with pytest.raises(ParameterError, match='is not a valid IDN'):
         parse_idn(text)
 
 

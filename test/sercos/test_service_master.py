@@ -64,7 +64,7 @@ def test_a_full_queue_refuses_in_one_sentence_and_stays_as_it_is():
     for number in range(WAITING_MAX):
         ring.master.request(Access(number, Operation.READ))
     with pytest.raises(
-        TelegramError, match=r'^S-0-0104 refused: 64 accesses wait in the service channel already$'
+        TelegramError, match=r'^S-0-0104 rejected: 64 accesses are waiting in the service channel$'
     ):
         ring.master.request(Access(KV, Operation.READ))
     while ring.master.outstanding:

@@ -60,16 +60,16 @@ def test_a_file_of_zeros_is_a_clock_of_as_many_members_as_it_has_room_for(tmp_pa
 @pytest.mark.parametrize(
     ('content', 'sentence'),
     [
-        (bytes(73), r'it has 73 bytes, one of N robots 8 \+ 32 N'),
-        (bytes(8), r'it has 8 bytes, one of N robots 8 \+ 32 N'),
-        (b'moves: [] ' * 4, 'something else stands in it'),
+        (bytes(73), r'it has 73 bytes, one of N robots has 8 \+ 32 N'),
+        (bytes(8), r'it has 8 bytes, one of N robots has 8 \+ 32 N'),
+        (b'moves: [] ' * 4, 'its content is invalid'),
     ],
     ids=['an odd size', 'of no robot', 'a program'],
 )
 def test_another_file_is_no_clock_and_stays_as_it_is(tmp_path: Path, content: bytes, sentence: str) -> None:
     path = tmp_path / 'clock'
     path.write_bytes(content)
-    with pytest.raises(RunError, match=f'clock is no bus clock: {sentence}'):
+    with pytest.raises(RunError, match=f'clock is not a bus clock: {sentence}'):
         SharedClock(str(path), 0)
     assert path.read_bytes() == content
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from delta3_pacdrive.sercos.words import IN_TORQUE, Status, told_brake, told_state
+from delta3_pacdrive.sercos.words import IN_TORQUE, Status, brake_state, drive_state
 
 FOLLOWS, ERROR, WARNING = Status.FOLLOWS_COMMAND, Status.ERROR, Status.WARNING
 
@@ -22,4 +22,4 @@ FOLLOWS, ERROR, WARNING = Status.FOLLOWS_COMMAND, Status.ERROR, Status.WARNING
     ],
 )
 def test_a_status_word_tells_state_and_brake_as_far_as_it_can(status, state, released):
-    assert (told_state(int(status)), told_brake(int(status))) == (state, released)
+    assert (drive_state(int(status)), brake_state(int(status))) == (state, released)

@@ -114,7 +114,7 @@ def test_a_gripper_that_closes_on_nothing_has_no_vacuum(robot, cell):
     assert not trace['cell_inputs'][:, 1].any()
     assert not trace['cell_payload'].any()
     assert trace.meta['cell']['missed'] == 1
-    assert 'mm beside the cup' in trace.meta['cell']['misses'][0]['reason']
+    assert 'mm from the axis of the cup' in trace.meta['cell']['misses'][0]['reason']
 
 
 def test_a_cell_without_a_gripper_leaves_every_bit_of_an_empty_robot(robot):

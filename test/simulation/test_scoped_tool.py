@@ -68,5 +68,5 @@ def test_a_tool_that_is_not_there_cannot_be_looked_at(machine):
     program = programs.parse({'moves': [{'dwell': {'time_s': 0.1}}]}, robot.motion)
     for channels, trigger in ((['axis4.current'], None), (['axis1.current'], 'axis4.current')):
         asked = setting(robot, channels, 16_000.0, 0.1, trigger)
-        with pytest.raises(ParameterError, match=r'^the robot has no axis4, that of a rotary axis'):
+        with pytest.raises(ParameterError, match=r'^the robot has no axis4 for a rotary axis'):
             simulation.run(program, robot, Acquisition(asked, lambda _: None))

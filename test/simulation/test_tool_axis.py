@@ -314,7 +314,7 @@ def test_one_lost_telegram_of_the_fourth_axis_is_bridged(machine):
 def test_a_fault_of_an_axis_that_is_not_there_is_refused(machine):
     robot = machine.replace(rotary__present=False)
     faults = [{'fault': 'drop_at', 'axis': 'axis4', 'after_s': 0.2}]
-    with pytest.raises(ProgramError, match='drop_at axis4: the robot has no axis4, that of a rotary axis'):
+    with pytest.raises(ProgramError, match='drop_at axis4: the robot has no axis4 for a rotary axis'):
         simulation.run(program([{'dwell': {'time_s': 0.1}}], robot, faults=faults), robot)
 
 
