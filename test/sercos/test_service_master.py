@@ -126,7 +126,7 @@ def test_an_answer_from_before_closing_is_not_taken_for_a_new_one():
 )
 def test_what_cannot_be_put_into_words_is_refused(access):
     master = ServiceMaster()
-    with pytest.raises(TelegramError, match='is no '):
+    with pytest.raises(TelegramError, match='is not a '):
         master.request(access)
     assert master.outstanding == 0
 
