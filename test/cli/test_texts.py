@@ -305,10 +305,10 @@ def returning(document):
 
 def test_a_tuning_prints_load_changes_and_recordings_in_their_units(tuned):
     lines = tuned()
-    assert lines[0] == ('axis2 at home: 6.400e-4 kg m2 and 0.221 N m at the shaft, which turns at 12.5 rad/s')
+    assert lines[0] == ('axis2 at home: 6.400e-4 kg m2 and 0.221 N m at the shaft, turning at 12.5 rad/s')
     assert lines[1] == 'drive.position_gain_rad_s_rad: 60 before, 80 after'
     assert (
-        'recorded, axis 3, current loop: 4 to 700 Hz trustworthy, within 0.25 dB and 1.5 deg of the linear one; '
+        'recorded, axis 3, current loop: 4 to 700 Hz trusted, within 0.25 dB and 1.5 deg of the linear response; '
         'margins 58.5 deg and 12.2 dB'
     ) in lines
     assert lines[-1] == 'report.json'
@@ -341,8 +341,8 @@ def test_the_effect_of_gains_is_printed_in_thousandths_of_a_degree_and_micrometr
 def test_what_disturbs_a_drive_and_what_has_changed_are_printed(tuned):
     lines = tuned()
     assert (
-        'now the shaft gives way by 1.432 deg after 16.7 ms, and is back within 5 % after 95.6 ms; '
-        'current by noise 28.9 mA rms'
+        'now the shaft deflects by 1.432 deg after 16.7 ms and returns to within 5 % after 95.6 ms; '
+        'current due to noise 28.9 mA rms'
     ) in lines
     assert '- velocity: as before' in lines
 

@@ -110,6 +110,6 @@ def test_what_cannot_be_done_is_refused_before_anything_is_computed_or_made(
 def test_a_slice_that_the_arms_do_not_reach_is_refused(plane, capsys, tmp_path):
     assert workspace.main(['--slice', plane, '--output', str(tmp_path / 'maps')]) == 1
     axis, _, place = plane.partition('=')
-    sentence = f'error: the arms reach no place of the slice {axis} = {1e3 * float(place):g} mm\n'
+    sentence = f'error: the arms do not reach any position of the slice {axis} = {1e3 * float(place):g} mm\n'
     assert capsys.readouterr().err == sentence
     assert not list(tmp_path.iterdir())

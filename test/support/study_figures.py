@@ -542,4 +542,4 @@ def reach_map(found, slices, parameters):
         places(axes, plane, parameters.kinematics)
 
     pairs = zip(found.slices, slices, strict=True)
-    return 'Where the robot may be', [lambda axes, g=g, p=p: check(axes, g.limit, p) for g, p in pairs]
+    return 'Reachable positions', [lambda axes, g=g, p=p: check(axes, g.limit, p) for g, p in pairs]

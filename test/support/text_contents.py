@@ -162,7 +162,7 @@ def _of_tuning(summary):
         if borne is not None:
             back = [] if borne['back_s'] is None else [MS * borne['back_s']]
             values = [DEG * borne['peak_rad'], MS * borne['peak_s'], 5.0, *back, MS * borne['noise_a']]
-            yield f'{name} the shaft gives way by', values
+            yield f'{name} the shaft deflects by', values
     for one in summary['recorded']:
         if one['trusted_hz'] is not None:
             near, margins = one['agreement'], one['margins'] or {}

@@ -1,1 +1,1 @@
-"""The Jacobian experiments (11.2): joint motion from TCP motion, what geometry errors and singularities make of it."""
+"""Jacobian experiments (11.2): joint motion from TCP motion, and the effects of geometry errors and singularities."""

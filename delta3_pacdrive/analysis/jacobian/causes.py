@@ -1,4 +1,4 @@
-"""What else than a wrong length makes computed and recorded joint motion differ, with exact lengths."""
+"""Causes, other than wrong lengths, of differences between computed and recorded joint motion."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +15,7 @@ from delta3_pacdrive.analysis.jacobian.motion import Motion
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics
 
-CONSECUTIVE = 1.5  # sample times
+CONSECUTIVE = 1.5  # largest distance of consecutive samples, in sample times
 LATE = 'one bus cycle between TCP and joints'
 WITHOUT_JACOBIAN_DOT = 'Jdot left out of (4.16)'
 PRINTED_JACOBIAN_DOT = '(4.15) as printed, + Sdot J'
@@ -23,7 +23,7 @@ PRINTED_JACOBIAN_DOT = '(4.15) as printed, + Sdot J'
 
 @dataclass(frozen=True)
 class Cause:
-    """A cause makes, by itself, these largest deviations [%]."""
+    """Largest deviations [%] that a cause makes on its own."""
 
     name: str
     quantity: str
@@ -33,10 +33,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Course:
-    """The course of a deviation that a cause makes by itself [% of the peak], at the times of the motion, shape (n, 3).
-
-    Where the sample before is missing it is nan.
-    """
+    """Deviation [% of the peak] over time by a single cause, shape (n, 3); nan without a previous sample."""
 
     name: str
     quantity: str
@@ -44,7 +41,7 @@ class Course:
 
 
 def causes(motion: Motion, kinematics: Kinematics) -> list[Cause]:
-    """Return the deviations by a bus cycle between TCP and joints, by leaving Jdot out, by (4.15) as printed."""
+    """Return the deviations by a bus cycle between TCP and joints, by omitting Jdot, and by (4.15) as printed."""
     rows = []
     for name, quantity, _, calculated, recorded in _compared(motion, kinematics):
         found = Deviation.of(calculated, recorded).summary()
@@ -53,7 +50,7 @@ def causes(motion: Motion, kinematics: Kinematics) -> list[Cause]:
 
 
 def courses(motion: Motion, kinematics: Kinematics) -> list[Course]:
-    """Return the same deviations over time."""
+    """Return the deviations of ``causes`` over time."""
     found = []
     for name, quantity, rows, calculated, recorded in _compared(motion, kinematics):
         values = np.full((len(motion.time_s), 3), np.nan)
@@ -63,7 +60,7 @@ def courses(motion: Motion, kinematics: Kinematics) -> list[Course]:
 
 
 def _compared(motion: Motion, kinematics: Kinematics) -> list[tuple[str, str, Any, Floats, Floats]]:
-    """Return name and quantity of each cause, the rows where it is known, calculated and recorded values there."""
+    """Return for each cause name, quantity, rows in which it is defined, calculated and recorded values there."""
     exact = joint_motion(motion, kinematics)
     pairs = np.flatnonzero(np.diff(motion.time_s) < CONSECUTIVE * motion.period_s)
     now, before = pairs + 1, pairs

@@ -1,9 +1,9 @@
-"""How the deviation grows with the condition of J: poses on rays from the middle to the limit of the workspace.
+"""Deviation over the condition of J: poses on rays from the middle of the workspace to the first singularity.
 
-Errors of the lengths make J' of J. The joint velocities then deviate by (J'^-1 J - 1) thetadot, so that its spectral
-norm is the deviation in the worst direction of motion, in shares of the speed. To first order that is
-|J^-1 dJ| <= cond(J) |dJ| / |J|. A ray ends at the first singularity: a serial one, where an arm is out of reach beyond
-(s_i.b_i = 0), or a parallel one, where det S and with it det J changes its sign.
+Errors of the lengths change J to J'. The joint velocities then deviate by (J'^-1 J - 1) thetadot; the spectral norm of
+this matrix is the relative deviation in the worst direction of motion, to first order
+|J^-1 dJ| <= cond(J) |dJ| / |J|. A ray ends at a serial singularity, where an arm is stretched (s_i.b_i = 0), or at a
+parallel one, where det S and with it det J changes its sign.
 """
 
 import math
@@ -20,11 +20,11 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics
 
 HEIGHTS = 6  # of the rays, between top and bottom of the workspace
-AZIMUTHS = 25  # over 120 degrees, in which the arms repeat
+AZIMUTHS = 25  # over 120 degrees, the symmetry of the arms
 RADII = 13  # of the poses in the workspace
-GAPS = 41  # poses of a ray, evenly in the logarithm of the distance to its end
-GAP_MIN = 1e-4  # of the ray, that the last pose stays away from its end
-STEP_M = 1e-7  # far less than the smallest distance from a singularity
+GAPS = 41  # poses per ray, evenly in the logarithm of the distance to its end
+GAP_MIN = 1e-4  # distance of the last pose from the end, as share of the ray
+STEP_M = 1e-7  # much smaller than the least distance from a singularity
 BISECTIONS = 50
 FITTED = 10.0  # exponents are fitted to poses with a larger condition
 BAND = (5.0, 50.0, 95.0)  # percentiles
@@ -32,36 +32,20 @@ BAND = (5.0, 50.0, 95.0)  # percentiles
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep holds deviations per millimetre over the workspace and beyond, up to its singularities.
+    """Deviations per millimetre at n poses in the workspace and beyond, up to its singularities."""
 
-    Attributes
-    ----------
-    tcp
-        Poses [m], shape (n, 3).
-    gap_m
-        Distance to the end of the ray, shape (n,).
-    serial_end
-        Whether the ray ends at a serial singularity (else a parallel one), shape (n,).
-    condition
-        Of J, shape (n,).
-    serial, parallel
-        Least s_i.b_i/(l_A l_B) of the arms, and |det S|/l_B^3, shape (n,).
-    per_mm
-        By pose: largest deviation of the joint velocities over the directions of motion [%/mm], shape (n, 4), for the
-        lengths in the order of ``LENGTHS``.
-
-    """
-
-    tcp: Floats
-    gap_m: Floats
-    serial_end: NDArray[np.bool_]
-    condition: Floats
-    serial: Floats
-    parallel: Floats
-    per_mm: dict[Pose, Floats]
+    tcp: Floats  # m, shape (n, 3)
+    gap_m: Floats  # distance to the end of the ray, shape (n,)
+    serial_end: NDArray[np.bool_]  # the ray ends at a serial singularity, else a parallel one, shape (n,)
+    condition: Floats  # of J, shape (n,)
+    serial: Floats  # least s_i.b_i/(l_A l_B) of the arms, shape (n,)
+    parallel: Floats  # |det S|/l_B^3, shape (n,)
+    per_mm: dict[
+        Pose, Floats
+    ]  # largest deviation over the directions of motion [%/mm], shape (n, len(LENGTHS))
 
     def total(self, pose: Pose) -> Floats:
-        """Root of the sum of squares over the lengths: each 1 mm off, independently [%]; shape (n,)."""
+        """Return the root of the sum of squares over the lengths, each 1 mm off [%]; shape (n,)."""
         return np.asarray(np.linalg.norm(self.per_mm[pose], axis=1))
 
 
@@ -90,11 +74,19 @@ def along(starts: Floats, directions: Floats, kinematics: Kinematics) -> Sweep:
         pose: np.stack([_slopes(theta, tcp, j, symbol, pose, kinematics) for symbol in LENGTHS], axis=-1)
         for pose in Pose
     }
-    return Sweep(tcp, gap, serial_end, np.linalg.cond(j), serial.min(axis=1), parallel, per_mm)
+    return Sweep(
+        tcp=tcp,
+        gap_m=gap,
+        serial_end=serial_end,
+        condition=np.linalg.cond(j),
+        serial=serial.min(axis=1),
+        parallel=parallel,
+        per_mm=per_mm,
+    )
 
 
 def limits(starts: Floats, directions: Floats, kinematics: Kinematics) -> Floats:
-    """Distance [m] from points, along directions of length 1, to the first singularity; shapes (r, 3) -> (r,)."""
+    """Return the distance [m] from points along unit vectors to the first singularity; shapes (r, 3) -> (r,)."""
     low = np.zeros(len(starts))
     high = np.full(len(starts), kinematics.upper_arm_length_m + kinematics.forearm_length_m)
     handedness = np.linalg.det(jacobian(inverse(starts, kinematics), starts, kinematics))
@@ -106,19 +98,19 @@ def limits(starts: Floats, directions: Floats, kinematics: Kinematics) -> Floats
 
 
 def of_motion(motion: Motion, kinematics: Kinematics) -> Floats:
-    """Condition number of the Jacobian in every sample; shape (n,)."""
+    """Return the condition number of the Jacobian in every sample; shape (n,)."""
     return np.asarray(np.linalg.cond(jacobian(motion.theta, motion.tcp, kinematics)))
 
 
 def worst_direction(theta: Floats, tcp: Floats, kinematics: Kinematics, pose: Pose) -> Floats:
-    """Deviation [%] in the worst direction with each length 1 mm off, independently; shapes (n, 3) -> (n,)."""
+    """Return the deviation [%] in the worst direction, each length 1 mm off, independently; shapes (n, 3) -> (n,)."""
     j = jacobian(theta, tcp, kinematics)
     slopes = [_slopes(theta, tcp, j, symbol, pose, kinematics) for symbol in LENGTHS]
     return np.asarray(np.linalg.norm(slopes, axis=0))
 
 
 def exponents(found: Sweep) -> dict[str, dict[str, float]]:
-    """Exponents p of deviation ~ cond(J)^p beyond ``FITTED``, by pose and by what the rays end at."""
+    """Return exponents p of deviation ~ cond(J)^p above ``FITTED``, by pose and kind of singularity."""
     far = found.condition > FITTED
     kinds = {'serial': far & found.serial_end, 'parallel': far & ~found.serial_end, 'all': far}
     return {
@@ -132,7 +124,7 @@ def exponents(found: Sweep) -> dict[str, dict[str, float]]:
 
 
 def decades(found: Sweep, per_decade: int = 1) -> list[dict[str, Any]]:
-    """Median and 5th, 95th percentile of the deviation [%] per bin of the condition, by pose; empty bins left out."""
+    """Return median, 5th and 95th percentile of the deviation [%] per bin of the condition, by pose; no empty bins."""
     numbers = np.floor(per_decade * np.log10(found.condition)).astype(np.int64)
     rows = []
     for number in np.unique(numbers):
@@ -150,7 +142,7 @@ def decades(found: Sweep, per_decade: int = 1) -> list[dict[str, Any]]:
 
 
 def workspace(kinematics: Kinematics) -> dict[str, Any]:
-    """Return what condition and deviation [%] are within the workspace of P1, by pose."""
+    """Return condition and deviation [%] within the workspace of P1, by pose."""
     z = np.linspace(kinematics.workspace_bottom_m, kinematics.workspace_top_m, HEIGHTS)
     azimuth = np.linspace(0.0, math.tau / 3.0, AZIMUTHS)
     radius = np.linspace(0.0, 0.5 * kinematics.workspace_diameter_m, RADII)
@@ -170,17 +162,17 @@ def workspace(kinematics: Kinematics) -> dict[str, Any]:
 
 
 def _regular(points: Floats, handedness: Floats, kinematics: Kinematics) -> NDArray[np.bool_]:
-    """Whether points (r, 3) are reached with a Jacobian of this sign of its determinant (r,); shape (r,)."""
+    """Return whether points (r, 3) are reachable with this sign of the determinant of J (r,); shape (r,)."""
     theta = inverse_all(points, kinematics)[:, 0]
     regular: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(theta), axis=1)
     j = jacobian(theta[regular], points[regular], kinematics)
-    with np.errstate(invalid='ignore'):  # det S = 0 to the last bit: not regular
+    with np.errstate(invalid='ignore'):  # det S is exactly 0: not regular
         regular[regular] = np.linalg.det(j) * handedness[regular] > 0.0
     return regular
 
 
 def _slopes(theta: Floats, tcp: Floats, j: Floats, symbol: str, pose: Pose, kinematics: Kinematics) -> Floats:
-    """Deviation [%/mm] in the worst direction of motion by the error of one length; shape (n,)."""
+    """Return the deviation [%/mm] in the worst direction of motion per error of one length; shape (n,)."""
     quotients = []
     for step in (STEP_M, -STEP_M):
         wrong = inexact(kinematics, {symbol: step})

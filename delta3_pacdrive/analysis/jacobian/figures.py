@@ -1,6 +1,6 @@
-"""Figures 11.25 to 11.45: a trajectory, its joint motion through the Jacobian, the deviations; and what explains them.
+"""Figures 11.25 to 11.45: trajectories, joint motion through the Jacobian, deviations, and the causes of deviations.
 
-Deviations are explained by each length, per millimetre, and by how they grow with the condition of J.
+Causes are errors of the lengths, per millimetre, and the condition of J.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ RECORDED: dict[str, Any] = {'color': '#111111', 'linewidth': 0.9, 'linestyle': D
 LIMIT: dict[str, Any] = {'color': MUTED, 'linewidth': 0.8, 'linestyle': DASHED}
 TITLE_IN = 0.29  # height of a title
 JOINTS = (1, 2, 3)
-ROOM = 1.12  # of a panel beyond what is drawn
-FAR = 30.0  # percent; what goes farther is drawn on a logarithmic axis
-TICKS = (-10000, -1000, -100, -30, -10, 0, 10, 30, 100, 1000, 10000)  # of that
+ROOM = 1.12  # range of a panel relative to its data
+FAR = 30.0  # percent; larger ranges have a logarithmic axis
+TICKS = (-10000, -1000, -100, -30, -10, 0, 10, 30, 100, 1000, 10000)  # of a logarithmic axis
 SPAN_MIN = 1e-3  # percent
 BINS = 4  # per decade of the condition
-APPROACH = (0.0, 1.0, 0.0)  # along y, square to arm 1: the ray that is shown by itself
+APPROACH = (0.0, 1.0, 0.0)  # direction of the single ray: along y, perpendicular to arm 1
 IMPLAUSIBLE = (
     'No manufacturer is centimetres off. A formula as printed, or a term left out,\n'
     'makes far more of the deviations of accelerations.'
@@ -60,11 +60,11 @@ MEANINGS = {
 }
 
 
-def by_name(found: Results, errors: str, kinematics: Kinematics, told: str = '') -> Drawings:
-    """Return what draws each figure, by file name; ``errors`` names the inexact lengths, ``told`` is said of them."""
+def by_name(found: Results, errors: str, kinematics: Kinematics, note: str = '') -> Drawings:
+    """Return the drawing functions by file name; ``errors`` names the inexact lengths, ``note`` is a remark on them."""
     drawings: dict[str, Any] = {}
     for trial in found.trials:
-        drawings |= of_trial(trial, errors, told)
+        drawings |= of_trial(trial, errors, note)
     return drawings | {
         'causes.png': partial(causes, found.trials, errors),
         'sensitivities.png': partial(sensitivities, found.trials),
@@ -72,16 +72,16 @@ def by_name(found: Results, errors: str, kinematics: Kinematics, told: str = '')
     }
 
 
-def of_trial(trial: Trial, errors: str, told: str = '') -> Drawings:
-    """Return what draws the seven figures of a trajectory; files of the thesis' experiments bear its numbers."""
+def of_trial(trial: Trial, errors: str, note: str = '') -> Drawings:
+    """Return the seven figures of a trajectory; files of the experiments of the thesis have its figure numbers."""
     found: dict[str, Any] = {
         'arm_angles': partial(arm_angles, trial),
         'tcp_position': partial(tcp_position, trial),
         'joint_velocities': partial(joint_velocities, trial, errors),
-        'velocity_deviation': partial(velocity_deviation, trial, errors, told),
+        'velocity_deviation': partial(velocity_deviation, trial, errors, note),
     }
     for joint in JOINTS:
-        found[f'acceleration_of_joint_{joint}'] = partial(joint_acceleration, trial, joint, errors, told)
+        found[f'acceleration_of_joint_{joint}'] = partial(joint_acceleration, trial, joint, errors, note)
     thesis = trial.motion.thesis
     if thesis is None:
         return {f'{trial.motion.name}_{name}.png': make for name, make in found.items()}
@@ -92,7 +92,7 @@ def of_trial(trial: Trial, errors: str, told: str = '') -> Drawings:
 
 
 def _legend_under_title(figure: Figure, columns: int, handles: list[Any], labels: list[str]) -> None:
-    """Put a legend between the title and the panels, with room that the title reserves."""
+    """Put a legend between the title and the panels, in space reserved by empty lines of the title."""
     rows = -(-len(labels) // columns)
     height = figure.get_size_inches()[1]
     figure.suptitle(figure.get_suptitle() + '\n' * rows, fontsize=12)
@@ -102,19 +102,19 @@ def _legend_under_title(figure: Figure, columns: int, handles: list[Any], labels
 
 
 def arm_angles(trial: Trial) -> Figure:
-    """Arm angles [deg] of the trajectory (Fig. 11.25, 11.32, 11.39)."""
+    """Draw the arm angles [deg] of the trajectory (Fig. 11.25, 11.32, 11.39)."""
     labels = [rf'$\theta_{joint}$ [deg]' for joint in JOINTS]
     return _three_panels(_title(trial, 'arm angles', 0), trial, labels, np.degrees(trial.motion.theta))
 
 
 def tcp_position(trial: Trial) -> Figure:
-    """TCP coordinates [mm] of the trajectory (Fig. 11.26, 11.33, 11.40)."""
+    """Draw the TCP coordinates [mm] of the trajectory (Fig. 11.26, 11.33, 11.40)."""
     labels = [f'{axis} [mm]' for axis in 'xyz']
     return _three_panels(_title(trial, 'TCP position', 1), trial, labels, 1e3 * trial.motion.tcp)
 
 
 def joint_velocities(trial: Trial, errors: str) -> Figure:
-    """Joint velocities [deg/s], recorded and through the Jacobian (Fig. 11.27, 11.34, 11.41)."""
+    """Draw the joint velocities [deg/s], recorded and through the Jacobian (Fig. 11.27, 11.34, 11.41)."""
     figure = titled_figure(_title(trial, 'joint velocities', 2), 7.0)
     panels = figure.subplots(3, 1, sharex=True)
     motion = trial.motion
@@ -126,8 +126,8 @@ def joint_velocities(trial: Trial, errors: str) -> Figure:
     return figure
 
 
-def velocity_deviation(trial: Trial, errors: str, told: str = '') -> Figure:
-    """Deviation of the joint velocities [%]: of the peak, and of the momentary value (Fig. 11.28, 11.35, 11.42)."""
+def velocity_deviation(trial: Trial, errors: str, note: str = '') -> Figure:
+    """Draw the deviation of the joint velocities [%], of peak and momentary value (Fig. 11.28, 11.35, 11.42)."""
     figure = titled_figure(_title(trial, 'deviation of the joint velocities', 3), 7.0)
     grid = figure.subplots(3, 2, sharex=True, sharey='col')
     motion = trial.motion
@@ -153,7 +153,7 @@ def velocity_deviation(trial: Trial, errors: str, told: str = '') -> Figure:
     panel_title(grid[0, 1], f'share of the momentary value, above {100 * THRESHOLD:g} % of peak')
     for axes in grid.flat:
         dress(axes, xlim=motion.time_s[[0, -1]])
-    grid[-1, 0].set_xlabel(f'time [s]\n{told}' if told else 'time [s]')
+    grid[-1, 0].set_xlabel(f'time [s]\n{note}' if note else 'time [s]')
     grid[-1, 1].set_xlabel('time [s]')
     figure.align_ylabels()
     handles, labels = grid[0, 0].get_legend_handles_labels()
@@ -162,8 +162,8 @@ def velocity_deviation(trial: Trial, errors: str, told: str = '') -> Figure:
     return figure
 
 
-def joint_acceleration(trial: Trial, joint: int, errors: str, told: str = '') -> Figure:
-    """Acceleration of a joint [deg/s^2], recorded and through the Jacobian, and its deviation (Fig. 11.29 to 11.31)."""
+def joint_acceleration(trial: Trial, joint: int, errors: str, note: str = '') -> Figure:
+    """Draw a joint acceleration [deg/s^2], recorded and through J, and its deviation (Fig. 11.29 to 11.31)."""
     figure = titled_figure(_title(trial, f'acceleration of joint {joint}', 3 + joint), 6.4)
     panels = figure.subplots(2, 1, sharex=True, height_ratios=(1.4, 1))
     motion, i = trial.motion, joint - 1
@@ -175,13 +175,13 @@ def joint_acceleration(trial: Trial, joint: int, errors: str, told: str = '') ->
     if trial.courses:
         legend_above(panels[1])
     labels = (rf'$\ddot\theta_{joint}$ [deg/s$^2$]', 'deviation\n[% of the peak]')
-    finish_over_time(panels, labels, f'time [s]\n{told}' if told else 'time [s]')
+    finish_over_time(panels, labels, f'time [s]\n{note}' if note else 'time [s]')
     _legend_of_curves(figure, errors)
     return figure
 
 
 def causes(trials: list[Trial], errors: str) -> Figure:
-    """Largest deviations of joint velocities and accelerations by the inexact lengths and by each other cause."""
+    """Draw the largest deviations of joint velocities and accelerations by inexact lengths and by each other cause."""
     figure = titled_figure('What makes calculated and recorded joint motion differ', 5.0)
     row = figure.subplots(1, 2, width_ratios=(1, 2))
     width = 0.8 / len(trials)
@@ -203,7 +203,7 @@ def causes(trials: list[Trial], errors: str) -> Figure:
 
 
 def sensitivities(trials: list[Trial]) -> Figure:
-    """Largest deviation of joint velocities and accelerations per millimetre of each length, as bars."""
+    """Draw the largest deviations of joint velocities and accelerations per millimetre of each length as bars."""
     figure = titled_figure('Deviation by 1 mm of error of one length', 6.0)
     grid = figure.subplots(2, len(Pose), sharex=True, sharey='row')
     width = 0.8 / len(trials)
@@ -230,7 +230,7 @@ def sensitivities(trials: list[Trial]) -> Figure:
 
 
 def deviation_over_condition(found: condition.Sweep, kinematics: Kinematics) -> Figure:
-    """Deviation in the worst direction over the condition of J, and along one ray to the limit of the workspace."""
+    """Draw the deviation in the worst direction over the condition of J, and along one ray to a singularity."""
     figure = titled_figure('Deviation of the joint velocities, each length 1 mm off', 5.4)
     left, right = figure.subplots(1, 2, sharey=True)
     powers = condition.exponents(found)
@@ -269,7 +269,7 @@ def deviation_over_condition(found: condition.Sweep, kinematics: Kinematics) -> 
 
 
 def _scale(axes: Axes, span: float) -> None:
-    """Let an axis show percentages up to ``span`` on both sides, large ones by their logarithm."""
+    """Scale an axis for percentages up to ``span`` on both sides, logarithmically if it is large."""
     if span > FAR:
         axes.set_yscale('asinh', linear_width=FAR / 3.0)
         ticks = [tick for tick in TICKS if abs(tick) < 2.0 * span]
@@ -289,7 +289,7 @@ def _three_panels(title: str, trial: Trial, labels: list[str], values: Floats) -
 
 
 def _draw_courses(axes: Axes, trial: Trial, quantity: str, i: int) -> None:
-    """Draw what each other cause makes by itself of the deviation of a joint."""
+    """Draw the deviation of a joint caused by each other cause on its own."""
     own = [course for course in trial.courses if course.quantity == quantity]
     for course, colour in zip(own, COURSES, strict=False):
         axes.plot(trial.motion.time_s, course.of_peak[:, i], color=colour, linewidth=1.0, label=course.name)
@@ -309,10 +309,10 @@ def _legend_of_curves(figure: Figure, errors: str) -> None:
     _legend_under_title(figure, 3, handles, names)
 
 
-def _title(trial: Trial, what: str, number: int) -> str:
-    """Title of the figure with this number among those of its trajectory."""
+def _title(trial: Trial, content: str, number: int) -> str:
+    """Return the title of a figure by its number within its trajectory."""
     thesis, name = trial.motion.thesis, trial.motion.name
-    return f'Figure 11.{thesis.first_figure + number}: {name}, {what}' if thesis else f'{name}: {what}'
+    return f'Figure 11.{thesis.first_figure + number}: {name}, {content}' if thesis else f'{name}: {content}'
 
 
 def _powers(of_kind: dict[str, float]) -> str:

@@ -1,10 +1,10 @@
-"""Joint motion from TCP motion through the Jacobian (4.12 to 4.16), with the lengths of P1 as they are or in error.
+"""Joint motion from TCP motion through the Jacobian (4.12 to 4.16), with exact or inexact lengths of P1.
 
     thetadot  = J^-1 Xdot                        (4.12)
     thetaddot = J^-1 (Xddot - Jdot thetadot)     (4.16)
 
-J = S^-1 D depends on joint angles and TCP position (4.13). With s_i = X - C_i, neither s_i nor b_i holds l_B: where
-both come from the recording, as in 11.2, the length of the forearms does not enter.
+J = S^-1 D depends on joint angles and TCP position (4.13). With s_i = X - C_i, neither s_i nor b_i contains l_B: if
+both come from the recording, as in 11.2, the length of the forearms has no effect.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ from delta3_pacdrive.kinematics import forward, geometry, inverse, jacobian, jac
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics
 
-# lengths of P1 by the thesis' symbols
+# lengths of P1 by their symbols in the thesis
 LENGTHS = {
     'l_A': 'upper_arm_length_m',
     'l_B': 'forearm_length_m',
@@ -30,16 +30,16 @@ LENGTHS = {
 
 
 class Pose(StrEnum):
-    """The pose says where the Jacobian takes angles and position from."""
+    """Source of the angles and positions at which the Jacobian is evaluated."""
 
-    RECORDED = 'recorded'  # both as they are recorded (11.2)
-    FORWARD = 'forward'  # the position by forward kinematics of the angles (4.5, last sentence)
-    INVERSE = 'inverse'  # the angles by inverse kinematics of the position
+    RECORDED = 'recorded'  # both recorded (11.2)
+    FORWARD = 'forward'  # recorded angles, positions by forward kinematics (4.5, last sentence)
+    INVERSE = 'inverse'  # recorded positions, angles by inverse kinematics
 
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Joint motion is velocities [rad/s] and accelerations [rad/s^2]; shapes (n, 3)."""
+    """Joint velocities [rad/s] and accelerations [rad/s^2]; shapes (n, 3)."""
 
     velocity: Floats
     acceleration: Floats
@@ -57,7 +57,7 @@ def inexact(kinematics: Kinematics, errors: Mapping[str, float]) -> Kinematics:
     values = {}
     for symbol, error in errors.items():
         if symbol not in LENGTHS:
-            raise ParameterError(f'{symbol} is no length of P1, expected one of {", ".join(LENGTHS)}')
+            raise ParameterError(f'{symbol} is not a length of P1, expected one of {", ".join(LENGTHS)}')
         nominal = getattr(kinematics, LENGTHS[symbol])
         if not nominal + error > 0.0:
             raise ParameterError(
@@ -68,7 +68,7 @@ def inexact(kinematics: Kinematics, errors: Mapping[str, float]) -> Kinematics:
 
 
 def posed(theta: Floats, tcp: Floats, kinematics: Kinematics, pose: Pose) -> tuple[Floats, Floats]:
-    """Return angles [rad] and positions [m] as ``pose`` takes them; shapes (n, 3); raises UnreachableError."""
+    """Return angles [rad] and positions [m] according to ``pose``; shapes (n, 3); raises UnreachableError."""
     if pose is Pose.FORWARD:
         return theta, forward(theta, kinematics)
     if pose is Pose.INVERSE:
@@ -79,14 +79,14 @@ def posed(theta: Floats, tcp: Floats, kinematics: Kinematics, pose: Pose) -> tup
 def joint_motion(motion: Motion, kinematics: Kinematics, pose: Pose = Pose.RECORDED) -> JointMotion:
     """Compute joint velocities and accelerations through the Jacobian of a geometry.
 
-    The acceleration takes the velocity that was computed, as nothing else is known of the joints.
+    The acceleration uses the computed velocity.
 
     Raises
     ------
     UnreachableError
-        The geometry does not reach a pose.
+        A pose is not reachable with the geometry.
     SingularityError
-        The Jacobian of a pose has no inverse.
+        The Jacobian of a pose is singular.
 
     """
     theta, tcp = posed(motion.theta, motion.tcp, kinematics, pose)
@@ -97,12 +97,12 @@ def joint_motion(motion: Motion, kinematics: Kinematics, pose: Pose = Pose.RECOR
 
 
 def without_jacobian_dot(motion: Motion, kinematics: Kinematics) -> Floats:
-    """Joint accelerations [rad/s^2] if Jdot is left out of (4.16); shape (n, 3)."""
+    """Return the joint accelerations [rad/s^2] of (4.16) without Jdot; shape (n, 3)."""
     return solve(jacobian(motion.theta, motion.tcp, kinematics), motion.tcp_acceleration)
 
 
 def with_printed_jacobian_dot(motion: Motion, kinematics: Kinematics) -> Floats:
-    """Joint accelerations [rad/s^2] with (4.15) as it is printed, + Sdot J instead of - Sdot J; shape (n, 3)."""
+    """Return the joint accelerations [rad/s^2] with (4.15) as printed, + Sdot J instead of - Sdot J; shape (n, 3)."""
     g = geometry(kinematics)[0]
     u = np.stack([g['cos_alpha'], g['sin_alpha'], np.zeros(3)], axis=-1)
     up = np.array([0.0, 0.0, 1.0])
@@ -119,13 +119,13 @@ def with_printed_jacobian_dot(motion: Motion, kinematics: Kinematics) -> Floats:
 
 
 def product(matrices: Floats, vectors: Floats) -> Floats:
-    """Products of matrices (n, 3, 3) with vectors (n, 3)."""
+    """Multiply matrices (n, 3, 3) by vectors (n, 3)."""
     return np.asarray(np.einsum('nij,nj->ni', matrices, vectors))
 
 
 def solve(matrices: Floats, vectors: Floats) -> Floats:
-    """Solutions (n, 3) of systems with matrices (n, 3, 3) and right sides (n, 3); raises SingularityError."""
+    """Solve systems with matrices (n, 3, 3) and right-hand sides (n, 3); raises SingularityError."""
     try:
         return np.asarray(np.linalg.solve(matrices, vectors[..., None])[..., 0])
     except np.linalg.LinAlgError:
-        raise SingularityError('the Jacobian of a pose on the trajectory has no inverse') from None
+        raise SingularityError('the Jacobian of a pose on the trajectory is singular') from None

@@ -1,9 +1,9 @@
-"""What the Jacobian is tried on: poses of a trajectory with velocities and accelerations of TCP and joints.
+"""Input of the Jacobian experiments: poses, velocities and accelerations of TCP and joints on a trajectory.
 
-A program gives the set points of the transformation task, before they are rounded to increments. The controller of
-11.2 differentiates per bus cycle, and so does this: central and second differences of set points one cycle apart,
-TCP and joints alike. Recorded positions stand on the increment grid, whose second difference over 1 ms is an
-acceleration of 0.4 rad/s^2; they are differentiated by a parabola through the samples within ``WINDOW`` cycles.
+The trajectory of a program consists of the set points of the transformation task before rounding to increments. As the
+controller of 11.2, this module differentiates per bus cycle: central and second differences of set points one cycle
+apart, for TCP and joints alike. Recorded positions are multiples of increments, whose second difference over 1 ms is
+0.4 rad/s^2; they are differentiated by a parabola through the samples within ``WINDOW`` cycles.
 """
 
 from collections.abc import Sequence
@@ -26,29 +26,29 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
 
-WINDOW = 4  # cycles on each side that the parabola through recorded samples takes in
-UNEVEN = 0.05  # of the sample time, that a sample may stand beside its place
-MOVING_RAD_S = 1e-3  # what the fastest joint must reach
+WINDOW = 4  # cycles on each side, used by the parabola through recorded samples
+UNEVEN = 0.05  # largest deviation of a sample from the grid, in sample times
+MOVING_RAD_S = 1e-3  # least peak velocity of the fastest joint
 
 
 class Signals(StrEnum):
-    """The signals are those of TCP and joints that are compared."""
+    """Signals of TCP and joints that are compared."""
 
-    COMMAND = 'command'  # set points of both
-    ACTUAL = 'actual'  # encoders and motor speeds; the TCP by forward kinematics of the encoders
-    TRUE = 'true'  # the TCP as an external measurement, or the simulation, knows it
+    COMMAND = 'command'  # set points
+    ACTUAL = 'actual'  # encoders and motor speeds; TCP by forward kinematics of the encoders
+    TRUE = 'true'  # TCP from an external measurement or the simulation
 
 
 @dataclass(frozen=True)
 class Thesis:
-    """The thesis (11.2) tells of an experiment: number, first figure, largest deviation of a joint velocity."""
+    """Data of an experiment in the thesis (11.2)."""
 
     number: int
     first_figure: int
-    deviation_percent: float
+    deviation_percent: float  # largest deviation of a joint velocity
 
 
-# 11.2.4: 10 % in "1 and 2", 5 % in 2, of which the first must mean 1 and 3
+# 11.2.4: 10 % in "1 and 2", 5 % in 2; the former must mean 1 and 3
 EXPERIMENTS = {
     'experiment1': Thesis(1, 25, 10.0),
     'experiment2': Thesis(2, 32, 5.0),
@@ -58,52 +58,33 @@ EXPERIMENTS = {
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion is a trajectory, sample by sample; arrays (n, 3).
-
-    Attributes
-    ----------
-    name
-        As the input was given.
-    source
-        Which signals these are and how they were differentiated, in words.
-    period_s
-        Distance of the samples; where a recording has gaps, samples are missing.
-    time_s
-        From the start of the program, shape (n,).
-    theta, thetadot, thetaddot
-        Arm angles [rad], and the recorded joint velocities and accelerations: the reference of 11.2.
-    tcp, tcp_velocity, tcp_acceleration
-        Position, velocity, acceleration of the TCP [m, m/s, m/s^2].
-    thesis
-        The experiment of the thesis, if it is one.
-
-    """
+    """Trajectory with n samples; arrays (n, 3)."""
 
     name: str
-    source: str
-    period_s: float
-    time_s: Floats
-    theta: Floats
+    source: str  # signals and their differentiation, as text
+    period_s: float  # sample time; samples are missing in gaps of a recording
+    time_s: Floats  # from the start of the program, shape (n,)
+    theta: Floats  # arm angles [rad]; the recorded motion of the joints is the reference of 11.2
     thetadot: Floats
     thetaddot: Floats
-    tcp: Floats
+    tcp: Floats  # m
     tcp_velocity: Floats
     tcp_acceleration: Floats
     thesis: Thesis | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a motion that stands still."""
+        """Reject a trajectory without motion."""
         if not np.abs(self.thetadot).max(initial=0.0) > MOVING_RAD_S:
             raise TraceError(f'{self.name}: no joint moves faster than {MOVING_RAD_S:g} rad/s')
 
 
 def load(text: str, robot: Parameters, signals: Signals) -> Motion:
-    """Return the motion of an input: an experiment's number, a program, a trace (.npz, .csv), the folder of a bag.
+    """Return the motion of an experiment number, a program, a trace (.npz, .csv) or the folder of a bag.
 
     Raises
     ------
     Delta3Error
-        The input cannot be read, is refused, lacks signals, or does not move.
+        The input cannot be read, is invalid, lacks signals, or contains no motion.
 
     """
     if is_recording(text):
@@ -124,7 +105,7 @@ def of_program(program: Program, robot: Parameters, name: str, thesis: Thesis | 
     Raises
     ------
     ProgramError
-        The program is refused.
+        The program is invalid.
 
     """
     placed = simulation.placed(robot, program)
@@ -145,18 +126,18 @@ def of_program(program: Program, robot: Parameters, name: str, thesis: Thesis | 
 def of_trace(
     trace: Trace, robot: Parameters, signals: Signals, name: str, thesis: Thesis | None = None
 ) -> Motion:
-    """Return the motion that a recording holds, only the program where it tells its cycles.
+    """Return the motion of a recording, restricted to the program if its cycles are known.
 
     Raises
     ------
     TraceError
-        A signal is missing, the samples are unevenly spaced, too few, or of a robot with another gear.
+        A signal is missing, the samples are uneven or too few, or the robot had another gear ratio.
 
     """
     part, period = _evenly(trace, name)
     gear = robot.dynamics.gear_ratio
     if (own := part.meta.get('gear_ratio', gear)) != gear:
-        raise TraceError(f'{name} is of a robot with gear ratio {own}, the parameters say {gear:g}')
+        raise TraceError(f'{name} is of a robot with gear ratio {own}, the parameters have {gear:g}')
     if signals is Signals.TRUE:
         tcp = part['tcp_measured' if 'tcp_measured' in part.signals else 'tcp_true']
         angles = part['arm_angle'] if 'arm_angle' in part.signals else part['motor_position'] / gear
@@ -179,14 +160,14 @@ def of_trace(
 
 
 def _evenly(trace: Trace, name: str) -> tuple[Trace, float]:
-    """Return the program's part of a trace on an even grid, nan where samples are missing, and the sample time [s]."""
+    """Return the program in a trace on an even grid, nan for missing samples, and the sample time [s]."""
     if len(trace.time_s) < 2 * WINDOW + 1:
         raise TraceError(f'{name} has {len(trace.time_s)} samples, but needs {2 * WINDOW + 1}')
     whole = trace.time_s[-1] - trace.time_s[0]
     period = float(whole / np.rint(whole / np.median(np.diff(trace.time_s))))
     offset = trace.time_s[0] if trace.meta.get('start_cycle') is None else 0.0
-    places = (trace.time_s - offset) / period
-    if np.abs(places - np.rint(places)).max() > UNEVEN:
+    steps = (trace.time_s - offset) / period
+    if np.abs(steps - np.rint(steps)).max() > UNEVEN:
         raise TraceError(f'the samples of {name} are not evenly spaced')
     meta = trace.meta | {'cycle_time_s': period}
     return program_part(Trace(trace.time_s - offset, trace.signals, meta)), period
@@ -200,9 +181,19 @@ def _motion(
     signals: Sequence[Floats],
     thesis: Thesis | None,
 ) -> Motion:
-    """Return the samples in which all signals, in the order of ``Motion``, are known."""
+    """Return the samples in which all signals, in the order of the fields of ``Motion``, are finite."""
     known = np.isfinite(np.concatenate(signals, axis=1)).all(axis=1)
     theta, thetadot, thetaddot, tcp, velocity, acceleration = (values[known] for values in signals)
     return Motion(
-        name, source, period_s, time_s[known], theta, thetadot, thetaddot, tcp, velocity, acceleration, thesis
-    )  # fmt: skip
+        name=name,
+        source=source,
+        period_s=period_s,
+        time_s=time_s[known],
+        theta=theta,
+        thetadot=thetadot,
+        thetaddot=thetaddot,
+        tcp=tcp,
+        tcp_velocity=velocity,
+        tcp_acceleration=acceleration,
+        thesis=thesis,
+    )

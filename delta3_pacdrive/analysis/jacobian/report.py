@@ -1,4 +1,4 @@
-"""The Jacobian experiments in words and numbers: the summary, conclusions in sentences, the tables."""
+"""Report of the Jacobian experiments: JSON summary, conclusions in sentences, tables."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
@@ -17,24 +17,24 @@ from delta3_pacdrive.analysis.jacobian.study import Results, Settings, Trial
 from delta3_pacdrive.analysis.report_folder import Table, columns_of
 from delta3_pacdrive.parameters import Parameters
 
-IMPLAUSIBLE_M = 0.01  # of a length: no drawing and no drill is so far off
+IMPLAUSIBLE_M = 0.01  # error of a length that drawings and drilling cannot cause
 QUANTITIES = ('velocity', 'acceleration')
 PERCENTAGES, COMPARED = ('of_peak', 'momentary'), ('exact', 'inexact')
 
 
 def error_text(errors: Mapping[str, float], mathematical: bool = False) -> str:
-    """Return errors of lengths [m] by symbol as text in millimetres, symbols ``mathematical`` for figures."""
+    """Return errors of lengths [m] by symbol as text in millimetres, in mathtext if ``mathematical``."""
     sign = '$' if mathematical else ''
     return ', '.join(f'{sign}{symbol}{sign} {1e3 * error:+g} mm' for symbol, error in errors.items())
 
 
 def number(value: float) -> str:
-    """Return a number with two digits, or as a whole one."""
+    """Return a number with two significant digits, or as an integer."""
     return f'{value:.2g}' if abs(value) < 99.5 else f'{value:.0f}'
 
 
 def summary(found: Results, settings: Settings, robot: Parameters) -> dict[str, Any]:
-    """Return the report, ready for JSON."""
+    """Return the report for JSON."""
     result: dict[str, Any] = {
         'errors_m': dict(settings.errors),
         'lengths_m': {symbol: getattr(robot.kinematics, key) for symbol, key in LENGTHS.items()},
@@ -53,7 +53,7 @@ def summary(found: Results, settings: Settings, robot: Parameters) -> dict[str, 
 
 
 def conclusions(result: dict[str, Any]) -> list[str]:
-    """Say in sentences what the numbers of a report mean."""
+    """Return conclusions from the numbers of a report as sentences."""
     rows, pose = result['trajectories'], result['pose']
     thesis = [row['thesis_percent'] for row in rows]
     compared = f' (thesis: {_list(thesis)})' if None not in thesis else ''
@@ -81,7 +81,7 @@ def conclusions(result: dict[str, Any]) -> list[str]:
 
 
 def _needed_sentence(rows: list[dict[str, Any]], pose: str) -> str:
-    """Say which error of each length, alone, makes the thesis' deviation of the joint velocities."""
+    """Return the error of each length that alone causes the deviation of the joint velocities in the thesis."""
     parts = []
     for symbol in LENGTHS:
         own = [s for row in rows for s in row['sensitivities'] if s['pose'] == pose and s['symbol'] == symbol]
@@ -117,7 +117,7 @@ def _condition_sentence(rows: list[dict[str, Any]], swept: dict[str, Any], pose:
 
 
 def text(document: dict[str, Any]) -> list[str]:
-    """Return the lines of a summary that people read."""
+    """Return the lines of a summary as text."""
     columns = ('exact lengths', error_text(document['errors_m']), 'all 1 mm off, at worst')
     widths = [max(len(column), 17) for column in columns]
 
@@ -146,7 +146,7 @@ def text(document: dict[str, Any]) -> list[str]:
 
 
 def tables(found: Results) -> list[Table]:
-    """Return signals and deviations, sensitivities to each length, and what condition the Jacobian has where."""
+    """Return tables of signals and deviations, sensitivities to each length, and the condition of the Jacobian."""
     return [_signals(found.trials), _sensitivities(found.trials), _condition(found.sweep)]
 
 
@@ -185,12 +185,12 @@ def _largest(rows: list[dict[str, Any]], lengths: str, quantity: str) -> list[fl
 
 
 def _caused(rows: list[dict[str, Any]], name: str) -> list[float]:
-    """Return the largest deviation of the peak that a cause makes on each trajectory, of the quantity named first."""
+    """Return the largest deviation of the peak by a cause on each trajectory, for its first quantity."""
     return [next(cause['of_peak'] for cause in row['other_causes'] if cause['name'] == name) for row in rows]
 
 
 def plausibility(errors: Mapping[str, float]) -> str:
-    """Return what the largest of inexact lengths is to be told by: no manufacturer is centimetres off."""
+    """Return a remark if an error of a length is implausibly large, else an empty string."""
     largest = max(map(abs, errors.values()), default=0.0)
     return f'No manufacturer is {1e3 * largest:g} mm off.' if largest >= IMPLAUSIBLE_M else ''
 

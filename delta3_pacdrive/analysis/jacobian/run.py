@@ -1,4 +1,4 @@
-"""The Jacobian experiments from their settings to their folder: what is compared, what is written."""
+"""Jacobian study: comparison of joint motions and its report."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,22 +16,22 @@ from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.errors import ParameterError, ReportError
 
-ERROR_MAX_M = 0.1  # beyond that it is another robot, or millimetres were meant
+ERROR_MAX_M = 0.1  # a larger error means another robot, or a value in millimetres
 
 
 @dataclass
 class Study(studies.Study):
-    """The study is the Jacobian experiments in a folder."""
+    """Jacobian study in a report folder."""
 
     settings: Settings
     robot: core.Parameters = field(init=False)
 
     def __post_init__(self) -> None:
-        """Read the parameters and refuse errors that no length can have; raises ParameterError."""
+        """Read the parameters and reject errors that no length can have; raises ParameterError."""
         self.robot = core.load(self.settings.parameters)
         errors = self.settings.errors
         if not errors:
-            raise ParameterError('the inexact lengths need at least one error')
+            raise ParameterError('at least one error of a length is required')
         for symbol, error in errors.items():
             if not abs(error) <= ERROR_MAX_M:
                 raise ParameterError(
@@ -40,7 +40,7 @@ class Study(studies.Study):
         self._wrong = inexact(self.robot.kinematics, errors)
 
     def run(self) -> dict[str, Any]:
-        """Compare, write everything into the folder and return the report; raises Delta3Error."""
+        """Run the study, write its results to the folder and return the report; raises Delta3Error."""
         chosen = self.settings
         steps = 2 * len(chosen.inputs) + 1
         trials: list[Trial] = []
@@ -48,7 +48,9 @@ class Study(studies.Study):
             self.on_progress(f'trajectory {text}', 2 * number, steps)
             motion = load(text, self.robot, chosen.signals)
             if motion.name in (trial.motion.name for trial in trials):
-                raise ReportError(f'two inputs are called {motion.name}, and so would be their figures')
+                raise ReportError(
+                    f'two inputs have the name {motion.name}: their figures would have the same file names'
+                )
             self.on_progress(f'{motion.name}: sensitivities', 2 * number + 1, steps)
             trials.append(self._trial(motion))
         origin = Provenance.of(self.command, self.robot, chosen.parameters, noted(chosen.inputs))
@@ -72,13 +74,13 @@ class Study(studies.Study):
     def _trial(self, motion: Motion) -> Trial:
         nominal, pose = self.robot.kinematics, self.settings.pose
         return Trial(
-            motion,
-            joint_motion(motion, nominal, pose),
-            joint_motion(motion, self._wrong, pose),
-            condition.of_motion(motion, nominal),
-            condition.worst_direction(motion.theta, motion.tcp, nominal, pose),
-            sensitivities(motion, nominal),
-            tolerance(motion, nominal, pose),
-            causes(motion, nominal),
-            courses(motion, nominal),
+            motion=motion,
+            exact=joint_motion(motion, nominal, pose),
+            inexact=joint_motion(motion, self._wrong, pose),
+            condition=condition.of_motion(motion, nominal),
+            worst=condition.worst_direction(motion.theta, motion.tcp, nominal, pose),
+            sensitivities=sensitivities(motion, nominal),
+            tolerance=tolerance(motion, nominal, pose),
+            causes=causes(motion, nominal),
+            courses=courses(motion, nominal),
         )

@@ -1,6 +1,6 @@
-"""How much deviation an error of each length of P1 makes: slopes, and the error that a given deviation needs.
+"""Sensitivity of the joint motion to each length of P1, and the error that causes a given deviation.
 
-The slopes are central differences over errors of +-``STEP_M`` of the joint motion that the Jacobian gives.
+Slopes are central differences of the joint motion through the Jacobian over errors of +-``STEP_M``.
 """
 
 from dataclasses import dataclass
@@ -14,59 +14,46 @@ from delta3_pacdrive.errors import UnreachableError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics
 
-STEP_M = 1e-5  # its square leaves 1e-9 of the slope, rounding 1e-10
+STEP_M = 1e-5  # relative error of the slope: 1e-9 by its square, 1e-10 by rounding
 MILLIMETRE = 1e-3
-CLOSE = 1e-3  # relative, to the deviation that was asked for
+CLOSE = 1e-3  # relative tolerance of the deviation that is searched for
 STEPS_MAX = 30
-ERROR_MAX = 1.0  # of a length, that is looked for
+ERROR_MAX = 1.0  # largest error searched for, relative to the length
 
 
 @dataclass(frozen=True)
 class Share:
-    """A share is what 1 mm makes [%/mm]: largest and rms deviation of the joint's peak, largest momentary one."""
+    """Deviation caused by an error of 1 mm [%/mm]."""
 
-    of_peak: float
+    of_peak: float  # largest deviation relative to the peak of the joint
     of_peak_rms: float
-    momentary: float
+    momentary: float  # largest deviation relative to the momentary value
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """A sensitivity says what an error of one length makes of one trajectory.
-
-    Attributes
-    ----------
-    trajectory, pose, symbol
-        Which.
-    value_m
-        The length as it should be.
-    velocity, acceleration
-        Deviations per millimetre.
-    needed_of_peak_m, needed_momentary_m
-        Error with which the joint velocity deviates by ``target_percent``; None where none does.
-    target_percent
-        Largest deviation of joint velocities that the thesis found, 10 % where it says nothing.
-
-    """
+    """Effect of an error of one length on one trajectory."""
 
     trajectory: str
     pose: Pose
     symbol: str
-    value_m: float
+    value_m: float  # exact length
     velocity: Share
     acceleration: Share
-    target_percent: float
-    needed_of_peak_m: float | None
+    target_percent: float  # largest deviation of joint velocities in the thesis, 10 % if it gives none
+    needed_of_peak_m: (
+        float | None
+    )  # error with which the joint velocity deviates by target_percent; None if none does
     needed_momentary_m: float | None
 
     @property
     def mm_per_percent(self) -> float:
-        """One percent of the length [mm]: slopes per percent are those per millimetre, times this."""
+        """One percent of the length [mm]: factor from slopes per millimetre to slopes per percent."""
         return 10.0 * self.value_m
 
 
 def slope(motion: Motion, kinematics: Kinematics, symbol: str, pose: Pose) -> JointMotion:
-    """Change of the computed joint motion with a length: [1/(s m)] and [1/(s^2 m)], shapes (n, 3)."""
+    """Return the derivative of the joint motion by a length: [1/(s m)] and [1/(s^2 m)], shapes (n, 3)."""
     longer, shorter = (
         joint_motion(motion, inexact(kinematics, {symbol: step}), pose) for step in (STEP_M, -STEP_M)
     )
@@ -77,7 +64,7 @@ def slope(motion: Motion, kinematics: Kinematics, symbol: str, pose: Pose) -> Jo
 
 
 def sensitivities(motion: Motion, kinematics: Kinematics) -> list[Sensitivity]:
-    """Return one row for every pose and length."""
+    """Return the sensitivities for every pose and length."""
     rows = []
     target = motion.thesis.deviation_percent if motion.thesis else 10.0
     for pose in Pose:
@@ -85,17 +72,26 @@ def sensitivities(motion: Motion, kinematics: Kinematics) -> list[Sensitivity]:
             change = slope(motion, kinematics, symbol, pose)
             velocity = _share(change.velocity, motion.thetadot)
             acceleration = _share(change.acceleration, motion.thetaddot)
-            needed = (
-                _needed(motion, kinematics, symbol, pose, target, first, momentary)
-                for momentary, first in ((False, velocity.of_peak), (True, velocity.momentary))
+            rows.append(
+                Sensitivity(
+                    trajectory=motion.name,
+                    pose=pose,
+                    symbol=symbol,
+                    value_m=float(getattr(kinematics, key)),
+                    velocity=velocity,
+                    acceleration=acceleration,
+                    target_percent=target,
+                    needed_of_peak_m=_needed(motion, kinematics, symbol, pose, target, velocity.of_peak),
+                    needed_momentary_m=_needed(
+                        motion, kinematics, symbol, pose, target, velocity.momentary, momentary=True
+                    ),
+                )
             )
-            which = motion.name, pose, symbol, float(getattr(kinematics, key))
-            rows.append(Sensitivity(*which, velocity, acceleration, target, *needed))
     return rows
 
 
 def tolerance(motion: Motion, kinematics: Kinematics, pose: Pose) -> dict[str, dict[str, float]]:
-    """Largest deviation [%] if every length is 1 mm off, each in the direction that is worst for the sample."""
+    """Return the largest deviation [%] with every length 1 mm off, each in the worst direction for the sample."""
     total = JointMotion(np.zeros_like(motion.theta), np.zeros_like(motion.theta))
     for symbol in LENGTHS:
         part = slope(motion, kinematics, symbol, pose)
@@ -128,12 +124,11 @@ def _needed(
     pose: Pose,
     target: float,
     per_millimetre: float,
-    momentary: bool,
+    momentary: bool = False,
 ) -> float | None:
     """Return the positive error [m] with which the largest deviation is ``target``; None if there is none.
 
-    Starts with the first order and corrects it by the ratio of what is wanted to what is found: the deviation is
-    nearly proportional to the error.
+    The first-order error is corrected by the ratio of target to deviation, which is nearly proportional to the error.
     """
     longest = ERROR_MAX * float(getattr(kinematics, LENGTHS[symbol]))
     exact = joint_motion(motion, kinematics, pose).velocity

@@ -1,4 +1,4 @@
-"""What a Jacobian study depends on, and what it finds."""
+"""Settings and results of a Jacobian study."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,67 +10,39 @@ from delta3_pacdrive.analysis.jacobian.motion import Motion, Signals
 from delta3_pacdrive.analysis.jacobian.sensitivity import Sensitivity
 from delta3_pacdrive.numerics.types import Floats
 
-# the one length whose error, by itself, comes closest to the thesis' 10 %, 5 %, 10 % of the peak velocities
+# the single length whose error comes closest to the 10 %, 5 %, 10 % of the peak velocities in the thesis
 ERRORS_M = {'R_A': 0.035}
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings are what a study depends on, apart from the contents of its files.
+    """Settings of a Jacobian study, except for the contents of its files."""
 
-    Attributes
-    ----------
-    inputs
-        Numbers of experiments, programs, recordings.
-    parameters
-        Parameter file; None: the packaged one. Its lengths are the exact ones.
-    errors
-        Of the inexact lengths [m], by symbol.
-    pose
-        Where the Jacobian takes angles and position from.
-    signals
-        Which signals are compared.
-
-    """
-
-    inputs: tuple[str, ...]
-    parameters: str | None
-    errors: Mapping[str, float]
+    inputs: tuple[str, ...]  # numbers of experiments, programs, recordings
+    parameters: str | None  # file with the exact lengths; None: packaged parameters
+    errors: Mapping[str, float]  # of the inexact lengths [m], by symbol
     pose: Pose = Pose.RECORDED
     signals: Signals = Signals.COMMAND
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial is one trajectory with everything that is computed of it.
-
-    Attributes
-    ----------
-    exact, inexact
-        Joint motion through the Jacobian.
-    condition
-        Of J, shape (n,).
-    worst
-        Deviation [%] in the worst direction of motion with each length 1 mm off, independently; shape (n,).
-    tolerance
-        Largest deviations [%] with every length 1 mm off.
-
-    """
+    """One trajectory with its results."""
 
     motion: Motion
     exact: JointMotion
     inexact: JointMotion
-    condition: Floats
-    worst: Floats
+    condition: Floats  # of J, shape (n,)
+    worst: Floats  # deviation [%] in the worst direction of motion, each length 1 mm off, shape (n,)
     sensitivities: list[Sensitivity]
-    tolerance: dict[str, dict[str, float]]
+    tolerance: dict[str, dict[str, float]]  # largest deviations [%] with every length 1 mm off
     causes: list[Cause]
     courses: list[Course] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class Results:
-    """The results are those of each trajectory, and of poses from the middle of the workspace to its singularities."""
+    """Results of each trajectory, and of poses from the middle of the workspace to its singularities."""
 
     trials: list[Trial]
     sweep: Sweep

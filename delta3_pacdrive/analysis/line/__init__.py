@@ -1,1 +1,1 @@
-"""Lines: belts that run through several robots, parts handed on, rules of allocation, a shift without a bus."""
+"""Lines of several robots at belts: allocation rules, and simulation of a shift without a bus."""

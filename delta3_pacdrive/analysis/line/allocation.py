@@ -1,7 +1,7 @@
-"""Which part a robot takes next, when it is free: four rules.
+"""Allocation of parts to robots by four rules.
 
-A robot that is free at a time is told a part and when it starts, at once or later; it takes the part only when it
-starts. Until then another robot may.
+A free robot gets a part and a start time, now or later. The part is reserved only at that time; until then another
+robot may take it.
 """
 
 import math
@@ -15,41 +15,33 @@ from scipy.optimize import linear_sum_assignment
 from delta3_pacdrive.analysis.line.design import Rule
 from delta3_pacdrive.numerics.types import Floats
 
-SLOTS_MAX = 40  # next picks of a robot that are looked at
-CYCLES = 9  # starts between the earliest and the latest one at which cycles are known
-PRICE = 0.5  # of a part, for the time of a mean cycle that a robot waits, or is away for longer than that
-LATER = 0.06  # how much less a part is worth that is picked a cycle later
-AGAIN_S = 0.5  # after which parts are assigned anew
+SLOTS_MAX = 40  # planned picks per robot
+CYCLES = 9  # sampled start times between the earliest and the latest one
+PRICE = 0.5  # cost in parts of waiting, or of a longer cycle, by one mean cycle
+LATER = 0.06  # loss of value of a part per cycle of delay
+AGAIN_S = 0.5  # period of new assignments
 
 
 class Reach(NamedTuple):
-    """When the robots of a belt can start to pick each of its parts.
+    """Times at which the robots of a belt can start to pick each part."""
 
-    Attributes
-    ----------
-    earliest_s, latest_s
-        When a robot can start, at the first and at the last; latest before earliest: never; shapes (robots, parts).
-    cycle_s
-        How long it is away if it starts then, at ``CYCLES`` times from the earliest to the latest one; shape (robots,
-        parts, CYCLES).
-
-    """
-
-    earliest_s: Floats
-    latest_s: Floats
-    cycle_s: Floats
+    earliest_s: Floats  # shape (robots, parts)
+    latest_s: Floats  # shape (robots, parts); before the earliest: the robot cannot pick the part
+    cycle_s: (
+        Floats  # cycle time for CYCLES start times from earliest to latest, shape (robots, parts, CYCLES)
+    )
 
     def cycle_at(self, robot: NDArray[np.int64] | int, part: NDArray[np.int64], start_s: Floats) -> Floats:
-        """Return about how long robots are away that start to pick parts at some time [s]; shapes broadcast."""
+        """Return the approximate cycle times of robots that start to pick parts at given times; shapes broadcast."""
         first = self.earliest_s[robot, part]
         span = np.maximum(self.latest_s[robot, part] - first, 1e-9)
-        place = np.clip((CYCLES - 1) * (start_s - first) / span + 0.5, 0.0, CYCLES - 1)
-        found: Floats = self.cycle_s[robot, part, place.astype(np.int64)]
+        index = np.clip((CYCLES - 1) * (start_s - first) / span + 0.5, 0.0, CYCLES - 1)
+        found: Floats = self.cycle_s[robot, part, index.astype(np.int64)]
         return found
 
 
 class Choice(NamedTuple):
-    """A part, and when a robot starts to pick it [s]; part -1: none, look again at that time."""
+    """A part and the time at which a robot starts to pick it [s]; part -1: none, choose again at that time."""
 
     part: int
     start_s: float
@@ -57,29 +49,14 @@ class Choice(NamedTuple):
 
 @dataclass
 class Allocation:
-    """Which parts of a belt are taken, and who takes which next.
-
-    Attributes
-    ----------
-    rule
-        By which parts are allocated.
-    reach, enters_s
-        Of all parts; when each is known.
-    horizon_s
-        How far ahead the optimal rule looks.
-    taken
-        Which parts are taken.
-    free_s
-        When each robot is free.
-
-    """
+    """State of the allocation on one belt."""
 
     rule: Rule
     reach: Reach
-    enters_s: Floats
-    horizon_s: float
-    taken: NDArray[np.bool_] = field(init=False)
-    free_s: Floats = field(init=False)
+    enters_s: Floats  # times at which the parts become known
+    horizon_s: float  # of the optimal rule
+    taken: NDArray[np.bool_] = field(init=False)  # shape (parts,)
+    free_s: Floats = field(init=False)  # time at which each robot is free
 
     def __post_init__(self) -> None:
         robots, parts = self.reach.earliest_s.shape
@@ -87,7 +64,7 @@ class Allocation:
         self.free_s = np.zeros(robots)
         possible = self.reach.latest_s >= self.reach.earliest_s
         self._latest = np.where(possible, self.reach.latest_s, -math.inf)
-        # parts beyond every robot, by the last one and the greatest time that any part needs
+        # running maxima: parts before an index are out of reach of the robot (or of all robots) after this time
         self._gone = np.maximum.accumulate(self._latest, axis=1)
         self._last_gone = self._gone.max(axis=0)
         self._soonest = np.minimum.accumulate(self.reach.earliest_s[:, ::-1], axis=1)[:, ::-1]
@@ -99,12 +76,12 @@ class Allocation:
         self._planned_s = -math.inf
 
     def take(self, robot: int, part: int, until_s: float) -> None:
-        """Let a robot take a part; it is away until some time [s]."""
+        """Assign a part to a robot, which is busy until a time [s]."""
         self.taken[part] = True
         self.free_s[robot] = until_s
 
     def next_for(self, robot: int, now_s: float) -> Choice:
-        """Return which part a robot that is free takes next, and when."""
+        """Return the next part of a free robot and its start time."""
         low = int(np.searchsorted(self._gone[robot], now_s))
         high = int(np.searchsorted(self._soonest[robot], now_s + self.horizon_s, side='right'))
         if low >= high:
@@ -121,11 +98,11 @@ class Allocation:
         if self.rule is Rule.NEAREST:
             best = int(np.argmin(starts + self.reach.cycle_at(robot, found, starts)))
         else:
-            best = int(np.argmin(starts))  # of those that are there: the first, which is farthest along
+            best = int(np.argmin(starts))  # the first of the available parts is the farthest along
         return Choice(int(found[best]), float(starts[best]))
 
     def _later(self, robot: int, now_s: float, low: int, high: int) -> Choice:
-        """Return when a robot looks again that has nothing to do: when the next part that it can pick is there."""
+        """Return no part, and the time at which the next part comes into reach of an idle robot."""
         nearest = math.inf
         for part in range(low, len(self.taken)):
             start = self.reach.earliest_s[robot, part]
@@ -136,13 +113,13 @@ class Allocation:
         return Choice(-1, float(nearest))
 
     def _is_own(self, robot: int, parts: NDArray[np.int64], now_s: float) -> NDArray[np.bool_]:
-        """Whether parts are a robot's own, or missed by those whose they are."""
+        """Return whether parts are assigned to a robot, or were missed by the robot they are assigned to."""
         owner = self._owner[parts]
         own: NDArray[np.bool_] = (owner == robot) | (self._latest[owner, parts] < now_s)
         return own
 
     def _assigned(self, robot: int, now_s: float, found: NDArray[np.int64]) -> Choice:
-        """Return the next part of a robot in the best assignment of all known parts to the next picks of all robots."""
+        """Return the next part of a robot from the best assignment of known parts to the next picks of all robots."""
         plan = self._plan(robot, now_s)
         if not plan and now_s > self._planned_s:
             self._assign(now_s)
@@ -152,7 +129,7 @@ class Allocation:
         return self._later(robot, now_s, int(found[0]), int(found[-1]) + 1)
 
     def _plan(self, robot: int, now_s: float) -> list[int]:
-        """Return the next parts of a robot as far as they still are possible; assigned anew now and then."""
+        """Return the planned parts of a robot that are still possible; the assignment is renewed periodically."""
         if now_s > self._planned_s + AGAIN_S:
             self._assign(now_s)
         plan = self._plans[robot]
@@ -161,7 +138,7 @@ class Allocation:
         return plan
 
     def _assign(self, now_s: float) -> None:
-        """Assign all known parts to the next picks of all robots, so that they are worth most."""
+        """Assign all known parts to the next picks of all robots with the largest total value."""
         self._planned_s = now_s
         low = int(np.searchsorted(self._last_gone, now_s))
         high = int(np.searchsorted(self.enters_s, now_s, side='right'))
@@ -185,7 +162,7 @@ class Allocation:
 
 
 def _in_turn(possible: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return whose each part is: of the robots that can pick it, the one with the fewest so far."""
+    """Return the robot of each part: among those that can pick it, the one with the fewest parts so far."""
     robots, parts = possible.shape
     counts = np.zeros(robots)
     owner = np.zeros(parts, np.int64)

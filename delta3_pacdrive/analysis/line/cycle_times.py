@@ -1,14 +1,14 @@
-"""How long a robot takes from one part to the next: planned, and from tables of plans.
+"""Cycle times of a robot, planned or interpolated in tables of plans.
 
-A cycle begins where the robot has put its last part down. It goes straight above the part while it gets on the belt,
-down, grips, up, leaves the belt on its straight way to the place, and lets go. That is planned as a script plans it:
-the work with the part in the middle of the window as if the belt stood (``program_planner``), beside it the ways on the
-belt and off again (``belt_synchronization``). So a cycle is
+A cycle begins when the robot has released the previous part. The robot moves above the part while it synchronizes with
+the belt, moves down, grips, moves up, leaves the belt on its straight path to the place position, and releases. As in a
+script, the work on the part is planned for a part in the middle of the window of a stopped belt (``program_planner``),
+and synchronization separately (``belt_synchronization``). The cycle time is
 
     max(on(p), first(y)) + work(y) + max(off(d), back(y)) + release + decisions
 
-with p where the part is when the robot starts, d where it is when the work is done, and y how far beside the middle it
-lies. Each term has one argument: it is a table.
+with the position p of the part at the start of the cycle, its position d at the end of the work, and its distance y
+from the middle of the belt. Each term has one argument and is tabulated.
 """
 
 import math
@@ -25,38 +25,24 @@ from delta3_pacdrive.motion.belt_meeting import AHEAD_S, transition_off
 from delta3_pacdrive.motion.belt_synchronization import ZERO, Motion, TrackLimits, transition_between
 from delta3_pacdrive.numerics.types import Floats
 
-ALONG_STEP_M = 1e-2  # between two places along the belt in a table
+ALONG_STEP_M = 1e-2  # grid spacing along the belt
 ACROSS_STEP_M = 5e-3
-ACROSS_MIN = 5  # places across the belt
-BEFORE_M = 0.3  # the tables begin so far before the window: a robot starts before the part is in it
+ACROSS_MIN = 5  # grid points across the belt
+BEFORE_M = 0.3  # tables begin this far before the window: a robot starts before the part is in it
 Statement = dict[str, object]
 
 
 class Planned(NamedTuple):
-    """The parts of a cycle that depend on where a part lies across the belt [s].
+    """Parts of a cycle that depend on the position of the part across the belt [s]."""
 
-    Attributes
-    ----------
-    first, work, back
-        From the place to above the part; down, grip and up; back to the place.
-
-    """
-
-    first: float
-    work: float
-    back: float
+    first: float  # from the place position to above the part
+    work: float  # down, grip and up
+    back: float  # to the place position
 
 
 @dataclass(frozen=True)
 class Station:
-    """A robot at its belt, with parts of one type.
-
-    Attributes
-    ----------
-    line, belt, robot, kind
-        Whose cycles are planned.
-
-    """
+    """Robot at a belt with parts of one type."""
 
     line: Line
     belt: LineBelt
@@ -65,18 +51,11 @@ class Station:
 
     @property
     def reference_m(self) -> float:
-        """Where plans have the part, along the belt from the middle of the base on: in the middle of the window."""
+        """Position of the part in plans, along the belt from the middle of the base: the middle of the window."""
         return 0.5 * (self.robot.window.begin_m + self.robot.window.end_m)
 
     def planned(self, across_m: float) -> Planned:
-        """Plan a cycle with a part so far beside the middle of the belt.
-
-        Raises
-        ------
-        LineError
-            The robot cannot drive it.
-
-        """
+        """Plan a cycle for a part at a distance from the middle of the belt; raises LineError."""
         line, robot = self.line, self.robot
         x, y, z = robot.middle_m
         top = [x + self.reference_m, y + across_m, z + self.kind.height_m]
@@ -109,32 +88,32 @@ class Station:
             raise LineError(f'{self.robot.name} cannot pick {self.kind.name}: {error}') from error
 
     def cycle_s(self, across_m: float, part_m: float) -> float:
-        """Plan a whole cycle: how long it takes from one start to the next [s]; raises LineError."""
+        """Plan a whole cycle and return the time from one start to the next [s]; raises LineError."""
         planned, speed, limits = self.planned(across_m), self.belt.speed_m_s, self.line.limits
         part = part_m - self.reference_m
-        gets_on = max(on_s(part, speed, limits), planned.first) + planned.work
-        left = off_s(part + speed * gets_on, speed, limits)
-        return gets_on + max(left, planned.back) + self.line.release_s + self.line.decision_s
+        picked = max(on_s(part, speed, limits), planned.first) + planned.work
+        left = off_s(part + speed * picked, speed, limits)
+        return picked + max(left, planned.back) + self.line.release_s + self.line.decision_s
 
 
 def on_s(part_m: float, speed_m_s: float, limits: TrackLimits) -> float:
-    """Return how long it takes to get on a belt if the part is there, from the reference on, at the start [s]."""
-    behind = Motion((-part_m, 0.0, 0.0), (-speed_m_s, 0.0, 0.0))
-    return transition_between(behind, Motion(ZERO), limits, speed_m_s).duration_s + AHEAD_S
+    """Return the time to synchronize with a belt [s]; ``part_m`` is relative to the reference, at the start."""
+    relative = Motion((-part_m, 0.0, 0.0), (-speed_m_s, 0.0, 0.0))
+    return transition_between(relative, Motion(ZERO), limits, speed_m_s).duration_s + AHEAD_S
 
 
 def off_s(done_m: float, speed_m_s: float, limits: TrackLimits) -> float:
-    """Return how long it takes to leave a belt if the part was there, from the reference on, at the end [s]."""
+    """Return the time to leave a belt [s]; ``done_m`` is relative to the reference, at the end of the work."""
     return transition_off(Motion((done_m, 0.0, 0.0), (speed_m_s, 0.0, 0.0)), limits).duration_s + AHEAD_S
 
 
 @lru_cache(maxsize=64)
-def _ways(
+def _synchronization(
     limits: TrackLimits, speed_m_s: float, low_m: float, high_m: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return places from the reference on [m], and how long it takes to get on and off a belt there [s].
+    """Return positions relative to the reference [m], and the times to get on and off a belt there [s].
 
-    Robots with windows of the same length have them in common.
+    The cache is shared by robots with windows of the same length.
     """
     along = np.linspace(low_m, high_m, round((high_m - low_m) / ALONG_STEP_M) + 1)
     on = np.array([on_s(float(p), speed_m_s, limits) for p in along])
@@ -142,19 +121,12 @@ def _ways(
 
 
 def _up(length_m: float) -> float:
-    """Return a length as a whole number of steps of 50 mm."""
+    """Round a length up to a multiple of 50 mm."""
     return 0.05 * math.ceil(length_m / 0.05)
 
 
 class CycleTable:
-    """The cycles of a station, from tables.
-
-    Parameters
-    ----------
-    station
-        Whose cycles are planned; raises LineError for one that cannot be.
-
-    """
+    """Cycle times of a station from tables; raises LineError if its cycles cannot be planned."""
 
     def __init__(self, station: Station) -> None:
         belt, window = station.belt, station.robot.window
@@ -163,12 +135,12 @@ class CycleTable:
         tcp_most = station.line.parameters.motion.tcp_speed_limit_m_s
         if self._speed >= most:
             raise LineError(
-                f'belt {belt.name} runs at {self._speed:g} m/s, but its robots at {most:g} m/s at most'
+                f'belt {belt.name} runs at {self._speed:g} m/s, but the limit of its robots is {most:g} m/s'
             )
         if self._speed + most > tcp_most:
             raise LineError(
-                f'belt {belt.name} runs at {self._speed:g} m/s and its robots at up to {most:g} m/s beside it, '
-                f'but motion.tcp_speed_limit_m_s of {station.robot.name} is {tcp_most:g}'
+                f'belt {belt.name} runs at {self._speed:g} m/s and its robots move relative to it at up to {most:g} '
+                f'm/s, but motion.tcp_speed_limit_m_s of {station.robot.name} is {tcp_most:g}'
             )
         count = max(ACROSS_MIN, 2 * round(belt.spread_m / ACROSS_STEP_M) + 1) if belt.spread_m else 1
         self._across = np.linspace(-belt.spread_m, belt.spread_m, count)
@@ -176,9 +148,9 @@ class CycleTable:
         far = self._speed * float(self._planned.sum(axis=1).max())
         half = 0.5 * (window.end_m - window.begin_m)
         low, high = -_up(half + BEFORE_M + far), _up(half + far)
-        along, self._on, self._off = _ways(station.line.limits, self._speed, low, high)
+        along, self._on, self._off = _synchronization(station.line.limits, self._speed, low, high)
         self._along = along + station.reference_m
-        # where a part is met that is there when the robot starts: it grows with that, if it takes long to get on
+        # position at which a part is met; made monotonic for interpolation
         self._met = np.maximum.accumulate(self._along + self._speed * self._on)
 
     def _of_across(self, across_m: Floats) -> tuple[Floats, Floats, Floats]:
@@ -186,30 +158,30 @@ class CycleTable:
         return first, work, back
 
     def starts_m(self, across_m: Floats) -> tuple[Floats, Floats]:
-        """Return where parts may be when the robot starts [m]: from where on, and up to where; shapes as given.
+        """Return the range of part positions in which the robot can start [m]; shapes as given.
 
-        If the first is beyond the second, the robot cannot pick the part.
+        The range is empty (begin > end) if the robot cannot pick the part.
         """
         window, v = self.station.robot.window, self._speed
         first, work, _ = self._of_across(across_m)
-        by_way = np.interp(window.begin_m, self._met, self._along)
-        earliest = np.minimum(by_way, window.begin_m - v * first)
+        by_belt = np.interp(window.begin_m, self._met, self._along)
+        earliest = np.minimum(by_belt, window.begin_m - v * first)
         last_met = window.end_m - v * work
         latest = np.minimum(np.interp(last_met, self._met, self._along), last_met - v * first)
         return earliest, latest
 
     def cycles_s(self, across_m: Floats, part_m: Floats) -> Floats:
-        """Return how long cycles take from one start to the next [s]; shapes as given."""
+        """Return the times from one start to the next [s]; shapes as given."""
         first, work, back = self._of_across(across_m)
-        gets_on = np.maximum(np.interp(part_m, self._along, self._on), first) + work
-        done = part_m + self._speed * gets_on
+        picked = np.maximum(np.interp(part_m, self._along, self._on), first) + work
+        done = part_m + self._speed * picked
         back = np.maximum(np.interp(done, self._along, self._off), back)
-        cycles: Floats = gets_on + back + self.station.line.release_s + self.station.line.decision_s
+        cycles: Floats = picked + back + self.station.line.release_s + self.station.line.decision_s
         return cycles
 
 
 def check(table: CycleTable, plans: int, seed: int) -> Floats:
-    """Return how far cycles of the table are from real plans of the same cycles, drawn by a seed [s]."""
+    """Return the errors of tabulated cycle times against plans of the same random cycles [s]."""
     draw = np.random.default_rng(seed)
     spread = table.station.belt.spread_m
     across = draw.uniform(-spread, spread, plans)

@@ -1,4 +1,4 @@
-"""Figures of a line: what the robots do, and what comes and is missed over the shift."""
+"""Figures of a line: load of the robots, and arrived, picked and missed parts over the shift."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 ROBOTS, MINUTES = 'robots.png', 'minutes.png'
 MISSED = '#d92d3a'
-POINTS_MAX = 60  # of a curve: longer shifts are drawn in longer steps
+POINTS_MAX = 60  # of a curve; longer shifts are drawn in longer steps
 
 
 def by_name(results: Results) -> Drawings:
-    """Return what draws each figure, by the name of its file."""
+    """Return the drawing functions of the figures by file name."""
     return {ROBOTS: partial(robots_figure, results), MINUTES: partial(minutes_figure, results)}
 
 
 def robots_figure(results: Results) -> Figure:
-    """Picks a minute of each robot, and the share of the shift in which it worked."""
+    """Draw the picks per minute of each robot, and the share of the shift in which it worked."""
     figure = titled_figure(f'{results.line.name}: robots', 3.4)
     shift_min = results.line.shift_s / MINUTE_S
     names = [name for belt in results.belts for name in belt.robots]
@@ -44,7 +44,7 @@ def robots_figure(results: Results) -> Figure:
 
 
 def minutes_figure(results: Results) -> Figure:
-    """Parts that came, and those that were missed, a minute, over the shift."""
+    """Draw arrived, picked and missed parts per minute over the shift."""
     figure = titled_figure(f'{results.line.name}: parts', 1.0 + 2.2 * len(results.belts))
     for n, belt in enumerate(results.belts, start=1):
         axes = figure.add_subplot(len(results.belts), 1, n)

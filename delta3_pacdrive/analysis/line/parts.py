@@ -1,4 +1,4 @@
-"""The parts of a shift: when each comes onto its belt, how far beside the middle it lies, and of which type it is."""
+"""Random parts of a shift: arrival times, distances from the middle of the belt, types."""
 
 import zlib
 from typing import NamedTuple
@@ -9,30 +9,19 @@ from numpy.typing import NDArray
 from delta3_pacdrive.analysis.line.design import Line, LineBelt
 from delta3_pacdrive.numerics.types import Floats
 
-SPACING_MIN = 0.1  # of the mean one: parts do not lie upon each other
+SPACING_MIN = 0.1  # relative to the mean: parts do not overlap
 
 
 class Parts(NamedTuple):
-    """Parts of a belt, in the order in which they come.
+    """Parts of a belt in the order of their arrival."""
 
-    Attributes
-    ----------
-    enters_s
-        When each is at 0 m [s].
-    across_m
-        How far beside the middle, to the left [m].
-    kind
-        Number of its type.
-
-    """
-
-    enters_s: Floats
-    across_m: Floats
-    kind: NDArray[np.int64]
+    enters_s: Floats  # arrival at 0 m
+    across_m: Floats  # distance from the middle of the belt, positive to the left
+    kind: NDArray[np.int64]  # index of the type
 
 
 def of_belt(line: Line, belt: LineBelt) -> Parts:
-    """Return the parts of a shift; the same seed and belt give the same parts, whatever else the line has."""
+    """Return the parts of a shift; they depend on the seed and the belt only."""
     draw = np.random.default_rng([line.seed, zlib.crc32(belt.name.encode())])
     mean_s = 60.0 / belt.rate_per_min
     count = int(line.shift_s / mean_s * (1.0 + belt.noise)) + 10

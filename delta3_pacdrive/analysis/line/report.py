@@ -5,17 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.line.shift import NOBODY, BeltShift, Miss
+from delta3_pacdrive.analysis.line.shift import NO_ROBOT, BeltShift, Miss
 from delta3_pacdrive.analysis.line.study import Results
 from delta3_pacdrive.analysis.report_folder import Table
 
 TABLES = ('robots.csv', 'minutes.csv', 'missed.csv', 'picks.csv')
-ROWS_MAX = 20_000  # of tables for people
+ROWS_MAX = 20_000  # of tables of parts
 MINUTE_S = 60.0
 
 
 def summary(results: Results) -> dict[str, Any]:
-    """Return the summary of a shift, ready for JSON."""
+    """Return the summary of a shift for JSON."""
     line = results.line
     belts = [_belt(belt, results) for belt in results.belts]
     offered, picked = (sum(belt[key] for belt in belts) for key in ('offered', 'picked'))
@@ -65,7 +65,7 @@ def _share(picked: int, offered: int) -> float:
 
 
 def text(document: dict[str, Any]) -> Iterator[str]:
-    """Return the summary in lines for people."""
+    """Return the summary as lines of text."""
     yield (
         f'{document["line"]}: {document["hours"]:g} h, {document["rule"]}, seed {document["seed"]}: '
         f'{document["picked"]} of {document["offered"]} parts picked, {100.0 * document["share"]:.2f} %, '
@@ -74,7 +74,7 @@ def text(document: dict[str, Any]) -> Iterator[str]:
     tables = document['tables']
     if tables['plans']:
         error = 1e3 * tables['error_max_s']
-        yield f'cycle times from tables, at most {error:.3f} ms from {tables["plans"]} real plans'
+        yield f'cycle times from tables; largest error {error:.3f} ms against {tables["plans"]} plans'
     for belt in document['belts']:
         yield ''
         yield f'belt {belt["belt"]}: {belt["picked"]} of {belt["offered"]}, {100.0 * belt["share"]:.2f} %'
@@ -89,14 +89,14 @@ def text(document: dict[str, Any]) -> Iterator[str]:
 
 
 _EXPLAINED = {
-    str(Miss.OUT_OF_REACH): 'out of reach: in no window there is time to pick them',
-    str(Miss.BUSY): 'while every robot that could have picked them worked on others',
-    str(Miss.LEFT): 'left by the rule, though a robot was free',
+    str(Miss.OUT_OF_REACH): 'out of reach: no window is long enough to pick them',
+    str(Miss.BUSY): 'while all robots that could have picked them were busy',
+    str(Miss.LEFT): 'not allocated by the rule, though a robot was free',
 }
 
 
 def tables(results: Results) -> list[Table]:
-    """Return the tables of a shift; those of parts have the first ones only, if there are very many."""
+    """Return the tables of a shift; those of parts are limited to ``ROWS_MAX`` rows."""
     robots = [
         {'belt': belt.belt, **_robot(name, belt, belt.robot == number, results.line.shift_s)}
         for belt in results.belts
@@ -135,10 +135,10 @@ def _minutes(belt: BeltShift, shift_s: float) -> list[list[Any]]:
 
 
 def by_minute(belt: BeltShift, shift_s: float) -> tuple[Any, Any, Any]:
-    """Return how many of the parts that came in each minute there are, are picked and are missed."""
+    """Return the numbers of arrived, picked and missed parts by minute of arrival."""
     edges = np.arange(0.0, shift_s + MINUTE_S, MINUTE_S)
     enters = belt.parts.enters_s
     return tuple(  # type: ignore[return-value]
         np.histogram(enters[which], edges)[0]
-        for which in (belt.offered, belt.robot != NOBODY, belt.missed != '')
+        for which in (belt.offered, belt.robot != NO_ROBOT, belt.missed != '')
     )

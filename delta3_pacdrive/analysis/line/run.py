@@ -1,4 +1,4 @@
-"""A line from its file to its folder: tables of cycles, the shift, report."""
+"""Study of a line: tables of cycle times, simulation of the shift, report."""
 
 import time
 from dataclasses import dataclass, field, replace
@@ -19,19 +19,19 @@ from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.configuration.checked import expected
 from delta3_pacdrive.errors import LineError, shown
 
-ERROR_MAX_S = 2e-3  # of a table
+ERROR_MAX_S = 2e-3  # of a tabulated cycle time
 
 
 @dataclass
 class Study(studies.Study):
-    """The study is one shift of a line."""
+    """Study of one shift of a line."""
 
     settings: Settings
     line: Line = field(init=False)
     results: Results | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        """Read the line; raises Delta3Error."""
+        """Read the specification of the line; raises Delta3Error."""
         settings, self.line = self.settings, specification.load(self.settings.specification)
         line = self.line
         self.line = replace(
@@ -42,7 +42,7 @@ class Study(studies.Study):
         )
 
     def run(self) -> dict[str, Any]:
-        """Simulate the shift, write everything into the folder, return the report; raises Delta3Error."""
+        """Simulate the shift, write the results to the folder and return the report; raises Delta3Error."""
         results = self.results = self.simulated()
         folder = ReportFolder(self.folder, self._provenance())
         folder.clear([*report.TABLES, figures.ROBOTS, figures.MINUTES])
@@ -70,7 +70,7 @@ class Study(studies.Study):
         return Results(self.line, belts, check, time.monotonic() - start)
 
     def require_robot(self, robot: str, minute: int) -> None:
-        """Raise LineError if the line has no such robot, or its shift no such minute."""
+        """Raise LineError if the line does not have this robot or the shift is shorter than this minute."""
         names = [one.name for one in self.line.robots]
         if robot not in names:
             raise LineError(f'unknown robot {shown(robot)}, {expected(robot, names)}')
@@ -78,12 +78,12 @@ class Study(studies.Study):
             raise LineError(f'minute is {minute}, but the shift ends after {self.line.shift_s / MINUTE_S:g}')
 
     def belt_of(self, robot: str) -> BeltShift:
-        """Return what has become of the parts of a robot's belt, once the study has run."""
+        """Return the results for the belt of a robot; the study must have run."""
         belts = () if self.results is None else self.results.belts
         return next(belt for belt in belts if robot in belt.robots)
 
     def _tables(self) -> dict[str, list[list[CycleTable]]]:
-        """Return the tables of all robots by belt, each with one of each type of parts."""
+        """Return the tables by belt, one for each robot and type of parts."""
         line, made = self.line, {}
         for belt in line.belts:
             rows = []
@@ -94,17 +94,17 @@ class Study(studies.Study):
         return made
 
     def _checked(self, tables: list[CycleTable]) -> Check:
-        """Compare the tables with real plans, shared among them; raises LineError if they are off."""
+        """Check random cycles of all tables against plans; raises LineError if an error is too large."""
         plans = self.settings.plans
         worst = 0.0
         for number, table in enumerate(tables):
-            self.on_progress('real plans', number * plans // len(tables), plans)
+            self.on_progress('plans for comparison', number * plans // len(tables), plans)
             own = (number + 1) * plans // len(tables) - number * plans // len(tables)
             if own:
                 worst = max(worst, float(np.abs(cycle_times.check(table, own, self.line.seed)).max()))
         if worst > ERROR_MAX_S:
             raise LineError(
-                f'the tables of cycle times are {1e3 * worst:.2f} ms from real plans, but must be within '
+                f'the tables of cycle times deviate by {1e3 * worst:.2f} ms from plans, but must be within '
                 f'{1e3 * ERROR_MAX_S:g} ms'
             )
         return Check(plans, worst)

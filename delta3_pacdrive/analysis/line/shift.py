@@ -1,4 +1,4 @@
-"""A shift: robots are free, take parts, and are away for a cycle. From event to event, without a bus."""
+"""Event simulation of a shift without a bus: free robots take parts and are busy for a cycle."""
 
 import heapq
 import math
@@ -15,71 +15,53 @@ from delta3_pacdrive.analysis.line.parts import Parts
 from delta3_pacdrive.analysis.study import OnProgress, silent
 from delta3_pacdrive.numerics.types import Floats
 
-NOBODY = -1
-TELL = 4096  # events between two reports of progress
-IDLE_S = 1e-9  # shorter than that nobody is idle
+NO_ROBOT = -1
+PROGRESS_EVENTS = 4096  # events between two reports of progress
+IDLE_S = 1e-9  # shorter gaps do not count as idle time
 
 
 class Miss(StrEnum):
-    """Why a part is missed."""
+    """Reason why a part is missed."""
 
-    OUT_OF_REACH = 'out of reach'  # no robot can pick it: it is too short in every window
-    BUSY = 'all busy'  # every robot that could have picked it worked on others as long as it could
-    LEFT = 'left'  # a robot was free, and the rule gave it another part, or none
+    OUT_OF_REACH = 'out of reach'  # every window is too short to pick it
+    BUSY = 'all busy'  # every robot that could have picked it was busy while it could
+    LEFT = 'left'  # a robot was free, but the rule gave it another part or none
 
 
 @dataclass(frozen=True)
 class BeltShift:
-    """What has become of the parts of a belt.
-
-    Attributes
-    ----------
-    belt
-        Its name.
-    robots
-        Names of its robots.
-    parts
-        That came.
-    robot
-        Number of the robot that picked each part; -1: none.
-    start_s, cycle_s
-        When that started, and how long it was away; nan for parts that nobody picked.
-    offered
-        Which parts count: those that the last robot could have picked before the end, and those that were picked.
-    missed
-        Why each part that counts was missed; empty if it was not.
-
-    """
+    """Results of a shift on one belt."""
 
     belt: str
-    robots: tuple[str, ...]
+    robots: tuple[str, ...]  # names
     parts: Parts
-    robot: NDArray[np.int64]
-    start_s: Floats
-    cycle_s: Floats
+    robot: NDArray[np.int64]  # index of the robot that picked each part, or NO_ROBOT
+    start_s: Floats  # of the cycle; nan for parts that were not picked
+    cycle_s: Floats  # duration of the cycle; nan likewise
+    # parts that count: the last robot could have picked them before the end of the shift, or they were picked
     offered: NDArray[np.bool_]
-    missed: NDArray[np.str_]
+    missed: NDArray[np.str_]  # reason for each part that counts and was missed, else empty
 
 
 def simulate(
     line: Line, belt: LineBelt, parts: Parts, tables: list[list[CycleTable]], show: OnProgress = silent
 ) -> BeltShift:
-    """Let the robots of a belt work for a shift.
+    """Simulate the robots of a belt during a shift.
 
     Parameters
     ----------
     line, belt, parts
-        The line, one of its belts, and the parts on that.
+        Line, one of its belts, and the parts on that belt.
     tables
-        Of the robots of the belt, in its order, and of each type of parts.
+        Cycle times of each robot of the belt, in the order along it, and of each type of parts.
     show
-        Is told how far it is.
+        Callback for the progress.
 
     """
     robots = line.robots_of(belt.name)
     reach = reach_of(belt, parts, tables)
     allocation = Allocation(line.rule, reach, parts.enters_s, line.horizon_s)
-    taken_by = np.full(len(parts.kind), NOBODY)
+    taken_by = np.full(len(parts.kind), NO_ROBOT)
     starts, cycles = np.full(len(parts.kind), math.nan), np.full(len(parts.kind), math.nan)
     events = [(0.0, number) for number in range(len(robots))]
     heapq.heapify(events)
@@ -89,28 +71,35 @@ def simulate(
         if now >= line.shift_s:
             continue
         done += 1
-        if done % TELL == 0:
+        if done % PROGRESS_EVENTS == 0:
             show(f'belt {belt.name}', int(now), int(line.shift_s))
         part, start = allocation.next_for(robot, now)
         if part < 0 or start > now:
-            # it looks again then: until then another robot may take the part
+            # choose again at that time: another robot may take the part before
             heapq.heappush(events, (max(start, now + IDLE_S), robot))
             continue
-        place = belt.speed_m_s * (now - parts.enters_s[part]) - robots[robot].at_m
+        position = belt.speed_m_s * (now - parts.enters_s[part]) - robots[robot].at_m
         table = tables[robot][parts.kind[part]]
-        cycle = float(table.cycles_s(parts.across_m[part], np.float64(place)))
+        cycle = float(table.cycles_s(parts.across_m[part], np.float64(position)))
         allocation.take(robot, part, now + cycle)
         taken_by[part], starts[part], cycles[part] = robot, now, cycle
         heapq.heappush(events, (now + cycle, robot))
     latest = np.where(reach.latest_s >= reach.earliest_s, reach.latest_s, -math.inf)
     offered = (taken_by >= 0) | (reach.latest_s.max(axis=0) < line.shift_s)
-    missed = _reasons(reach.earliest_s, latest, taken_by, starts, cycles, offered)
-    names = tuple(robot.name for robot in robots)
-    return BeltShift(belt.name, names, parts, taken_by, starts, cycles, offered, missed)
+    return BeltShift(
+        belt=belt.name,
+        robots=tuple(robot.name for robot in robots),
+        parts=parts,
+        robot=taken_by,
+        start_s=starts,
+        cycle_s=cycles,
+        offered=offered,
+        missed=_reasons(reach.earliest_s, latest, taken_by, starts, cycles, offered),
+    )
 
 
 def reach_of(belt: LineBelt, parts: Parts, tables: list[list[CycleTable]]) -> Reach:
-    """Return when each robot of a belt can start to pick each part."""
+    """Return the times at which each robot of a belt can start to pick each part."""
     shape = len(tables), len(parts.kind)
     earliest, latest, cycle = np.empty(shape), np.empty(shape), np.empty((*shape, CYCLES))
     for row, of_robot in enumerate(tables):
@@ -119,7 +108,7 @@ def reach_of(belt: LineBelt, parts: Parts, tables: list[list[CycleTable]]) -> Re
             across, enters = parts.across_m[which], parts.enters_s[which]
             first, last = table.starts_m(across)
             at_m = table.station.robot.at_m
-            # a part is known when it comes onto the belt
+            # a part is known from its arrival on
             earliest[row, which] = enters + np.maximum(first + at_m, 0.0) / belt.speed_m_s
             latest[row, which] = enters + (last + at_m) / belt.speed_m_s
             starts = np.linspace(first, np.maximum(first, last), CYCLES, axis=1)
@@ -135,7 +124,7 @@ def _reasons(
     cycles: Floats,
     offered: NDArray[np.bool_],
 ) -> NDArray[np.str_]:
-    """Say of each part why it was missed."""
+    """Return the reason why each part was missed."""
     missed = offered & (taken_by < 0)
     reasons = np.where(missed, str(Miss.BUSY), '').astype(f'U{max(map(len, Miss))}')
     reasons[missed & np.isneginf(latest).all(axis=0)] = Miss.OUT_OF_REACH
@@ -143,7 +132,7 @@ def _reasons(
         own = np.sort(starts[taken_by == robot])
         order = np.argsort(starts[taken_by == robot])
         ends = own + cycles[taken_by == robot][order]
-        # the instants from which on the robot was free, and when it took the next part
+        # intervals in which the robot was free
         free_from, free_to = np.append(0.0, ends), np.append(own, math.inf)
         idle = free_to - free_from > IDLE_S
         free_from, free_to = free_from[idle], free_to[idle]

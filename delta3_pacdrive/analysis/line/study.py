@@ -1,4 +1,4 @@
-"""What the study of a line depends on, and what it finds: data only."""
+"""Settings and results of the study of a line."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,61 +9,29 @@ from delta3_pacdrive.analysis.line.shift import BeltShift
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of the study of a line.
-
-    Attributes
-    ----------
-    specification
-        Its file.
-    rule, seed, hours
-        Instead of those of the file; None: those.
-    plans
-        Real plans that the tables of cycles are checked against.
-
-    """
+    """Settings of the study of a line."""
 
     specification: Path
+    # override the values of the file
     rule: Rule | None = None
     seed: int | None = None
     hours: float | None = None
-    plans: int = 100
+    plans: int = 100  # number of plans that the tables of cycles are checked against
 
 
 @dataclass(frozen=True)
 class Check:
-    """How far tables of cycles are from real plans.
-
-    Attributes
-    ----------
-    plans
-        That were made.
-    error_max_s
-        The greatest difference [s]; 0 without plans.
-
-    """
+    """Deviation of tabulated cycle times from plans."""
 
     plans: int
-    error_max_s: float
+    error_max_s: float  # 0 without plans
 
 
 @dataclass(frozen=True)
 class Results:
-    """A shift of a line.
+    """Results of a shift of a line."""
 
-    Attributes
-    ----------
-    line
-        As it was simulated.
-    belts
-        What has become of the parts of each belt.
-    check
-        Of the tables.
-    seconds
-        That the shift took, without tables.
-
-    """
-
-    line: Line
+    line: Line  # as simulated
     belts: tuple[BeltShift, ...]
-    check: Check
-    seconds: float
+    check: Check  # of the tables
+    seconds: float  # computing time of the shift, without tables

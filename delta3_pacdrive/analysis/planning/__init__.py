@@ -1,1 +1,1 @@
-"""What the planner made of a program: path, speed, acceleration, jerk, motors, margins, and what limits each move."""
+"""Evaluation of a planned program: path, speed, acceleration, jerk, motors, margins, and the limit of each move."""

@@ -1,4 +1,4 @@
-"""A planned program over time, and move by move with what limits each."""
+"""Evaluation of a planned program over time, and of each move with its limits."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -43,17 +43,17 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 STEP_S, SAMPLES_MIN, SAMPLES_MAX = 1e-3, 200, 4000  # of a move
-SAMPLES_KEPT = 400_000  # of a plan over time: 150 MB
-BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase
-AT_LIMIT = 0.95  # of a limit: from there on it is used up
+SAMPLES_KEPT = 400_000  # of a plan: 150 MB
+BEFORE = 1e-9  # offset of the sample before the end of a phase, relative to the duration of a move
+AT_LIMIT = 0.95  # share from which a limit counts as used up
 QUANTITIES = tuple(Quantity)
-LIMITING = QUANTITIES[:-3]  # of a single sample
+LIMITING = QUANTITIES[:-3]  # quantities that limit single samples
 STANDING_M_S = 1e-9
 
 
 @dataclass(frozen=True)
 class _Part:
-    """One move over its own time."""
+    """One move with its samples."""
 
     move: Move
     times: Floats
@@ -61,18 +61,18 @@ class _Part:
     samples: Floats
     coefficients: Floats
     dynamics: PathDynamics
-    limits: tuple[Floats, Floats, Floats] | None
+    limits: tuple[Floats, Floats, Floats] | None  # speed, acceleration and jerk of the TCP
     limiters: tuple[Limiter, ...]
-    leading: NDArray[np.int64]  # number of the limiter, -1 for the time given
+    leading: NDArray[np.int64]  # index of the leading limiter
 
 
 def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = silent) -> PlanStudy:
-    """Evaluate the first round of a planned program; of a long one only so many samples are kept as figures need."""
+    """Evaluate the first round of a planned program; the samples of a long program are thinned."""
     count = planned.first_round
     numbers, starts = planned.plan.tables.order[:count].tolist(), planned.plan.tables.starts[:count].tolist()
     in_all = sum(_steps(planned.plan.moves[number]) for number in numbers)
     stride = -(-in_all // SAMPLES_KEPT)
-    rows, pieces, gone_m = [], [], 0.0
+    rows, pieces, distance_m = [], [], 0.0
     energies: dict[int, Energy] = {}
     for n, (number, start_s) in enumerate(zip(numbers, starts, strict=True)):
         on_progress('evaluating', n, count)
@@ -80,13 +80,13 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
         energies[number] = energy(part.dynamics, parameters)
         length_m = _length(part)
         rows.append(_row(n, planned, number, part, start_s, length_m, parameters))
-        pieces.append(_thinned(_piece(n, part, start_s, gone_m, planned, parameters), stride))
-        gone_m += length_m
+        pieces.append(_thinned(_piece(n, part, start_s, distance_m, planned, parameters), stride))
+        distance_m += length_m
     return PlanStudy(planned, _joined(pieces), tuple(rows), _energy_of_round(planned, energies, parameters))
 
 
 def _energy_of_round(planned: Planned, known: dict[int, Energy], parameters: Parameters) -> Energy:
-    """Return the mean energy of a round, over all of them; ``known`` are those of moves by their numbers."""
+    """Return the mean energy per round; ``known`` contains energies of moves by number."""
     total = Energy()
     for number, count in zip(*np.unique(planned.plan.tables.order, return_counts=True), strict=True):
         one = known.get(int(number)) or energy(_part(planned, int(number), parameters).dynamics, parameters)
@@ -95,7 +95,7 @@ def _energy_of_round(planned: Planned, known: dict[int, Energy], parameters: Par
 
 
 def of_program(program: Program, parameters: Parameters, on_progress: OnProgress = silent) -> PlanStudy:
-    """Plan a program from where it starts, else from home, and evaluate it; raises ProgramError."""
+    """Plan a program from its start, or from home, and evaluate it; raises ProgramError."""
     start = parameters.motion.home_m if program.start_m is None else program.start_m
     planned = plan(program, start, parameters, progress=partial(on_progress, 'planning'))
     return study(planned, parameters, on_progress)
@@ -105,7 +105,7 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     move, stretches = planned.plan.moves[number], planned.stretches[number]
     times = _times(move, _passed_s(planned, number))
     master = sample_master(times, move.master)
-    # the end is reached as the last phase goes on
+    # the last sample belongs to the last phase, not to the standstill after it
     master[-1, 1:] = sample_master([(1.0 - BEFORE) * move.duration_s], move.master)[0, 1:]
     samples = move.sample(master[:, 0])
     payload, carried = _payloads(move, master[:, 0])
@@ -122,19 +122,19 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
     leading = np.asarray(np.argmax([one.stretch for one in found], axis=0))
     if move.kind not in (*STANDING, *TIMED, MoveKind.TURN):
         heat = limiters.of_rms_current(times, planned.rms_current_a, parameters.motor.nominal_current_a)
-        if heat is not None:  # it keeps a move from being faster where nothing else does
+        if heat is not None:  # leads where no other limit is used up
             leading[np.maximum.reduce([one.used for one in found]) < AT_LIMIT] = len(found)
             found += (heat,)
     return _Part(move, times, master, samples, coefficients, dynamics, limits, found, leading)
 
 
 def _steps(move: Move) -> int:
-    """Return how many even steps a move is evaluated in."""
+    """Return the number of equidistant steps in which a move is evaluated."""
     return min(max(math.ceil(move.duration_s / STEP_S), SAMPLES_MIN), SAMPLES_MAX)
 
 
 def _passed_s(planned: Planned, number: int) -> Floats:
-    """Return the times at which a blended sequence ends the part of each statement [s]; none for another move."""
+    """Return the end time [s] of each statement of a blended sequence; empty for other moves."""
     parts = planned.parts[number] if planned.parts else ()
     move = planned.plan.moves[number]
     if not parts:
@@ -145,7 +145,7 @@ def _passed_s(planned: Planned, number: int) -> Floats:
 
 
 def _times(move: Move, passed_s: Floats) -> Floats:
-    """Return even times and both sides of the ends of phases; of a sequence also where its speed is extreme."""
+    """Return equidistant times and both sides of phase boundaries; for a sequence also those of extreme speeds."""
     duration, joints = move.duration_s, move.master[1:, 0]
     even = np.linspace(0.0, duration, _steps(move) + 1)
     if len(joints) > SAMPLES_MAX and not len(passed_s):
@@ -155,7 +155,7 @@ def _times(move: Move, passed_s: Floats) -> Floats:
 
 
 def statement_rows(planned: Planned, number: int, parameters: Parameters) -> tuple[StatementRow, ...]:
-    """Return the statements of a blended sequence; none for another move."""
+    """Return the statements of a blended sequence; empty for other moves."""
     if not planned.parts[number]:
         return ()
     return _statement_rows(planned, number, _part(planned, number, parameters), parameters)
@@ -173,13 +173,13 @@ def _statement_rows(
         speed = part.dynamics.tcp_speed_m_s[own]
         rows.append(
             StatementRow(
-                name,
-                begin_s,
-                end_s - begin_s,
-                end_m - begin_m,
-                float(speed.min()),
-                float(speed.max()),
-                of_whole or _uses(part, own, weights[own] / weights[own].sum())[0],
+                name=name,
+                start_s=begin_s,
+                duration_s=end_s - begin_s,
+                length_m=end_m - begin_m,
+                speed_min_m_s=float(speed.min()),
+                speed_max_m_s=float(speed.max()),
+                limited_by=of_whole or _uses(part, own, weights[own] / weights[own].sum())[0],
             )
         )
         first, begin_s, begin_m = last, end_s, end_m
@@ -187,16 +187,16 @@ def _statement_rows(
 
 
 def _payloads(move: Move, distance_m: Floats) -> tuple[NDArray[np.int64], tuple[float, ...]]:
-    """Return the number of the payload that is carried at each distance, and the payloads [kg]."""
+    """Return the index of the payload at each distance, and the payloads [kg]."""
     changes = move.events[move.events[:, 3] != UNCHANGED]
     index = np.searchsorted(changes[:, 0], distance_m, side='right')
     return index.astype(np.int64), (move.payload_kg, *changes[:, 3].tolist())
 
 
 def _length(part: _Part) -> float:
-    """Return how far the TCP goes [m]; the parameter of a cubic is the time."""
+    """Return the length of the TCP path [m]; the parameter of a cubic is the time, not the distance."""
     if part.move.kind in TIMED:
-        return float(_gone(part.dynamics.tcp_speed_m_s, part.times)[-1])
+        return float(_distance(part.dynamics.tcp_speed_m_s, part.times)[-1])
     return 0.0 if part.move.kind == MoveKind.TURN else part.move.length_m
 
 
@@ -245,16 +245,16 @@ def _turn(part: _Part, parameters: Parameters) -> TurnRow | None:
     speed, acceleration = (float(value) for value in np.abs(turn[:, 1:3]).max(axis=0))
     turns = speed > 0.0
     return TurnRow(
-        part.move.start_turn_rad or 0.0,
-        part.move.end_turn_rad or 0.0,
-        speed,
-        acceleration,
-        (limits.current_per_acceleration * acceleration + limits.friction_a) * turns,
+        start_rad=part.move.start_turn_rad or 0.0,
+        end_rad=part.move.end_turn_rad or 0.0,
+        speed_max_rad_s=speed,
+        acceleration_max_rad_s2=acceleration,
+        current_max_a=(limits.current_per_acceleration * acceleration + limits.friction_a) * turns,
     )
 
 
 def _is_turn_at_limit(move: Move, parameters: Parameters) -> bool:
-    """Whether the rotary axis keeps a move from being faster."""
+    """Return whether the rotary axis limits the speed of a move."""
     if not len(move.turns) or not parameters.rotary.present:
         return False
     return (
@@ -267,7 +267,7 @@ def _of_axes(values: Floats) -> tuple[float, ...]:
 
 
 def _uses(part: _Part, own: slice, weights: Floats) -> list[Use]:
-    """Return the use of every limit on the samples of a move, or on some of them; the most limiting first."""
+    """Return the use of every limit in (a part of) a move, the most limiting first."""
     uses = [
         _use(one, own, float(weights[part.leading[own] == k].sum())) for k, one in enumerate(part.limiters)
     ]
@@ -279,18 +279,18 @@ def _uses(part: _Part, own: slice, weights: Floats) -> list[Use]:
 def _use(one: Limiter, own: slice, time_share: float) -> Use:
     worst = range(len(one.used))[own][int(np.argmax(one.used[own]))]
     return Use(
-        one.quantity,
-        one.axis,
-        float(one.value[worst]),
-        float(one.limit[worst]),
-        one.unit,
-        float(one.used[worst]),
-        time_share,
+        quantity=one.quantity,
+        axis=one.axis,
+        peak=float(one.value[worst]),
+        limit=float(one.limit[worst]),
+        unit=one.unit,
+        used=float(one.used[worst]),
+        time_share=time_share,
     )
 
 
 def _merged(uses: list[Use]) -> Iterable[Use]:
-    """Put together what one quantity of one axis limits twice: the bend takes acceleration and jerk."""
+    """Merge uses of the same quantity and axis: curvature limits both acceleration and jerk."""
     found: dict[tuple[Quantity, int | None], Use] = {}
     for use in sorted(uses, key=lambda use: use.used, reverse=True):
         key = use.quantity, use.axis
@@ -300,30 +300,46 @@ def _merged(uses: list[Use]) -> Iterable[Use]:
 
 
 def _limited_by(uses: list[Use], move: Move, planned: Planned, parameters: Parameters) -> Use:
-    """Return what keeps a move from being faster."""
+    """Return the limit of a move."""
     whole = _limited_as_a_whole(move, planned, parameters)
     if whole is not None:
         return whole
     if move.kind in TIMED and uses[0].used < AT_LIMIT:
-        return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
+        return _time(Quantity.TIME, move)
     return uses[0]
 
 
 def _limited_as_a_whole(move: Move, planned: Planned, parameters: Parameters) -> Use | None:
-    """Return the limit that determines the time of a move wherever it is; None if there is none."""
+    """Return the limit that determines the duration of a whole move; None if there is none."""
     if move.kind in STANDING:
-        return Use(Quantity.TIME, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
+        return _time(Quantity.TIME, move)
     if _is_turn_at_limit(move, parameters):
-        return Use(Quantity.ROTARY, None, move.duration_s, move.duration_s, 's', 1.0, 1.0)
+        return _time(Quantity.ROTARY, move)
     if planned.rate < 1.0:
         axis, nominal = int(np.argmax(planned.rms_current_a)), parameters.motor.nominal_current_a
         rms = planned.rms_current_a[axis]
-        return Use(Quantity.RMS_CURRENT, axis + 1, rms, nominal, 'A', rms / nominal, 1.0)
+        return Use(
+            quantity=Quantity.RMS_CURRENT,
+            axis=axis + 1,
+            peak=rms,
+            limit=nominal,
+            unit='A',
+            used=rms / nominal,
+            time_share=1.0,
+        )
     return None
 
 
+def _time(quantity: Quantity, move: Move) -> Use:
+    """Return the use of a quantity that determines the duration of a move."""
+    duration = move.duration_s
+    return Use(
+        quantity=quantity, axis=None, peak=duration, limit=duration, unit='s', used=1.0, time_share=1.0
+    )
+
+
 def _distances(part: _Part, parameters: Parameters) -> dict[str, float]:
-    """Return the least distance of a move to each limit of the place, by the keys of ``delta3 pose``."""
+    """Return the least distance of a move to each limit of the pose, by the keys of ``delta3 pose``."""
     c = part.coefficients
     bounds = (
         *workspace_bounds(part.dynamics.position_m, parameters),
@@ -333,10 +349,10 @@ def _distances(part: _Part, parameters: Parameters) -> dict[str, float]:
 
 
 def _piece(
-    n: int, part: _Part, start_s: float, gone_m: float, planned: Planned, parameters: Parameters
+    n: int, part: _Part, start_s: float, before_m: float, planned: Planned, parameters: Parameters
 ) -> Samples:
-    """Return the samples of one move, the ``n``-th of the plan, before which the TCP has gone a distance."""
-    d, master = part.dynamics, _along_the_path(part, gone_m)
+    """Return the samples of the ``n``-th move of the plan; ``before_m`` is the path length of the moves before it."""
+    d, master = part.dynamics, _along_the_path(part, before_m)
     return Samples(
         time_s=start_s + part.times,
         move=np.full(part.times.shape, n),
@@ -349,9 +365,9 @@ def _piece(
         tcp_acceleration_m_s2=d.tcp_acceleration_m_s2,
         tcp_jerk_m_s3=d.tcp_jerk_m_s3,
         curvature_1_m=_curvature(part.samples),
-        speed_limit_m_s=_told(part, 0),
-        acceleration_limit_m_s2=_told(part, 1),
-        jerk_limit_m_s3=_told(part, 2),
+        speed_limit_m_s=_limit(part, 0),
+        acceleration_limit_m_s2=_limit(part, 1),
+        jerk_limit_m_s3=_limit(part, 2),
         arm_angle_rad=part.coefficients[:, THETA],
         motor_speed_rad_s=d.motor_speed_rad_s,
         motor_torque_n_m=parameters.motor.torque_constant_n_m_a * d.motor_current_a,
@@ -362,7 +378,7 @@ def _piece(
 
 
 def _thinned(piece: Samples, stride: int) -> Samples:
-    """Return one of ``stride`` samples of a move, and its last."""
+    """Keep every ``stride``-th sample of a move, and the last."""
     if stride == 1:
         return piece
     count = len(piece.time_s)
@@ -371,12 +387,12 @@ def _thinned(piece: Samples, stride: int) -> Samples:
 
 
 def _joined(pieces: list[Samples]) -> Samples:
-    """String the moves together."""
+    """Concatenate the samples of all moves."""
     return _mapped(np.concatenate, pieces)
 
 
 def _mapped(change: Callable[[list[Floats]], Floats], pieces: Sequence[Samples]) -> Samples:
-    """Return samples each array of which is made of those of the pieces."""
+    """Apply a function to the arrays of several samples, field by field."""
     arrays = {
         one.name: change([getattr(piece, one.name) for piece in pieces])
         for one in fields(Samples)
@@ -386,12 +402,12 @@ def _mapped(change: Callable[[list[Floats]], Floats], pieces: Sequence[Samples])
     return Samples(**arrays, used=used)  # type: ignore[arg-type]  # mypy takes numbers of moves for floats
 
 
-def _along_the_path(part: _Part, gone_m: float) -> Floats:
+def _along_the_path(part: _Part, before_m: float) -> Floats:
     """Return distance since the start, speed, acceleration and jerk along the path, shape (n, 4)."""
     if part.move.kind == MoveKind.TURN:
-        return np.asarray(np.zeros(part.master.shape) + np.array([gone_m, 0.0, 0.0, 0.0]))
+        return np.asarray(np.zeros(part.master.shape) + np.array([before_m, 0.0, 0.0, 0.0]))
     if part.move.kind not in TIMED:
-        return np.asarray(part.master + np.array([gone_m, 0.0, 0.0, 0.0]))
+        return np.asarray(part.master + np.array([before_m, 0.0, 0.0, 0.0]))
     v = part.master[:, 1]
     # s' = |p'|, s'' = p'.p''/|p'|, s''' = (|p''|^2 + p'.p''' - s''^2)/|p'|
     _, p1, p2, p3 = (values * v[:, None] ** n for n, values in enumerate(np.moveaxis(part.samples, 1, 0)))
@@ -399,11 +415,11 @@ def _along_the_path(part: _Part, gone_m: float) -> Floats:
     with np.errstate(divide='ignore', invalid='ignore'):
         acceleration = (p1 * p2).sum(axis=1) / speed
         jerk = ((p2 * p2).sum(axis=1) + (p1 * p3).sum(axis=1) - acceleration**2) / speed
-    return np.stack([gone_m + _gone(speed, part.times), speed, acceleration, jerk], axis=1)
+    return np.stack([before_m + _distance(speed, part.times), speed, acceleration, jerk], axis=1)
 
 
-def _gone(speed: Floats, times: Floats) -> Floats:
-    """Distance since the first sample [m], by the trapezoids of the speed."""
+def _distance(speed: Floats, times: Floats) -> Floats:
+    """Return the distance since the first sample [m] by the trapezoidal rule."""
     return np.concatenate([[0.0], np.cumsum(np.diff(times) * 0.5 * (speed[1:] + speed[:-1]))])
 
 
@@ -415,8 +431,8 @@ def _curvature(samples: Floats) -> Floats:
     return np.where(rate > STANDING_M_S, bent, np.nan)
 
 
-def _told(part: _Part, k: int) -> Floats:
-    """Return the k-th limit of the TCP; nan where there is none."""
+def _limit(part: _Part, k: int) -> Floats:
+    """Return the k-th limit of the TCP; nan without a limit."""
     if part.limits is None:
         return np.full(part.times.shape, np.nan)
     return np.where(np.isfinite(part.limits[k]), part.limits[k], np.nan)
@@ -428,7 +444,7 @@ def _used(part: _Part, quantity: Quantity) -> Floats:
 
 
 def _leading(part: _Part, planned: Planned) -> NDArray[np.int64]:
-    """Return the number of the quantity that leads at each sample."""
+    """Return the number of the leading quantity at each sample."""
     shape = part.times.shape
     if part.move.kind in STANDING:
         return np.full(shape, QUANTITIES.index(Quantity.TIME))

@@ -1,4 +1,4 @@
-"""Figures of a plan: virtual master and slaves, position and velocity path, points of the path (Fig. 6.2 to 6.4)."""
+"""Figures of a plan: virtual master and slaves, position and velocity path, support points (Fig. 6.2 to 6.4)."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ INK = '#222222'
 LINE: dict[str, Any] = {'linewidth': 1.6, 'solid_capstyle': 'round'}
 LIMIT: dict[str, Any] = {'color': MUTED, 'linewidth': 0.9, 'linestyle': DASHED}
 SPEED_MAP = 'viridis'
-MARKED = 0.4  # of the longest move: the instant at which a figure shows how master and slaves hang together
-MOVES_MARKED = 40  # more boundaries between moves would hide the curves
+MARKED = 0.4  # share of the longest move: instant marked in master and slaves
+MOVES_MARKED = 40  # maximum number of moves with marked boundaries
 QUANTITY_COLOURS = dict(
     zip(
         QUANTITIES,
@@ -51,7 +51,7 @@ TIME_LABEL = 'time from program start [s]'
 
 
 def by_name(found: PlanStudy, parameters: Parameters) -> Drawings:
-    """Return what draws each figure, by file name."""
+    """Return the drawing functions of the figures by file name."""
     return {
         'virtual_master.png': partial(virtual_master, found),
         'position_and_velocity.png': partial(position_and_velocity, found),
@@ -63,7 +63,7 @@ def by_name(found: PlanStudy, parameters: Parameters) -> Drawings:
 
 
 def virtual_master(found: PlanStudy) -> Figure:
-    """The virtual master is the distance over time; at that distance the slaves x, y, z are the position (Fig. 6.2)."""
+    """Draw the virtual master (distance over time) and the slaves x, y, z over the distance (Fig. 6.2)."""
     s = found.samples
     figure = figure_of_program('Virtual master and slaves', found.planned.name, 6.6)
     grid = figure.add_gridspec(4, 2, width_ratios=(1.0, 1.0))
@@ -72,8 +72,8 @@ def virtual_master(found: PlanStudy) -> Figure:
     slaves += [figure.add_subplot(grid[n, 1], sharex=slaves[0]) for n in (1, 2)]
     speed = figure.add_subplot(grid[3, 1], sharex=slaves[0])
     longest = max(found.rows, key=lambda row: row.length_m)
-    here = int(np.searchsorted(s.time_s, longest.start_s + MARKED * longest.duration_s))
-    time, distance = float(s.time_s[here]), MM * float(s.distance_m[here])
+    marked = int(np.searchsorted(s.time_s, longest.start_s + MARKED * longest.duration_s))
+    time, distance = float(s.time_s[marked]), MM * float(s.distance_m[marked])
     master.plot(s.time_s, MM * s.distance_m, color=INK, **LINE)
     master.plot([time, time, s.time_s[-1]], [0.0, distance, distance], **LIMIT)
     master.plot(time, distance, 'o', color=NORM_COLOUR, markersize=7, zorder=5)
@@ -84,7 +84,7 @@ def virtual_master(found: PlanStudy) -> Figure:
         values = MM * s.position_m[:, n]
         axes.plot(MM * s.distance_m, values, color=AXIS_COLOURS[n], **LINE)
         axes.axvline(distance, **LIMIT)
-        axes.plot(distance, values[here], 'o', color=NORM_COLOUR, markersize=6, zorder=5)
+        axes.plot(distance, values[marked], 'o', color=NORM_COLOUR, markersize=6, zorder=5)
         axes.set_ylabel(f'{"xyz"[n]} [mm]')
         keep_span([axes], 1.0)
     panel_title(slaves[0], 'slaves: position over the distance')
@@ -101,7 +101,7 @@ def virtual_master(found: PlanStudy) -> Figure:
 
 
 def position_and_velocity(found: PlanStudy) -> Figure:
-    """Position and velocity path: distance, speed, acceleration and jerk of the TCP over time (Fig. 6.3)."""
+    """Draw distance, speed, acceleration and jerk of the TCP over time (Fig. 6.3)."""
     s = found.samples
     figure = figure_of_program('Position and velocity path', found.planned.name, 7.2)
     panels = list(figure.subplots(4, 1, sharex=True))
@@ -125,7 +125,7 @@ def position_and_velocity(found: PlanStudy) -> Figure:
 
 
 def path_points(found: PlanStudy) -> Figure:
-    """The path in space with the points between which it is a polynomial, coloured by the TCP's speed (Fig. 6.4)."""
+    """Draw the path in space, coloured by the TCP speed, with the ends of its polynomials (Fig. 6.4)."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
@@ -133,7 +133,7 @@ def path_points(found: PlanStudy) -> Figure:
     s = found.samples
     figure = figure_of_program('Points of the path', found.planned.name, 6.2)
     axes = path_axes(figure, 0.08, 0.86)
-    axes.set_position((-0.05, 0.08, 1.0, 0.86))  # the labels of z need room
+    axes.set_position((-0.05, 0.08, 1.0, 0.86))  # leaves room for the labels of z
     points = MM * s.position_m
     pieces = np.stack([points[:-1], points[1:]], axis=1)
     norm = Normalize(0.0, max(float(s.tcp_speed_m_s.max()), 1e-9))
@@ -148,27 +148,27 @@ def path_points(found: PlanStudy) -> Figure:
     axes.plot(*points[-1:].T, 'x', color=AXIS_COLOURS[1], markersize=7, label='end', **ends)
     frame_path(axes, points)
     figure.legend(loc='lower left', bbox_to_anchor=(0.02, 0.01), ncols=3, frameon=False, fontsize=9)
-    beside = figure.add_axes((0.66, 0.065, 0.3, 0.022))
-    bar = figure.colorbar(ScalarMappable(norm, SPEED_MAP), cax=beside, orientation='horizontal')
+    below = figure.add_axes((0.66, 0.065, 0.3, 0.022))
+    bar = figure.colorbar(ScalarMappable(norm, SPEED_MAP), cax=below, orientation='horizontal')
     bar.set_label('TCP speed [m/s]', fontsize=9)
     bar.ax.tick_params(labelsize=8)
     return figure
 
 
 def _joints(found: PlanStudy) -> Floats:
-    """Return the points between which the path is a polynomial [m], shape (n, 3)."""
+    """Return the ends of the polynomials of the path [m], shape (n, 3)."""
     plan = found.planned.plan
     order = plan.tables.order[: len(found.rows)]
-    places = []
+    points = []
     for number in dict.fromkeys(order.tolist()):
         move = plan.moves[number]
         ends = np.append(move.segments[:, 0], move.length_m)
-        places.append(move.sample(np.unique(ends.clip(0.0, move.length_m)))[:, 0])
-    return np.concatenate(places)
+        points.append(move.sample(np.unique(ends.clip(0.0, move.length_m)))[:, 0])
+    return np.concatenate(points)
 
 
 def over_path(found: PlanStudy) -> Figure:
-    """Speed, acceleration, jerk and curvature over the distance along the path."""
+    """Draw speed, acceleration, jerk and curvature over the distance along the path."""
     s = found.samples
     distance = MM * s.distance_m
     figure = figure_of_program('Over the path', found.planned.name, 7.2)
@@ -194,7 +194,7 @@ def over_path(found: PlanStudy) -> Figure:
 
 
 def motors(found: PlanStudy, parameters: Parameters) -> Figure:
-    """Arm angles, motor speeds and motor torques with friction, beside their limits."""
+    """Draw arm angles, motor speeds and motor torques including friction, with their limits."""
     s, motor, k = found.samples, parameters.motor, parameters.kinematics
     figure = figure_of_program('Arms and motors', found.planned.name, 6.8)
     panels = list(figure.subplots(3, 1, sharex=True))
@@ -208,7 +208,7 @@ def motors(found: PlanStudy, parameters: Parameters) -> Figure:
     )
     for axes, (values, bounds) in zip(panels, rows, strict=True):
         for i, colour in enumerate(AXIS_COLOURS):
-            # arms 2 and 3 may do the same
+            # axis 2 is wide: axis 3 may cover it
             width = 3.4 if i == 1 else 1.5
             axes.plot(s.time_s, values[:, i], color=colour, label=f'axis {i + 1}', linewidth=width)
         _bounds(axes, values, bounds, LIMIT)
@@ -222,7 +222,7 @@ def motors(found: PlanStudy, parameters: Parameters) -> Figure:
 
 
 def _bounds(axes: Axes, values: Floats, bounds: tuple[float, float], style: dict[str, Any]) -> None:
-    """Draw limits that are no farther away than the values reach."""
+    """Draw those limits that are less than twice the largest value."""
     reach = 2.0 * float(np.abs(values).max())
     for bound in bounds:
         if abs(bound) <= reach:
@@ -230,7 +230,7 @@ def _bounds(axes: Axes, values: Floats, bounds: tuple[float, float], style: dict
 
 
 def limits(found: PlanStudy) -> Figure:
-    """Share of each limit that the plan uses, and which of them a faster plan would break first."""
+    """Draw the used share of each limit, and the leading limit."""
     from matplotlib.patches import Patch
 
     s = found.samples
@@ -267,7 +267,7 @@ def limits(found: PlanStudy) -> Figure:
 
 
 def _mark_moves(found: PlanStudy, panels: Sequence[Axes]) -> None:
-    """Shade every other move, if there are not too many."""
+    """Shade every other move unless there are too many."""
     if len(found.rows) > MOVES_MARKED:
         return
     for row in found.rows[1::2]:

@@ -1,4 +1,4 @@
-"""What limits a move that a recording holds, as far as it tells that without its program."""
+"""Limits of a recorded move, as far as they can be determined without its program."""
 
 import math
 
@@ -13,23 +13,35 @@ from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.parameters import Parameters
 
-BEYOND_LIMIT = 1.02  # no move is: a limit that is exceeded was not that of the move
-# Of the time in which a limit leads it is used up, if it is the limit of a move: 0.65 at least in packaged programs,
-# 0.07 to 0.21 for the jerk of the TCP where the torque rate is the limit.
+BEYOND_LIMIT = 1.02  # a limit exceeded by more cannot be the limit of the move
+# Least share of the time in which a limit leads that it is used up. True limits: at least 0.65 in packaged programs;
+# TCP jerk of moves limited by the torque rate: 0.07 to 0.21.
 LASTING = 0.4
-CRUISING = 1e-3  # of the largest acceleration: below it the master's speed is even
+CRUISING = 1e-3  # share of the largest acceleration below which the speed of the master is constant
 
 
 def of_recorded_move(move: Move, parameters: Parameters) -> MoveRow | None:
-    """Evaluate a move as a recording holds it, without its program; None where that does not tell what limits it.
+    """Evaluate a recorded move without its program; return None if its limit cannot be determined.
 
-    The limits of its stops are the smallest of the TCP on it, and its even speed is the one that was asked for, if the
-    move reaches another limit as well: one that is slowed down for the rms current's sake reaches none.
+    The limits assumed for the TCP are those of the stops of the move and its constant speed. The result is valid only
+    if the move reaches another limit as well; a move slowed down because of the rms current reaches none.
     """
     known = Planned(
-        '', Plan.of([move]), (), (0.0, 0.0, 0.0), 1.0, 1, ('',), (_stretches(move),), 1.0, (), (), None,
-        move.payload_kg, torque_rates_n_m_s=(math.inf,),
-    )  # fmt: skip
+        name='',
+        plan=Plan.of([move]),
+        notices=(),
+        rms_current_a=(0.0, 0.0, 0.0),
+        override_max=1.0,
+        repeat=1,
+        names=('',),
+        stretches=(_stretches(move),),
+        rate=1.0,
+        loads=(),
+        ends=(),
+        open_from=None,
+        payload_kg=move.payload_kg,
+        torque_rates_n_m_s=(math.inf,),
+    )
     found = study(known, parameters)
     (row,) = found.rows
     quantity = row.limited_by.quantity
@@ -37,7 +49,7 @@ def of_recorded_move(move: Move, parameters: Parameters) -> MoveRow | None:
         return row
     reached = max(use.used for use in row.uses if use.quantity != Quantity.TCP_SPEED)
     exceeded = max(use.used for use in row.uses) > BEYOND_LIMIT
-    # a limit that leads but is seldom used up is a peak of something else: of a motion at a limit of the torque rate
+    # a leading limit that is rarely used up is a side effect, for example of a motion at a limit of the torque rate
     leads = found.samples.leading == QUANTITIES.index(quantity)
     lasts = quantity not in LIMITING or np.count_nonzero(
         found.samples.used[quantity][leads] >= AT_LIMIT
@@ -46,7 +58,7 @@ def of_recorded_move(move: Move, parameters: Parameters) -> MoveRow | None:
 
 
 def _stretches(move: Move) -> Stretches:
-    """Return the limits of the TCP that a move tells itself; none where the program tells the time."""
+    """Return the TCP limits found in a move; empty if the program gives the time."""
     if move.kind in (*STANDING, *TIMED, MoveKind.TURN):
         return ()
     acceleration = np.abs(move.master[:, 3])

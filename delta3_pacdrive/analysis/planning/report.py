@@ -1,4 +1,4 @@
-"""A plan in numbers and in words: what is planned of each move, and what limits it."""
+"""Report of a plan: JSON document, text and tables of each move and its limits."""
 
 import math
 from collections.abc import Sequence
@@ -17,10 +17,8 @@ from delta3_pacdrive.motor import share_text, thermal_warnings
 from delta3_pacdrive.parameters import Parameters
 
 RPM, MM = 60.0 / math.tau, 1e3
-NAME_LENGTH, INDENT = (
-    30,
-    '  ',
-)  # least width of names in the table; what the statements of a sequence begin with
+NAME_LENGTH = 30  # least width of names in the table
+INDENT = '  '  # of the statements of a sequence
 JSON_UNITS = {
     'm/s': 'm_s', 'm/s2': 'm_s2', 'm/s3': 'm_s3', 'rpm': 'rpm', 'V': 'v', 'A': 'a', 'N m/s': 'n_m_s', 's': 's'
 }  # fmt: skip
@@ -35,7 +33,7 @@ DISTANCE_UNITS = {
 
 
 def document(found: PlanStudy, parameters: Parameters, with_limits: bool = False) -> dict[str, Any]:
-    """Return a plan ready for JSON: SI, but for what is named otherwise; ``with_limits`` all limits of each move."""
+    """Return a plan for JSON, SI units unless a key names another; ``with_limits`` adds all limits of each move."""
     planned = found.planned
     nominal = parameters.motor.nominal_current_a
     return {
@@ -62,7 +60,7 @@ def _key(quantity: Quantity) -> str:
 
 
 def used_max(found: PlanStudy) -> dict[Quantity, float]:
-    """Return the largest share of each limit that the plan uses."""
+    """Return the largest used share of each limit."""
     largest = dict.fromkeys(found.samples.used, 0.0)
     for row in found.rows:
         for use in row.uses:
@@ -71,7 +69,7 @@ def used_max(found: PlanStudy) -> dict[Quantity, float]:
 
 
 def move_document(row: MoveRow, with_limits: bool) -> dict[str, Any]:
-    """Return a move ready for JSON; ``with_limits`` how much of every limit it uses."""
+    """Return a move for JSON; ``with_limits`` adds the use of every limit."""
     limits = {'limits': [_use(use) for use in row.uses]} if with_limits else {}
     return {
         'number': row.number,
@@ -96,7 +94,7 @@ def move_document(row: MoveRow, with_limits: bool) -> dict[str, Any]:
 
 
 def statement_documents(rows: Sequence[StatementRow]) -> list[dict[str, Any]]:
-    """Return the statements of a blended sequence ready for JSON."""
+    """Return the statements of a blended sequence for JSON."""
     return [
         {
             'statement': row.name,
@@ -134,7 +132,7 @@ def _use(use: Use) -> dict[str, Any]:
 
 
 def _distances(distances: dict[str, float]) -> dict[str, float]:
-    """Return distances with the units in their names."""
+    """Return distances by names with units."""
     return {
         f'{key}_{DISTANCE_UNITS[key]}' if key in DISTANCE_UNITS else key: value
         for key, value in distances.items()
@@ -142,12 +140,12 @@ def _distances(distances: dict[str, float]) -> dict[str, float]:
 
 
 def nearest(found: PlanStudy) -> dict[str, float]:
-    """Return the least distance of the whole plan to each limit of the place."""
+    """Return the least distance of the plan to each limit of the pose."""
     return {key: min(row.distances[key] for row in found.rows) for key in found.rows[0].distances}
 
 
 def table_of_moves(rows: Sequence[MoveRow]) -> list[str]:
-    """Return the table of the moves, and of the statements of blended sequences, as lines for people."""
+    """Return the table of the moves, and of the statements of blended sequences, as lines."""
     single = [row.name for row in rows if not row.statements]
     parts = [INDENT + one.name for row in rows for one in row.statements]
     width = max(map(len, [NAME_LENGTH * ' ', *single, *parts]))
@@ -164,7 +162,7 @@ def table_of_moves(rows: Sequence[MoveRow]) -> list[str]:
 
 
 def text(found: PlanStudy, parameters: Parameters) -> list[str]:
-    """Return a plan as lines for people: a table of the moves, then what holds for all of it."""
+    """Return a plan as text: a table of the moves, then a summary."""
     planned = found.planned
     lines = [f'{planned.name}: {counted(len(found.rows), "move")}', *table_of_moves(found.rows)]
     rounds = f' in {planned.repeat} rounds' if planned.repeat > 1 else ''
@@ -191,7 +189,7 @@ def text(found: PlanStudy, parameters: Parameters) -> list[str]:
 
 
 def vibration(swings: Sequence[Swing]) -> list[dict[str, Any]]:
-    """Return predicted swings ready for JSON."""
+    """Return predicted vibrations for JSON."""
     return [
         {
             'move': one.number,
@@ -205,13 +203,13 @@ def vibration(swings: Sequence[Swing]) -> list[dict[str, Any]]:
 
 
 def vibration_text(swings: Sequence[Swing]) -> list[str]:
-    """Return predicted swings as lines for people."""
+    """Return predicted vibrations as text."""
     texts = [one.text for one in swings] or ['no move of the first round is shaped']
     return [f'{"vibration" if n == 0 else "":>12}  {text}' for n, text in enumerate(texts)]
 
 
 def _turn_rows(rows: Sequence[MoveRow], parameters: Parameters) -> list[tuple[str, str]]:
-    """Tell what the tool does, move by move."""
+    """Return the rotations of the tool, one row per move."""
     turning = [(row, row.turn) for row in rows if row.turn is not None and row.turn.speed_max_rad_s > 0.0]
     if not turning:
         return []
@@ -255,7 +253,7 @@ def _statement_line(row: StatementRow, width: int) -> str:
 
 
 def _line(row: MoveRow, width: int) -> str:
-    # the lines below a sequence name its statements
+    # the statements of a sequence are named in the lines below it
     name = row.name if len(row.name) <= width else f'{len(row.statements)} statements'
     length = '' if row.kind in ('dwell', 'turn') else f'{MM * row.length_m:.3f}'
     return (
@@ -266,7 +264,7 @@ def _line(row: MoveRow, width: int) -> str:
 
 
 def limited_text(row: MoveRow) -> str:
-    """Say what limits a move, and in which share of its time that is so."""
+    """Return the limits of a move with the share of time in which each leads."""
     use = row.limited_by
     if _is_whole(use):
         return limit_text(use)
@@ -279,29 +277,39 @@ def limited_text(row: MoveRow) -> str:
 
 
 def limit_text(use: Use) -> str:
-    """Name a limit, with the share of the time in which it is the first that a faster move would break."""
-    what = use.quantity.value if use.axis is None else f'{use.quantity.value} {use.axis}'
-    return what if _is_whole(use) else f'{what} {100.0 * use.time_share:.0f} %'
+    """Return the name of a limit and the share of time in which it leads."""
+    name = use.quantity.value if use.axis is None else f'{use.quantity.value} {use.axis}'
+    return name if _is_whole(use) else f'{name} {100.0 * use.time_share:.0f} %'
 
 
 def limit_text_of(document: dict[str, Any]) -> str:
-    """Name the limit of a statement that ``statement_documents`` returned."""
+    """Return the limit of a statement in the form of ``statement_documents`` as text."""
     quantity = next(one for one in Quantity if _key(one) == document['quantity'])
-    return limit_text(Use(quantity, document['axis'], 0.0, 0.0, '', document['used'], document['time_share']))
+    return limit_text(
+        Use(
+            quantity=quantity,
+            axis=document['axis'],
+            peak=0.0,
+            limit=0.0,
+            unit='',
+            used=document['used'],
+            time_share=document['time_share'],
+        )
+    )
 
 
 def part_text(length_m: float, limit: str) -> str:
-    """Return the limit of a statement of a sequence; the blends around it may leave no part of the path to it."""
+    """Return the limit of a statement of a sequence, or a remark if the blends leave none of its path."""
     return limit if length_m > ROUNDING_M else 'all of it is in the blend before'
 
 
 def _is_whole(use: Use) -> bool:
-    """Whether a limit determines the time of a whole move."""
+    """Return whether a limit determines the duration of a whole move."""
     return use.time_share == 1.0 and use.quantity in (Quantity.TIME, Quantity.RMS_CURRENT, Quantity.ROTARY)
 
 
 def tables(found: PlanStudy) -> list[Table]:
-    """Return the moves, and the plan over time."""
+    """Return tables of the moves and of the plan over time."""
     return [
         Table('moves.csv', *_move_columns(found.rows)),
         Table.of_columns('plan.csv', _columns(found)),

@@ -1,1 +1,1 @@
-"""A pose of the robot: where it is, what it can do there, how far limits and singularities are away."""
+"""Analysis of a pose: position, capability, distances to limits and singularities."""

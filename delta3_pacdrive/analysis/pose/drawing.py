@@ -1,4 +1,4 @@
-"""The robot in space as lines and surfaces: base, upper arms, forearms and plate, from far to near."""
+"""Drawing of the robot in space as lines and surfaces: base, upper arms, forearms and plate, sorted by depth."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 MM = 1e3
-VIEW_DEG = (20.0, -72.0)  # elevation, azimuth of the eye
+VIEW_DEG = (20.0, -72.0)  # elevation, azimuth of the viewer
 BASE, PLATE, ROD = '#C9CED6', '#8B93A0', '#2F343B'
-ROD_SHARE = 0.07  # half the distance of the rods of a forearm, of l_A
+ROD_SHARE = 0.07  # half the distance of the rods of a forearm, relative to l_A
 UP = np.array([0.0, 0.0, 1.0])
-CUBE = 0.5947  # side of a cube that matplotlib draws, in a square of axes
-ORDER = 100  # of what is farthest from the eye, when drawn
+CUBE = 0.5947  # side of the cube drawn by matplotlib, relative to square axes
+ORDER = 100  # drawing order of the origin
 
 
-def towards_the_eye() -> Floats:
-    """Return the direction in which the eye is."""
+def view_direction() -> Floats:
+    """Return the unit vector towards the viewer."""
     elevation, azimuth = np.radians(VIEW_DEG)
     return np.array(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
@@ -32,8 +32,8 @@ def towards_the_eye() -> Floats:
 
 
 def depth_order(points_mm: Floats) -> float:
-    """Return the order in which to draw something: what is nearer comes later."""
-    return ORDER + float((points_mm @ towards_the_eye()).mean()) / MM * 10.0
+    """Return the zorder of an object; closer objects are drawn later."""
+    return ORDER + float((points_mm @ view_direction()).mean()) / MM * 10.0
 
 
 def directions(kinematics: Kinematics) -> tuple[Floats, Floats]:
@@ -57,18 +57,18 @@ def joints(theta: Floats, point: Floats, kinematics: Kinematics) -> tuple[Floats
 
 
 def space(figure: Figure, place: tuple[float, float, float, float] | Any) -> Axes3D:
-    """Return axes without a box, seen along ``VIEW_DEG``: a place of the figure, or a cell of its grid."""
+    """Return 3D axes without a box, seen along ``VIEW_DEG``, in a rectangle or a grid cell of the figure."""
     add = figure.add_axes if isinstance(place, tuple) else figure.add_subplot
     axes: Axes3D = add(place, projection='3d', computed_zorder=False)
     axes.set_proj_type('ortho')
     axes.view_init(*VIEW_DEG)
     axes.set_axis_off()
-    axes.patch.set_visible(False)  # a neighbour may reach into it
+    axes.patch.set_visible(False)  # adjacent axes may overlap
     return axes
 
 
 def frame(axes: Axes3D, points_mm: Floats, share: float = 0.92) -> None:
-    """Show points in space as large as the axes permit, all directions to the same scale; shape (n, 3)."""
+    """Scale axes to points, shape (n, 3), as large as possible and equally in all directions."""
     elevation, azimuth = np.radians(VIEW_DEG)
     across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     up = np.array(
@@ -101,7 +101,7 @@ def _outlines(theta: Floats, point: Floats, kinematics: Kinematics) -> tuple[Flo
 
 
 def robot(axes: Axes3D, theta: Floats, point: Floats, kinematics: Kinematics, width: float = 1.0) -> None:
-    """Draw the robot, lines ``width`` times as thick as usual."""
+    """Draw the robot; ``width`` scales the line widths."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     _, v = directions(kinematics)

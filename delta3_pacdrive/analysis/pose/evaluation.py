@@ -1,4 +1,4 @@
-"""A pose from its point or from its arm angles."""
+"""Evaluation of a pose given by a point or by arm angles."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,13 +13,13 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
 
-SAME_RAD = 1e-7  # difference of angles that are one solution; near a serial singularity two of them meet
+SAME_RAD = 1e-7  # tolerance for equal angles; two solutions meet at a serial singularity
 
 
 def of_point(p: ArrayLike, parameters: Parameters) -> Pose:
     """Return the pose with the TCP at a point [m], shape (3,), and the elbows outward.
 
-    A point that the arms cannot reach is a pose without angles.
+    If the arms cannot reach the point, the pose has no angles.
     """
     point = np.array(p, dtype=np.float64)
     solutions = _solutions(point, parameters)
@@ -35,7 +35,7 @@ def of_point(p: ArrayLike, parameters: Parameters) -> Pose:
 def of_angles(theta: ArrayLike, parameters: Parameters) -> Pose:
     """Return the pose with these arm angles [rad], shape (3,), and the plate below the elbow plane.
 
-    Angles at which the forearms do not meet are a pose without a point.
+    If forward kinematics has no solution, the pose has no point.
     """
     angles = np.array(theta, dtype=np.float64)
     try:
@@ -46,7 +46,7 @@ def of_angles(theta: ArrayLike, parameters: Parameters) -> Pose:
 
 
 def _arms(indices: list[int]) -> str:
-    """Name arms, counted from 0, in words."""
+    """Return names of arms, counted from 0, as text."""
     names = [str(i + 1) for i in indices]
     return f'arm {names[0]}' if len(names) == 1 else f'arms {", ".join(names[:-1])} and {names[-1]}'
 
@@ -59,12 +59,14 @@ def _without_pose(
     parameters: Parameters,
     theta: Floats | None = None,
 ) -> Pose:
-    payload = parameters.dynamics.payload_mass_kg
-    nothing = None
     return Pose(
-        point, nothing, theta, nothing, solutions, margins, refusals, payload, nothing, nothing, nothing, nothing,
-        nothing,
-    )  # fmt: skip
+        solutions=solutions,
+        margins=margins,
+        refusals=refusals,
+        payload_kg=parameters.dynamics.payload_mass_kg,
+        point_m=point,
+        arm_angle_rad=theta,
+    )
 
 
 def _pose(theta: Floats, point: Floats, solutions: tuple[Solution, ...], parameters: Parameters) -> Pose:
@@ -80,24 +82,24 @@ def _pose(theta: Floats, point: Floats, solutions: tuple[Solution, ...], paramet
     per_ampere = parameters.dynamics.gear_ratio * parameters.motor.torque_constant_n_m_a
     finite = bool(np.isfinite(jacobian).all())
     return Pose(
-        point,
-        kinematics.forward(theta, parameters, above=True),
-        theta,
-        number,
-        solutions,
-        margins,
-        tuple(refusals),
-        parameters.dynamics.payload_mass_kg,
-        jacobian if finite else None,
-        np.array(singular_values(*map(triple, jacobian.T))) if finite else None,
-        capability(point, parameters) if works else None,
-        torque,
-        torque / per_ampere,
+        solutions=solutions,
+        margins=margins,
+        refusals=tuple(refusals),
+        payload_kg=parameters.dynamics.payload_mass_kg,
+        point_m=point,
+        mirror_m=kinematics.forward(theta, parameters, above=True),
+        arm_angle_rad=theta,
+        number=number,
+        jacobian=jacobian if finite else None,
+        singular_values=np.array(singular_values(*map(triple, jacobian.T))) if finite else None,
+        capability=capability(point, parameters) if works else None,
+        holding_torque_n_m=torque,
+        holding_current_a=torque / per_ampere,
     )
 
 
 def _number(theta: Floats, solutions: tuple[Solution, ...]) -> int | None:
-    """Return the number of the solution that is nearest to these angles, the turns aside."""
+    """Return the number of the solution with these angles, modulo full turns; None if there is none."""
     apart = [float(np.abs(np.angle(np.exp(1j * (one.arm_angle_rad - theta)))).max()) for one in solutions]
     best = int(np.nanargmin(apart)) if np.isfinite(apart).any() else 0
     return best if apart and apart[best] < SAME_RAD else None
@@ -114,7 +116,7 @@ def _solutions(point: Floats, parameters: Parameters) -> tuple[Solution, ...]:
 
 
 def elbows(theta: Floats, parameters: Parameters) -> Floats:
-    """Return the elbows [m] of three arm angles with the plate shrunk to a point (4.2), shape (3, 3)."""
+    """Return the elbows [m] of three arm angles, shifted by the plate radius to the TCP (4.2), shape (3, 3)."""
     g = kinematics.geometry(parameters.kinematics)[0]
     return np.array(
         [kinematics.elbow(i, float(np.cos(theta[i])), float(np.sin(theta[i])), g) for i in range(3)]
@@ -122,7 +124,7 @@ def elbows(theta: Floats, parameters: Parameters) -> Floats:
 
 
 def loop_error(theta: Floats, point: Floats, parameters: Parameters) -> float:
-    """Return how much longer or shorter than l_B the forearms would have to be at most [m]; nan without angles."""
+    """Return the largest deviation of the forearm lengths from l_B [m]; nan without angles."""
     if not np.isfinite(theta).all():
         return float('nan')
     lengths = np.linalg.norm(point - elbows(theta, parameters), axis=1)
@@ -147,7 +149,15 @@ def _margins(bounds: tuple[Bound, ...]) -> tuple[Margin, ...]:
             limit = float(bound.limit)
             found.append(
                 Margin(
-                    what, bound.key, arm, value, limit, bound.is_upper, distance, bound.unit, bool(kept[i])
+                    what=what,
+                    key=bound.key,
+                    arm=arm,
+                    value=value,
+                    limit=limit,
+                    is_upper=bound.is_upper,
+                    distance=distance,
+                    unit=bound.unit,
+                    is_kept=bool(kept[i]),
                 )
             )
     return tuple(found)

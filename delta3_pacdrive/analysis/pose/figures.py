@@ -37,7 +37,7 @@ WHOLE: dict[str, Any] = {'clip_on': False}
 
 
 def by_name(pose: Pose, parameters: Parameters) -> Drawings:
-    """Return what draws each figure, by file name: those for which there is a pose."""
+    """Return the drawing functions of the figures possible for a pose, by file name."""
     drawings: dict[str, Any] = {}
     if pose.jacobian is not None:
         drawings['forward_kinematics.png'] = partial(forward_kinematics, pose, parameters)
@@ -49,7 +49,7 @@ def by_name(pose: Pose, parameters: Parameters) -> Drawings:
 
 
 def forward_kinematics(pose: Pose, parameters: Parameters) -> Figure:
-    """Forward kinematics: three arm angles give the position of the TCP (Fig. 4.3)."""
+    """Draw the forward kinematics: three arm angles determine the TCP position (Fig. 4.3)."""
     theta, point = pose.arm_angle_rad, pose.point_m
     assert theta is not None and point is not None  # noqa: S101, PT018
     k = parameters.kinematics
@@ -78,7 +78,7 @@ def forward_kinematics(pose: Pose, parameters: Parameters) -> Figure:
 
 
 def inverse_kinematics(pose: Pose, parameters: Parameters) -> Figure:
-    """Inverse kinematics: in the plane of each arm two circles meet in two elbows, outward and inward (Fig. 4.5)."""
+    """Draw the inverse kinematics: two circles per arm intersect in the elbows, outward and inward (Fig. 4.5)."""
     point = pose.point_m
     assert point is not None  # noqa: S101
     outward, inward = pose.solutions[0].arm_angle_rad, pose.solutions[7].arm_angle_rad
@@ -106,13 +106,13 @@ def inverse_kinematics(pose: Pose, parameters: Parameters) -> Figure:
 def _arm_plane(
     axes: Axes, i: int, angles: tuple[float, float], point: Floats, parameters: Parameters
 ) -> None:
-    """Draw the circle of the elbow, and the circle in which the forearm's sphere meets the plane of the arm."""
+    """Draw the circle of the elbow, and the intersection of the forearm's sphere with the plane of the arm."""
     k = parameters.kinematics
     u, v = (rows[i] for rows in drawing.directions(k))
     centre = MM * np.array([k.base_radius_m, 0.0])
     wrist = MM * np.array([point @ u + k.plate_radius_m, point[2]])
-    beside = float(point @ v)
-    radius = MM * np.sqrt(k.forearm_length_m**2 - beside**2)
+    offset = float(point @ v)  # from the plane of the arm
+    radius = MM * np.sqrt(k.forearm_length_m**2 - offset**2)
     turn = np.linspace(0.0, 2.0 * np.pi, CIRCLE_POINTS)
     ring = np.stack([np.cos(turn), np.sin(turn)])
     colour = AXIS_COLOURS[i]
@@ -126,9 +126,9 @@ def _arm_plane(
     )
     for angle, style, label in styles:
         bend = centre + MM * k.upper_arm_length_m * np.array([np.cos(angle), -np.sin(angle)])
-        way = np.stack([centre, bend, wrist])
-        axes.plot(*way[:2].T, solid_capstyle='round', label=label, **style)
-        axes.plot(*way[1:].T, color=style['color'], linewidth=1.4)
+        chain = np.stack([centre, bend, wrist])
+        axes.plot(*chain[:2].T, solid_capstyle='round', label=label, **style)
+        axes.plot(*chain[1:].T, color=style['color'], linewidth=1.4)
         axes.plot(*bend, 'o', color=style['color'], markersize=6)
     axes.plot(*centre, 's', color='#6B7380', markersize=8)
     axes.plot(*wrist, 'o', color=NORM_COLOUR, markersize=6)
@@ -145,7 +145,7 @@ def _arm_plane(
 
 
 def eight_solutions(pose: Pose, parameters: Parameters) -> Figure:
-    """All eight solutions of the inverse kinematics for one point; the robot works in the first (Fig. 4.6)."""
+    """Draw the eight solutions of the inverse kinematics for one point; the robot uses the first (Fig. 4.6)."""
     point = pose.point_m
     assert point is not None  # noqa: S101
     figure = empty_figure(6.6, 11.0)
@@ -161,18 +161,18 @@ def eight_solutions(pose: Pose, parameters: Parameters) -> Figure:
         drawing.frame(axes, seen, 0.88)
         angles = ', '.join(f'{angle:z.0f}°' for angle in np.degrees(one.arm_angle_rad))
         chosen = n == 0
-        told = 'the robot works here' if chosen and one.is_legal else "beyond the arms' limits"
+        remark = 'the robot works here' if chosen and one.is_legal else "beyond the arms' limits"
         if one.is_legal and not chosen:
-            told = "within the arms' limits"
+            remark = "within the arms' limits"
         axes.text2D(0.5, 1.07, f'{", ".join(one.elbows)}', transform=axes.transAxes, ha='center', fontsize=10,
                     fontweight='bold' if chosen else 'normal', color=INK)  # fmt: skip
-        axes.text2D(0.5, 1.01, f'{angles}: {told}', transform=axes.transAxes, ha='center', fontsize=8,
+        axes.text2D(0.5, 1.01, f'{angles}: {remark}', transform=axes.transAxes, ha='center', fontsize=8,
                     color=AXIS_COLOURS[2] if one.is_legal else MUTED)  # fmt: skip
     return figure
 
 
 def three_spheres(pose: Pose, parameters: Parameters) -> Figure:
-    """Spheres of radius l_B around the elbows: two meet in a circle, which the third cuts in two points (Fig. 4.4)."""
+    """Draw spheres of radius l_B around the elbows: two intersect in a circle, the third in two points (Fig. 4.4)."""
     theta, point, mirror = pose.arm_angle_rad, pose.point_m, pose.mirror_m
     assert theta is not None and point is not None and mirror is not None  # noqa: S101, PT018
     k = parameters.kinematics
@@ -233,7 +233,7 @@ def _sphere(axes: Axes3D, centre: Floats, radius: float, colour: str) -> None:
 
 
 def _circle(one: Floats, other: Floats, radius: float) -> Floats:
-    """Return points of the circle in which two spheres of one radius meet, shape (3, n)."""
+    """Return points of the intersection circle of two spheres with equal radius, shape (3, n)."""
     apart = other - one
     distance = float(np.linalg.norm(apart))
     axis = apart / distance
@@ -258,12 +258,12 @@ def _angle_arcs(axes: Axes3D, theta: Floats, parameters: Parameters) -> None:
         axes.plot(*level.T, color=MUTED, linewidth=1.0, linestyle=DASHED, zorder=350, **WHOLE)
         axes.plot(*arc.T, color=colour, linewidth=1.6, zorder=360, **WHOLE)
         half = 0.5 * float(angle)
-        place = centre + 1.9 * ARC_RADIUS_MM * (np.cos(half) * u[i] - np.sin(half) * drawing.UP)
-        _note(axes, place, rf'$\theta_{i + 1}$', (0, 4), colour)
+        position = centre + 1.9 * ARC_RADIUS_MM * (np.cos(half) * u[i] - np.sin(half) * drawing.UP)
+        _note(axes, position, rf'$\theta_{i + 1}$', (0, 4), colour)
 
 
 def _axes_of_base(parameters: Parameters) -> Floats:
-    """Return origin and ends of the axes of {R} as they are drawn [mm], shape (4, 3)."""
+    """Return the origin and the drawn ends of the axes of {R} [mm], shape (4, 3)."""
     return 0.6 * MM * parameters.kinematics.base_radius_m * np.eye(4, 3, -1)
 
 
@@ -275,12 +275,12 @@ def _frame_of_base(axes: Axes3D, parameters: Parameters) -> None:
         _note(axes, 1.15 * ends[n + 1], name, (0, -3), INK)
 
 
-def _note(axes: Axes3D, place: Floats, text: str, shift: tuple[float, float], colour: str) -> None:
-    """Write beside a point in space."""
+def _note(axes: Axes3D, point: Floats, text: str, shift: tuple[float, float], colour: str) -> None:
+    """Write a text next to a point in space."""
     from matplotlib.patheffects import withStroke
     from mpl_toolkits.mplot3d import proj3d
 
-    x, y, _ = proj3d.proj_transform(*place, axes.get_proj())
+    x, y, _ = proj3d.proj_transform(*point, axes.get_proj())
     axes.annotate(
         text, (x, y), shift, textcoords='offset points', fontsize=9, color=colour, zorder=500, annotation_clip=False,
         path_effects=[withStroke(linewidth=2.5, foreground='white')],
@@ -295,7 +295,7 @@ def _blocks(
     colours: tuple[str, ...],
     out_colours: tuple[str, ...],
 ) -> None:
-    """Draw what goes into a transformation and what comes out, above everything else."""
+    """Draw inputs and outputs of a transformation at the top of the figure."""
     from matplotlib.patches import FancyBboxPatch
 
     height_in = figure.get_figheight()

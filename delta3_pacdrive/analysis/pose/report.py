@@ -1,4 +1,4 @@
-"""A pose in numbers and in words."""
+"""Report of a pose: JSON document, text and table."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -14,7 +14,7 @@ MM, UM, CM = 1e3, 1e6, 1e2
 
 
 def document(pose: Pose, parameters: Parameters) -> dict[str, Any]:
-    """Return a pose ready for JSON: SI, but for what is named otherwise."""
+    """Return a pose for JSON, SI units unless a key names another."""
     result: dict[str, Any] = {
         'ok': pose.is_reachable,
         'reachable': pose.is_reachable,
@@ -88,13 +88,13 @@ def _condition(pose: Pose) -> float | None:
 
 
 def sentence(pose: Pose) -> str:
-    """Say why the robot may not be here."""
+    """Return the reasons why the pose is not allowed."""
     return '; '.join(pose.refusals)
 
 
 def text(pose: Pose, parameters: Parameters) -> list[str]:
-    """Return a pose as lines for people: millimetres and degrees."""
-    rows = [*_place_rows(pose)]
+    """Return a pose as text in millimetres and degrees."""
+    rows = [*_position_rows(pose)]
     if pose.jacobian is not None and pose.singular_values is not None:
         rows += _jacobian_rows(pose)
     rows += _margin_rows(pose)
@@ -108,7 +108,7 @@ def text(pose: Pose, parameters: Parameters) -> list[str]:
 Rows = list[tuple[str, str]]
 
 
-def _place_rows(pose: Pose) -> Iterator[tuple[str, str]]:
+def _position_rows(pose: Pose) -> Iterator[tuple[str, str]]:
     if pose.point_m is not None:
         yield 'TCP', millimetres(pose.point_m)
     if pose.arm_angle_rad is not None:
@@ -121,7 +121,7 @@ def _place_rows(pose: Pose) -> Iterator[tuple[str, str]]:
 
 
 def three(values: Iterable[float], digits: int) -> str:
-    """Return the values of three arms."""
+    """Format the values of three arms."""
     return ' / '.join(f'{round(float(value), digits) + 0.0:.{digits}f}' for value in values)
 
 
@@ -130,17 +130,17 @@ def _jacobian_rows(pose: Pose) -> Rows:
     assert jacobian is not None and values is not None  # noqa: S101, PT018
     lines = [' '.join(f'{value:z9.4f}' for value in row) for row in jacobian]
     condition = _condition(pose)
-    told = 'none, J is singular' if condition is None else f'{condition:.3f}'
+    number = 'none, J is singular' if condition is None else f'{condition:.3f}'
     return [
         ('Jacobian', f'[{lines[0]} ]'),
         ('', f'[{lines[1]} ]'),
         ('', f'[{lines[2]} ] m/rad'),
-        ('condition', f'{told}; singular values {three(values, 4)} m/rad'),
+        ('condition', f'{number}; singular values {three(values, 4)} m/rad'),
     ]
 
 
 def _margin_rows(pose: Pose) -> Rows:
-    """Tell the distances to the limits, those of the three arms in one line."""
+    """Return the distances to the limits; the three arms share a line."""
     names = {
         'radius': ('workspace', 'to the rim'),
         'top': ('', 'to the top'),
@@ -152,17 +152,17 @@ def _margin_rows(pose: Pose) -> Rows:
         'parallel_singularity': ('', 'parallel'),
     }
     rows: Rows = []
-    for key, (name, what) in names.items():
+    for key, (name, where) in names.items():
         found = [margin for margin in pose.margins if margin.key == key]
         if not found:
             continue
         limit = found[0].limit
         if found[0].unit == 'm':
-            line = f'{MM * found[0].distance:.1f} mm {what} ({MM * limit:g} mm)'
+            line = f'{MM * found[0].distance:.1f} mm {where} ({MM * limit:g} mm)'
         elif found[0].unit == 'deg':
-            line = f'{three([margin.distance for margin in found], 2)} deg {what} {limit:g} deg'
+            line = f'{three([margin.distance for margin in found], 2)} deg {where} {limit:g} deg'
         else:
-            line = f'{what} {three([margin.value for margin in found], 3)}, the limit is {limit:g}'
+            line = f'{where} {three([margin.value for margin in found], 3)}, the limit is {limit:g}'
         rows.append((name, line))
     return rows
 

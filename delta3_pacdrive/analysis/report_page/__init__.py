@@ -1,1 +1,1 @@
-"""One page for runs: the robot in 3-D, all signals over one time, moves, figures, provenance, in one HTML file."""
+"""Report page of runs: robot in 3-D, signals over time, moves, figures and provenance, in one HTML file."""

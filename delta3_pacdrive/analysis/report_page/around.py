@@ -1,9 +1,10 @@
-"""What a page draws around the robot: things that stand there, belts, and parts with their stays.
+"""Surroundings of the robot in a page: fixed objects, belts, and parts with their stays.
 
-``ways`` are those of the belts in every bus cycle of the run; ``belts`` are their rows among the ``things``. A part is
-its number, its type (a row of ``sizes``) and its outcome. Rows of ``stays`` are the row of a part, the bus cycle from
-the first one of the run on (-1: before it), how the part stays, and its belt; those of ``places`` are x, y, z, angle,
-and the way of the belt then. Ways count from the first cycle. ``columns`` says how the three are packed.
+``ways`` contains the position of each belt in every bus cycle of the run; ``belts`` are its rows in ``things``. A part
+consists of its number, its type (a row of ``sizes``) and its outcome. A row of ``stays`` contains the row of a part,
+the bus cycle relative to the first one of the run (-1: before it), the kind of stay, and the belt; a row of
+``places`` contains x, y, z, angle, and the belt position at that time. Belt positions are relative to the first cycle.
+The three tables are packed by ``columns``.
 """
 
 from collections.abc import Sequence
@@ -19,16 +20,16 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.peripherals.cell_scene import REACH_MAX_M, Kind, Thing
 from delta3_pacdrive.peripherals.parts import How, Stay
 
-THINGS_DRAWN, PARTS_DRAWN, STAYS_DRAWN = 1000, 1000, 4000  # the first things, the newest of the others
-STEP = 1e-6  # [m], [rad]: to which places, angles and ways are rounded
+THINGS_DRAWN, PARTS_DRAWN, STAYS_DRAWN = 1000, 1000, 4000  # the first objects, the newest parts and stays
+STEP = 1e-6  # resolution of positions, angles and belt positions [m], [rad]
 DIGITS = 6
 HOWS = tuple(How)
 NO_BELT = -1
-Drawn = tuple[int, Sequence[Stay]]  # row of a part in the story, and its stays that are shown
+Drawn = tuple[int, Sequence[Stay]]  # row of a part in the story, and its visible stays
 
 
-def around(run: Run) -> dict[str, Any] | None:
-    """Return what a page draws around the robot; None if the run tells of nothing there."""
+def surroundings(run: Run) -> dict[str, Any] | None:
+    """Return the objects, belts and parts around the robot for a page; None without any."""
     story = run.cell
     if story is None or not (story.things or any(story.stays)):
         return None
@@ -59,12 +60,12 @@ def around(run: Run) -> dict[str, Any] | None:
 
 
 def first_cycle(run: Run) -> int:
-    """Return the bus cycle with which the part of a run begins that is shown."""
+    """Return the number of the first bus cycle of the window of a run."""
     return round(float(run.part.time_s[0]) / run.period_s) + (noted_cycle(run.part, 'start_cycle') or 0)
 
 
 def shown_stays(run: Run, story: CellStory) -> list[Drawn]:
-    """Return the parts that are somewhere while a run is shown, as rows of its story, each with its stays then."""
+    """Return the parts visible in the window of a run, as rows of its story with their stays."""
     first = first_cycle(run)
     last = first + len(run.part.time_s) - 1
     found: list[Drawn] = []
@@ -86,7 +87,7 @@ def _thing(thing: Thing) -> list[Any]:
 
 
 def _first_known(ways: Floats) -> Floats:
-    """Return the first way of each belt that is known, shape (belts,); 0 where none is."""
+    """Return the first known position of each belt, shape (belts,); 0 without one."""
     known = np.isfinite(ways)
     return np.where(known.any(axis=0), ways[known.argmax(axis=0), np.arange(ways.shape[1])], 0.0)
 
@@ -106,5 +107,5 @@ def _table(rows: Sequence[Sequence[float] | Floats], columns: int) -> Floats:
 
 
 def _near(values: Floats) -> Floats:
-    """Return numbers with nothing in place of those that are out of reach: they would take the others' digits."""
+    """Replace numbers beyond the reach by nan: they would reduce the resolution of the others."""
     return np.where(np.abs(values) <= REACH_MAX_M, values, np.nan)

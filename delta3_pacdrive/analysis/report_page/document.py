@@ -1,10 +1,9 @@
-"""What the scripts of a page read: signals as packed columns, moves, marks, plots and the robot, as one JSON object.
+"""Data of a page as one JSON object: packed signals, moves, marks, plots and the robot.
 
-Times are seconds from the start of the program, or bus time where there is none; runs after the first one are shifted
-to its time. ``signals`` of a run are packed as ``columns`` says, one row for each bus cycle from ``first_s`` on, every
-``period_s``. ``differences`` are later runs minus the first one, on the cycles of that. ``cell`` is
-what was around the robot in the first run, if it tells of that: see ``around``. ``records`` are those of oscilloscopes,
-if there are any: see ``scopes``.
+Times are in seconds from the start of the program, or bus time without a program; later runs are shifted to the time of
+the first one. ``signals`` of a run are packed by ``columns``, one row per bus cycle from ``first_s`` on, every
+``period_s``. ``differences`` are later runs minus the first one, in its cycles. ``cell`` contains the surroundings of
+the robot in the first run (see ``around``), ``records`` those of oscilloscopes (see ``scopes``); both are optional.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.analysis.report_page import scopes
-from delta3_pacdrive.analysis.report_page.around import around
+from delta3_pacdrive.analysis.report_page.around import surroundings
 from delta3_pacdrive.analysis.report_page.columns import packed, resolution_of
 from delta3_pacdrive.analysis.report_page.plots import APART, PLOTS, is_shown, others, quantity
 from delta3_pacdrive.analysis.run_comparison import Comparison, subtracted
@@ -34,21 +33,9 @@ def report_document(
     coarser: float = 1.0,
     records: Sequence[SavedRecord] = (),
 ) -> dict[str, Any]:
-    """Return the document of a page.
+    """Return the document of a page; ``coarser`` scales the resolution of all signals.
 
-    Parameters
-    ----------
-    title
-        Of the page.
-    runs
-        What is shown.
-    comparisons
-        Of each later run with the first one.
-    coarser
-        Factor on the resolution of all signals.
-    records
-        Of oscilloscopes, on the time of the first run.
-
+    ``comparisons`` are those of the later runs with the first one; ``records`` have the time of the first run.
     """
     clocked = [
         comparison.alignment.clocked(run) for run, comparison in zip(runs[1:], comparisons, strict=True)
@@ -58,7 +45,7 @@ def report_document(
     shifts = [0.0, *(comparison.alignment.shift_s for comparison in comparisons)]
     every = list(dict.fromkeys(name for signals in held for name in signals))
     shown = [plot.document(every) for plot in (*PLOTS, *others(every))]
-    cell = around(runs[0])
+    cell = surroundings(runs[0])
     found: dict[str, Any] = {
         'version': VERSION,
         'title': title,
@@ -82,7 +69,7 @@ def report_document(
 
 
 def signals_of(run: Run) -> dict[str, Floats]:
-    """Return the signals that a page shows of a run, with what it computes from them, each (cycles, columns)."""
+    """Return the signals that a page shows, including computed ones, each of shape (cycles, columns)."""
     found = {name: values for name, values in run.part.signals.items() if is_shown(name)}
     if 'tcp_velocity' in run.part.signals:
         found['tcp_speed'] = np.linalg.norm(run.part['tcp_velocity'], axis=1, keepdims=True)
@@ -125,7 +112,7 @@ def _run(
 
 
 def _robot(run: Run) -> dict[str, Any]:
-    """Return the parts of the robot, and where they are joined: the page places them by arm angles and TCP."""
+    """Return the parts of the robot and their joints, from which the page computes poses."""
     robot = run.robot
     carried = [row['payload_kg'] for row in run.outputs if row.get('payload_kg') is not None]
     payload = max([robot.dynamics.payload_mass_kg, *carried])
@@ -143,7 +130,7 @@ def _robot(run: Run) -> dict[str, Any]:
 
 
 def _bar_top_m(robot: Parameters) -> float:
-    """Return how far above the TCP the bar of the rotary axis ends [m]."""
+    """Return the height of the end of the rotary axis' bar above the TCP [m]."""
     return tool_bar.top_m(parts.Sizes.of(robot.kinematics).tool_height_m)
 
 
@@ -155,7 +142,7 @@ def _differences(
     comparison: Comparison,
     coarser: float,
 ) -> dict[str, Any]:
-    """Return the differences of two runs on the cycles of the first one that both have."""
+    """Return the differences of two runs in those cycles of the first one that both have."""
     time_s = comparison.time_s
     found = subtracted(first, second, held, others_held, time_s, comparison.alignment)
     return {

@@ -1,7 +1,7 @@
-"""The page itself: one HTML file with style, scripts and data, which asks nobody for anything.
+"""The HTML file of a page with its style, scripts and data; it makes no network requests.
 
-``assets/page.js`` is made from ``web/report_page`` in the sources (CONTRIBUTING.md); it holds three.js and uPlot, whose
-licences stand in ``assets/LICENSES.txt`` and in the page.
+``assets/page.js`` is built from ``web/report_page`` in the sources (CONTRIBUTING.md). It contains three.js and uPlot,
+whose licences are included in ``assets/LICENSES.txt`` and in the page.
 """
 
 import json
@@ -22,22 +22,22 @@ from delta3_pacdrive.analysis.runs import Run, named
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.recording.record_file import SavedRecord
 
-LONGEST_S = 300.0  # of all runs together
-BASE_BYTES, BYTES_PER_S = 1_000_000, 100_000  # of a page, and more for each second of a run
-BYTES_PER_VALUE = 4  # and for each value of a record
-COARSER, COARSEST = 4.0, 1024.0  # how data that is too large is rounded
+LONGEST_S = 300.0  # all runs together
+BASE_BYTES, BYTES_PER_S = 1_000_000, 100_000  # size limit of a page, plus that per second of a run
+BYTES_PER_VALUE = 4  # plus that per value of a record
+COARSER, COARSEST = 4.0, 1024.0  # factor on the resolution of data that is too large, and its maximum
 RUNS_MAX = 4
-# a robot is drawn by one of each
+# signals of which a pose needs one each
 POSE = {
-    'place of its TCP': ('tcp_actual', 'tcp_command'),
-    'angle of its motors': ('motor_position', 'motor_command'),
+    'TCP position': ('tcp_actual', 'tcp_command'),
+    'motor angles': ('motor_position', 'motor_command'),
 }
 
 
 def require_writable_page(path: Path) -> None:
-    """Refuse a page that cannot be written, before anything is computed for it; raises ReportError."""
+    """Raise ReportError if a page cannot be written; called before anything is computed."""
     if not path.is_dir() and path.suffix.lower() not in ('.html', '.htm'):
-        why = 'the name of a page must end in .html'  # a slip of the hand must not cost a recording
+        why = 'the name of a page must end in .html'  # protects a recording from being overwritten by mistake
     else:
         why = whole_file.file_refusal(path)
     if why:
@@ -51,12 +51,12 @@ def write(
     how: str = START,
     records: Sequence[SavedRecord] = (),
 ) -> None:
-    """Write the page of one or more runs, with records of the first; a file that is there is replaced, or stays.
+    """Write the page of one or more runs, with records of the first; an existing file is replaced only on success.
 
     Raises
     ------
     ReportError
-        There are too many runs, they last too long, one tells no pose, a record does not belong to the first one, or
+        There are too many runs, they are too long, a run has no pose, a record does not belong to the first run, or
         the file cannot be written.
     TraceError
         The runs cannot be compared.
@@ -74,7 +74,7 @@ def page(
         raise ReportError(f'a page takes at most {RUNS_MAX} runs, not {len(runs)}')
     if length_s > LONGEST_S:
         raise ReportError(
-            f'the runs last {length_s:.0f} s, a page takes at most {LONGEST_S:g} s: choose a part with --from and --to'
+            f'the runs last {length_s:.0f} s, the limit of a page is {LONGEST_S:g} s: shorten them with --from and --to'
         )
     for run in runs:
         _require_pose(run)
@@ -94,22 +94,22 @@ def page(
 
 
 def _require_pose(run: Run) -> None:
-    """Refuse a run whose robot cannot be drawn; raises ReportError."""
-    for what, names in POSE.items():
+    """Raise ReportError for a run whose robot cannot be drawn."""
+    for quantity, names in POSE.items():
         if not any(name in run.part.signals for name in names):
-            raise ReportError(f'{run.name} cannot be shown: it tells no {what} ({" or ".join(names)})')
+            raise ReportError(f'{run.name} cannot be shown: it has no {quantity} ({" or ".join(names)})')
 
 
 def _assembled(title: str, runs: Sequence[Run], tables: str, document: str) -> str:
     files = resources.files('delta3_pacdrive.analysis.report_page') / 'assets'
     names = named(runs)
-    told = [f'{run.kind} {name}' for name, run in zip(names, runs, strict=True)]
+    labels = [f'{run.kind} {name}' for name, run in zip(names, runs, strict=True)]
     parts = {
         'title': escape(title),
-        'runs': ''.join(f'<li class="run run{n}">{escape(text)}</li>' for n, text in enumerate(told)),
+        'runs': ''.join(f'<li class="run run{n}">{escape(text)}</li>' for n, text in enumerate(labels)),
         'style': (files / 'page.css').read_text(encoding='utf-8'),
         'tables': tables,
-        # nothing in it may end the element it stands in, nor keep it from ending as <!--<script> does
+        # must not close its element, nor keep it open as <!--<script> does
         'document': document.replace('<', '\\u003c'),
         'licences': escape((files / 'LICENSES.txt').read_text(encoding='utf-8')),
         'script': (files / 'page.js').read_text(encoding='utf-8'),

@@ -1,4 +1,4 @@
-"""The plots of a page: which signals stand together, in which unit people read them."""
+"""Plots of a page: signals that share a plot, and their displayed units."""
 
 import math
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ from delta3_pacdrive.recording.signals import (
 AXES, XYZ = ('axis 1', 'axis 2', 'axis 3'), ('x', 'y', 'z')
 ACTUAL, COMMAND, TRUE = 'actual', 'command', 'true'
 DEG = math.degrees(1.0)
-# what a page computes from signals: name: (unit, meaning)
+# signals computed for a page: (unit, meaning)
 DERIVED = {
     'tcp_speed': ('m/s', 'speed of the actual TCP'),
     'tcp_error_norm': ('m', 'norm of the TCP error'),
@@ -30,18 +30,18 @@ DERIVED = {
     'jacobian_speed': ('m/s', 'speed of the TCP of the command'),
     'jacobian_acceleration': ('m/s2', 'acceleration of the TCP of the command'),
 }
-# signals whose columns have units of their own, so that each is one for itself
+# signals whose columns have different units and are shown separately
 APART = {'master': ('distance', 'speed', 'acceleration'), 'jacobian': ('condition', 'speed', 'acceleration')}
 USUAL = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | DERIVED
 
 
 def is_shown(name: str) -> bool:
-    """Whether a page shows a signal as it is held; of some it shows the norm, or each column for itself."""
+    """Return whether a page shows a signal unchanged; of some it shows the norm or single columns."""
     return name not in DERIVED_SIGNALS and name not in APART and quantities.unit_of(name) is not None
 
 
 def quantity(name: str) -> tuple[str, str]:
-    """Return unit and meaning of a signal of a page."""
+    """Return unit and meaning of a signal in a page."""
     if name in USUAL:
         return USUAL[name]
     return quantities.unit_of(name) or quantities.ONE, quantities.meaning_of(name)
@@ -49,38 +49,19 @@ def quantity(name: str) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Plot:
-    """A plot shows one or more signals over the time.
-
-    Attributes
-    ----------
-    title, unit
-        What stands above it; the unit is that of the shown values.
-    factor
-        Shown value = factor x value.
-    signals
-        Each with its role: what is, what was commanded, what is really there.
-    columns
-        Names of the columns of the signals.
-    of_arm
-        Whether motor values are shown as those of the arm: over the gear ratio (4.17).
-    shown
-        Whether it is there when the page is opened.
-    what
-        What it is, in more words.
-
-    """
+    """Plot of one or more signals over time."""
 
     title: str
-    unit: str
-    factor: float
-    signals: tuple[tuple[str, str], ...]
-    columns: tuple[str, ...]
-    of_arm: bool = False
-    shown: bool = True
-    what: str = ''
+    unit: str  # of the displayed values
+    factor: float  # from values to displayed values
+    signals: tuple[tuple[str, str], ...]  # name and role: actual, command or true
+    columns: tuple[str, ...]  # names of the columns of the signals
+    of_arm: bool = False  # motor values are divided by the gear ratio (4.17)
+    shown: bool = True  # when the page is opened
+    what: str = ''  # explanation
 
     def document(self, held: Iterable[str]) -> dict[str, Any] | None:
-        """Return what a page has to know of it, with the signals that runs hold; None if they hold none."""
+        """Return the plot for JSON with the available signals; None if no signal is available."""
         held = set(held)
         signals = [
             {'name': name, 'role': role, 'arm': self.of_arm and name.startswith('motor_')}
@@ -155,7 +136,7 @@ PLOTS = (
 
 
 def others(held: Iterable[str]) -> list[Plot]:
-    """Return a plot for each signal that none of ``PLOTS`` shows; those on request bear their names."""
+    """Return a plot for each signal that is not in ``PLOTS``."""
     known = {name for plot in PLOTS for name, _ in plot.signals}
     return [_of(name) for name in held if name not in known]
 

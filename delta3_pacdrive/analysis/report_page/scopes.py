@@ -1,6 +1,6 @@
-"""Records of oscilloscopes in a page: their samples on the time of a run, a plot for each unit.
+"""Oscilloscope records in a page: samples on the time of a run, and a plot per unit.
 
-Records tell bus time, as the cycles of a run do. Those of a page belong to its first run.
+Records have bus time, as the cycles of a run. Those of a page belong to its first run.
 """
 
 from collections.abc import Sequence
@@ -16,34 +16,27 @@ from delta3_pacdrive.analysis.runs import EVENT, TABLE, Run
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.recording.record_file import SavedRecord
 
-VALUES_MAX = 1_000_000  # of all records of a page: a second of eight channels at 16 kHz is an eighth of that
+VALUES_MAX = 1_000_000  # of all records of a page; one second of eight channels at 16 kHz is an eighth of it
 
 
 def shown(run: Run, records: Sequence[SavedRecord]) -> list[SavedRecord]:
-    """Return the part of each record that is shown with a run, its times as those of the run.
-
-    Parameters
-    ----------
-    run
-        That is shown.
-    records
-        As they were read, in bus time.
+    """Return the part of each record within the window of a run, with the times of the run.
 
     Raises
     ------
     ReportError
-        The run knows no bus time, a record lies outside of what is shown of the run, or they hold too much.
+        The run has no bus time, a record is outside of the window, or the records are too large.
 
     """
     if records and run.kind == TABLE:
         raise ReportError(
-            f'{records[0].path} cannot be shown with {run.name}: a table of measurements tells no bus time'
+            f'{records[0].path} cannot be shown with {run.name}: a table of measurements has no bus time'
         )
     found = [_placed(run, record) for record in records]
     count = sum(record.values.size for record in found)
     if count > VALUES_MAX:
         raise ReportError(
-            f'the records hold {count} values, a page takes at most {VALUES_MAX}: choose a part with --from and --to'
+            f'the records contain {count} values, the limit of a page is {VALUES_MAX}: shorten them with --from, --to'
         )
     return found
 
@@ -56,7 +49,7 @@ def _placed(run: Run, record: SavedRecord) -> SavedRecord:
     within = np.flatnonzero((time_s > low - room) & (time_s < high + room))
     if len(within) < 2:
         raise ReportError(
-            f'{record.path} lies outside of what is shown of {run.name}: the record goes from {time_s[0]:.3f} to '
+            f'{record.path} is outside of the window of {run.name}: the record is from {time_s[0]:.3f} to '
             f'{time_s[-1]:.3f} s, the run from {low:.3f} to {high:.3f} s'
         )
     seen_s = None if record.trigger_s is None else record.trigger_s - start
@@ -69,7 +62,7 @@ def _placed(run: Run, record: SavedRecord) -> SavedRecord:
 
 
 def document(records: Sequence[SavedRecord], coarser: float = 1.0) -> list[dict[str, Any]]:
-    """Return what a page has to know of records that are shown: packed samples by unit, and the plots of them."""
+    """Return the records for a page: packed samples by unit, and their plots."""
     return [
         {
             'name': record.path.name,
@@ -77,20 +70,20 @@ def document(records: Sequence[SavedRecord], coarser: float = 1.0) -> list[dict[
             'period_s': record.step_s,
             'cycles': len(record.values),
             'signals': {
-                unit: packed(record.values[:, places], coarser * OF_UNITS.get(unit, OTHERWISE))
-                for unit, places in _by_unit(record).items()
+                unit: packed(record.values[:, columns], coarser * OF_UNITS.get(unit, OTHERWISE))
+                for unit, columns in _by_unit(record).items()
             },
             'plots': [
                 {
                     'title': f'{_title(record, len(records) > 1)} [{unit}]',
                     'unit': '',
                     'factor': 1.0,
-                    'columns': [record.names[place] for place in places],
+                    'columns': [record.names[column] for column in columns],
                     'signals': [{'name': unit, 'role': ACTUAL, 'arm': False}],
                     'shown': True,
                     'what': f'{record.path.name}, a sample every {1e6 * record.step_s:g} us',
                 }
-                for unit, places in _by_unit(record).items()
+                for unit, columns in _by_unit(record).items()
             ],
         }
         for record in records
@@ -102,15 +95,15 @@ def _title(record: SavedRecord, several: bool) -> str:
 
 
 def _by_unit(record: SavedRecord) -> dict[str, list[int]]:
-    """Return the places of the channels of each unit."""
+    """Return the column numbers of the channels of each unit."""
     return {
-        unit: [place for place, own in enumerate(record.units) if own == unit]
+        unit: [column for column, own in enumerate(record.units) if own == unit]
         for unit in dict.fromkeys(record.units)
     }
 
 
 def marks(records: Sequence[SavedRecord]) -> list[list[Any]]:
-    """Return a mark for each trigger that is shown, as a page has those of a run."""
+    """Return a mark for each visible trigger, in the format of the marks of a run."""
     return [
         [record.trigger_s, EVENT, f'trigger of {record.path.name}: {record.trigger}']
         for record in records

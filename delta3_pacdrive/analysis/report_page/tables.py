@@ -1,4 +1,4 @@
-"""Tables of a page as HTML: moves, records, parts, statistics, differences, origin. They read without scripts."""
+"""HTML tables of a page: moves, records, parts, statistics, differences, provenance; readable without scripts."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,9 +22,9 @@ from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
 
 NOTHING = '&ndash;'
 MOVES_SHOWN = 400  # rows of the table of moves
-DRIVES_SHOWN = 400  # and of that of the drives
-PARTS_SHOWN = 400  # and of that of the parts: the newest ones
-TEXT_MAX = 200  # characters of a text of a part, which anybody may have told
+DRIVES_SHOWN = 400
+PARTS_SHOWN = 400  # the newest parts
+TEXT_MAX = 200  # characters of a text of a part, which comes from outside
 _MOVE_COLUMNS = (
     ('duration', 's', 1.0, 3),
     ('TCP speed', 'm/s', 1.0, 3),
@@ -33,7 +33,7 @@ _MOVE_COLUMNS = (
     ('TCP error', 'mm', 1e3, 3),
     ('following error', 'deg', math.degrees(1.0), 4),
 )
-# in which unit people read a signal, and by which factor
+# displayed unit of a signal and the factor to it
 _READ_IN = {name: (plot.unit, plot.factor) for plot in PLOTS for name, _ in plot.signals}
 
 
@@ -66,7 +66,7 @@ def _section(identity: str, title: str, body: str) -> str:
 def _table(
     header: Iterable[str], rows: Iterable[Sequence[str]], attributes: Iterable[str] = (), kind: str = 'wide'
 ) -> str:
-    """Return a table; cells are HTML already, the header is text. Columns of numbers stand at the right."""
+    """Return a table; cells are HTML, the header is text. Numbers are right-aligned."""
     heads = ''.join(f'<th scope="col">{escape(cell)}</th>' for cell in header)
     given = list(attributes)
     lines = []
@@ -83,7 +83,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _number(value: float, digits: int) -> str:
-    """Return a number for people; a dash for one that is not known."""
+    """Return a rounded number; a dash if it is not finite."""
     return f'{round(value, digits) + 0.0:.{digits}f}' if math.isfinite(value) else NOTHING
 
 
@@ -102,13 +102,13 @@ def _notes(runs: Sequence[Run], names: Sequence[str]) -> str:
 def _comparison(names: Sequence[str], number: int, found: Comparison) -> str:
     first, second = escape(names[0]), escape(names[number])
     how = found.alignment
-    told = (
+    alignment = (
         f'shifted by {how.shift_s:+.3f} s for the best correlation'
         if how.by == BY_CORRELATION
         else f'aligned by {how.by}'
     )
     correlation = '' if math.isnan(how.correlation) else f'; {how.of} correlate by {how.correlation:.6f}'
-    lead = f'<p><b>{second}</b> minus <b>{first}</b>, {told}{correlation}.</p>'
+    lead = f'<p><b>{second}</b> minus <b>{first}</b>, {alignment}{correlation}.</p>'
     if found.same:
         lead += '<p>No signal differs by a single bit.</p>'
     elif found.equal:
@@ -144,14 +144,14 @@ def _comparison(names: Sequence[str], number: int, found: Comparison) -> str:
 
 
 def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
-    """Return the table of moves; those of several runs stand below each other, move by move."""
+    """Return the table of moves; those of several runs are listed move by move."""
     several = len(runs) > 1
     header = ['move', *(['run'] if several else []), 'kind', 'start [s]', 'length [mm]']
     header += [f'{title} [{unit}]' for title, unit, _, _ in _MOVE_COLUMNS]
     header.append('limited by')
     numbers = sorted({move.number for run in runs for move in run.moves})
     if not numbers:
-        return _section('moves', 'Moves', '<p>Nothing that was recorded tells the moves.</p>')
+        return _section('moves', 'Moves', '<p>The recording contains no information on moves.</p>')
     by_number = [{move.number: move for move in run.moves} for run in runs]
     rows, attributes = [], []
     for number in numbers[:MOVES_SHOWN]:
@@ -183,7 +183,7 @@ def _moves(runs: Sequence[Run], names: Sequence[str]) -> str:
 
 
 def _currents(runs: Sequence[Run], names: Sequence[str]) -> str:
-    """Return peak and rms currents of each run as shares of their limits, and a warning for each limit exceeded."""
+    """Return peak and rms currents of each run relative to their limits, and a warning for each limit exceeded."""
     lines = []
     for run, name in zip(runs, names, strict=True):
         if (found := driven_currents(run)) is None:
@@ -204,7 +204,7 @@ def _currents(runs: Sequence[Run], names: Sequence[str]) -> str:
 
 
 def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:
-    """Return the energy of each run that tells it."""
+    """Return the energy of each run, if known."""
     lines = []
     for run, name in zip(runs, names, strict=True):
         repeat = run.whole.meta.get('repeat', 1)
@@ -216,7 +216,7 @@ def _energies(runs: Sequence[Run], names: Sequence[str]) -> str:
 
 
 def _records(records: Sequence[SavedRecord]) -> str:
-    """Return the table of the records of oscilloscopes; times are those of the first run."""
+    """Return the table of oscilloscope records; times are those of the first run."""
     if not records:
         return ''
     rows, attributes = [], []
@@ -244,7 +244,7 @@ def _records(records: Sequence[SavedRecord]) -> str:
 
 
 def _parts(number: int, run: Run, name: str) -> str:
-    """Return the table of the parts that were there in the part that is shown, and of those that do not tell where."""
+    """Return the table of the parts visible in the window of a run, and of those with unknown position."""
     story = run.cell
     if story is None or not story.parts:
         return ''
@@ -263,14 +263,14 @@ def _parts(number: int, run: Run, name: str) -> str:
         rows.append(
             [
                 str(part['number']),
-                *(_told(part[key]) for key in ('type', 'source', 'outcome')),
+                *(_text(part[key]) for key in ('type', 'source', 'outcome')),
                 _number(picked, 3),
                 _number(released, 3),
                 _number(1e3 * math.hypot(*part['pick_error_m'][:2]), 2) if taken else NOTHING,
-                _told(place),
+                _text(place),
                 _number(1e3 * math.hypot(*part['place_error_m'][:2]), 2) if in_box else NOTHING,
                 _number(100.0 * part['hold_use'], 0) if taken else NOTHING,
-                _told(part['reason']),
+                _text(part['reason']),
             ]
         )
         end = released if math.isfinite(released) else float(run.part.time_s[-1])
@@ -292,18 +292,18 @@ def _parts(number: int, run: Run, name: str) -> str:
 
 
 def _time(run: Run, cycle: int) -> float:
-    """Return when a bus cycle begins [s], as the times of a run count; nan for none."""
+    """Return the time of the begin of a bus cycle [s], on the time of a run; nan for no cycle."""
     begin = float(run.part.time_s[0])
     return begin + (cycle - first_cycle(run)) * run.period_s if cycle >= 0 else math.nan
 
 
-def _told(text: str) -> str:
-    """Return a text of a part, or a dash for none."""
+def _text(text: str) -> str:
+    """Return a text of a part as HTML, or a dash if it is empty."""
     return escape(text if len(text) <= TEXT_MAX else f'{text[:TEXT_MAX]} ...') or NOTHING
 
 
 def _drives(run: Run, name: str) -> str:
-    """Return the table of the states that drives told, those of the part that is shown."""
+    """Return the table of the reported states of the drives in the window of a run."""
     first, last = float(run.part.time_s[0]), float(run.part.time_s[-1])
     rows = []
     for axis, changes in enumerate(run.drives, start=1):
@@ -320,7 +320,7 @@ def _drives(run: Run, name: str) -> str:
     return _section(
         f'drives {name}'.strip().replace(' ', '-'),
         f'Drives {name}'.strip(),
-        '<p class="hint">As the status words of the AT tell it.</p>'
+        '<p class="hint">From the status words in the AT.</p>'
         + _table(['from [s]', 'drive', 'state', 'brake'], listed, (), 'wide tall'),
     )
 
@@ -345,10 +345,10 @@ def _statistics(run: Run, name: str) -> str:
         )
     header = ['signal', 'what it is', 'least', 'greatest', 'rms', 'unit']
     length = run.part.time_s[-1] - run.part.time_s[0]
-    told = (
+    hint = (
         f'<p class="hint">{len(run.part.time_s)} bus cycles of {1e3 * run.period_s:g} ms, {length:.3f} s.</p>'
     )
-    return _section('statistics', f'Statistics {name}'.strip(), told + _table(header, rows))
+    return _section('statistics', f'Statistics {name}'.strip(), hint + _table(header, rows))
 
 
 def _parameters(run: Run, name: str) -> str:
@@ -375,11 +375,11 @@ def _origin(runs: Sequence[Run], names: Sequence[str], origin: Provenance) -> st
     lines: Mapping[str, str] = origin.lines()
     rows = [[escape(name), f'<code>{escape(text)}</code>'] for name, text in lines.items() if text]
     for run, name in zip(runs, names, strict=True):
-        told = run.whole.meta.get('provenance')
-        if isinstance(told, dict):
+        provenance = run.whole.meta.get('provenance')
+        if isinstance(provenance, dict):
             rows += [
                 [escape(f'{name}: {key}'), f'<code>{escape(str(text))}</code>']
-                for key, text in told.items()
+                for key, text in provenance.items()
                 if text
             ]
-    return _section('origin', 'How this came about', _table(['', ''], rows))
+    return _section('origin', 'Provenance', _table(['', ''], rows))

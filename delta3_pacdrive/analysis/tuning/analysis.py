@@ -1,4 +1,4 @@
-"""The loops of one drive with one set of gains: linear and on the bench, in time and in frequency."""
+"""Loops of one drive with one set of gains: linear and on the bench, in time and in frequency."""
 
 import math
 from dataclasses import dataclass, replace
@@ -27,74 +27,93 @@ from delta3_pacdrive.parameters import Parameters
 
 LOWEST_HZ = 0.5  # of the linear curves
 POINTS = 600
-RATE_SHARE = 0.4  # of the rate of a set point, up to which it is excited: beyond, its images disturb
-NYQUIST_SHARE = 0.98  # of half the sampling rate, up to which they are drawn
-PERIODS = 4  # of a multisine; the first one is left to settle
+RATE_SHARE = 0.4  # highest excited frequency, relative to the rate of a set point: aliases disturb above it
+NYQUIST_SHARE = 0.98  # highest frequency of the curves, relative to the Nyquist frequency
+PERIODS = 4  # of a multisine; the first one settles
 
 
 @dataclass(frozen=True)
 class Loop:
-    """A loop of the cascade is cut at one place, and excited at one with some strength.
+    """Loop of the cascade with its excitation.
 
-    Attributes
-    ----------
-    name
-        Of the loop.
-    place
-        At the bench.
-    error
-        Where the linear loop is cut; ``feedback`` is what comes back there.
-    entry, actual
-        Set point and actual value of the closed loop.
-    period_s, highest_hz, rms
-        Of its multisine: slow enough for the lowest frequency of interest, and so small that speeds stay on the side
-        of the bench's own, and currents and voltages far from their limits.
-    height, window_s
-        Of its step.
-
+    The multisine is long enough for the lowest frequency of interest, and so small that the speed does not change its
+    sign and currents and voltages stay far from their limits.
     """
 
     name: str
-    place: Place
-    error: Entry
-    feedback: str
-    entry: Entry
-    actual: str
-    period_s: float
+    place: Place  # on the bench
+    error: Entry  # cut of the linear loop
+    feedback: str  # output at the cut
+    entry: Entry  # set point of the closed loop
+    actual: str  # actual value of the closed loop
+    period_s: float  # of the multisine
     highest_hz: float
     rms: float
-    height: float
+    height: float  # of the step
     window_s: float
 
     def rate_steps(self, parameters: Parameters) -> int:
-        """Current-loop periods between two values of the set point."""
+        """Return the number of current periods per set point."""
         drive = parameters.drive
         period = drive.position_period_s if self.place == Place.POSITION else drive.velocity_period_s
         return round(period / drive.current_period_s)
 
     def error_steps(self, parameters: Parameters) -> int:
-        """Current-loop periods between two values of the error."""
+        """Return the number of current periods per value of the error."""
         return 1 if self.place == Place.CURRENT else self.rate_steps(parameters)
 
 
 LOOPS = (
-    Loop('current', Place.CURRENT, Entry.CURRENT_ERROR, 'current_filtered', Entry.CURRENT_SET_POINT, 'current',
-         0.1, 3500.0, 0.3, 0.5, 0.012),
-    Loop('velocity', Place.SPEED, Entry.SPEED_ERROR, 'speed_filtered', Entry.SPEED_SET_POINT, 'speed',
-         0.5, 1500.0, 1.5, 2.0, 0.15),
-    Loop('position', Place.POSITION, Entry.POSITION_ERROR, 'read', Entry.POSITION, 'position',
-         1.0, 700.0, 0.03, 0.05, 0.3),
-)  # fmt: skip
-# all of it, cut at the current set point: the margin of the whole drive against what happens in winding and load
+    Loop(
+        name='current',
+        place=Place.CURRENT,
+        error=Entry.CURRENT_ERROR,
+        feedback='current_filtered',
+        entry=Entry.CURRENT_SET_POINT,
+        actual='current',
+        period_s=0.1,
+        highest_hz=3500.0,
+        rms=0.3,
+        height=0.5,
+        window_s=0.012,
+    ),
+    Loop(
+        name='velocity',
+        place=Place.SPEED,
+        error=Entry.SPEED_ERROR,
+        feedback='speed_filtered',
+        entry=Entry.SPEED_SET_POINT,
+        actual='speed',
+        period_s=0.5,
+        highest_hz=1500.0,
+        rms=1.5,
+        height=2.0,
+        window_s=0.15,
+    ),
+    Loop(
+        name='position',
+        place=Place.POSITION,
+        error=Entry.POSITION_ERROR,
+        feedback='read',
+        entry=Entry.POSITION,
+        actual='position',
+        period_s=1.0,
+        highest_hz=700.0,
+        rms=0.03,
+        height=0.05,
+        window_s=0.3,
+    ),
+)
+# all loops, cut at the current set point: margin of the whole drive against changes of winding and load
 CASCADE = 'cascade'
-# the same of a drive that sees its plant once per exchange period, as in the graph and in simulations
+# the same for a drive that reads its plant once per exchange period, as in the graph and in simulations
 EXCHANGED = 'exchanged'
 CASCADE_PERIOD_S, CASCADE_LOWEST_HZ, CASCADE_HIGHEST_HZ, CASCADE_RMS_A = 0.5, 4.0, 1500.0, 0.4
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step response is a share of the step: that of the drive on the bench, and that of the linear loop."""
+    """Step response of the drive on the bench and of the linear loop, relative to the step."""
 
     time_s: Floats
     drive: Floats
@@ -104,67 +123,35 @@ class Step:
 
 @dataclass(frozen=True)
 class LoopResult:
-    """The result is that of a loop with one set of gains.
-
-    Attributes
-    ----------
-    name
-        Of the loop.
-    stable
-        Whether the closed linear loop is.
-    margins
-        Of the linear open loop.
-    bandwidth_hz
-        Of the linear closed loop, -3 dB; None for the cascade as a whole.
-    frequencies_hz, open_loop, closed_loop
-        Linear.
-    measured_open, measured_closed
-        On the bench; None where the drive does not bear it, or was not asked.
-    step
-        Both; None likewise.
-    fault
-        Sentence about what the drive did not bear; empty if all is well.
-
-    """
+    """Result for a loop with one set of gains."""
 
     name: str
-    stable: bool
-    margins: Margins
-    bandwidth_hz: float | None
+    stable: bool  # closed linear loop
+    margins: Margins  # linear open loop
+    bandwidth_hz: float | None  # linear closed loop, -3 dB; None for the cascade
     frequencies_hz: Floats
-    open_loop: Complex
-    closed_loop: Complex | None
-    measured_open: Measured | None = None
+    open_loop: Complex  # linear
+    closed_loop: Complex | None  # linear
+    measured_open: Measured | None = None  # on the bench; None if not measured or the drive tripped
     measured_closed: Measured | None = None
     step: Step | None = None
-    fault: str = ''
+    fault: str = ''  # describes why the drive tripped on the bench
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """The operating point is where the loops are looked at.
-
-    Attributes
-    ----------
-    load
-        That the drive turns.
-    speed_rad_s
-        Of the bench, motor side.
-    amplitude
-        Multiple of the usual excitations.
-
-    """
+    """Load and speed at which the loops are analysed."""
 
     load: Load
-    speed_rad_s: float
-    amplitude: float = 1.0
+    speed_rad_s: float  # of the bench, motor side
+    amplitude: float = 1.0  # multiple of the default excitations
 
     def load_of(self, place: Place) -> Load:
-        """Return what the drive turns for a loop: the current loop is looked at with the shaft held."""
+        """Return the load of the drive for a loop: a locked shaft for the current loop."""
         return HELD if place == Place.CURRENT else self.load
 
     def bench(self, place: Place, parameters: Parameters) -> Bench:
-        """Return the bench on which a set point can be added; raises RunError."""
+        """Return the bench for a set point; raises RunError."""
         return Bench(parameters, self.load_of(place), place, self.speed_rad_s)
 
 
@@ -172,16 +159,16 @@ HELD = Load('held shaft', math.inf)
 
 
 def grid_hz(sample_s: float, points: int = POINTS) -> Floats:
-    """Frequencies of a linear curve of a loop that is sampled every ``sample_s``."""
+    """Return the frequencies for a linear loop that is sampled every ``sample_s``."""
     return np.geomspace(LOWEST_HZ, NYQUIST_SHARE / (2.0 * sample_s), points)
 
 
 def exact_shaft(parameters: Parameters, load: Load, speed_rad_s: float) -> Shaft:
-    """Return the shaft of a drive that sees its load all the time, as on a bench."""
+    """Return the shaft of a drive that reads its load in every velocity period, as on a bench."""
     if not math.isfinite(load.inertia_kg_m2):
         return Shaft(load.inertia_kg_m2, 0.0, parameters.drive.velocity_period_s)
     if gear_of(parameters) is not None:
-        # what the drive takes for its load is the same, however often it looks
+        # the shaft model of the drive does not depend on the exchange period
         return replace(
             exchanged_shaft(parameters, load, speed_rad_s),
             exchange_period_s=parameters.drive.velocity_period_s,
@@ -191,7 +178,7 @@ def exact_shaft(parameters: Parameters, load: Load, speed_rad_s: float) -> Shaft
 
 
 def exchanged_shaft(parameters: Parameters, load: Load, speed_rad_s: float) -> Shaft:
-    """Return the shaft of a drive that exchanges with its plant as the robot's parameters say."""
+    """Return the shaft of a drive that exchanges with its plant at the period of the parameters."""
     believed = parameters.drive.observer_arm_inertia_kg_m2 / parameters.dynamics.gear_ratio**2
     slope = friction_slope(speed_rad_s, parameters)
     return Shaft(load.inertia_kg_m2, slope, parameters.bus.exchange_period_s, believed, gear_of(parameters))
@@ -200,7 +187,7 @@ def exchanged_shaft(parameters: Parameters, load: Load, speed_rad_s: float) -> S
 def linear_loop(
     loop: Loop, parameters: Parameters, operation: OperatingPoint, points: int = POINTS
 ) -> LoopResult:
-    """Return a loop by its difference equations alone."""
+    """Return a loop from its difference equations."""
     shaft = exact_shaft(parameters, operation.load_of(loop.place), operation.speed_rad_s)
     period = parameters.drive.current_period_s
     rate, error_rate = loop.rate_steps(parameters), loop.error_steps(parameters)
@@ -210,22 +197,38 @@ def linear_loop(
     shown = frequencies[frequencies < NYQUIST_SHARE / (2.0 * rate * period)]
     closed_loop = closed.respond(shown, loop.actual, rate)
     of_open, of_closed = margins(frequencies, opened), bandwidth(shown, closed_loop)
-    return LoopResult(loop.name, closed.is_stable(), of_open, of_closed, frequencies, opened, closed_loop)
+    return LoopResult(
+        name=loop.name,
+        stable=closed.is_stable(),
+        margins=of_open,
+        bandwidth_hz=of_closed,
+        frequencies_hz=frequencies,
+        open_loop=opened,
+        closed_loop=closed_loop,
+    )
 
 
 def linear_cascade_loop(
     parameters: Parameters, shaft: Shaft, points: int = POINTS, name: str = CASCADE
 ) -> LoopResult:
-    """Return all loops together, cut at the current set point: L = 1/S - 1."""
+    """Return the cascade, cut at the current set point: L = 1/S - 1."""
     steps = round(parameters.drive.velocity_period_s / parameters.drive.current_period_s)
     frequencies = grid_hz(parameters.drive.velocity_period_s, points)
     closed = linear_cascade(parameters, shaft, Entry.CURRENT)
     opened = 1.0 / closed.respond(frequencies, 'current_asked', steps) - 1.0
-    return LoopResult(name, closed.is_stable(), margins(frequencies, opened), None, frequencies, opened, None)
+    return LoopResult(
+        name=name,
+        stable=closed.is_stable(),
+        margins=margins(frequencies, opened),
+        bandwidth_hz=None,
+        frequencies_hz=frequencies,
+        open_loop=opened,
+        closed_loop=None,
+    )
 
 
 def analyse(parameters: Parameters, operation: OperatingPoint, on_progress: OnProgress) -> list[LoopResult]:
-    """Return the three loops and the cascade as a whole, linear and on the bench."""
+    """Return the three loops and the cascade, linear and on the bench."""
     results = []
     for number, loop in enumerate(LOOPS):
         on_progress(f'{loop.name} loop', number, len(LOOPS) + 1)
@@ -255,7 +258,7 @@ def step_on_bench(loop: Loop, parameters: Parameters, operation: OperatingPoint)
 
 
 def deviation(measured: Measured, linear: Complex) -> dict[str, float] | None:
-    """Largest distance of a measured curve from a linear one in the band that is trusted; None: there is none."""
+    """Return the largest distance of a measured from a linear curve in the trusted band; None without a band."""
     inside = measured.in_band
     if not inside.any():
         return None
@@ -315,7 +318,7 @@ def _measured_cascade(cascade: LoopResult, parameters: Parameters, operation: Op
 
 
 def _actual(loop: Loop, run: Run, speed_rad_s: float) -> Floats:
-    """Actual value of a loop at the start of each period, the motion of the bench left out."""
+    """Return the actual value of a loop at the start of each period, without the motion of the bench."""
     if loop.place == Place.CURRENT:
         return run.at_start('motor_current')
     if loop.place == Place.SPEED:
@@ -333,5 +336,5 @@ def _error_and_feedback(loop: Loop, run: Run, parameters: Parameters) -> tuple[F
         return run['speed_reference'] - feedback, feedback
     per_rad = parameters.bus.increments_per_rev / math.tau
     error = run['reference'] - run['increments'] / per_rad
-    # the reference is the ramp of the bench and what was added to it
+    # the reference is the ramp of the bench plus the added set point
     return error, run.added - error

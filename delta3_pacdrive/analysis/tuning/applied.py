@@ -1,9 +1,9 @@
-"""Gains in the drives of a robot that is up, through their service channels: all of them, or none; and back again.
+"""Apply gains to the drives of a running robot through their service channels, and undo it; all gains or none.
 
-What was there before is kept in a file before anything is written, so that an end in the middle leaves nothing that
-cannot be undone. Gains that fall are written first, from the outer loop inwards, and those that rise last, from the
-inner loop outwards. Notch filters change in between: shape before frequency, and after it where a filter goes off. So a
-drive in torque is never stiffer meanwhile than before or after, and never has gains without the filter that they need.
+The previous values are saved to a file before the first write, so that an interrupted run can be undone. Falling gains
+are written first, from the outer loop inwards, and rising gains last, from the inner loop outwards. Notch filters
+change in between: the shape before the frequency, or after it if the filter is switched off. An enabled drive is
+therefore never stiffer than before or after, and never has gains without the filter that they require.
 """
 
 import json
@@ -22,20 +22,20 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.service_channel import format_idn
 
 FILE = 'applied.json'
-SAME = 1e-11  # of a value: it comes with twelve digits
+SAME = 1e-11  # relative tolerance: values are transferred with twelve digits
 INWARDS = ('position_gain_rad_s_rad', 'velocity_integral_gain_a_rad', 'velocity_gain_a_s_rad')
 
 Values = dict[str, dict[str, float]]  # by axis, and by name of the group drive
 
 
 class _LeftError(TuningError):
-    """Not all could be written, and not all that was written could be taken back."""
+    """A write failed, and some of the values already written could not be restored."""
 
 
 class Channel(Protocol):
-    """Whoever reads and writes values of drives.
+    """Access to operation data of the drives.
 
-    Raises ProgramError where a drive refuses, and another Delta3Error where nobody knows what it has done.
+    Raises ProgramError if a drive rejects an access, another Delta3Error if the outcome is unknown.
     """
 
     def read(self, axis: str, idn: str) -> float:
@@ -47,45 +47,45 @@ class Channel(Protocol):
 
 @dataclass(frozen=True)
 class Record:
-    """A record says what was applied to the robot of a namespace, and what was there before."""
+    """Gains that were applied to a robot, and the previous values."""
 
     namespace: str
     before: Values
     after: Values
 
     def save(self, folder: Path) -> None:
-        """Keep it in a folder; raises ReportError."""
+        """Save the record to a folder; raises ReportError."""
         with os_errors_as(f'cannot write to {folder}'):
             folder.mkdir(parents=True, exist_ok=True)
             whole_file.write_text(json.dumps({'robot': asdict(self)}, indent=2) + '\n', folder / FILE)
 
 
 def idn_of(name: str) -> str:
-    """IDN of a value of the group drive."""
+    """Return the IDN of a parameter of the group ``drive``."""
     return format_idn(OF_PARAMETER[f'drive.{name}'])
 
 
 def apply(gains: Mapping[str, float], channel: Channel, namespace: str, folder: Path) -> Record:
-    """Write gains into all drives, and keep what was there before.
+    """Write gains to all drives and save the previous values.
 
     Parameters
     ----------
     gains
-        By name of the group drive.
+        Values by name of the group ``drive``.
     channel
-        To the drives.
+        Service channels of the drives.
     namespace
-        Of the robot.
+        Namespace of the robot.
     folder
-        Takes the record. One of the same robot, which still has what it says, keeps what was before it.
+        Folder of the record. A record of the same robot that still applies keeps its previous values.
 
     Raises
     ------
     TuningError
-        The folder has the record of another robot; or a drive refuses or does not answer: says which, and whether all
-        of them have what they had.
+        The folder contains the record of another robot, or a drive rejects a value or does not reply. The message names
+        the drive and says whether all drives have their previous values.
     ReportError
-        The record cannot be written; nothing has been applied.
+        The record cannot be written; no gains have been applied.
 
     """
     old = require_same_robot(namespace, folder)
@@ -100,7 +100,7 @@ def apply(gains: Mapping[str, float], channel: Channel, namespace: str, folder: 
     try:
         _write(present, {axis: dict(gains) for axis in DRIVES}, channel)
     except _LeftError:
-        raise  # the record is what is left to take the rest back
+        raise  # keep the record: undo needs it to restore the remaining values
     except TuningError:
         if old is None:
             (folder / FILE).unlink()
@@ -111,7 +111,7 @@ def apply(gains: Mapping[str, float], channel: Channel, namespace: str, folder: 
 
 
 def undo(channel: Channel, folder: Path) -> Record:
-    """Write back what was there before; raises TuningError, as ``apply`` does, or if there is nothing to be undone."""
+    """Write back the previous values; raises TuningError as ``apply`` does, or if no record exists."""
     record = _undoable(folder)
     present = {axis: _present(record.after[axis], channel, (axis,))[axis] for axis in DRIVES}
     for axis, values in present.items():
@@ -119,8 +119,8 @@ def undo(channel: Channel, folder: Path) -> Record:
             ours = record.before[axis][name], record.after[axis][name]
             if not any(math.isclose(value, one, rel_tol=SAME) for one in ours):
                 raise TuningError(
-                    f'{axis} has {idn_of(name)} {_name(name)} = {value:g}, and not {ours[1]:g}, which was applied: '
-                    'somebody else has changed it, or the robot is another one; nothing is undone'
+                    f'{axis} has {idn_of(name)} {_name(name)} = {value:g} instead of the applied {ours[1]:g}: '
+                    'the value was changed since, or this is another robot; nothing is undone'
                 )
     _write(present, record.before, channel)
     (folder / FILE).unlink()
@@ -128,7 +128,7 @@ def undo(channel: Channel, folder: Path) -> Record:
 
 
 def require_same_robot(namespace: str, folder: Path) -> Record | None:
-    """Return the record of a folder, None without one; raises TuningError if it is that of another robot."""
+    """Return the record of a folder, or None; raises TuningError if it belongs to another robot."""
     old = _kept(folder)
     if old is not None and old.namespace != namespace:
         raise TuningError(
@@ -138,14 +138,14 @@ def require_same_robot(namespace: str, folder: Path) -> Record | None:
 
 
 def namespace_in(folder: Path) -> str:
-    """Return the namespace of the robot that has the gains of a folder; raises TuningError if none has."""
+    """Return the namespace of the robot whose gains a folder records; raises TuningError."""
     return _undoable(folder).namespace
 
 
 def _undoable(folder: Path) -> Record:
     record = _kept(folder)
     if record is None:
-        raise TuningError(f'there is nothing to be undone: no gains of {folder} are applied')
+        raise TuningError(f'nothing to undo: no gains of {folder} are applied')
     return record
 
 
@@ -162,7 +162,7 @@ def _same(one: Values, other: Values) -> bool:
 
 
 def _write(present: Values, wanted: Values, channel: Channel) -> None:
-    """Write values, or leave all as they are; raises TuningError."""
+    """Write values to all drives; if one fails, restore the previous values. Raises TuningError."""
     written: list[tuple[str, str, float]] = []
     for axis in DRIVES:
         for name in _in_order(present[axis], wanted[axis]):
@@ -171,23 +171,24 @@ def _write(present: Values, wanted: Values, channel: Channel) -> None:
                 channel.write(axis, idn_of(name), value)
             except Delta3Error as error:
                 if not isinstance(error, ProgramError):
-                    written.append((axis, name, before))  # it may have been obeyed
-                left = _taken_back(written, channel)
+                    written.append((axis, name, before))  # the drive may have accepted it
+                left = _restore(written, channel)
                 if left:
-                    told = f'these could not be taken back, but --undo may later: {", ".join(left)}'
-                    raise _LeftError(f'{error}; {told}') from error
+                    raise _LeftError(
+                        f'{error}; these values could not be restored, but --undo may do so later: {", ".join(left)}'
+                    ) from error
                 raise TuningError(f'{error}; all drives have what they had before') from error
             written.append((axis, name, before))
 
 
 def _in_order(present: Mapping[str, float], wanted: Mapping[str, float]) -> list[str]:
-    """Return the names of what changes, in an order in which no set on the way is worse than the first or the last."""
+    """Return the names of changed values in an order in which no intermediate set is worse than the first or last."""
     changed = [name for name, value in wanted.items() if not math.isclose(present[name], value, rel_tol=SAME)]
-    return sorted(changed, key=lambda name: _turn(name, present, wanted))
+    return sorted(changed, key=lambda name: _rank(name, present, wanted))
 
 
-def _turn(name: str, present: Mapping[str, float], wanted: Mapping[str, float]) -> tuple[int, int]:
-    """Return when a value is written: its stage, and its place in that."""
+def _rank(name: str, present: Mapping[str, float], wanted: Mapping[str, float]) -> tuple[int, int]:
+    """Return the position of a value in the writing order: stage, and rank within the stage."""
     filtered = re.match(r'notch_\d_', name)
     if filtered is None:
         place = INWARDS.index(name) if name in INWARDS else 0
@@ -198,8 +199,8 @@ def _turn(name: str, present: Mapping[str, float], wanted: Mapping[str, float]) 
     return (3 if wanted.get(frequency) == 0.0 else 1), 0
 
 
-def _taken_back(written: list[tuple[str, str, float]], channel: Channel) -> list[str]:
-    """Write back what was there before; return what could not be."""
+def _restore(written: list[tuple[str, str, float]], channel: Channel) -> list[str]:
+    """Write back previous values; return those that could not be written."""
     left = []
     for axis, name, before in reversed(written):
         try:
@@ -214,7 +215,7 @@ def _name(name: str) -> str:
 
 
 def _kept(folder: Path) -> Record | None:
-    """Return the record of a folder; None without one; raises TuningError if it is damaged."""
+    """Return the record of a folder, or None without a file; raises TuningError if it is damaged."""
     path = folder / FILE
     try:
         text = path.read_text(encoding='utf-8')
@@ -236,4 +237,4 @@ def _kept(folder: Path) -> Record | None:
             raise ValueError
         return Record(str(content['namespace']), before, after)
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise TuningError(f'{path} is no record of applied gains') from None
+        raise TuningError(f'{path} is not a record of applied gains') from None

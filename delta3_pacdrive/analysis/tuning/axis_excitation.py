@@ -1,7 +1,7 @@
-"""An excitation of one axis of the whole robot, and what the oscilloscopes of its drives record of it.
+"""Excitation of one axis of the whole robot, recorded by the oscilloscopes of its drives.
 
-All arms turn slowly and evenly through the pose, out of the friction of standstill, each held by its own drive, while
-one of them is excited by a multisine. Drives and plant exchange as often as the velocity loop runs.
+All arms turn through the pose at a low constant speed, which avoids the friction of standstill. Each is controlled by
+its drive, one of them excited by a multisine. Drives and plant exchange once per period of the velocity loop.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
 
-PERIODS = 4  # of the multisine that are recorded, after one that settles
+PERIODS = 4  # recorded periods of the multisine, after one for settling
 PERIOD_S, LOWEST_HZ = 0.5, 4.0
 HIGHEST_HZ = {Place.PLANT: 1500.0, Place.POSITION: 700.0}
 RMS = {Place.PLANT: 0.2, Place.POSITION: 0.03}  # A, rad
@@ -35,48 +35,33 @@ REFERENCES = {
     'speed_reference': 'speed_reference',
     'current_reference': 'current_reference',
 }
-SPEED_SHARE = 0.5  # of the speed of the bench: the robot has less room
+SPEED_SHARE = 0.5  # of the speed of the bench; the travel of the robot is shorter
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """An excitation says what is excited, and how.
+    """Excitation of one axis."""
 
-    Attributes
-    ----------
-    place
-        Current set point (``PLANT``) or position set point.
-    axis
-        0 to 2.
-    point_m
-        Pose in the middle of the recording.
-    speed_rad_s
-        Of all shafts.
-    amplitude
-        Multiple of the usual one.
-
-    """
-
-    place: Place
-    axis: int
-    point_m: tuple[float, float, float]
-    speed_rad_s: float
-    amplitude: float = 1.0
+    place: Place  # PLANT (current set point) or POSITION
+    axis: int  # 0 to 2
+    point_m: tuple[float, float, float]  # pose in the middle of the recording
+    speed_rad_s: float  # of all shafts
+    amplitude: float = 1.0  # multiple of the default
 
 
 def record(parameters: Parameters, excitation: Excitation, on_progress: OnProgress = silent) -> Trace:
-    """Excite one axis and return the signals of the current-loop periods of all three drives.
+    """Excite one axis and return the signals of all three drives in every current period.
 
     Raises
     ------
     UnreachableError
-        The arms do not reach the pose, or do not get through it evenly.
+        The arms do not reach the pose, or the start or end of the motion through it.
     RunError
-        A drive trips, or does not come into torque; says why.
+        A drive trips, or cannot be enabled.
 
     """
     drive = parameters.drive
-    # the loops are excited, and no task is there to command a torque
+    # without a task no torque is commanded
     exact = parameters.replace(
         bus__exchange_period_s=max(125e-6, drive.velocity_period_s), control__feed_forward=INERTIA
     )
@@ -87,10 +72,10 @@ def record(parameters: Parameters, excitation: Excitation, on_progress: OnProgre
     seconds = SETTLING_S + (PERIODS + 1) * sine.period_s
     theta = kinematics.inverse(np.asarray(excitation.point_m), exact.kinematics)
     half = 0.5 * seconds * excitation.speed_rad_s / exact.dynamics.gear_ratio
-    # both ends of the way are reached, or a sentence says which is not
+    # both ends of the motion must be reachable
     ends = [kinematics.forward(theta + sign * half, exact.kinematics) for sign in (1.0, -1.0)]
     robot = _TurningRobot(exact.replace(motion__home_m=tuple(float(x) for x in ends[1])), excitation)
-    robot.come_into_torque()
+    robot.enable()
     robot.run(np.zeros(round(SETTLING_S / drive.current_period_s)))
     added = sine.periods(PERIODS + 1, round(hold / drive.current_period_s))
     robot.run(added[: sine.samples])
@@ -119,7 +104,7 @@ def _meta(parameters: Parameters, excitation: Excitation, sine: Multisine) -> di
 
 
 class _TurningRobot:
-    """The robot turns its three shafts evenly, period by period."""
+    """Robot with three shafts at constant speed, one current period at a time."""
 
     def __init__(self, parameters: Parameters, excitation: Excitation) -> None:
         self._robot, self._excitation, self._parameters = Robot(parameters), excitation, parameters
@@ -128,18 +113,18 @@ class _TurningRobot:
         self._speed = 0.0
         self._step = 0
 
-    def come_into_torque(self) -> None:
-        """Enable the drives where they stand, then let them turn."""
+    def enable(self) -> None:
+        """Enable the drives at standstill, then set the speed."""
         for _ in range(ENABLING_CYCLES_MAX):
             self.run(np.zeros(self._per_cycle))
             if all(drive.drive_state == DriveState.ENABLED for drive in self._robot.drives):
                 break
         else:
-            raise RunError('a drive does not come into torque')
+            raise RunError('a drive could not be enabled')
         self._speed = self._excitation.speed_rad_s
 
     def run(self, added: Floats, on_progress: OnProgress = silent) -> dict[str, Floats]:
-        """Add a set point, one value per current-loop period; return the signals, each of shape (samples, 3)."""
+        """Add a set point, one value per current period; return the signals, each of shape (samples, 3)."""
         chosen, cycle_s = self._excitation, self._parameters.bus.cycle_time_s
         set_point = Added(chosen.axis, set_point_fields(chosen.place, cycle_s), added)
         scope = Oscilloscope(self._robot, len(added), list(REFERENCES.values()), set_point)

@@ -1,15 +1,15 @@
-"""A drive on a bench: the real drive, period by period, that turns a load of constant inertia and gravity.
+"""Test bench: the emulated drive turns a load of constant inertia and gravity, one current period at a time.
 
-Between two exchanges with the plant a drive turns a shaft of its own, with its own motor model (``drive.observer``).
-Given the inertia of the load and never exchanged, that shaft is the bench: nothing of drive or motor is written twice.
-An elastic gear of a built robot is part of the bench: its drive turns the rotor, and the gear the load.
-The bench turns at a constant speed, for at standstill friction is as steep as F_s/w_s and hides the load.
+Between two exchanges with the plant, a drive integrates its own shaft and motor model (``drive.observer``). The bench
+sets the inertia of this shaft to that of the load and never exchanges, so that no equation is duplicated.
+An elastic gear of a built robot is part of the bench: the drive turns the rotor, the gear turns the load.
+The bench turns at a constant speed because the friction slope F_s/w_s at standstill hides the load.
 
-Set points are added where the drive keeps them between two periods:
+Set points are added in the state of the drive between two periods:
 
-- current: the integrator of the velocity loop, before a period and taken away after it;
-- speed: the slope of the command, with the position loop open (gain 0) and a velocity feed-forward of 1;
-- position: the last three commands, which leaves their differences, and so the feed-forwards, as they are.
+- current: to the integrator of the velocity loop before a period, removed after it;
+- speed: to the slope of the command, with an open position loop (gain 0) and a velocity feed-forward of 1;
+- position: to the last three commands, which keeps their differences and thus the feed-forwards unchanged.
 """
 
 import math
@@ -30,54 +30,43 @@ from delta3_pacdrive.parameters import INERTIA, Parameters
 from delta3_pacdrive.parameters.notch import NUMBERS
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 
-SETTLING_S = 0.25  # after the drive is in torque: 15 time constants of the position loop
+SETTLING_S = 0.25  # after the drive is enabled: 15 time constants of the position loop
 ENABLING_CYCLES_MAX = 2000
-MARGIN_RAD = 1.0  # from the end of the travel where the bench begins
+MARGIN_RAD = 1.0  # between the end of travel and the initial position
 
 
 class Place(StrEnum):
-    """The place is where a set point is added; it says which loops are closed meanwhile."""
+    """Point at which a set point is added; determines which loops are closed."""
 
-    CURRENT = 'current'  # current loop alone, the shaft is held
-    SPEED = 'speed'  # velocity loop and what is inside it
-    POSITION = 'position'  # all loops, feed-forwards left out
-    PLANT = 'plant'  # all loops, at the current set point: the input of winding and load
+    CURRENT = 'current'  # current loop alone, shaft locked
+    SPEED = 'speed'  # velocity loop and the loops inside it
+    POSITION = 'position'  # all loops, without feed-forwards
+    PLANT = 'plant'  # all loops; added to the current set point, the input of winding and load
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run is what the oscilloscope of a drive saw.
+    """Recording of every current period of a run on the bench."""
 
-    Attributes
-    ----------
-    period_s
-        Of the current loop.
-    added
-        Set point that was added, shape (samples,).
-    states
-        The drive's state at the end of each period, shape (samples,).
-
-    """
-
-    period_s: float
-    added: Floats
-    states: NDArray[Any]
+    period_s: float  # of the current loop
+    added: Floats  # set point that was added, shape (samples,)
+    states: NDArray[Any]  # state of the drive at the end of each period, shape (samples,)
 
     def __getitem__(self, name: str) -> Floats:
         """Return a field of the state over time."""
         return np.asarray(self.states[name], dtype=np.float64)
 
     def at_start(self, name: str) -> Floats:
-        """Return a field as it was at the start of each period."""
+        """Return a field at the start of each period."""
         values = self[name]
         return np.concatenate([values[:1], values[:-1]])
 
 
 def test_bench_parameters(parameters: Parameters, load: Load, place: Place) -> Parameters:
-    """Parameters of the drive on the bench: its own shaft is the load, outer loops are cut as ``place`` asks."""
+    """Return parameters of the drive on the bench: load inertia in its shaft, loops outside ``place`` open."""
     drive = parameters.drive
     values: dict[str, Any] = {'bus__exchange_period_s': max(125e-6, drive.velocity_period_s)}
-    values['control__feed_forward'] = INERTIA  # no task is there to command a torque
+    values['control__feed_forward'] = INERTIA  # without a task no torque is commanded
     if math.isfinite(load.inertia_kg_m2):
         gear = gear_of(parameters)
         own = load.inertia_kg_m2 if gear is None else gear.rotor_kg_m2
@@ -95,28 +84,23 @@ def test_bench_parameters(parameters: Parameters, load: Load, place: Place) -> P
 
 
 class Bench:
-    """The test bench has one drive and its load, in torque and turning; each ``run`` goes on where the last one ended.
+    """Test bench with one enabled drive and its load at constant speed; each ``run`` continues the previous one.
 
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     load
-        What the drive turns; an infinite inertia is a shaft that is held.
+        Load of the drive; an infinite inertia locks the shaft.
     place
-        Where ``run`` adds its set point.
+        Point at which ``run`` adds its set point.
     speed_rad_s
-        At which the bench turns, motor side; a held shaft does not.
-
-    Attributes
-    ----------
-    speed_rad_s
-        At which it turns.
+        Speed of the bench, motor side; 0 for a locked shaft.
 
     Raises
     ------
     RunError
-        The drive does not come into torque, or trips before the speed has settled; says why.
+        The drive cannot be enabled, or trips before the speed has settled.
 
     """
 
@@ -132,15 +116,15 @@ class Bench:
         self._gear = None if self._held else gear_of(parameters)
         self._arm_kg_m2 = load.inertia_kg_m2 - (self._gear.rotor_kg_m2 if self._gear else 0.0)
         self._steps = round(self._cycle_time / self._period)
-        # as far from the end of the travel as it gets, which leads along it
+        # start near the end of travel; the speed leads away from it
         self._position = self._command = float(self._drive.constants['travel_min'][0]) + MARGIN_RAD
         self._shaft_speed = self._arm_speed = self.speed_rad_s
         twist = self._load_n_m / self._gear.stiffness_n_m_rad if self._gear else 0.0
         self._arm = self._position - twist
         self._step = 0
-        self._come_into_torque()
+        self._enable()
 
-    def _come_into_torque(self) -> None:
+    def _enable(self) -> None:
         try:
             for _ in range(ENABLING_CYCLES_MAX):
                 self.run(np.zeros(self._steps))
@@ -150,23 +134,23 @@ class Bench:
         except RunError as error:
             raise RunError(f'on the bench: {error}') from error
         if self._drive.drive_state != DriveState.ENABLED:
-            raise RunError(f'on the bench: {self._why()}')
+            raise RunError(f'on the bench: {self._cause()}')
 
-    def _why(self) -> str:
+    def _cause(self) -> str:
         fault = self._drive.fault
         return fault_text(fault) if fault else f'the drive is {self._drive.drive_state.name}'
 
     def run(self, added: Floats) -> Run:
-        """Add a set point, one value per current-loop period, and return what the drive did; raises RunError."""
+        """Add a set point, one value per current period, and return the recording; raises RunError."""
         states = np.empty(len(added), dtype=STATE)
         drive, row = self._drive, self._drive.state[0]
         for k, value in enumerate(added.tolist()):
-            shaft = self._position, self._shaft_speed, self._passed_on()
+            shaft = self._position, self._shaft_speed, self._load_torque()
             if self._step % self._steps == 0:
                 drive.begin_cycle(self._command, CONTROL_ENABLE, *shaft)
                 self._command += self.speed_rad_s * self._cycle_time
                 if drive.fault:
-                    raise RunError(self._why())
+                    raise RunError(self._cause())
             for name, factor in self._fields:
                 row[name] += factor * value
             drive.run_sample(*shaft)
@@ -180,11 +164,11 @@ class Bench:
         return Run(self._period, added, states)
 
     def add_load(self, torque_n_m: float) -> None:
-        """Let a torque act on the arm from now on, motor side."""
+        """Add a constant torque at the arm from now on, motor side."""
         self._load_n_m -= torque_n_m
 
-    def _passed_on(self) -> float:
-        """Torque that the motor feels of what it turns, of an elastic gear that in the middle of the next period."""
+    def _load_torque(self) -> float:
+        """Return the torque on the motor; with an elastic gear that in the middle of the next period."""
         if self._gear is None:
             return self._load_n_m
         rate = self._shaft_speed - self._arm_speed
@@ -198,7 +182,7 @@ class Bench:
 
 
 def set_point_fields(place: Place, cycle_time_s: float) -> tuple[tuple[str, float], ...]:
-    """Return fields of a drive's state that a set point is added to before a period, each with a factor."""
+    """Return the state fields of a drive to which a set point is added before a period, each with its factor."""
     if place in (Place.CURRENT, Place.PLANT):
         return (('velocity_integral', 1.0),)
     if place == Place.POSITION:

@@ -1,13 +1,13 @@
-"""Margins of many sets of gains at once, from frequency responses of winding and load that are computed once.
+"""Margins of many sets of gains, from plant frequency responses that are computed only once.
 
-From the current reference to the speed and to the position that a drive reads, the plant is the same whatever the outer
-loops do. Their controllers are formulas, so that a set of gains costs three products of arrays:
+The plant from the current reference to the measured speed and position does not depend on the outer loops. Their
+controllers are closed-form, so that a set of gains costs three products of arrays:
 
     velocity  L_v = N C_v V,  C_v = K_Pvel + K_Ivel T_vel / (1 - z^-1)
-    position  L_p = K_Ppos H P C_v N / (1 + L_v),  H: the reading that the position loop holds
+    position  L_p = K_Ppos H P C_v N / (1 + L_v),  H: hold of the position loop
     cascade   L_c = N C_v (V + K_Ppos H P),  cut at the current set point
 
-Images of the slower samplings are left out: whoever needs the last tenth of a decibel asks ``analysis``.
+Aliases of the slower sampling rates are neglected, which costs less than 0.1 dB; ``analysis`` includes them.
 """
 
 import math
@@ -26,35 +26,26 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.parameters.notch import Notch, notches
 
 LOWEST_HZ, POINTS = 1.0, 260
-AT_ONCE = 8  # candidates whose arrays stay in the cache of a core
-NEVER_DB, NEVER_DEG = 60.0, 180.0  # margins of a loop that has no such crossing
+AT_ONCE = 8  # candidates per batch: their arrays fit the cache of a core
+NEVER_DB, NEVER_DEG = 60.0, 180.0  # margins of a loop without the crossing
 
 
 @dataclass(frozen=True)
 class Gains:
-    """The gains are what is looked for, of the velocity loop and the position loop.
+    """Candidate gains of velocity and position loop."""
 
-    Attributes
-    ----------
-    velocity_a_s_rad, integral_a_rad, position_1_s
-        K_Pvel, K_Ivel, K_Ppos.
-    notch
-        First filter; None: as the parameters have it.
-
-    """
-
-    velocity_a_s_rad: float
-    integral_a_rad: float
-    position_1_s: float
-    notch: Notch | None = None
+    velocity_a_s_rad: float  # K_Pvel
+    integral_a_rad: float  # K_Ivel
+    position_1_s: float  # K_Ppos
+    notch: Notch | None = None  # first filter; None: as in the parameters
 
     @property
     def stiffness(self) -> float:
-        """K_Ivel K_Ppos [A/(rad s)]: what a load moves the shaft by, over all time, is in inverse proportion to it."""
+        """K_Ivel K_Ppos [A/(rad s)]; inversely proportional to the time integral of the deflection under load."""
         return self.integral_a_rad * self.position_1_s
 
     def values(self) -> dict[str, float]:
-        """Return the values of the group drive by name."""
+        """Return the values by name of the group ``drive``."""
         values = {
             'velocity_gain_a_s_rad': self.velocity_a_s_rad,
             'velocity_integral_gain_a_rad': self.integral_a_rad,
@@ -71,7 +62,7 @@ class Gains:
 
 @dataclass(frozen=True)
 class Least:
-    """The least margins over loops and loads, of a number of candidates: shapes (candidates,)."""
+    """Least margins of each candidate over loops and loads, shapes (candidates,)."""
 
     gain_db: Floats
     phase_deg: Floats
@@ -79,16 +70,7 @@ class Least:
 
 
 class Candidates:
-    """Candidates are judged with all loads.
-
-    Parameters
-    ----------
-    parameters
-        Of the robot; gains of velocity and position loop are those of the candidates.
-    shafts
-        What is to be turned.
-
-    """
+    """Evaluator of candidate gains for a robot with several loads (``shafts``)."""
 
     def __init__(self, parameters: Parameters, shafts: Sequence[Shaft]) -> None:
         drive = parameters.drive
@@ -104,9 +86,9 @@ class Candidates:
         held = round(drive.position_period_s / self._period)
         self._integrator = self._period / (1.0 - back)
         self._speed = np.array(speed)
-        # the position loop reads once and holds what it makes of it
+        # the position loop reads once per period and holds its output
         self._position = np.array(position) * sum(back**n for n in range(held)) / held
-        # the read value is that of the same instant in the velocity loop
+        # both loops use the reading of the same instant
         self._back = back
         self._filters = [self._response(*coefficients(one, self._period)) for one in notches(drive)]
 
@@ -145,24 +127,24 @@ class Candidates:
 
 
 def _worst_of(loops: Complex) -> Iterator[tuple[float, float, bool]]:
-    """Least gain margin [dB] and phase margin [deg] over the loads of each candidate, and whether all are stable.
+    """Yield the least gain margin [dB] and phase margin [deg] over the loads of each candidate, and their stability.
 
-    Margins are distances: a gain may neither grow nor fall by less.
+    The gain margin is the smaller one of increase and reduction.
     """
     size = np.log(np.abs(loops))
     real, imaginary = loops.real, loops.imag
-    # where L passes the negative real axis
+    # crossings of the negative real axis
     share = _crossing(imaginary)
     at_real = real[..., :-1] + share * np.diff(real)
     with np.errstate(invalid='ignore', divide='ignore'):
         decibels = np.where(at_real < 0.0, np.abs(20.0 * np.log10(np.abs(at_real))), NEVER_DB)
     gain = np.where(np.isfinite(decibels), decibels, NEVER_DB).min(axis=(1, 2))
-    # where its size is one
+    # crossings of the unit circle
     share = _crossing(size)
     crossing = loops[..., :-1] + share * np.diff(loops)
     over = np.abs(np.degrees(np.angle(-crossing)))
     phase = np.where(np.isfinite(over), over, NEVER_DEG).min(axis=(1, 2))
-    # arg(1 + L) goes from that of L, between -360 and 0 degrees, to 0 without a turn around -1
+    # stable: arg(1 + L) goes from the phase of L, between -360 and 0 degrees, to 0 without encircling -1
     turned = np.unwrap(np.angle(1.0 + loops), axis=-1)
     start = np.where(turned[..., 0] > 0.0, turned[..., 0] - math.tau, turned[..., 0])
     end = start + turned[..., -1] - turned[..., 0]
@@ -171,7 +153,7 @@ def _worst_of(loops: Complex) -> Iterator[tuple[float, float, bool]]:
 
 
 def _crossing(values: Floats) -> Floats:
-    """Share of the way to the next sample at which a signal is 0; nan where it is not in between."""
+    """Return the fraction of a sampling interval at which a signal crosses 0; nan without a crossing."""
     one, other = values[..., :-1], values[..., 1:]
     with np.errstate(invalid='ignore', divide='ignore'):
         return np.asarray(np.where((one < 0.0) != (other < 0.0), one / (one - other), np.nan))

@@ -1,4 +1,4 @@
-"""What a drive does about what it cannot know: a step of the load, and noise of its encoder."""
+"""Disturbance rejection of a drive: response to a load step and to encoder noise."""
 
 import math
 from dataclasses import dataclass
@@ -9,42 +9,29 @@ from delta3_pacdrive.analysis.tuning.loops import OUTPUTS, Entry, Shaft, linear_
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-LOAD_N_M = 1.0  # of the step, motor side
+LOAD_N_M = 1.0  # load step, motor side
 WINDOW_S = 1.0
-BACK = 0.05  # of the largest deviation, within which the shaft is back
+BACK = 0.05  # share of the largest deviation that counts as recovered
 
 
 @dataclass(frozen=True)
 class Rejection:
-    """How a drive bears disturbances with one set of gains, by its difference equations.
+    """Response of a linear drive to disturbances with one set of gains."""
 
-    Attributes
-    ----------
-    peak_rad
-        Largest deviation of the motor shaft after a load step of 1 N m at the arm, motor side.
-    peak_s, back_s
-        When it is there, and from when on the shaft stays within 5 % of it; None: not within a second.
-    noise_a
-        Current reference that noise and steps of the encoder make [A rms].
-    time_s, deviation_rad
-        After the step, shape (samples,).
-
-    """
-
-    peak_rad: float
+    peak_rad: float  # largest deviation of the motor shaft after a load step of 1 N m at the arm, motor side
     peak_s: float
-    back_s: float | None
-    noise_a: float
-    time_s: Floats
-    deviation_rad: Floats
+    back_s: float | None  # time after which the shaft stays within 5 % of peak_rad; None: more than a second
+    noise_a: float  # current reference caused by noise and resolution of the encoder [A rms]
+    time_s: Floats  # since the step, shape (samples,)
+    deviation_rad: Floats  # shape (samples,)
 
     def figures(self) -> dict[str, float | None]:
-        """All but the signals, by name."""
+        """Return all fields except the signals, by name."""
         return {name: value for name, value in vars(self).items() if not isinstance(value, np.ndarray)}
 
 
 def rejection(parameters: Parameters, shaft: Shaft) -> Rejection | None:
-    """Return how a drive bears disturbances; None where its loops are not stable."""
+    """Return the disturbance response of a drive; None if its loops are unstable."""
     loaded = linear_cascade(parameters, shaft, Entry.LOAD)
     if not loaded.is_stable():
         return None
@@ -57,17 +44,17 @@ def rejection(parameters: Parameters, shaft: Shaft) -> Rejection | None:
     outside = np.flatnonzero(np.abs(deviation) > BACK * size)
     last = int(outside[-1])
     return Rejection(
-        size,
-        float(time[peak]),
-        float(time[last + 1]) if last + 1 < count else None,
-        encoder_noise_rad(parameters) * _gain_of_noise(parameters, shaft),
-        time,
-        deviation,
+        peak_rad=size,
+        peak_s=float(time[peak]),
+        back_s=float(time[last + 1]) if last + 1 < count else None,
+        noise_a=encoder_noise_rad(parameters) * _gain_of_noise(parameters, shaft),
+        time_s=time,
+        deviation_rad=deviation,
     )
 
 
 def encoder_noise_rad(parameters: Parameters) -> float:
-    """Noise of a reading [rad rms]: uniform within its amplitude, and within an increment."""
+    """Return the noise of an encoder reading [rad rms]: uniform noise and quantization."""
     increment = math.tau / parameters.bus.increments_per_rev
     return math.hypot(parameters.rich.encoder_noise_rad / math.sqrt(3.0), increment / math.sqrt(12.0))
 

@@ -1,4 +1,4 @@
-"""What gains do to a program: following error, TCP error and currents of a simulated run."""
+"""Effect of drive gains on a simulated program: following error, TCP error and currents."""
 
 from dataclasses import dataclass
 
@@ -11,78 +11,74 @@ from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-ARMS = ArmDrive(1)  # figures of a program are those of all of them
+ARMS = ArmDrive(1)  # an arm stands for all arms in the figures of a program
 
 
 @dataclass(frozen=True)
 class Effect:
-    """The effect of gains on a program is in these figures, which are None where a drive tripped.
+    """Errors and currents of a program simulated with one set of gains; figures are None if a drive tripped."""
 
-    Attributes
-    ----------
-    following_error_max_rad, following_error_rms_rad
-        Of all arms, or of the tool, dead time removed (7.3).
-    tcp_error_max_m, tcp_error_rms_m
-        Length of the TCP error, set-point delay removed.
-    current_peak_a, current_rms_a
-        Of the axis with the largest.
-    fault
-        Sentence about the drive that tripped; empty if none did.
-    time_s, following_error_rad, tcp_error_m
-        From the start of the program; shapes (cycles,), (cycles, 3) or (cycles, 1), (cycles,).
-
-    """
-
-    following_error_max_rad: float | None
+    following_error_max_rad: float | None  # maximum over the arms, or of the tool; dead time removed (7.3)
     following_error_rms_rad: float | None
-    tcp_error_max_m: float | None
+    tcp_error_max_m: float | None  # length of the TCP error; set-point delay removed
     tcp_error_rms_m: float | None
-    current_peak_a: float | None
+    current_peak_a: float | None  # largest of all axes
     current_rms_a: float | None
-    fault: str
-    time_s: Floats
-    following_error_rad: Floats
-    tcp_error_m: Floats
+    fault: str  # describes the drive that tripped; empty if none did
+    time_s: Floats  # from the start of the program, shape (cycles,)
+    following_error_rad: Floats  # shape (cycles, 3), or (cycles, 1) for the tool
+    tcp_error_m: Floats  # shape (cycles,)
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """Numbers of the axes whose following error it has."""
+        """Numbers of the axes in ``following_error_rad``."""
         count = self.following_error_rad.shape[1]
         return tuple(range(1, count + 1)) if count > 1 else (TOOL_AXIS,)
 
     def figures(self) -> dict[str, float | str | None]:
-        """All but the signals, by name."""
+        """Return all fields except the signals, by name."""
         return {name: value for name, value in vars(self).items() if not isinstance(value, np.ndarray)}
 
 
 def run(program: Program, parameters: Parameters, drive: ArmDrive = ARMS) -> Effect:
-    """Simulate a program; a drive that trips is a finding, not an error.
+    """Simulate a program; a tripped drive is reported in ``Effect.fault`` and does not raise.
 
     Raises
     ------
     ProgramError
-        The program is refused.
+        The program is invalid.
 
     """
     nothing = np.empty(0)
     try:
         trace = simulation.run(program, parameters)
     except RunError as error:
-        return Effect(None, None, None, None, None, None, str(error), nothing, np.empty((0, 3)), nothing)
+        return Effect(
+            following_error_max_rad=None,
+            following_error_rms_rad=None,
+            tcp_error_max_m=None,
+            tcp_error_rms_m=None,
+            current_peak_a=None,
+            current_rms_a=None,
+            fault=str(error),
+            time_s=nothing,
+            following_error_rad=np.empty((0, 3)),
+            tcp_error_m=nothing,
+        )
     first = int(trace.meta['start_cycle'])
     following = drive.following_error(trace, parameters)[first:]
     tcp = np.linalg.norm(trace['tcp_error'][first:], axis=1)
     figures = trace.meta['figures']
     peak_a, rms_a = drive.currents(trace)
     return Effect(
-        float(np.abs(following).max()),
-        float(np.sqrt(np.mean(following**2))),
-        float(figures['tcp_error_max_m']),
-        float(figures['tcp_error_rms_m']),
-        peak_a,
-        rms_a,
-        str(trace.meta['stopped']),
-        trace.time_s[first:] - trace.time_s[first],
-        following,
-        tcp,
+        following_error_max_rad=float(np.abs(following).max()),
+        following_error_rms_rad=float(np.sqrt(np.mean(following**2))),
+        tcp_error_max_m=float(figures['tcp_error_max_m']),
+        tcp_error_rms_m=float(figures['tcp_error_rms_m']),
+        current_peak_a=peak_a,
+        current_rms_a=rms_a,
+        fault=str(trace.meta['stopped']),
+        time_s=trace.time_s[first:] - trace.time_s[first],
+        following_error_rad=following,
+        tcp_error_m=tcp,
     )

@@ -1,7 +1,7 @@
-"""Signals that excite a loop: a step, and a sum of sines that repeats.
+"""Excitation signals for loops: a step and a multisine.
 
-The sines of a multisine lie on lines of its own period, so that whole periods are transformed without leakage; their
-phases are Schroeder's, which keeps the peak low, and their lines are spaced about evenly on a logarithmic axis.
+The sines lie on harmonics of the multisine's period, so that transforms of whole periods have no leakage. Schroeder
+phases keep the crest factor low; the lines are spaced almost evenly on a logarithmic axis.
 """
 
 from dataclasses import dataclass
@@ -17,38 +17,25 @@ LINES_PER_DECADE = 16
 
 @dataclass(frozen=True)
 class Multisine:
-    """A multisine is a sum of sines of equal size that repeats.
+    """Periodic sum of sines with equal amplitudes."""
 
-    Attributes
-    ----------
-    samples
-        Of one period.
-    sample_s
-        Distance of samples.
-    lines
-        Numbers of the harmonics, ascending.
-    rms
-        Of the signal.
-
-    """
-
-    samples: int
-    sample_s: float
-    lines: NDArray[np.int64]
+    samples: int  # per period
+    sample_s: float  # sampling period
+    lines: NDArray[np.int64]  # harmonics, ascending
     rms: float
 
     @property
     def period_s(self) -> float:
-        """After which it repeats."""
+        """Duration of one period."""
         return self.samples * self.sample_s
 
     @property
     def frequencies_hz(self) -> Floats:
-        """Of its lines."""
+        """Frequencies of the lines."""
         return self.lines / self.period_s
 
     def periods(self, count: int, held: int = 1) -> Floats:
-        """Return some periods, one value per sample; each value is held for ``held`` samples."""
+        """Return ``count`` periods, one value per sample; each value is held for ``held`` samples."""
         number = np.arange(len(self.lines))
         phases = -np.pi * number * (number + 1) / len(self.lines)  # Schroeder, equal amplitudes
         instants = np.arange(self.samples)
@@ -62,7 +49,7 @@ class Multisine:
 def multisine(
     period_s: float, sample_s: float, highest_hz: float, rms: float, lowest_hz: float = 0.0
 ) -> Multisine:
-    """Return a multisine between two frequencies, or from that of its period on; raises TuningError if none fits."""
+    """Return a multisine between two frequencies (default: from its fundamental); raises TuningError."""
     samples = round(period_s / sample_s)
     first, last = max(1, round(lowest_hz * period_s)), round(highest_hz * period_s)
     if not first <= last < samples / 2:
@@ -76,5 +63,5 @@ def multisine(
 
 
 def step(samples: int, before: int, height: float) -> Floats:
-    """Return a step after ``before`` samples without one."""
+    """Return a step of ``height`` after ``before`` zeros."""
     return np.concatenate([np.zeros(before), np.full(samples, height)])

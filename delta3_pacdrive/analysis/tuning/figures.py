@@ -1,4 +1,4 @@
-"""Figures of a tuning: steps, Bode plots with margins, what a recording tells, the effect on a program, a sweep."""
+"""Figures of a tuning: step responses, Bode plots with margins, recorded responses, effect on a program, sweep."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Item = TypeVar('Item')
-WAYS = (COLOURS[0], COLOURS[1])  # before, after
-DECIBELS = (-60.0, 60.0)  # of what is shown of an open loop
-SHOWN = 1.5  # of the longest settling time, of a step response
+VARIANT_COLOURS = (COLOURS[0], COLOURS[1])  # before, after
+DECIBELS = (-60.0, 60.0)  # shown range of an open loop
+SHOWN = 1.5  # shown part of a step response, in settling times
 CLOSED_DECIBELS = (-40.0, 12.0)
 POINTS: dict[str, Any] = {'marker': 'o', 'markersize': 4, 'markerfacecolor': 'none', 'linestyle': 'none'}
 LEGEND: dict[str, Any] = {'fontsize': 8, 'frameon': False}
@@ -51,7 +51,7 @@ TITLES = {
 
 
 def by_name(found: Results) -> Drawings:
-    """Return what draws each figure, by file name."""
+    """Return the drawing functions of the figures by file name."""
     variants, by_loop = found.variants, found.by_loop
     drawings: dict[str, Any] = {'step.png': partial(steps, variants)}
     for name, results in by_loop.items():
@@ -68,13 +68,13 @@ def by_name(found: Results) -> Drawings:
 
 
 def steps(variants: dict[str, Variant]) -> Figure:
-    """Step responses of the three loops: the drive on the bench, and the linear loop."""
+    """Draw the step responses of the three loops: drive on the bench and linear loop."""
     figure = titled_figure('Step responses', 4.6)
     panels, names = figure.subplots(1, 3), list(variants)
     for number, axes in enumerate(panels):
         lowest, highest, shown = 0.0, 1.2, 0.0
         loops = merged({name: variant.loops[number] for name, variant in variants.items()}, _same_step)
-        for (name, loop), colour in zip(loops.items(), WAYS, strict=False):
+        for (name, loop), colour in zip(loops.items(), VARIANT_COLOURS, strict=False):
             if loop.step is None:
                 axes.text(0.5, 0.35 - 0.08 * list(loops).index(name), f'{name}: the drive trips', color=colour,
                           transform=axes.transAxes, ha='center', fontsize=9)  # fmt: skip
@@ -95,7 +95,7 @@ def steps(variants: dict[str, Variant]) -> Figure:
         dress(axes, TITLES[variants[names[0]].loops[number].name], ylim=(1.1 * lowest - 0.05, highest),
               xlabel='time [ms]', xlim=(0.0, 1e3 * shown if shown > 0.0 else None))  # fmt: skip
     panels[0].set_ylabel('actual value, share of the step [1]')
-    # the label says whether a loop is unstable, or unchanged
+    # a label marks an unstable loop, or equal variants
     entries = dict(
         pair for axes in panels for pair in zip(*reversed(axes.get_legend_handles_labels()), strict=True)
     )
@@ -110,13 +110,13 @@ def steps(variants: dict[str, Variant]) -> Figure:
 
 
 def bode(results: dict[str, LoopResult]) -> Figure:
-    """Open loop with its margins and closed loop: linear lines, points of the drive on the bench."""
+    """Draw an open loop with margins and its closed loop: linear (lines) and drive on the bench (points)."""
     results = merged(results, _same_loop)
     first = next(iter(results.values()))
     closed = first.closed_loop is not None
     figure = titled_figure(TITLES[first.name], 6.0)
     grid = figure.subplots(2, 2 if closed else 1, sharex='col', squeeze=False)
-    for (name, result), colour in zip(results.items(), WAYS, strict=False):
+    for (name, result), colour in zip(results.items(), VARIANT_COLOURS, strict=False):
         label = name if result.stable else f'{name}: unstable'
         linear = result.frequencies_hz, result.open_loop
         _curve(grid[:, 0], *linear, colour, f'linear, {label}')
@@ -128,7 +128,7 @@ def bode(results: dict[str, LoopResult]) -> Figure:
     if closed:
         panels.append(('closed loop, set point to actual value', CLOSED_DECIBELS, -3.0))
         top = grid[0, 1]
-        for result, colour in zip(results.values(), WAYS, strict=False):
+        for result, colour in zip(results.values(), VARIANT_COLOURS, strict=False):
             if result.closed_loop is None or not result.stable:
                 continue
             linear = result.frequencies_hz[: len(result.closed_loop)], result.closed_loop
@@ -152,7 +152,7 @@ def bode(results: dict[str, LoopResult]) -> Figure:
 
 
 def measured_response(one: MeasuredResponse, loop: LoopResult | None) -> Figure:
-    """Response of a recording with the linear one and, of a loop that was opened, the drive on the bench."""
+    """Draw a recorded response with the linear one and, if the loop was opened, the drive on the bench."""
     figure = titled_figure(f'Recorded: {one.title}, axis {one.axis}', 6.6)
     top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(2, 2, 1))
     frequencies, trusted = one.measured.frequencies_hz, one.measured.trusted
@@ -179,12 +179,12 @@ def measured_response(one: MeasuredResponse, loop: LoopResult | None) -> Figure:
 
 
 def effects(variants: dict[str, Variant]) -> Figure:
-    """Following error of the drives and TCP error over a program."""
+    """Draw the following error of the drives and the TCP error over a program."""
     figure = titled_figure('Following error of the program', 6.6)
     axes = next((v.effect.axes for v in variants.values() if len(v.effect.time_s)), (1, 2, 3))
     panels = figure.subplots(len(axes) + 1, 1, sharex=True)
     shown = merged({name: variant.effect for name, variant in variants.items()}, _same_effect)
-    for (name, effect), colour in zip(shown.items(), WAYS, strict=False):
+    for (name, effect), colour in zip(shown.items(), VARIANT_COLOURS, strict=False):
         if not len(effect.time_s):
             panel_title(panels[0], f'{name}: {effect.fault}', color=colour)
             continue
@@ -201,13 +201,13 @@ def effects(variants: dict[str, Variant]) -> Figure:
 
 
 def load_step(variants: dict[str, Variant]) -> Figure:
-    """Deviation of the motor shaft after a step of its load."""
+    """Draw the deviation of the motor shaft after a load step."""
     figure = titled_figure(f'Step of the load by {LOAD_N_M:g} N m, motor side', 4.2)
     axes = figure.subplots()
-    borne = {name: variant.rejection for name, variant in variants.items() if variant.rejection}
-    drawn = merged(borne, lambda one, other: np.array_equal(one.deviation_rad, other.deviation_rad))
+    rejections = {name: variant.rejection for name, variant in variants.items() if variant.rejection}
+    drawn = merged(rejections, lambda one, other: np.array_equal(one.deviation_rad, other.deviation_rad))
     latest = 0.0
-    for (name, one), colour in zip(drawn.items(), WAYS, strict=False):
+    for (name, one), colour in zip(drawn.items(), VARIANT_COLOURS, strict=False):
         label = f'{name}; current by noise of the encoder {1e3 * one.noise_a:.1f} mA rms'
         axes.plot(1e3 * one.time_s, np.degrees(one.deviation_rad), color=colour, linewidth=1.6, label=label)
         latest = max(latest, one.back_s or float(one.time_s[-1]))
@@ -218,7 +218,7 @@ def load_step(variants: dict[str, Variant]) -> Figure:
 
 
 def sweep(points: list[SweepPoint], swept: str) -> Figure:
-    """Following error, phase margins and overshoots over a gain; the ground tells where it is not stable."""
+    """Draw following error, phase margins and overshoots over a gain; the background marks instability."""
     figure = titled_figure(f'Sweep of {swept}', 7.0)
     top, middle, bottom = figure.subplots(3, 1, sharex=True)
     values = np.array([point.value for point in points])
@@ -258,7 +258,7 @@ def sweep(points: list[SweepPoint], swept: str) -> Figure:
 
 
 def merged(items: dict[str, Item], alike: Callable[[Item, Item], bool]) -> dict[str, Item]:
-    """Return items by name, those that are alike once, under their names together: `before and after`."""
+    """Return items by name; two equal ones are merged under the name ``before and after``."""
     names = list(items)
     if len(names) == 2 and alike(items[names[0]], items[names[1]]):
         return {' and '.join(names): items[names[0]]}
@@ -292,19 +292,19 @@ def _points(
     panels: Iterable[Axes],
     measured: Measured,
     linear: tuple[Floats, Complex],
-    look: dict[str, Any],
+    style: dict[str, Any],
     label: str | None = None,
     shown: NDArray[np.bool_] | None = None,
 ) -> None:
-    """Draw what is trusted, or ``shown``, of a measured response, on the turn of the linear one drawn with it."""
+    """Draw the trusted (or ``shown``) part of a measured response; its phase is shifted by turns to the linear one."""
     (top, bottom), shown = panels, measured.trusted if shown is None else shown
     if shown.any():
         at_hz = measured.frequencies_hz
         reference = np.interp(np.log(at_hz), np.log(linear[0]), degrees(linear[1]))
         phase = np.degrees(np.angle(measured.values))
         phase += 360.0 * np.round((reference - phase) / 360.0)
-        top.plot(at_hz[shown], decibels(measured.values)[shown], label=label, **look)
-        bottom.plot(at_hz[shown], phase[shown], **look)
+        top.plot(at_hz[shown], decibels(measured.values)[shown], label=label, **style)
+        bottom.plot(at_hz[shown], phase[shown], **style)
 
 
 def _hertz(frequency_hz: float) -> str:

@@ -1,4 +1,4 @@
-"""Proposed gains as a parameter file of differences, to be joined with the file of a robot."""
+"""Proposed gains as a parameter file of differences from the file of a robot."""
 
 from pathlib import Path
 
@@ -14,12 +14,12 @@ FILE = 'gains.yaml'
 
 
 def write(proposal: Proposal, path: Path, provenance: Provenance) -> None:
-    """Write the gains of a proposal; raises ReportError."""
+    """Write the gains of a proposal to a parameter file; raises ReportError."""
     kept = proposal.kept
     head = [
         f'Gains that keep {kept.phase_deg:.1f} deg and {kept.gain_db:.1f} dB over the workspace with 0 to '
         f'{proposal.payload_kg:g} kg.',
-        f'delta3 takes them with --parameters ROBOT+{path.name}, nodes with --params-file behind that of the robot.',
+        f'Use with --parameters ROBOT+{path.name}; for nodes, with --params-file after the file of the robot.',
         *(f'{name}: {text}' for name, text in provenance.lines().items()),
     ]
     with os_errors_as(f'cannot write {path}'):
@@ -27,19 +27,19 @@ def write(proposal: Proposal, path: Path, provenance: Provenance) -> None:
 
 
 def read(folder: Path) -> dict[str, float]:
-    """Return the gains that a proposal has left in a folder; raises TuningError."""
+    """Read the gains that ``tune --propose`` has written to a folder; raises TuningError."""
     path = folder / FILE
     if not path.is_file():
-        raise TuningError(f'there are no gains to be applied: {path} is what --propose leaves')
+        raise TuningError(f'no gains to apply: {path} does not exist; tune --propose writes it')
     try:
         tree = parameter_file.read(path)
         given = {str(name): value for name, value in tree['drive'].items()}
     except (ParameterError, KeyError, AttributeError):
         given = {}
     if not given:
-        raise TuningError(f'{path} holds no gains of --propose')
+        raise TuningError(f'{path} contains no gains of --propose')
     if unknown := [name for name in given if f'drive.{name}' not in OF_PARAMETER]:
-        raise TuningError(f'{path} holds {unknown[0]}, which no drive takes')
+        raise TuningError(f'{path} contains {unknown[0]}, which is not a parameter of a drive')
     errors = Errors(str(path))
     with errors.raised_as(TuningError):
         return {

@@ -1,7 +1,7 @@
-"""Gains in a parameter file: values are changed where they stand, comments stay; and the file as it was is kept.
+"""Apply gains to a parameter file, keeping its layout and comments, and undo it.
 
-Beside ``robot.yaml`` stand ``robot.yaml.before``, its bytes as they were, and ``robot.yaml.applied``, a digest of the
-bytes that were left: a file that somebody has changed since is not taken back.
+``robot.yaml.before`` keeps the original bytes, ``robot.yaml.applied`` a digest of the bytes after applying. A file that
+was changed since is not restored.
 """
 
 import hashlib
@@ -15,29 +15,28 @@ from delta3_pacdrive.configuration import parameter_file
 from delta3_pacdrive.errors import ParameterError, TuningError
 
 BEFORE, APPLIED = '.before', '.applied'
-# the rows of the group drive: those that stand deeper, and comments between them
+# rows of the group drive: all rows with deeper indentation, and comments between them
 _GROUP = re.compile(
     r'^(?P<indent> +)drive:[ \t]*(#.*)?\n(?P<rows>((?P=indent) +.*\n?|[ \t]*(#.*)?\n)*)', re.MULTILINE
 )
 
 
-def beside(path: Path, ending: str) -> Path:
-    """File that is kept beside another one."""
+def sibling(path: Path, ending: str) -> Path:
+    """Return the path of a file next to another one, with ``ending`` appended to its name."""
     return path.with_name(path.name + ending)
 
 
 def apply(gains: Mapping[str, float], path: Path) -> None:
-    """Change the group drive of a parameter file, and keep the file as it was.
+    """Change the group ``drive`` of a parameter file and keep the original.
 
-    A file that still is as the last gains left it keeps what was before those.
+    If the file is unchanged since gains were last applied, the backup from before that is kept.
 
     Raises
     ------
     TuningError
-        It has no group drive that could be changed, or cannot be written, or is a robot that would be none any more;
-        says why.
+        The file has no group ``drive`` that can be edited, cannot be written, or would no longer be valid.
     ParameterError
-        It is no parameter file.
+        It is not a parameter file.
 
     """
     tree = parameter_file.read(path)
@@ -47,36 +46,36 @@ def apply(gains: Mapping[str, float], path: Path) -> None:
         changed = _with(changed, name, value, path)
     wanted = tree | {'drive': dict(tree.get('drive') or {}) | dict(gains)}
     with os_errors_as(f'cannot change {path}'):
-        trial = beside(path, '.new')
+        trial = sibling(path, '.new')
         try:
             whole_file.write_text(changed, trial)
             if not _reads_as(wanted, trial):
                 raise TuningError(
-                    f'{path}: its group drive is written in a way that cannot be changed line by line'
+                    f'{path}: the layout of its group drive does not allow editing line by line'
                 )
             _require_robot(path, trial)
         finally:
             trial.unlink(missing_ok=True)
         if not _is_as_applied(path):
-            whole_file.write_text(text, beside(path, BEFORE))
-        whole_file.write_text(_digest(changed.encode()), beside(path, APPLIED))
+            whole_file.write_text(text, sibling(path, BEFORE))
+        whole_file.write_text(_digest(changed.encode()), sibling(path, APPLIED))
         whole_file.write_text(changed, path)
 
 
 def undo(path: Path) -> None:
-    """Bring a file back as it was before gains were applied; raises TuningError, which says why not."""
-    before = beside(path, BEFORE)
+    """Restore a file from before gains were applied; raises TuningError."""
+    before = sibling(path, BEFORE)
     if not before.is_file():
-        raise TuningError(f'there is nothing to be undone: no {before} is kept')
+        raise TuningError(f'nothing to undo: {before} does not exist')
     with os_errors_as(f'cannot change {path}'):
         text = before.read_bytes()
         if path.read_bytes() != text and not _is_as_applied(path):
             raise TuningError(
-                f'{path} was changed after gains were applied: nothing is undone; {before} has what was before'
+                f'{path} was changed after gains were applied: nothing is undone; {before} is the original'
             )
         whole_file.write_text(text.decode(), path)
         before.unlink()
-        beside(path, APPLIED).unlink(missing_ok=True)
+        sibling(path, APPLIED).unlink(missing_ok=True)
 
 
 def _reads_as(wanted: parameter_file.Tree, path: Path) -> bool:
@@ -87,21 +86,21 @@ def _reads_as(wanted: parameter_file.Tree, path: Path) -> bool:
 
 
 def _require_robot(path: Path, trial: Path) -> None:
-    """Refuse a trial that is no robot any more, if the file that it is to replace is one; raises TuningError."""
+    """Reject a trial that is not a valid robot if the file that it replaces is one; raises TuningError."""
     try:
         parameters.load(path)
     except ParameterError:
-        return  # holds differences only
+        return  # file of differences
     try:
         parameters.load(trial)
     except ParameterError as error:
-        told = str(error).replace(str(trial), str(path))
-        raise TuningError(f'no robot can have these gains: {told}') from None
+        reason = str(error).replace(str(trial), str(path))
+        raise TuningError(f'a robot cannot have these gains: {reason}') from None
 
 
 def _is_as_applied(path: Path) -> bool:
-    applied = beside(path, APPLIED)
-    if not applied.is_file() or not beside(path, BEFORE).is_file():
+    applied = sibling(path, APPLIED)
+    if not applied.is_file() or not sibling(path, BEFORE).is_file():
         return False
     return applied.read_text(encoding='utf-8') == _digest(path.read_bytes())
 
@@ -111,20 +110,21 @@ def _digest(content: bytes) -> str:
 
 
 def _with(text: str, name: str, value: float, path: Path) -> str:
-    """Return the text of a file with one value of its group drive."""
+    """Return the text of a file with one value of its group ``drive`` set."""
     group = _GROUP.search(text)
     if group is None:
-        raise TuningError(f'{path} has no group drive whose rows could be changed')
+        raise TuningError(f'{path} has no group drive with rows that can be changed')
     rows = group['rows']
     row = re.search(rf'^( +{name}:[ \t]*)([^\s#]+)', rows, re.MULTILINE)
     if row is not None:
-        # what stands behind stays in its column
+        # keep the column of a comment after the value
         end = row.end() + len(re.match(r' *', rows[row.end() :])[0])  # type: ignore[index]
-        room = end - row.start(2)
-        told = f'{value!r}'.ljust(room) if rows[end : end + 1] == '#' else f'{value!r}'
-        if rows[end : end + 1] == '#' and not told.endswith(' '):
-            told += '  '
-        rows = rows[: row.start(2)] + told + rows[end:]
+        shown = repr(value)
+        if rows[end : end + 1] == '#':
+            shown = shown.ljust(end - row.start(2))
+            if not shown.endswith(' '):
+                shown += '  '
+        rows = rows[: row.start(2)] + shown + rows[end:]
     else:
         first = re.match(r' +', rows)
         rows = f'{first[0] if first else group["indent"] + "  "}{name}: {value!r}\n{rows}'

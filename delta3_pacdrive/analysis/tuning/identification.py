@@ -1,9 +1,8 @@
-"""Frequency responses from recorded signals: Welch's spectra, the H1 estimate, its coherence and its error.
+"""Frequency responses from recorded signals: Welch spectra, H1 estimate, coherence and standard error.
 
-H1 = S_xy / S_xx is free of the noise at the output y. Inside a closed loop the input x holds that noise as well; with
-the added set point r, which the noise knows nothing of, H = S_ry / S_rx is free of both. A loop of unity feedback is
-L = S_rb / S_re of feedback b and error e; the loop around a place where r is added to what the controllers ask for is
-L = 1/S - 1 with S = S_ru / S_rr of the sum u.
+H1 = S_xy / S_xx is unbiased by noise at the output y. In a closed loop the input x contains that noise too; with the
+added set point r, which is independent of the noise, H = S_ry / S_rx is unbiased. For unity feedback, L = S_rb / S_re
+with feedback b and error e. If r is added to the controller output, L = 1/S - 1 with S = S_ru / S_rr of the sum u.
 """
 
 from dataclasses import dataclass, replace
@@ -17,55 +16,40 @@ from delta3_pacdrive.errors import TuningError
 from delta3_pacdrive.numerics.types import Floats
 
 AVERAGES_MIN = 3
-ERROR_MAX = 0.05  # of |H|, one standard deviation, 0.4 dB and 3 degrees: what is trustworthy
-COHERENCE_MIN = 0.5  # below, the error by the formula is no more than a guess
-QUIET = 1e-12  # of the strongest line, below which an input is not excited
+ERROR_MAX = 0.05  # relative standard error of |H| up to which a value is trusted: 0.4 dB and 3 degrees
+COHERENCE_MIN = 0.5  # below this value the error formula is unreliable
+QUIET = 1e-12  # relative to the strongest line: an input below is not excited
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A measured frequency response has a coherence, and so an error.
+    """Measured frequency response with its coherence."""
 
-    Attributes
-    ----------
-    frequencies_hz
-        Shape (F,), ascending.
-    values
-        Complex, shape (F,).
-    coherence
-        Share of the output's power that follows the input, 0 to 1, shape (F,).
-    averages
-        Independent pieces of signal that it is the mean of.
-    magnified
-        Factor by which a formula that made the values enlarges relative errors, shape (F,).
-
-    """
-
-    frequencies_hz: Floats
-    values: Complex
-    coherence: Floats
-    averages: int
-    magnified: Floats | float = 1.0
+    frequencies_hz: Floats  # shape (F,), ascending
+    values: Complex  # shape (F,)
+    coherence: Floats  # share of the output power that is coherent with the input, 0 to 1, shape (F,)
+    averages: int  # independent pieces of the signal
+    magnified: Floats | float = 1.0  # factor on relative errors of the formula behind the values, shape (F,)
 
     @property
     def error(self) -> Floats:
-        """Standard deviation of |H| relative to it (Bendat and Piersol): sqrt((1 - g)/(2 n g)) of the coherence g."""
+        """Relative standard deviation of |H| (Bendat and Piersol): sqrt((1 - g)/(2 n g)) with coherence g."""
         share = np.clip(self.coherence, 1e-12, 1.0)
         return np.asarray(self.magnified * np.sqrt((1.0 - share) / (2.0 * self.averages * share)))
 
     @property
     def trusted(self) -> NDArray[np.bool_]:
-        """Where the error is small enough."""
+        """Mask of trusted values: small error and sufficient coherence."""
         return (self.error <= ERROR_MAX) & (self.coherence >= COHERENCE_MIN)
 
     @property
     def in_band(self) -> NDArray[np.bool_]:
-        """Which frequencies lie in the band that is trusted, shape (F,)."""
+        """Mask of the frequencies within ``band_hz``, shape (F,)."""
         low, high = self.band_hz() or (np.inf, -np.inf)
         return (self.frequencies_hz >= low) & (self.frequencies_hz <= high)
 
     def band_hz(self) -> tuple[float, float] | None:
-        """Longest band, in octaves, without a frequency that is not trustworthy; None: there is no such band."""
+        """Return the longest trusted band, measured in octaves; None if no value is trusted."""
         best, first = None, None
         for k, good in enumerate([*self.trusted.tolist(), False]):
             if good and first is None:
@@ -94,22 +78,22 @@ def response(
     x, y
         Signals, shape (samples,).
     sample_s
-        Distance of the samples.
+        Sampling period.
     piece
-        Samples that are transformed at once; of a signal that repeats, its period.
+        Samples per transform; for a periodic signal its period.
     instrument
-        Signal that excites the loop from outside; None: x itself, the H1 estimate.
+        External excitation of the loop; None: x itself (H1 estimate).
     lines
-        Harmonics of ``piece`` that are excited, of a signal that repeats; None: any signal, with Hann windows that
-        overlap by half.
+        Excited harmonics of ``piece`` of a periodic signal; None: arbitrary signal, with Hann windows that overlap by
+        half.
     drifts
-        Of a signal that repeats: whether slow changes of pose and load go with it. Then two periods at a time are
-        transformed under a Hann window, which keeps the changes out of the lines.
+        For a periodic signal: pose and load change slowly. Two periods per transform and a Hann window then keep the
+        changes out of the lines.
 
     Raises
     ------
     TuningError
-        The signals are too short for three pieces, or x does not move.
+        The signals are too short for three pieces, or x is constant.
 
     """
     hann = lines is None or drifts
@@ -120,10 +104,10 @@ def response(
     if pieces < AVERAGES_MIN:
         raise TuningError(
             f'{len(x)} samples are too short for {AVERAGES_MIN} pieces of {piece} '
-            f'({piece * sample_s:g} s): no spectrum can be averaged'
+            f'({piece * sample_s:g} s): spectra cannot be averaged'
         )
     if not np.ptp(x) > 0.0:
-        raise TuningError('the input does not move: there is no response to it')
+        raise TuningError('the input is constant: its frequency response is undefined')
     options = {
         'nperseg': piece,
         'noverlap': overlap,
@@ -144,12 +128,12 @@ def response(
     coherence = np.minimum(
         np.abs(rx) ** 2 / np.maximum(rr * xx, 1e-300), np.abs(ry) ** 2 / np.maximum(rr * yy, 1e-300)
     )
-    # pieces that overlap by half under a Hann window count for about 0.95 of as many independent ones
+    # with half overlap and a Hann window the pieces count as about 0.95 times as many independent ones
     return Measured(frequencies[keep], ry / rx, np.minimum(coherence, 1.0), pieces)
 
 
 def opened(sensitivity: Measured) -> Measured:
-    """Return the open loop L = 1/S - 1 of a measured sensitivity; where L is small its errors are large."""
+    """Return the open loop L = 1/S - 1 of a measured sensitivity; relative errors are large where L is small."""
     values = 1.0 / sensitivity.values - 1.0
     magnified = 1.0 / np.maximum(np.abs(1.0 - sensitivity.values), 1e-12)
     return replace(sensitivity, values=values, magnified=magnified)

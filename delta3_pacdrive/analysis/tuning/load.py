@@ -1,7 +1,7 @@
-"""What a drive has to move: inertia and gravity at the shaft, which depend on the pose, and the slope of friction.
+"""Load of a drive: inertia and gravity at the shaft, which depend on the pose, and the slope of the friction.
 
-Three drives with equal gains decouple along the eigenvectors of A (4.26): a motion along one of them is that of a
-single drive with the inertia lambda / k_r^2. An axis that moves while the others stand still feels A_ii / k_r^2.
+Three drives with equal gains decouple along the eigenvectors of A (4.26). Each mode moves like a single drive with the
+inertia lambda / k_r^2. An axis that moves while the others are at rest has the inertia A_ii / k_r^2.
 """
 
 import math
@@ -21,43 +21,23 @@ RADII, DIRECTIONS, HEIGHTS = 7, 12, 6  # of the grid over the workspace
 
 @dataclass(frozen=True)
 class Load:
-    """The load is what one drive moves, motor side.
-
-    Attributes
-    ----------
-    name
-        For people.
-    inertia_kg_m2
-        Rotor included; infinite for a shaft that is held.
-    gravity_n_m
-        Torque that gravity asks for.
-
-    """
+    """Load of one drive, motor side."""
 
     name: str
-    inertia_kg_m2: float
+    inertia_kg_m2: float  # including the rotor; infinite for a locked shaft
     gravity_n_m: float = 0.0
 
 
 @dataclass(frozen=True)
 class Gear:
-    """A gear that gives, as the linear loops see it: flanks that touch, motor side.
+    """Elastic gear in contact, as seen by the linear loops; motor side."""
 
-    Attributes
-    ----------
-    rotor_kg_m2
-        Inertia in front of it: rotor and brake.
-    stiffness_n_m_rad, damping_n_m_s_rad
-        Of the spring between rotor and arm.
-
-    """
-
-    rotor_kg_m2: float
+    rotor_kg_m2: float  # rotor and brake
     stiffness_n_m_rad: float
     damping_n_m_s_rad: float
 
     def torque(self, twist: Any, rate: Any) -> Any:
-        """Torque [N m] that it passes on to the arm, from twist [rad] and its rate [rad/s]."""
+        """Return the torque [N m] on the arm from twist [rad] and its rate [rad/s]."""
         return self.stiffness_n_m_rad * twist + self.damping_n_m_s_rad * rate
 
 
@@ -75,23 +55,14 @@ def gear_of(parameters: Parameters) -> Gear | None:
 
 @dataclass(frozen=True)
 class Modes:
-    """The modes say how the three drives move the arms in a pose.
+    """Modes of the arms in a pose."""
 
-    Attributes
-    ----------
-    inertia_kg_m2
-        lambda / k_r^2 of the modes, motor side, ascending; shape (3,).
-    shares
-        Squares of the components of the eigenvectors: row axis, column mode; each row and column sums to 1.
-
-    """
-
-    inertia_kg_m2: Floats
-    shares: Floats
+    inertia_kg_m2: Floats  # lambda / k_r^2, motor side, ascending, shape (3,)
+    shares: Floats  # squared components of the eigenvectors: row axis, column mode; rows and columns sum to 1
 
 
 def load_at(point_m: Sequence[float], axis: int, parameters: Parameters) -> Load:
-    """Load of an axis, 0 to 2, in a pose while the other axes stand still.
+    """Return the load of an axis, 0 to 2, in a pose while the other axes are at rest.
 
     Raises
     ------
@@ -108,14 +79,14 @@ def load_at(point_m: Sequence[float], axis: int, parameters: Parameters) -> Load
 
 
 def modes_at(point_m: Sequence[float], parameters: Parameters) -> Modes:
-    """Modes of a pose; raises UnreachableError."""
+    """Return the modes of a pose; raises UnreachableError."""
     theta = kinematics.inverse(np.asarray(point_m, dtype=np.float64), parameters.kinematics)
     values, vectors = np.linalg.eigh(dynamics.mass_matrix(theta, parameters))
     return Modes(values / parameters.dynamics.gear_ratio**2, vectors**2)
 
 
 def extremes(parameters: Parameters) -> tuple[Load, Load]:
-    """Lightest and heaviest mode over the workspace, on a grid; names tell where they are found.
+    """Return the lightest and the heaviest mode on a grid over the workspace; their names contain the position.
 
     Raises
     ------
@@ -140,13 +111,13 @@ def extremes(parameters: Parameters) -> tuple[Load, Load]:
         )
     lightest, heaviest = min(found), max(found)
     return tuple(  # type: ignore[return-value]
-        Load(f'{what} mode, ({x:.2f}, {y:.2f}, {z:.2f}) m', inertia)
-        for what, (inertia, (x, y, z)) in (('lightest', lightest), ('heaviest', heaviest))
+        Load(f'{kind} mode, ({x:.2f}, {y:.2f}, {z:.2f}) m', inertia)
+        for kind, (inertia, (x, y, z)) in (('lightest', lightest), ('heaviest', heaviest))
     )
 
 
 def friction_slope(speed_rad_s: float, parameters: Parameters) -> float:
-    """Slope [N m s/rad] of F_s tanh(w/w_s) + F_v w at a speed: small signals feel it as viscous friction (8.2)."""
+    """Return the slope [N m s/rad] of F_s tanh(w/w_s) + F_v w, the viscous friction for small signals (8.2)."""
     motor = parameters.motor
     ratio = min(abs(speed_rad_s) / motor.friction_smoothing_rad_s, 100.0)
     steep = motor.static_friction_n_m / motor.friction_smoothing_rad_s / math.cosh(ratio) ** 2

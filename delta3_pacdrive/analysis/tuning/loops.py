@@ -1,15 +1,15 @@
-"""The cascade of section 8.1 as linear difference equations: an independent view of what drive and motor compute.
+"""The cascade of section 8.1 as linear difference equations, independent of the code of drive and motor.
 
     position   w_ref = K_Ppos (r - theta) + FF_vel dr                                           every T_pos
     velocity   i_ref = (K_Pvel + K_Ivel T_vel / (1 - z^-1)) (w_ref - w) + FF_curr J_ff/K_m ddr  every T_vel
     current    v = (K_Pcurr + K_Icurr T_cur / (1 - z^-1)) (F_currRef i_ref - i)                 every T_cur, one later
     winding    i = phi i + (1 - phi) (v - K_m/3 w) / (R/2),  phi = exp(-T_cur R/L)              (8.2)
     shaft      J dw/dt = K_m i - b w,  b the slope of the friction
-    gear       J_m dw/dt = K_m i - b w - t,  (J - J_m) dw_a/dt = t,  t = c (theta - theta_a) + d (w - w_a), if it gives
+    gear       J_m dw/dt = K_m i - b w - t,  (J - J_m) dw_a/dt = t,  t = c (theta - theta_a) + d (w - w_a), if elastic
 
-The limits are left out. What is sampled, held and delayed is as in the drive: the speed is the difference of two
-encoder readings, set points are interpolated over a bus cycle, and between exchanges with the plant the loops are
-closed on the drive's own shaft, whose inertia may be wrong.
+Limits are neglected. Sampling, hold and delays are those of the drive: the speed is the difference of two encoder
+readings, set points are interpolated over a bus cycle, and between exchanges with the plant the loops are closed over
+the shaft model of the drive, whose inertia may be wrong.
 """
 
 import math
@@ -37,29 +37,29 @@ notched = interpreted(notch.notched)
 
 
 class Entry(StrEnum):
-    """The entry is where the input of the linear cascade enters."""
+    """Point at which the input of the linear cascade enters."""
 
-    # instead of a signal, which cuts the loops around it
+    # replaces the signal, which opens the loops around it
     CURRENT_ERROR = 'current error'
     CURRENT_SET_POINT = 'current set point'
     SPEED_ERROR = 'speed error'
     SPEED_SET_POINT = 'speed set point'
     POSITION_ERROR = 'position error'
-    # in addition to a signal, with all loops closed
+    # added to the signal, with all loops closed
     CURRENT = 'current'
     POSITION = 'position'
-    COMMAND = 'command'  # of the bus
+    COMMAND = 'command'  # on the bus
     LOAD = 'load'  # torque at the arm, motor side
     ENCODER = 'encoder'  # noise of a reading
 
 
-# in the order in which a period computes them
+# in the order of computation within a period
 _STATES = (
     'next_command', 'command', 'command_before', 'command_before_that', 'speed_reference', 'read', 'speed_filtered',
     'velocity_integral', 'current_reference', 'reference_filtered', 'current_filtered', 'current_integral', 'voltage',
     'current', 'own_position', 'own_speed', 'coupling', 'position', 'speed', 'acceleration',
 )  # fmt: skip
-# of a drive with a notch filter: what its kernel keeps
+# additional states of the kernel of a drive with a notch filter
 _NOTCH_STATES = (
     'current_asked', 'current_asked_before', 'notched_once', 'notched_once_before', 'notched_twice',
     'notched_twice_before',
@@ -73,37 +73,24 @@ OUTPUTS = (
 
 @dataclass(frozen=True)
 class Shaft:
-    """The shaft is what turns, motor side.
+    """Shaft of a drive with its load, motor side."""
 
-    Attributes
-    ----------
-    inertia_kg_m2
-        Of the plant; infinite where the shaft is held.
-    friction_n_m_s_rad
-        Slope of the friction.
-    exchange_period_s
-        Between drive and plant.
-    believed_kg_m2
-        Inertia of the drive's own shaft between exchanges; None: the right one. A shaft with a gear has one.
-    gear
-        That gives, between rotor and arm; None: a rigid one.
-
-    """
-
-    inertia_kg_m2: float
-    friction_n_m_s_rad: float
-    exchange_period_s: float
-    believed_kg_m2: float | None = None
-    gear: Gear | None = None
+    inertia_kg_m2: float  # of the plant; infinite if the shaft is locked
+    friction_n_m_s_rad: float  # slope of the friction
+    exchange_period_s: float  # between drive and plant
+    believed_kg_m2: float | None = (
+        None  # inertia in the drive's shaft model; None: exact. Required with a gear
+    )
+    gear: Gear | None = None  # elastic gear between rotor and arm; None: rigid
 
     def motion_over(self, period_s: float) -> tuple[Floats, Floats]:
-        """Return how position, speed, and behind a gear those of the arm, go on over a period, and what a torque adds.
+        """Return the transition matrix of rotor and arm over a period and the effect of a constant torque [N m].
 
-        Shapes (states, states) and (states,); the torque [N m] at the shaft stands still meanwhile.
+        States are position and speed of the rotor, then of the arm; shapes (4, 4) and (4,).
         """
         gear = self.gear
         if gear is None:
-            raise ValueError('a rigid shaft needs no exponential')
+            raise ValueError('a rigid shaft has no matrix exponential')
         rotor, arm = gear.rotor_kg_m2, self.inertia_kg_m2 - gear.rotor_kg_m2
         c, d = gear.stiffness_n_m_rad, gear.damping_n_m_s_rad
         system = np.zeros((5, 5))
@@ -115,10 +102,10 @@ class Shaft:
 
 
 def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Periodic:
-    """Return the cascade of one drive with its input at ``entry``; outputs are ``OUTPUTS``.
+    """Return the cascade of one drive with its input at ``entry`` and the outputs ``OUTPUTS``.
 
-    An output is what the drive computes, or finds, in the current-loop period of the same number; ``controller`` is the
-    current that the loops ask for.
+    An output is the value that the drive computes or reads in the current period of the same number; ``controller`` is
+    the current demanded by the loops, without the input.
     """
     steps = round(parameters.bus.cycle_time_s / parameters.drive.current_period_s)
     constants = drive_constants(parameters)[0]
@@ -133,19 +120,19 @@ def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Period
     rows = np.array([[p.signals[name] for name in names] for p in periods])
     outputs = np.array([[p.outputs[name] for name in OUTPUTS] for p in periods])
     return Periodic(
-        parameters.drive.current_period_s,
-        rows[:, :, :states],
-        rows[:, :, states],
-        outputs[:, :, :states],
-        outputs[:, :, states],
-        OUTPUTS,
+        period_s=parameters.drive.current_period_s,
+        a=rows[:, :, :states],
+        b=rows[:, :, states],
+        c=outputs[:, :, :states],
+        d=outputs[:, :, states],
+        outputs=OUTPUTS,
     )
 
 
 def notch_response(frequencies_hz: Floats, parameters: Parameters) -> Complex:
-    """Frequency response of both notch filters of a drive, from what its loops ask for to its current reference."""
+    """Return the frequency response of both notch filters of a drive."""
     period, total = parameters.drive.velocity_period_s, np.ones(len(frequencies_hz), dtype=np.complex128)
-    back = np.exp(-2j * np.pi * frequencies_hz * period)  # by one period
+    back = np.exp(-2j * np.pi * frequencies_hz * period)  # z^-1
     for each in notches(parameters.drive):
         b0, b1, b2, a1, a2 = notch.coefficients(each, period)
         total *= (b0 + b1 * back + b2 * back**2) / (1.0 + a1 * back + a2 * back**2)
@@ -153,7 +140,7 @@ def notch_response(frequencies_hz: Floats, parameters: Parameters) -> Complex:
 
 
 class _Period:
-    """In a current-loop period every signal is a row: its weights on the states at the start, and on the input."""
+    """One current period; each signal is a row of weights on the states at its start and on the input."""
 
     def __init__(
         self,
@@ -204,11 +191,11 @@ class _Period:
         x, shaft = self.signals, self._shaft
         x['own_position'], x['own_speed'] = x['position'], x['speed']
         if shaft.believed_kg_m2 is not None:
-            felt = shaft.inertia_kg_m2 * x['acceleration'] - self._given(Entry.LOAD)
+            torque = shaft.inertia_kg_m2 * x['acceleration'] - self._given(Entry.LOAD)
             if (gear := shaft.gear) is not None:
                 twist, rate = x['position'] - x['arm_position'], x['speed'] - x['arm_speed']
-                felt = gear.rotor_kg_m2 * x['acceleration'] + gear.torque(twist, rate)
-            x['coupling'] = felt - shaft.believed_kg_m2 * x['acceleration']
+                torque = gear.rotor_kg_m2 * x['acceleration'] + gear.torque(twist, rate)
+            x['coupling'] = torque - shaft.believed_kg_m2 * x['acceleration']
 
     def _set_point_steps(self) -> tuple[Floats, Floats, Floats]:
         x = self.signals
@@ -233,7 +220,7 @@ class _Period:
         x['speed_reference'] = feedforward + drive.position_gain_rad_s_rad * error
 
     def _velocity_loop(self, exchange: bool) -> Floats:
-        """Form the current set point; return what the loops ask for without what is added from outside."""
+        """Compute the current reference; return the demand of the loops without the added input."""
         x, drive, entry = self.signals, self._parameters.drive, self._entry
         before = x['read']
         x['read'] = x['own_position'] + self._given(Entry.ENCODER)
@@ -273,9 +260,9 @@ class _Period:
             x['current_asked'] = asked
             return asked
         kept = SimpleNamespace(**{name: x[name] for name in _NOTCH_STATES})
-        behind: Floats = notched(asked, kept, self._filters)
+        filtered: Floats = notched(asked, kept, self._filters)
         x.update(vars(kept))
-        return behind
+        return filtered
 
     def _current_loop(self) -> None:
         x, drive = self.signals, self._parameters.drive
@@ -326,13 +313,13 @@ class _Period:
         names = ('position', 'speed', 'arm_position', 'arm_speed')
         over, added = self._motion
         before = np.array([x[name] for name in names])
-        behind = over @ before + np.outer(added, torque)
+        after = over @ before + np.outer(added, torque)
         arm = shaft.inertia_kg_m2 - gear.rotor_kg_m2
-        behind[2] += 0.5 * period**2 / arm * load
-        behind[3] += period / arm * load
-        x.update(zip(names, behind, strict=True))
-        passed = gear.torque(behind[0] - behind[2], behind[1] - behind[3])
-        x['acceleration'] = (torque - shaft.friction_n_m_s_rad * behind[1] - passed) / gear.rotor_kg_m2
+        after[2] += 0.5 * period**2 / arm * load
+        after[3] += period / arm * load
+        x.update(zip(names, after, strict=True))
+        passed = gear.torque(after[0] - after[2], after[1] - after[3])
+        x['acceleration'] = (torque - shaft.friction_n_m_s_rad * after[1] - passed) / gear.rotor_kg_m2
 
 
 def _smoothing(period_s: float, time_constant_s: float) -> float:

@@ -1,9 +1,9 @@
-"""Frequency responses that a recording allows, and which linear ones they are to be compared with.
+"""Frequency responses of a recording, each with the linear response for comparison.
 
-With the oscilloscope's signals and an excitation that ``recording`` added to a set point, a loop is opened as on the
-bench. A recording of bus cycles shows the way from the command on the bus to the position of the answer. Its input is
-the motion of a program, which has little above some ten hertz: both signals are differenced twice before the transform,
-so that what leaks from the large slow motion does not pass for a response, and the coherence tells where the rest ends.
+With oscilloscope signals and an excitation added to a set point, a loop is opened as on the bench. A recording of bus
+cycles gives the response from the bus command to the position in the AT. Its input is the motion of a program, which
+contains little above some ten hertz. Both signals are therefore differenced twice before the transform, which keeps
+leakage of the large slow motion out of the response; the coherence shows the usable band.
 """
 
 from dataclasses import dataclass, replace
@@ -31,55 +31,40 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 
-PIECES = 4  # into which a recording that does not repeat is cut at least; they overlap by half
+PIECES = 4  # minimum number of pieces of a recording that is not periodic; they overlap by half
 PIECE_MIN = 64
 COMMAND = 'command'
 
 
 @dataclass(frozen=True)
 class MeasuredResponse:
-    """The response is one that a recording shows, beside the linear one.
+    """Response found in a recording, with the linear one."""
 
-    Attributes
-    ----------
-    name
-        ``current`` (closed), ``position`` (open), ``cascade`` (open) or ``command`` (closed).
-    title
-        For people.
-    axis
-        1 to 3.
-    measured
-        From the signals.
-    linear
-        At the same frequencies.
-
-    """
-
-    name: str
+    name: str  # 'current' (closed), 'position' (open), 'cascade' (open) or 'command' (closed)
     title: str
-    axis: int
+    axis: int  # 1 to 3
     measured: Measured
-    linear: Complex
+    linear: Complex  # at the same frequencies
 
 
 def identify(
     trace: Trace, axis: int, parameters: Parameters, operation: OperatingPoint
 ) -> list[MeasuredResponse]:
-    """Return the frequency responses of an axis, 1 to 3, that a trace allows.
+    """Return the frequency responses of an axis, 1 to 3, that the signals of a trace provide.
 
     Raises
     ------
     TuningError
-        The signals allow none, belong to another robot or are too short; says what is missing.
+        Signals are missing or too short, or the trace is of another robot.
     EstimationError
-        The trace is not evenly sampled, or nothing moves in it.
+        The trace is not evenly sampled, or the robot does not move in it.
 
     """
     ratio = trace.meta.get('gear_ratio', parameters.dynamics.gear_ratio)
     if ratio != parameters.dynamics.gear_ratio:
         raise TuningError(
             f'the recording is of a robot with gear ratio {ratio:g}, '
-            f'the parameters say {parameters.dynamics.gear_ratio:g}'
+            f'the parameters have {parameters.dynamics.gear_ratio:g}'
         )
     sample = sample_time_s(trace)
     if sample > 0.5 * parameters.bus.cycle_time_s:
@@ -98,8 +83,8 @@ def identify(
         found.append(_of_current(trace, axis, parameters, operation))
     if not found:
         raise TuningError(
-            'the recording is faster than the bus but has no current_reference, which a response of the loops needs '
-            '(with current_added or position_added that of more than the current loop)'
+            'the recording is faster than the bus cycle but lacks current_reference, required for responses of loops; '
+            'the outer loops also need current_added or position_added'
         )
     return found
 
@@ -108,13 +93,13 @@ def _check_rate(sample_s: float, parameters: Parameters) -> None:
     period = parameters.drive.current_period_s
     if abs(sample_s - period) > 1e-3 * period:
         raise TuningError(
-            f'the recording is sampled every {sample_s:g} s: a response of the loops needs every period of the '
-            f'current loop, {period:g} s, and one of the command the bus cycle, {parameters.bus.cycle_time_s:g} s'
+            f'the recording is sampled every {sample_s:g} s: responses of the loops require the period of the current '
+            f'loop, {period:g} s, a response of the command the bus cycle, {parameters.bus.cycle_time_s:g} s'
         )
 
 
 def _estimate(trace: Trace, x: Floats, y: Floats, every: int, instrument: Floats | None = None) -> Measured:
-    """Estimate from every so many samples; a recording that says how it repeats is transformed by whole periods."""
+    """Estimate from every ``every``-th sample; a recording with a known repetition is transformed by whole periods."""
     x, y = x[::every], y[::every]
     if instrument is not None:
         instrument = instrument[::every]
@@ -126,7 +111,7 @@ def _estimate(trace: Trace, x: Floats, y: Floats, every: int, instrument: Floats
 
 
 def _repetition(trace: Trace, samples: int) -> tuple[int, NDArray[np.int64] | None]:
-    """Period and lines of the excitation that the meta data of a trace tell; (0, None) without."""
+    """Return period and lines of the excitation from the metadata of a trace; (0, None) without."""
     try:
         repeats = int(trace.meta['repeats_after'])
         lines = np.array(trace.meta['lines'], dtype=np.int64)
@@ -157,9 +142,9 @@ def _opened(
     parameters: Parameters,
     operation: OperatingPoint,
 ) -> tuple[Measured, Complex]:
-    """Return the open loop of an axis, measured and linear, from what was added at ``entry`` to what is seen there.
+    """Return the open loop of an axis, measured and linear, from the input at ``entry`` to the signal ``seen``.
 
-    The linear one is that of the axis among the others: the mean over the modes of the pose, by its shares.
+    The linear loop of an axis in the robot is the mean over the modes of the pose, weighted by its shares.
     """
     drive = parameters.drive
     output, period_s = {
@@ -169,9 +154,9 @@ def _opened(
     every = _steps(period_s, parameters)
     sensitivity = _estimate(trace, added[:, axis - 1], seen[:, axis - 1], every)
     if entry == Entry.CURRENT:
-        # the loop is cut in front of the notch filters, the reference is told behind them
-        behind = notch_response(sensitivity.frequencies_hz, parameters)
-        sensitivity = replace(sensitivity, values=sensitivity.values / behind)
+        # the loop is cut before the notch filters, the recorded reference is after them
+        filters = notch_response(sensitivity.frequencies_hz, parameters)
+        sensitivity = replace(sensitivity, values=sensitivity.values / filters)
     modes = modes_at(_pose(trace, parameters), parameters)
     speed = float(trace.meta.get('speed_rad_s', operation.speed_rad_s))
     linear: Any = 0.0
@@ -205,7 +190,7 @@ def _of_command(
 ) -> MeasuredResponse:
     if abs(sample_s - parameters.bus.cycle_time_s) > 1e-3 * sample_s:
         raise TuningError(
-            f'the recording is sampled every {sample_s:g} s, the parameters say '
+            f'the recording is sampled every {sample_s:g} s, the parameters have '
             f'{parameters.bus.cycle_time_s:g} s (bus.cycle_time_s)'
         )
     rows = moving_rows(trace)
@@ -221,7 +206,7 @@ def _of_command(
 
 
 def _pose(trace: Trace, parameters: Parameters) -> Any:
-    """Pose [m] of a recording: as its meta data say, else that of its mean shaft positions."""
+    """Return the pose [m] of a recording from its metadata, or that of its mean shaft positions."""
     if isinstance(pose := trace.meta.get('pose_m'), list) and len(pose) == 3:
         return pose
     arms = trace['motor_position'].mean(axis=0) / parameters.dynamics.gear_ratio

@@ -1,7 +1,7 @@
-"""Linear systems whose matrices repeat: loops of several rates, taken together over one bus cycle.
+"""Linear periodically time-varying systems: multi-rate loops described over one bus cycle.
 
-Such a system answers a sine with the sine's own frequency and with images of it; the frequency response here is the
-part of the same frequency, which is what a measurement by Fourier transform finds.
+The output of such a system for a sine contains the frequency of the input and its images. The frequency response here
+is the part at the input frequency, as measured by a Fourier transform.
 """
 
 from dataclasses import dataclass
@@ -12,53 +12,42 @@ import numpy as np
 from delta3_pacdrive.analysis.tuning.response import Complex
 from delta3_pacdrive.numerics.types import Floats
 
-DOUBLINGS = 16  # of the cycles that noise is remembered for: a minute
-MARGINAL = 1e-6  # over 1: what an integrator that nothing feeds back may show by rounding
+DOUBLINGS = 16  # of the number of cycles over which noise accumulates: one minute
+MARGINAL = 1e-6  # excess over 1 that rounding gives an integrator without feedback
 
 
 @dataclass(frozen=True)
 class Periodic:
-    """x_{n+1} = A_n x_n + b_n u_n,  y_n = C_n x_n + d_n u_n, matrices of period N.
+    """x_{n+1} = A_n x_n + b_n u_n,  y_n = C_n x_n + d_n u_n, matrices of period N."""
 
-    Attributes
-    ----------
-    period_s
-        Of one step n.
-    a, b, c, d
-        Shapes (N, states, states), (N, states), (N, outputs, states), (N, outputs).
-    outputs
-        Names of the outputs.
-
-    """
-
-    period_s: float
-    a: Floats
-    b: Floats
-    c: Floats
-    d: Floats
-    outputs: tuple[str, ...]
+    period_s: float  # of one step n
+    a: Floats  # shape (N, states, states)
+    b: Floats  # shape (N, states)
+    c: Floats  # shape (N, outputs, states)
+    d: Floats  # shape (N, outputs)
+    outputs: tuple[str, ...]  # names
 
     def over_cycle(self) -> Floats:
-        """Transition matrix of one whole cycle, from its beginning."""
+        """Return the transition matrix of one cycle, from its beginning."""
         product = np.eye(self.a.shape[1])
         for a in self.a:
             product = a @ product
         return product
 
     def spectral_radius(self) -> float:
-        """Largest magnitude of the eigenvalues over one cycle: 1 or more does not decay."""
+        """Return the largest eigenvalue magnitude over one cycle; 1 or more does not decay."""
         return float(np.abs(np.linalg.eigvals(self.over_cycle())).max())
 
     def variance(self, output: str, every: int = 1) -> float:
-        """Mean variance of an output under white noise of variance 1 at the input, of a stable system.
+        """Return the mean variance of an output of a stable system under white input noise of variance 1.
 
-        The output is looked at in every so many steps; noise enters where ``b`` lets it.
+        The output is sampled once in ``every`` steps.
         """
         row, steps = self.outputs.index(output), len(self.a)
         gained = np.zeros(self.a.shape[1:])
         for a, b in zip(self.a, self.b, strict=True):
             gained = a @ gained @ a.T + np.outer(b, b)
-        # spread of all cycles before: what is gained in twice as many of them comes from what half of them leaves
+        # sum over all previous cycles by doubling: the sum of 2n cycles is that of n plus the same, n cycles older
         spread, over = gained, self.over_cycle()
         for _ in range(DOUBLINGS):
             spread = spread + over @ spread @ over.T
@@ -72,22 +61,11 @@ class Periodic:
         return total / len(range(0, steps, every))
 
     def is_stable(self) -> bool:
-        """Whether nothing grows."""
+        """Return whether the system is stable; an integrator without feedback counts as stable."""
         return self.spectral_radius() < 1.0 + MARGINAL
 
     def respond(self, frequencies_hz: Floats, output: str, every: int = 1) -> Complex:
-        """Frequency response to an output.
-
-        Parameters
-        ----------
-        frequencies_hz
-            Shape (F,).
-        output
-            One of ``outputs``.
-        every
-            The output is looked at in every so many steps.
-
-        """
+        """Return the frequency response from the input to an output, sampled once in ``every`` steps; shape (F,)."""
         row = self.outputs.index(output)
         z = np.exp(2j * np.pi * frequencies_hz * self.period_s)  # of one step
         steps, states = self.b.shape
@@ -104,7 +82,7 @@ class Periodic:
         return total / len(range(0, steps, every))
 
     def run(self, inputs: Floats) -> Floats:
-        """Outputs, shape (samples, outputs), from rest under inputs of shape (samples,)."""
+        """Return the outputs, shape (samples, outputs), from rest under inputs of shape (samples,)."""
         x = np.zeros(self.a.shape[1])
         found = np.empty((len(inputs), len(self.outputs)))
         for k, u in enumerate(inputs):

@@ -1,13 +1,13 @@
-"""Gains for given margins: the stiffest drive that keeps them over the whole workspace, with every payload.
+"""Search for the stiffest gains that keep given margins over the whole workspace with every payload.
 
-A load on the shaft is made up for by the integrator; the deviation that it leaves behind, summed up over time, is in
-inverse proportion to K_Ivel K_Ppos. That product is made as large as the margins allow: of the velocity loop, of the
-position loop, and of all loops cut at the current set point, with the lightest to the heaviest load, on their own and
-exchanging with the plant as simulations do. A gain may neither grow nor fall by less than the gain margin.
+The integrator compensates a load on the shaft. The time integral of the deviation is inversely proportional to
+K_Ivel K_Ppos. The search maximizes this product subject to the margins of the velocity loop, the position loop and the
+cascade cut at the current set point, from the lightest to the heaviest load, each on its own and exchanging with the
+plant as in simulations. The gain margin limits increase and reduction of a gain.
 
-The search is a differential evolution on logarithms of K_Pvel, K_Ivel/K_Pvel and K_Ppos (and of centre and damping of a
-notch filter, where gears give), over ``candidates``. What these leave out is looked at with the difference equations;
-by as much the search aims higher, and begins again around what it has found.
+The search is a differential evolution over logarithms of K_Pvel, K_Ivel/K_Pvel and K_Ppos (with elastic gears also of
+centre and damping of a notch filter), evaluated by ``candidates``. The result is checked with the difference equations;
+the search is repeated near the result with targets raised by the difference between both models.
 """
 
 import math
@@ -36,32 +36,25 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import RATED_PAYLOAD_KG, Parameters
 from delta3_pacdrive.parameters.notch import Notch
 
-PHASE_DEG, GAIN_DB = (10.0, 80.0), (1.0, 20.0)  # that may be asked for
+PHASE_DEG, GAIN_DB = (10.0, 80.0), (1.0, 20.0)  # allowed targets
 LOADS = 3  # from the lightest to the heaviest, at equal ratios
-CROSSOVER_RAD_S = (5.0, 5000.0)  # of the velocity loop, within which is searched
+CROSSOVER_RAD_S = (5.0, 5000.0)  # search range of the velocity loop
 RATIO_1_S = (0.5, 1000.0)  # K_Ivel/K_Pvel
 POSITION_1_S = (0.5, 1000.0)
-# of the resonance: where a notch filter may lie, how wide, how deep
+# notch filter: frequency relative to the resonance, damping, depth
 NOTCH_SHARE, NOTCH_DAMPING, NOTCH_DEPTH = (0.5, 2.5), (0.1, 1.2), 0.1
-PEOPLE, GENERATIONS, SETTLED = 10, 120, 1e-4  # of the evolution, people for each dimension
-NEAR, NEAR_GENERATIONS, ROUNDS = 0.1, 40, 4  # of what is searched again: share of the whole range
+POPULATION, GENERATIONS, SETTLED = 10, 120, 1e-4  # of the evolution; population per dimension
+NEAR, NEAR_GENERATIONS, ROUNDS = 0.1, 40, 4  # repeated search: half width as share of the range
 SEED = 1
-SHORT, UNSTABLE = 20.0, 1e3  # penalties, the first one for a margin that is missed by all of it
-DIGITS = 4  # of a gain that is proposed
-BEYOND_DB, BEYOND_DEG = 0.005, 0.02  # beyond the targets that are aimed at again
-POINTS = 300  # of the difference equations
+SHORT, UNSTABLE = 20.0, 1e3  # penalties; the first for a margin of 0
+DIGITS = 4  # of a proposed gain
+BEYOND_DB, BEYOND_DEG = 0.005, 0.02  # excess of the targets of a repeated search
+POINTS = 300  # frequencies of the linear loops
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Margins that every loop keeps.
-
-    Raises
-    ------
-    TuningError
-        One is out of its range; says which.
-
-    """
+    """Margins required of every loop; raises TuningError if one is out of range."""
 
     phase_deg: float = 45.0
     gain_db: float = 6.0
@@ -74,35 +67,24 @@ class Targets:
         ):
             if not low <= value <= high:
                 raise TuningError(
-                    f'the {name} margin asked for is {value:g} {unit}, but must be between {low:g} and {high:g} {unit}'
+                    f'the {name} margin is {value:g} {unit}, but must be between {low:g} and {high:g} {unit}'
                 )
 
 
 @dataclass(frozen=True)
 class Kept:
-    """The least margins over loops and loads, by the difference equations.
+    """Least margins over loops and loads, from the difference equations."""
 
-    Attributes
-    ----------
-    gain_db, phase_deg
-        How far a gain may grow or fall, and the distance of the nearest crossing.
-    gain_where, phase_where
-        Loop and load, for people.
-    stable
-        Whether all are.
-
-    """
-
-    gain_db: float
-    phase_deg: float
-    gain_where: str
+    gain_db: float  # for increase and reduction of the gain
+    phase_deg: float  # at the crossing closest to -1
+    gain_where: str  # loop and load with the least margin
     phase_where: str
-    stable: bool
+    stable: bool  # all loops
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposal has gains, and the margins that they keep."""
+    """Proposed gains and their margins."""
 
     targets: Targets
     gains: Gains
@@ -124,20 +106,20 @@ def propose(
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     targets
-        Margins.
+        Required margins.
     speed_rad_s
-        Of the shafts, which says how steep friction is.
+        Speed of the shafts, which determines the slope of the friction.
     payload_kg
-        Largest one, from 0 on; None: the rated one.
+        Largest payload of the range from 0; None: the rated one.
     on_progress
-        Is told how far the search is.
+        Callback for the progress of the search.
 
     Raises
     ------
     TuningError
-        No gains keep the margins; says which the best ones keep.
+        No gains keep the margins; the message contains the nearest ones.
 
     """
     largest = RATED_PAYLOAD_KG if payload_kg is None else payload_kg
@@ -175,13 +157,13 @@ def propose(
 
 
 def _apart(value: float, target: float) -> str:
-    """Return a margin with as many digits as tell it from its target: one at least, six at most."""
+    """Return a margin with one to six digits, as many as needed to distinguish it from its target."""
     texts = (f'{value:.{digits}f}' for digits in range(1, 7))
     return next((text for text in texts if float(text) != target), f'{value:.1f}')
 
 
 def spread(parameters: Parameters, payload_kg: float) -> list[Load]:
-    """Return loads from the lightest mode without a payload to the heaviest one with the largest."""
+    """Return loads from the lightest mode without payload to the heaviest mode with the largest payload."""
     lightest = extremes(parameters.replace(dynamics__payload_mass_kg=0.0))[0]
     heaviest = extremes(parameters.replace(dynamics__payload_mass_kg=payload_kg))[1]
     between = np.geomspace(lightest.inertia_kg_m2, heaviest.inertia_kg_m2, LOADS)[1:-1]
@@ -194,7 +176,7 @@ def spread(parameters: Parameters, payload_kg: float) -> list[Load]:
 
 
 def margins_kept(parameters: Parameters, loads: Sequence[Load], speed_rad_s: float) -> Kept:
-    """Return the least margins over loops and loads, by the difference equations."""
+    """Return the least margins over loops and loads, from the difference equations."""
     gains, phases, stable = [], [], True
     for load in loads:
         for loop in _loops(parameters, load, speed_rad_s):
@@ -218,7 +200,7 @@ def _loops(parameters: Parameters, load: Load, speed_rad_s: float) -> list[LoopR
 
 
 def _ranges(parameters: Parameters, loads: Sequence[Load]) -> list[tuple[float, float]]:
-    """Return from where to where is searched, by dimension."""
+    """Return the search range of each dimension."""
     inertia = math.sqrt(loads[0].inertia_kg_m2 * loads[-1].inertia_kg_m2)
     per_gain = parameters.motor.torque_constant_n_m_a / inertia
     ranges = [(CROSSOVER_RAD_S[0] / per_gain, CROSSOVER_RAD_S[1] / per_gain), RATIO_1_S, POSITION_1_S]
@@ -235,7 +217,7 @@ def _resonance_hz(gear: Gear, inertia_kg_m2: float) -> float:
 
 
 class _Search:
-    """The search looks for the best of candidates within ranges."""
+    """Search for the best candidate within ranges."""
 
     def __init__(
         self, candidates: Candidates, ranges: list[tuple[float, float]], on_progress: OnProgress
@@ -243,18 +225,18 @@ class _Search:
         self._candidates, self._on_progress = candidates, on_progress
         self._bounds = np.log10(np.array(ranges))
 
-    def gains(self, place: Floats) -> Gains:
-        """Return the gains at a place, with as many digits as are proposed."""
-        velocity, ratio, position, *rest = (10.0**place).tolist()
+    def gains(self, point: Floats) -> Gains:
+        """Return the gains at a point of the search space, rounded as they are proposed."""
+        velocity, ratio, position, *rest = (10.0**point).tolist()
         rounded = [float(f'{x:.{DIGITS}g}') for x in (velocity, velocity * ratio, position)]
         found = Gains(rounded[0], rounded[1], rounded[2])
         if not rest:
             return found
-        # a filter of the parameters is none of the search: the second one stays as it is
+        # only the first filter is searched; the second one keeps its parameters
         return replace(found, notch=_notch(*rest))
 
     def aim(self, targets: Targets, gains: Gains, kept: Kept) -> Targets:
-        """Return margins of candidates for which the difference equations keep the targets, as near to these gains."""
+        """Return targets for candidates with which the difference equations keep ``targets`` near these gains."""
         least = self._candidates.least([gains])
         more_db, more_deg = float(least.gain_db[0]) - kept.gain_db, float(least.phase_deg[0]) - kept.phase_deg
         return Targets(
@@ -263,7 +245,7 @@ class _Search:
         )
 
     def best(self, aim: Targets, around: Floats | None, number: int) -> Floats:
-        """Return the best place, everywhere or around one."""
+        """Return the best point of the whole range, or of the neighbourhood of a point."""
         bounds, generations = self._bounds, GENERATIONS
         if around is not None:
             half = NEAR * (bounds[:, 1] - bounds[:, 0])
@@ -271,15 +253,15 @@ class _Search:
             generations = NEAR_GENERATIONS
         done = 0
 
-        def told(*_: Any, **__: Any) -> None:
+        def report(*_: Any, **__: Any) -> None:
             nonlocal done
             done += 1
             self._on_progress(f'search {number + 1}', done, generations)
 
         found = optimize.differential_evolution(
-            lambda places: self._cost(places, aim),
+            lambda points: self._cost(points, aim),
             bounds,
-            popsize=PEOPLE,
+            popsize=POPULATION,
             maxiter=generations,
             tol=SETTLED,
             init='sobol',
@@ -288,13 +270,13 @@ class _Search:
             polish=False,
             vectorized=True,
             updating='deferred',
-            callback=told,
+            callback=report,
         )
         return np.asarray(found.x)
 
-    def _cost(self, places: Floats, aim: Targets) -> Floats:
-        """What is to be least, of places of shape (dimensions, candidates)."""
-        gains = [self.gains(place) for place in places.T]
+    def _cost(self, points: Floats, aim: Targets) -> Floats:
+        """Return the cost of points of shape (dimensions, candidates)."""
+        gains = [self.gains(point) for point in points.T]
         least = self._candidates.least(gains)
         short_db = np.maximum(aim.gain_db - least.gain_db, 0.0) / aim.gain_db
         short_deg = np.maximum(aim.phase_deg - least.phase_deg, 0.0) / aim.phase_deg

@@ -1,4 +1,4 @@
-"""A tuning in words and numbers: the summary, sentences about what is not stable, the text for people, the tables."""
+"""Report of a tuning: JSON summary, sentences about instability, text, tables."""
 
 import math
 from dataclasses import asdict
@@ -29,7 +29,7 @@ OPEN = 'velocity', 'position', 'cascade', 'exchanged'
 
 
 def summary(found: Results) -> dict[str, Any]:
-    """Return the report of a tuning, ready for JSON."""
+    """Return the summary of a tuning for JSON."""
     robots = [variant.robot for variant in found.variants.values()]
     document: dict[str, Any] = {
         'load': asdict(found.operation.load),
@@ -101,7 +101,7 @@ def _figures_by_name(loops: list[LoopResult]) -> dict[str, Any]:
 
 
 def _figures(loop: LoopResult) -> dict[str, Any]:
-    """Return the figures of merit of a loop, and how far its open loop on the bench is from the linear one."""
+    """Return the figures of merit of a loop, and the deviation of its open loop on the bench from the linear one."""
     result: dict[str, Any] = {'stable': loop.stable, **asdict(loop.margins)}
     result['bandwidth_hz'] = loop.bandwidth_hz if loop.stable else None
     if loop.step is not None:
@@ -115,7 +115,7 @@ def _figures(loop: LoopResult) -> dict[str, Any]:
 
 
 def _measured_margins(one: MeasuredResponse) -> dict[str, float | None] | None:
-    """Margins of an open loop within the band that is trusted; None for a closed one."""
+    """Return the margins of an open loop within the trusted band; None for a closed loop."""
     inside = one.measured.in_band
     if one.name not in ('cascade', 'position') or inside.sum() < 2:
         return None
@@ -123,7 +123,7 @@ def _measured_margins(one: MeasuredResponse) -> dict[str, float | None] | None:
 
 
 def instability(variant: Variant) -> list[str]:
-    """Return a sentence about each loop that is unstable by itself, and about what follows from it."""
+    """Return a sentence for each unstable loop, with its cause."""
     sentences = []
     inside = ''
     for loop in variant.loops:
@@ -154,18 +154,18 @@ def instability(variant: Variant) -> list[str]:
 
 
 def interpolated(frequencies_hz: Floats, grid_hz: Floats, values: Complex) -> Complex:
-    """Linear curve between its points: magnitude and phase over the logarithm of the frequency."""
+    """Interpolate a linear curve: magnitude and phase over the logarithm of the frequency."""
     at, grid = np.log(frequencies_hz), np.log(grid_hz)
     size = np.exp(np.interp(at, grid, np.log(np.abs(values))))
     return np.asarray(size * np.exp(1j * np.interp(at, grid, np.unwrap(np.angle(values)))))
 
 
 def text(document: dict[str, Any]) -> list[str]:
-    """Return the lines of a summary that people read."""
+    """Return the lines of a summary as text."""
     load, variants = document['load'], document['variants']
     lines = [
         f'{load["name"]}: {1e4 * load["inertia_kg_m2"]:.3f}e-4 kg m2 and {load["gravity_n_m"]:.3f} N m at the shaft, '
-        f'which turns at {document["speed_rad_s"]:g} rad/s'
+        f'turning at {document["speed_rad_s"]:g} rad/s'
     ]
     if proposal := document['proposal']:
         lines += proposal_lines(proposal)
@@ -173,10 +173,10 @@ def text(document: dict[str, Any]) -> list[str]:
         lines.append(f'{change["parameter"]}: {change["before"]:g} before, {change["after"]:g} after')
     lines += [*_loop_lines(variants), *_workspace_lines(variants), '', f'  {document["program"]}']
     lines += [_effect_line(name, variant['effect']) for name, variant in variants.items()]
-    lines += ['', f'  {LOAD_N_M:g} N m more of load, motor side, and noise of the encoder']
+    lines += ['', f'  load step of {LOAD_N_M:g} N m, motor side, and noise of the encoder']
     lines += [rejection_line(name, variant['rejection']) for name, variant in variants.items()]
     if document['changed']:
-        lines += ['', '  what has changed', *(f'  - {sentence}' for sentence in document['changed'])]
+        lines += ['', '  changes', *(f'  - {sentence}' for sentence in document['changed'])]
     lines += [_measured_line(one) for one in document['recorded']]
     return lines + (_sweep_lines(document['sweep']) if document['sweep'] else [])
 
@@ -206,9 +206,9 @@ def _loop_lines(variants: dict[str, Any]) -> list[str]:
         near = [loop['agreement'] for loop in variant['loops'].values() if loop.get('agreement')]
         if near:
             distance = (max(a[unit] for a in near) for unit in ('decibels', 'degrees'))
-            told = '{:.2f} dB and {:.1f} deg'.format(*distance)
+            within = '{:.2f} dB and {:.1f} deg'.format(*distance)
             lines.append(
-                f'  drive on the bench against linear loops, {name}: within {told} where it is trustworthy'
+                f'  drive on the bench and linear loops, {name}: equal within {within} in the trusted band'
             )
     return lines
 
@@ -223,11 +223,11 @@ def _workspace_lines(variants: dict[str, Any]) -> list[str]:
     for name, variant in variants.items():
         for row in variant['workspace']:
             speed, position, cascade, exchanged = (row[key] for key in OPEN)
-            told = _cell(exchanged['gain_margin_db'], '{:5.1f} dB') if exchanged['stable'] else 'UNSTABLE'
+            margin = _cell(exchanged['gain_margin_db'], '{:5.1f} dB') if exchanged['stable'] else 'UNSTABLE'
             cells = [
                 _cell(speed['crossover_hz'], '{:13.4g} Hz'), _cell(speed['phase_margin_deg'], '{:7.1f} deg'),
                 _cell(speed['gain_margin_db'], '{:5.1f} dB'), _cell(position['phase_margin_deg'], '{:8.1f} deg'),
-                _cell(cascade['sensitivity_peak'], '{:8.2f}'), f'{told:>11}',
+                _cell(cascade['sensitivity_peak'], '{:8.2f}'), f'{margin:>11}',
             ]  # fmt: skip
             lines.append(
                 f'  {1e4 * row["inertia_kg_m2"]:6.2f}e-4 kg m2   {name:<7}{"  ".join(cells)}  {row["load"]}'
@@ -248,17 +248,17 @@ def _effect_line(name: str, effect: dict[str, Any]) -> str:
 
 def _measured_line(one: dict[str, Any]) -> str:
     band, near, margin = one['trusted_hz'], one['agreement'], one['margins']
-    told = 'no frequency is trustworthy' if band is None else (
-        f'{band[0]:.3g} to {band[1]:.4g} Hz trustworthy, '
-        f'within {near["decibels"]:.2f} dB and {near["degrees"]:.1f} deg of the linear one'
+    result = 'no frequency is trusted' if band is None else (
+        f'{band[0]:.3g} to {band[1]:.4g} Hz trusted, '
+        f'within {near["decibels"]:.2f} dB and {near["degrees"]:.1f} deg of the linear response'
     )  # fmt: skip
     if margin is not None:
         phase, gain = (
             _cell(margin['phase_margin_deg'], '{:.1f} deg'),
             _cell(margin['gain_margin_db'], '{:.1f} dB'),
         )
-        told += f'; margins {phase} and {gain}'
-    return f'recorded, axis {one["axis"]}, {one["title"]}: {told}'
+        result += f'; margins {phase} and {gain}'
+    return f'recorded, axis {one["axis"]}, {one["title"]}: {result}'
 
 
 def _sweep_lines(points: list[dict[str, Any]]) -> list[str]:
@@ -271,11 +271,11 @@ def _sweep_lines(points: list[dict[str, Any]]) -> list[str]:
         margins = '  '.join(_cell(loop['phase_margin_deg'], '{:6.1f} deg') for loop in loops)
         over = '  '.join(_cell(point['overshoot'][n], '{:6.1f} %', 100.0) for n in ('velocity', 'position'))
         error = point['effect']['following_error_max_rad']
-        told = point['effect']['fault'] if error is None else _millidegrees(error)
+        shown = point['effect']['fault'] if error is None else _millidegrees(error)
         state = '' if point['workspace_stable'] else '  unstable in the workspace'
         if not all(loop['stable'] for loop in loops):
             state = '  UNSTABLE'
-        lines.append(f'  {point["value"]:<10.5g}  {margins}   {over}   {told}{state}')
+        lines.append(f'  {point["value"]:<10.5g}  {margins}   {over}   {shown}{state}')
     return lines
 
 
@@ -284,12 +284,12 @@ def _millidegrees(angle_rad: float) -> str:
 
 
 def _cell(value: float | None, form: str, factor: float = 1.0) -> str:
-    """Return a number, times a factor, in its form, or a dash in its place."""
+    """Return a scaled number in its format, or a dash for None."""
     return '-'.rjust(len(form.format(0.0))) if value is None else form.format(factor * value)
 
 
 def tables(found: Results) -> list[Table]:
-    """Return steps, frequency responses, margins over the workspace, the effect on the program, sweep, recording."""
+    """Return tables of steps, frequency responses, workspace, effect on the program, sweep and recording."""
     made = []
     for name, results in found.by_loop.items():
         steps = {which: result.step for which, result in results.items() if result.step is not None}
@@ -383,11 +383,11 @@ def _effects(variants: dict[str, Variant]) -> list[Table]:
 
 
 def _rejections(variants: dict[str, Variant]) -> list[Table]:
-    borne = {which: variant.rejection for which, variant in variants.items() if variant.rejection}
-    if not borne:
+    rejections = {which: variant.rejection for which, variant in variants.items() if variant.rejection}
+    if not rejections:
         return []
-    columns = {'time [s]': next(iter(borne.values())).time_s}
-    columns |= {f'{which}: deviation [rad]': one.deviation_rad for which, one in borne.items()}
+    columns = {'time [s]': next(iter(rejections.values())).time_s}
+    columns |= {f'{which}: deviation [rad]': one.deviation_rad for which, one in rejections.items()}
     return [Table.of_columns('load_step.csv', columns)]
 
 

@@ -1,4 +1,4 @@
-"""Figures of merit: margins of an open loop, bandwidth of a closed one, and what a step response looks like."""
+"""Figures of merit: margins of an open loop, bandwidth of a closed loop, figures of a step response."""
 
 import math
 from dataclasses import dataclass
@@ -10,62 +10,35 @@ from delta3_pacdrive.numerics.types import Floats
 
 Complex = NDArray[np.complex128]
 
-SETTLED = 0.02  # of the final value: the usual band
+SETTLED = 0.02  # of the final value, the usual band
 RISE = (0.1, 0.9)
 HALF_POWER = math.sqrt(0.5)
 
 
 @dataclass(frozen=True)
 class Margins:
-    """Margins say how far an open loop L is from instability; None where it has no such crossing.
+    """Stability margins of an open loop L; None without the respective crossing."""
 
-    Attributes
-    ----------
-    gain_margin_db, gain_margin_hz
-        Factor that the gain may still grow by; the phase is -180 degrees there.
-    gain_reduction_db
-        Negative factor at which |L| > 1 crosses -180 degrees: a stable loop bears no gain below, one that is
-        unstable has too much gain by it.
-    phase_margin_deg, crossover_hz
-        Phase over -180 degrees where |L| = 1, of all crossings that nearest to -1, and where that is.
-    delay_margin_s
-        Additional dead time that the loop bears.
-    sensitivity_peak, sensitivity_peak_hz
-        M_s = max |1/(1 + L)|; 1/M_s is the distance of L from -1. 1.2 to 2.0 is usual.
-
-    """
-
-    gain_margin_db: float | None
+    gain_margin_db: float | None  # at phase -180 degrees
     gain_margin_hz: float | None
+    # negative: gain change at which a crossing of -180 degrees with |L| > 1 reaches -1; lower gain limit of a
+    # conditionally stable loop, excess gain of an unstable one
     gain_reduction_db: float | None
-    phase_margin_deg: float | None
-    crossover_hz: float | None
-    delay_margin_s: float | None
-    sensitivity_peak: float
+    phase_margin_deg: float | None  # phase above -180 degrees at the crossing of |L| = 1 closest to -1
+    crossover_hz: float | None  # of this crossing
+    delay_margin_s: float | None  # additional dead time up to instability
+    sensitivity_peak: float  # M_s = max |1/(1 + L)|, inverse distance of L from -1; usually 1.2 to 2.0
     sensitivity_peak_hz: float
 
 
 @dataclass(frozen=True)
 class StepFigures:
-    """The figures describe a response to a step of height 1.
+    """Figures of a response to a unit step."""
 
-    Attributes
-    ----------
-    rise_time_s
-        From 10 to 90 % of the step; None if it does not get there.
-    overshoot
-        Share of the step by which the response exceeds it.
-    settling_time_s
-        After which it stays within 2 % of the step; None if it does not.
-    final
-        Mean of the last tenth.
-
-    """
-
-    rise_time_s: float | None
-    overshoot: float
-    settling_time_s: float | None
-    final: float
+    rise_time_s: float | None  # from 10 to 90 % of the step; None if 90 % is not reached
+    overshoot: float  # share of the step
+    settling_time_s: float | None  # to within 2 % of the step; None if it does not settle
+    final: float  # mean of the last tenth
 
 
 def margins(frequencies_hz: Floats, loop: Complex) -> Margins:
@@ -89,19 +62,19 @@ def margins(frequencies_hz: Floats, loop: Complex) -> Margins:
     sensitivity = 1.0 / np.maximum(np.abs(1.0 + loop), 1e-12)
     peak = int(np.argmax(sensitivity))
     return Margins(
-        gain[0] * decibel if gain else None,
-        gain[1] if gain else None,
-        None if less is None else less * decibel,
-        math.degrees(least[0]) if least else None,
-        least[1] if least else None,
-        min(delays, default=None),
-        float(sensitivity[peak]),
-        float(frequencies_hz[peak]),
+        gain_margin_db=gain[0] * decibel if gain else None,
+        gain_margin_hz=gain[1] if gain else None,
+        gain_reduction_db=None if less is None else less * decibel,
+        phase_margin_deg=math.degrees(least[0]) if least else None,
+        crossover_hz=least[1] if least else None,
+        delay_margin_s=min(delays, default=None),
+        sensitivity_peak=float(sensitivity[peak]),
+        sensitivity_peak_hz=float(frequencies_hz[peak]),
     )
 
 
 def bandwidth(frequencies_hz: Floats, closed: Complex) -> float | None:
-    """Frequency [Hz] from which a closed loop stays 3 dB under its value at the first frequency; None: it does not."""
+    """Return the frequency [Hz] above which |T| stays 3 dB below its first value; None if there is none."""
     relative = np.abs(closed) / abs(closed[0])
     over = np.flatnonzero(relative >= HALF_POWER)
     last = int(over[-1])
@@ -112,7 +85,7 @@ def bandwidth(frequencies_hz: Floats, closed: Complex) -> float | None:
 
 
 def step_figures(time_s: Floats, response: Floats) -> StepFigures:
-    """Return the figures of a response to a unit step at time 0; the arrays begin there."""
+    """Return the figures of a response to a unit step at time 0, the first sample."""
     rise = None
     if response.max() >= RISE[1]:
         start, end = (_moment(time_s, response, level) for level in RISE)
@@ -127,24 +100,24 @@ def step_figures(time_s: Floats, response: Floats) -> StepFigures:
 
 
 def _crossings(x: Floats, y: Floats) -> list[float]:
-    """Places where y changes its sign, by straight lines."""
+    """Return the zero crossings of y, linearly interpolated."""
     places = np.flatnonzero((y[:-1] < 0.0) != (y[1:] < 0.0))
     return [float(x[k] - y[k] * (x[k + 1] - x[k]) / (y[k + 1] - y[k])) for k in places]
 
 
 def _moment(time_s: Floats, response: Floats, level: float) -> float:
-    """Time at which a response first reaches a level, between two samples."""
+    """Return the interpolated time at which a response first reaches a level."""
     first = int(np.argmax(response >= level))
     around = slice(max(first - 1, 0), first + 1)
     return float(np.interp(level, response[around], time_s[around]))
 
 
 def decibels(values: Complex) -> Floats:
-    """Magnitude in dB."""
+    """Return the magnitude in dB."""
     return np.asarray(20.0 * np.log10(np.maximum(np.abs(values), 1e-15)))
 
 
 def degrees(values: Complex) -> Floats:
-    """Phase in degrees, without jumps, beginning between -270 and 90."""
+    """Return the unwrapped phase in degrees, beginning between -270 and 90."""
     phase = np.degrees(np.unwrap(np.angle(values)))
     return np.asarray(phase - 360.0 * np.floor((phase[0] + 270.0) / 360.0))

@@ -1,4 +1,4 @@
-"""One tuning from its settings to its folder: loops before and after, workspace, program, sweep, recording."""
+"""Tuning study: loops before and after a change, workspace, program, sweep, recording."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -33,28 +33,21 @@ from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace_file import load as load_trace
 
-TABLE_POINTS = 300  # of a linear curve whose margins alone are of interest
-SPEED_MAX_RAD_S = 20.0  # of the bench, so that its longest run fits into the travel
+TABLE_POINTS = 300  # frequencies of a linear loop if only its margins are needed
+SPEED_MAX_RAD_S = 20.0  # of the bench; its longest run fits into the travel
 
 
 @dataclass
 class Study(studies.Study):
-    """The study is a tuning in a folder.
-
-    Raises
-    ------
-    Delta3Error
-        On construction: a file, a name or a value is refused; says which and why.
-
-    """
+    """Tuning study in a report folder; the constructor raises Delta3Error for invalid settings."""
 
     settings: Settings
     robot: Parameters = field(init=False)
     operation: OperatingPoint = field(init=False)
-    program: Program = field(init=False)  # that shows the effect
+    program: Program = field(init=False)  # program that shows the effect
 
     def __post_init__(self) -> None:
-        """Read the parameters and check everything that needs no computing."""
+        """Read the parameters and check everything that requires no computation."""
         chosen = self.settings
         self.robot = robot_of(chosen)
         self._drive = tuned_drive(chosen.axis, self.robot)
@@ -62,8 +55,8 @@ class Study(studies.Study):
             self._drive.load(chosen.pose_m, self.robot), chosen.speed_rad_s, chosen.amplitude
         )
         margins = {'phase_deg': chosen.phase_margin_deg, 'gain_db': chosen.gain_margin_db}
-        self._asked = {name: value for name, value in margins.items() if value is not None}
-        self._targets = Targets(**self._asked) if chosen.auto else None
+        self._margins_given = {name: value for name, value in margins.items() if value is not None}
+        self._targets = Targets(**self._margins_given) if chosen.auto else None
         of_tool = chosen.axis == TOOL_AXIS
         self._changes = [settings.parse(text, of_tool) for text in chosen.changes]
         self._changed = settings.apply(self._changes, self.robot)
@@ -74,7 +67,7 @@ class Study(studies.Study):
         self.program = self._drive.program(chosen.program, self.robot)
 
     def run(self) -> dict[str, Any]:
-        """Compute everything, write it into the folder and return the report; raises Delta3Error."""
+        """Run the study, write its results to the folder and return the report; raises Delta3Error."""
         chosen = self.settings
         inputs = noted(
             name for name in (chosen.program or self._drive.usual_program, chosen.recording) if name
@@ -100,15 +93,15 @@ class Study(studies.Study):
             for loop in variant.loops:
                 by_loop.setdefault(loop.name, {})[name] = loop
         found = Results(
-            self.operation,
-            self.program.name,
-            variants,
-            by_loop,
-            swept,
-            points,
-            measured,
-            proposal,
-            bool(self._asked),
+            operation=self.operation,
+            program=self.program.name,
+            variants=variants,
+            by_loop=by_loop,
+            swept=swept,
+            points=points,
+            measured=measured,
+            proposal=proposal,
+            margins_given=bool(self._margins_given),
         )
         document, drawings = report.summary(found), figures.by_name(found)
         if proposal is not None and document['proposal']['proposed']:
@@ -118,7 +111,7 @@ class Study(studies.Study):
         return folder.results('Tuning of the drives', document, text, tables, drawings)
 
     def variant(self, robot: Parameters, which: str) -> Variant:
-        """Return loops, margins over the workspace and the program with one set of gains."""
+        """Return loops, margins over the workspace and effect on the program with one set of gains."""
         label = f'{which}: ' if which else ''
         own = self._drive.in_loops(robot)
         loops = analyse(
@@ -136,11 +129,11 @@ class Study(studies.Study):
             ]
             workspace.append((load, loops_there))
         self.on_progress(f'{label}program {self.program.name}', 0, 0)
-        borne = rejection(own, exchanged_shaft(own, self.operation.load, speed))
-        return Variant(robot, loops, workspace, effect.run(self.program, robot, self._drive), borne)
+        disturbed = rejection(own, exchanged_shaft(own, self.operation.load, speed))
+        return Variant(robot, loops, workspace, effect.run(self.program, robot, self._drive), disturbed)
 
     def sweep_point(self, setting: Setting, number: int) -> SweepPoint:
-        """Return one value of the sweep."""
+        """Return the results for one value of the sweep."""
         self.on_progress(f'sweep: {setting.text}', number, len(self._sweep))
         robot = setting.apply(self._changed)
         own = self._drive.in_loops(robot)
@@ -157,7 +150,7 @@ class Study(studies.Study):
         return SweepPoint(setting.value, loops, overshoot, exchanged, shown)
 
     def measured(self) -> list[MeasuredResponse]:
-        """Return the responses of the recording, if there is one; raises TraceError, TuningError, EstimationError."""
+        """Return the responses of the recording, if any; raises TraceError, TuningError, EstimationError."""
         if self.settings.recording is None:
             return []
         self.on_progress('reading', 0, 0)
@@ -166,7 +159,7 @@ class Study(studies.Study):
 
 
 def robot_of(chosen: Settings) -> Parameters:
-    """Return the parameters that settings ask for, their operation checked; raises Delta3Error."""
+    """Return the parameters given by settings and check the settings of the operation; raises Delta3Error."""
     robot = core.load(chosen.parameters)
     if chosen.exchange_period_s is not None:
         robot = robot.replace(bus__exchange_period_s=chosen.exchange_period_s)

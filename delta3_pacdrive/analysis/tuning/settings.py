@@ -1,7 +1,7 @@
-"""What is to be changed: ``NAME=VALUE`` and ``NAME=LOW:HIGH:N`` for what a drive can be tuned by.
+"""Parser of drive settings: ``NAME=VALUE`` and ``NAME=LOW:HIGH:N``.
 
-A name is that of a parameter of the group ``drive``, its symbol of Table 9-1, or the IDN that a drive knows it by. An
-integral action time (S-0-0101, S-0-0107) sets the integral gain that belongs to it.
+A name is a parameter of the group ``drive``, its symbol in Table 9-1, or the IDN of a drive. An integral action time
+(S-0-0101, S-0-0107) sets the integral gain of its loop.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ from delta3_pacdrive.parameters import Drive, Parameters, Rotary, flatten
 from delta3_pacdrive.sercos.service_channel import format_idn
 
 POINTS = (2, 200)  # of a sweep
-# name and IDN: proportional gain, integral gain
+# integral action time: (proportional gain, integral gain)
 ACTION_TIMES = {
     'S-0-0101': ('velocity_gain_a_s_rad', 'velocity_integral_gain_a_rad'),
     'S-0-0107': ('current_gain_v_a', 'current_integral_gain_v_a_s'),
@@ -27,11 +27,11 @@ ACTION_TIMES = {
 
 
 def _names() -> dict[str, str]:
-    """Parameter of the group drive by every name it goes by."""
+    """Return the parameter of the group ``drive`` for each of its names."""
     names: dict[str, str] = {}
     for field in dataclasses.fields(Drive):
         symbol = field.metadata['description'].split(',')[0].split(' ')[0]
-        # a description begins with the symbol, if there is one
+        # descriptions of parameters with a symbol begin with the symbol
         symbols = (symbol,) if symbol[0].isupper() else ()
         for name in (field.name, f'drive.{field.name}', *symbols):
             names.setdefault(name, field.name)
@@ -48,26 +48,15 @@ OF_TOOL = {field.name for field in dataclasses.fields(Rotary)}
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting is one value.
+    """Value of one parameter of a drive."""
 
-    Attributes
-    ----------
-    name
-        A field of the group drive, or an IDN of ``ACTION_TIMES``.
-    value
-        In the unit of the field [SI].
-    of_tool
-        Whether it is that of the drive of the tool, if that has one of its own.
-
-    """
-
-    name: str
-    value: float
-    of_tool: bool = False
+    name: str  # field of the group drive, or an IDN of ACTION_TIMES
+    value: float  # [SI], in the unit of the field
+    of_tool: bool = False  # set the value of the rotary axis if it has its own
 
     @property
     def text(self) -> str:
-        """As a person reads it."""
+        """Name and value as text."""
         return f'{self.name} = {self.value:g}'
 
     def apply(self, parameters: Parameters) -> Parameters:
@@ -81,25 +70,25 @@ class Setting:
         return parameters.replace(**{f'{self._group_of(name)}__{name}': value})
 
     def _group_of(self, name: str) -> str:
-        """Return the group that a parameter of the drive is in; what the tool's has no own of is that of all drives."""
+        """Return the group of a parameter; the rotary axis uses the group ``drive`` for values it does not have."""
         return 'rotary' if self.of_tool and name in OF_TOOL else 'drive'
 
 
 def parse(text: str, of_tool: bool = False) -> Setting:
-    """Read ``NAME=VALUE`` for a drive of an arm, or that of the tool; raises TuningError."""
+    """Parse ``NAME=VALUE`` for a drive of an arm or of the tool; raises TuningError."""
     name, equals, value = text.partition('=')
     if not equals:
-        raise TuningError(f'{shown(text)} is no setting: expected NAME=VALUE, such as K_Ppos=80')
+        raise TuningError(f'{shown(text)} is not a setting: expected NAME=VALUE, such as K_Ppos=80')
     return Setting(_resolve(name.strip()), _number(value, text), of_tool)
 
 
 def parse_sweep(text: str, of_tool: bool = False) -> tuple[Setting, ...]:
-    """Read ``NAME=LOW:HIGH:N``, N settings at equal distances, likewise; raises TuningError."""
+    """Parse ``NAME=LOW:HIGH:N`` into N equidistant settings; raises TuningError."""
     name, equals, rest = text.partition('=')
     parts = rest.split(':')
     if not equals or len(parts) != 3:
         raise TuningError(
-            f'{shown(text)} is no sweep: expected NAME=LOW:HIGH:N, such as velocity_gain_a_s_rad=0.1:1:10'
+            f'{shown(text)} is not a sweep: expected NAME=LOW:HIGH:N, such as velocity_gain_a_s_rad=0.1:1:10'
         )
     low, high, count = (_number(part, text) for part in parts)
     if not (POINTS[0] <= count <= POINTS[1] and count == int(count)):
@@ -112,14 +101,14 @@ def parse_sweep(text: str, of_tool: bool = False) -> tuple[Setting, ...]:
 
 
 def apply(settings: Sequence[Setting], parameters: Parameters) -> Parameters:
-    """Return parameters with all settings, action times last, for they depend on gains; raises ParameterError."""
+    """Return parameters with all settings; action times are applied last because they depend on gains."""
     for setting in sorted(settings, key=lambda s: s.name in ACTION_TIMES):
         parameters = setting.apply(parameters)
     return parameters
 
 
 def changes(before: Parameters, after: Parameters) -> list[dict[str, float | str]]:
-    """Return what differs, by dotted name."""
+    """Return the parameters that differ, by dotted name."""
     flat = flatten(after)
     return [
         {'parameter': name, 'before': value, 'after': flat[name]}
@@ -146,5 +135,5 @@ def _number(text: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise TuningError(f'{shown(text)} in {shown(where)} is no finite number')
+        raise TuningError(f'{shown(text)} in {shown(where)} is not a finite number')
     return value

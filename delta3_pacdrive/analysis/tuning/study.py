@@ -1,4 +1,4 @@
-"""What a tuning depends on, and what it finds."""
+"""Settings and results of a tuning study."""
 
 from dataclasses import dataclass
 
@@ -13,138 +13,61 @@ from delta3_pacdrive.parameters import Parameters
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings are what a tuning depends on, apart from the contents of its files.
+    """Settings of a tuning study, except for the contents of its files."""
 
-    Attributes
-    ----------
-    parameters
-        Parameter file; None: the packaged one.
-    pose_m
-        Where the load is looked at; None: home.
-    payload_kg
-        Carried everywhere; None: as the parameters say.
-    axis
-        1 to 3, or 4: the drive of the rotary axis.
-    speed_rad_s
-        At which the bench turns, motor side.
-    amplitude
-        Multiple of the usual excitations.
-    changes
-        Texts ``NAME=VALUE``; empty: nothing is compared.
-    sweep
-        Text ``NAME=LOW:HIGH:N``, or None.
-    program
-        That shows the effect; None: the usual one.
-    recording
-        Trace or bag; None without.
-    exchange_period_s
-        Between drives and plant in simulated programs; None: as the parameters say.
-    auto
-        Whether gains are looked for, with payloads up to ``payload_kg``; None: up to the rated one.
-    phase_margin_deg, gain_margin_db
-        That they keep.
-
-    """
-
-    parameters: str | None = None
-    pose_m: tuple[float, float, float] | None = None
-    payload_kg: float | None = None
-    axis: int = 1
-    speed_rad_s: float = 10.0
-    amplitude: float = 1.0
-    changes: tuple[str, ...] = ()
-    sweep: str | None = None
-    program: str | None = None
-    recording: str | None = None
-    exchange_period_s: float | None = None
-    auto: bool = False
-    phase_margin_deg: float | None = None
+    parameters: str | None = None  # file; None: packaged parameters
+    pose_m: tuple[float, float, float] | None = None  # operating point; None: home
+    payload_kg: float | None = None  # None: as in the parameters
+    axis: int = 1  # 1 to 3: arm; 4: rotary axis
+    speed_rad_s: float = 10.0  # of the bench, motor side
+    amplitude: float = 1.0  # multiple of the default excitations
+    changes: tuple[str, ...] = ()  # NAME=VALUE; empty: no comparison
+    sweep: str | None = None  # NAME=LOW:HIGH:N
+    program: str | None = None  # program that shows the effect; None: default program
+    recording: str | None = None  # trace or bag
+    exchange_period_s: float | None = (
+        None  # between drives and plant in simulations; None: as in the parameters
+    )
+    auto: bool = False  # search for gains, with payloads up to payload_kg (None: rated payload)
+    phase_margin_deg: float | None = None  # required from the search
     gain_margin_db: float | None = None
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A variant is the robot with one set of gains.
+    """Results of the robot with one set of gains."""
 
-    Attributes
-    ----------
-    robot
-        With these gains.
-    loops
-        As ``analysis.analyse`` returns them.
-    workspace
-        Velocity loop, position loop, cascade, and cascade that exchanges with its plant as simulations do, by load.
-    effect
-        On the program.
-    rejection
-        Of disturbances, with the load of the operating point; None where the loops are not stable.
-
-    """
-
-    robot: Parameters
-    loops: list[LoopResult]
+    robot: Parameters  # with these gains
+    loops: list[LoopResult]  # as returned by analysis.analyse
+    # by load: velocity loop, position loop, cascade, and cascade that exchanges with its plant as in simulations
     workspace: list[tuple[Load, list[LoopResult]]]
-    effect: Effect
-    rejection: Rejection | None
+    effect: Effect  # on the program
+    rejection: Rejection | None  # with the load of the operating point; None if the loops are unstable
 
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """A point is one value of a sweep.
+    """Results for one value of a sweep."""
 
-    Attributes
-    ----------
-    value
-        Of the gain [SI].
-    loops
-        Linear.
-    overshoot
-        Of the drive on the bench, by loop; None: it trips.
-    workspace_stable
-        Whether every load of the workspace is stable with the simulation's exchange period.
-    effect
-        On the program.
-
-    """
-
-    value: float
-    loops: list[LoopResult]
-    overshoot: dict[str, float | None]
-    workspace_stable: bool
-    effect: Effect
+    value: float  # of the swept gain [SI]
+    loops: list[LoopResult]  # linear
+    overshoot: dict[str, float | None]  # of the drive on the bench, by loop; None if it trips
+    workspace_stable: bool  # for every load of the workspace, with the exchange period of the simulation
+    effect: Effect  # on the program
 
 
 @dataclass(frozen=True)
 class Results:
-    """The results are what a tuning finds.
-
-    Attributes
-    ----------
-    operation
-        At what the loops were looked at.
-    program
-        Name of the one that shows the effect.
-    variants
-        By name: ``now``, or ``before`` and ``after``.
-    by_loop
-        Their loops by the name of the loop and of the variant.
-    swept, points
-        Name of the parameter that was swept, and its values; empty without a sweep.
-    measured
-        Responses of a recording.
-    proposal
-        Gains that were searched; None without a search.
-    margins_given
-        Whether the user asked for its margins, so that it is proposed even if it is worse in all other figures.
-
-    """
+    """Results of a tuning study."""
 
     operation: OperatingPoint
-    program: str
-    variants: dict[str, Variant]
-    by_loop: dict[str, dict[str, LoopResult]]
-    swept: str
+    program: str  # name of the program that shows the effect
+    variants: dict[str, Variant]  # 'now', or 'before' and 'after'
+    by_loop: dict[str, dict[str, LoopResult]]  # loops by name of the loop and of the variant
+    swept: str  # name of the swept parameter; empty without a sweep
     points: list[SweepPoint]
-    measured: list[MeasuredResponse]
-    proposal: Proposal | None = None
-    margins_given: bool = False
+    measured: list[MeasuredResponse]  # responses of a recording
+    proposal: Proposal | None = None  # None without a search
+    margins_given: bool = (
+        False  # requested by the user: gains are proposed even if all other figures are worse
+    )

@@ -1,4 +1,4 @@
-"""Which drive is tuned: one of an arm, or that of the rotary axis; the loops and the bench are the same for both."""
+"""The tuned drive: that of an arm or of the rotary axis; loops and bench are the same for both."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,24 +27,17 @@ HALF_TURN = {
 
 @dataclass(frozen=True)
 class ArmDrive:
-    """The drive of an arm.
-
-    Attributes
-    ----------
-    axis
-        1 to 3.
-
-    """
+    """Drive of an arm, axis 1 to 3."""
 
     axis: int
-    usual_program = 'experiment1'  # packaged; '' for one that is not
+    usual_program = 'experiment1'  # packaged; empty for a program of this module
 
     def in_loops(self, robot: Parameters) -> Parameters:
         """Return the parameters of its loops."""
         return robot
 
     def load(self, pose_m: Sequence[float] | None, robot: Parameters) -> Load:
-        """Return what it moves in a pose, or at home; raises UnreachableError."""
+        """Return the load in a pose, or at home; raises UnreachableError."""
         return load_at(pose_m or robot.motion.home_m, self.axis - 1, robot)
 
     def extremes(self, robot: Parameters) -> tuple[Load, Load]:
@@ -52,7 +45,7 @@ class ArmDrive:
         return extremes(robot)
 
     def program(self, name: str | None, robot: Parameters) -> Program:
-        """Return the program that shows what gains do; raises ProgramError."""
+        """Return the program that shows the effect of gains; raises ProgramError."""
         return programs.load(name or self.usual_program, robot.motion)
 
     def following_error(self, trace: Trace, robot: Parameters) -> Floats:
@@ -60,20 +53,13 @@ class ArmDrive:
         return trace['following_error']
 
     def currents(self, trace: Trace) -> tuple[float, float]:
-        """Return peak and rms current [A] of the axis with the largest."""
+        """Return peak and rms current [A], each the largest over the axes."""
         figures = trace.meta['figures']
         return float(max(figures['current_peak_a'])), float(max(figures['current_rms_a']))
 
 
 class ToolDrive(ArmDrive):
-    """The drive of the rotary axis; what turns is bar, tool and part, wherever the arms stand.
-
-    Raises
-    ------
-    TuningError
-        The robot has none.
-
-    """
+    """Drive of the rotary axis; bar, tool and part are its load in every pose. Raises TuningError without one."""
 
     usual_program = ''
 
@@ -85,7 +71,7 @@ class ToolDrive(ArmDrive):
         super().__init__(TOOL_AXIS)
 
     def in_loops(self, robot: Parameters) -> Parameters:
-        """Return the parameters of its loops: the bar is its gear, which gives in a built robot."""
+        """Return the parameters of its loops; the bar is modelled as a gear, elastic in a built robot."""
         own, rotary = of_tool_axis(robot), robot.rotary
         gear = replace(
             own.rich,
@@ -95,7 +81,7 @@ class ToolDrive(ArmDrive):
         return replace(own, rich=gear)
 
     def load(self, pose_m: Sequence[float] | None, robot: Parameters) -> Load:
-        """Return what it turns: bar, tool, and a part of the payload's mass."""
+        """Return the load: bar, tool, and a part with the mass of the payload."""
         if pose_m is not None:
             raise TuningError('--pose is for the arms: the load of the tool is the same everywhere')
         return self._load(robot.dynamics.payload_mass_kg, robot)
@@ -110,25 +96,25 @@ class ToolDrive(ArmDrive):
         return Load(f'tool with {part}', robot.rotary.shaft_inertia_kg_m2(payload_kg))
 
     def program(self, name: str | None, robot: Parameters) -> Program:
-        """Return the program, of which something must turn; without a name half a turn and back.
+        """Return a program that turns the tool; without a name half a turn and back.
 
         Raises
         ------
         ProgramError
-            It is refused.
+            The program is invalid.
         TuningError
-            Nothing turns in it.
+            It does not turn the tool.
 
         """
         if name is None:
             return programs.parse(HALF_TURN, robot.motion)
         program = programs.load(name, robot.motion)
         if not any(turns(statement) for statement in program.statements):
-            raise TuningError(f'nothing turns in {name}, so that it shows nothing of the drive of the tool')
+            raise TuningError(f'{name} does not turn the tool: it cannot show the effect on its drive')
         return program
 
     def following_error(self, trace: Trace, robot: Parameters) -> Floats:
-        """Return the error of the turn [rad, motor side], shape (cycles, 1)."""
+        """Return the error of the rotation [rad, motor side], shape (cycles, 1)."""
         return np.asarray(trace['turn_error'] * robot.rotary.gear_ratio)
 
     def currents(self, trace: Trace) -> tuple[float, float]:
@@ -138,7 +124,7 @@ class ToolDrive(ArmDrive):
 
 
 def turns(statement: object) -> bool:
-    """Whether a statement of a program turns the tool."""
+    """Return whether a statement of a program turns the tool."""
     return isinstance(statement, Turn) or getattr(statement, 'turn', None) is not None
 
 

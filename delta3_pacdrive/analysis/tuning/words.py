@@ -1,4 +1,4 @@
-"""A tuning in sentences: the effect of other gains, each figure marked better or worse; the margins of a proposal."""
+"""Text of a tuning report: changes of each figure, marked better or worse, and margins of a proposal."""
 
 import math
 from functools import partial
@@ -9,7 +9,7 @@ BETTER, WORSE = 'better', 'worse'
 
 
 def changes_in_words(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
-    """Return sentences about two variants of a summary: loops, workspace, load, noise, program."""
+    """Return sentences that compare two variants of a summary: loops, workspace, load, noise, program."""
     return [
         *_loops(before['loops'], after['loops']),
         *_workspace(before['workspace'], after['workspace']),
@@ -19,10 +19,9 @@ def changes_in_words(before: dict[str, Any], after: dict[str, Any]) -> list[str]
 
 
 def judged_figures(before: dict[str, Any], after: dict[str, Any], proposal: dict[str, Any]) -> dict[str, str]:
-    """Return ``better`` or ``worse`` by figure, for the figures by which a proposal differs from the present gains.
+    """Return ``better`` or ``worse`` for each figure that differs between a proposal and the present gains.
 
-    Both margins are the least ones over the workspace. A figure that one variant lacks is left out, one that differs
-    by less than 0.5 % as well.
+    Margins are minima over the workspace. Figures missing in one variant or differing by less than 0.5 % are omitted.
     """
     pairs = {
         'phase margin': (proposal['before']['phase_deg'], proposal['kept']['phase_deg'], True),
@@ -46,7 +45,7 @@ def judged_figures(before: dict[str, Any], after: dict[str, Any], proposal: dict
 
 
 def is_worthwhile(judged: dict[str, str]) -> bool:
-    """Return whether gains are better than the present ones in more than one figure, or worse in none."""
+    """Return whether more than one figure is better than with the present gains, or none is worse."""
     found = list(judged.values())
     return found.count(BETTER) > 1 or WORSE not in found
 
@@ -58,16 +57,16 @@ def _alike(old: float | None, new: float | None) -> bool:
 
 
 def _judgement(old: float | None, new: float | None, larger_is_better: bool) -> str:
-    """Return ``better``, ``worse``, or nothing for figures that are alike or not known."""
+    """Return ``better``, ``worse``, or an empty string if the values are equal or one is unknown."""
     if old is None or new is None or _alike(old, new):
         return ''
     return BETTER if (new > old) == larger_is_better else WORSE
 
 
-def _went(
+def _change(
     old: float | None, new: float | None, form: str, factor: float = 1.0, *, larger_is_better: bool
 ) -> str:
-    """Return both values of a figure and their judgement, such as ``91 Hz to 120 Hz (better)``."""
+    """Return both values of a figure and their judgement, for example ``91 Hz to 120 Hz (better)``."""
     shown = [form.format(factor * value) if value is not None else 'none' for value in (old, new)]
     if shown[0] == shown[1]:
         return shown[0]
@@ -75,7 +74,7 @@ def _went(
     return f'{shown[0]} to {shown[1]}' + (f' ({judgement})' if judgement else '')
 
 
-_higher, _lower = partial(_went, larger_is_better=True), partial(_went, larger_is_better=False)
+_higher, _lower = partial(_change, larger_is_better=True), partial(_change, larger_is_better=False)
 
 
 def _loops(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
@@ -145,7 +144,7 @@ def _effect(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
 
 
 def proposal_lines(proposal: dict[str, Any]) -> list[str]:
-    """Return the margins of a proposal and of the present gains; of a proposal that is not made, the reason."""
+    """Return the margins of a proposal and of the present gains, and the reason if the gains are not proposed."""
     wanted = proposal['targets']
     lines = [
         f'gains for {wanted["phase_deg"]:g} deg and {wanted["gain_db"]:g} dB over the workspace, '
@@ -162,20 +161,20 @@ def proposal_lines(proposal: dict[str, Any]) -> list[str]:
     lines.append(f'  better: {", ".join(better) or "nothing"}; worse: {", ".join(worse) or "nothing"}')
     if not proposal['proposed']:
         lines.append(
-            '  not proposed: they are better in one figure at most. Keep the present gains, or ask for these margins '
-            'with --phase-margin or --gain-margin'
+            '  not proposed: at most one figure is better. Keep the present gains, or request these margins with '
+            '--phase-margin or --gain-margin'
         )
     return lines
 
 
 def rejection_line(name: str, rejection: dict[str, Any] | None) -> str:
-    """Return what disturbs a drive with one set of gains."""
+    """Return the response of a drive to a load step and to encoder noise with one set of gains."""
     if rejection is None:
         return f'  {name:<7} the loops are not stable'
     back_s = rejection['back_s']
     back = 'more than a second' if back_s is None else f'{1e3 * back_s:.1f} ms'
     return (
-        f'  {name:<7} the shaft gives way by {math.degrees(rejection["peak_rad"]):.3f} deg after '
-        f'{1e3 * rejection["peak_s"]:.1f} ms, and is back within 5 % after {back}; '
-        f'current by noise {1e3 * rejection["noise_a"]:.1f} mA rms'
+        f'  {name:<7} the shaft deflects by {math.degrees(rejection["peak_rad"]):.3f} deg after '
+        f'{1e3 * rejection["peak_s"]:.1f} ms and returns to within 5 % after {back}; '
+        f'current due to noise {1e3 * rejection["noise_a"]:.1f} mA rms'
     )

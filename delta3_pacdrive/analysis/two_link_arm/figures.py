@@ -27,16 +27,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SPEED_M_S = 1.0  # of the tool, along its line
-CLEARANCES = (0.2, 0.05, 0.005)  # least distances of the lines from the singular circles, of the ring's width
+SPEED_M_S = 1.0  # of the tool on its line
+CLEARANCES = (0.2, 0.05, 0.005)  # of the lines from the singular circles, relative to the width of the ring
 SAMPLES = 4001
-CONDITION_MAX = 1e3  # shown of the condition number
-NARROW_RAD = 0.5  # an angle that leaves no room for its name
+CONDITION_MAX = 1e3  # largest condition number that is shown
+NARROW_RAD = 0.5  # smaller angles are labelled outside
 
 LOWER, UPPER, SINGULAR = AXIS_COLOURS[0], AXIS_COLOURS[2], AXIS_COLOURS[1]
 TOOL = '#111111'
 PALE = '#B0B0B0'
-LINES = ('#9CC3E6', '#0072B2', '#111111')  # the nearer to the singularity, the darker
+LINES = ('#9CC3E6', '#0072B2', '#111111')  # darker closer to the singularity
 OUTER: dict[str, Any] = {'color': SINGULAR, 'linewidth': 1.6}
 INNER: dict[str, Any] = {'color': SINGULAR, 'linewidth': 1.6, 'linestyle': DASHED}
 BEST: dict[str, Any] = {'color': TOOL, 'linewidth': 1.4, 'linestyle': (0, (1, 1.5))}
@@ -44,7 +44,7 @@ LEGEND: dict[str, Any] = {'loc': 'outside lower center', 'frameon': False, 'font
 
 
 def by_name(arm: TwoLinkArm, p: ArrayLike) -> Drawings:
-    """Return what draws each figure, by file name; ``p`` [m] is the point of the first."""
+    """Return the drawing functions by file name; ``p`` [m] is the tool position of the first figure."""
     return {
         'arm_solutions.png': partial(solutions, arm, p),
         'arm_workspace.png': partial(workspace, arm),
@@ -60,14 +60,14 @@ def table(arm: TwoLinkArm) -> Table:
 
 
 def _over_theta_2(arm: TwoLinkArm) -> Floats:
-    """Angle [rad], manipulability [m^2] and condition number of J in columns."""
+    """Return angle [rad], manipulability [m^2] and condition number of J as columns."""
     theta_2 = np.linspace(-math.pi, math.pi, SAMPLES)
     theta = np.stack([np.zeros(SAMPLES), theta_2], axis=-1)
     return np.stack([theta_2, manipulability(theta, arm), np.linalg.cond(jacobian(theta, arm))], axis=-1)
 
 
 def solutions(arm: TwoLinkArm, p: ArrayLike) -> Figure:
-    """The arm in both solutions for one point [m], each beside the other's shadow (Fig. 3.4, 3.5).
+    """Draw the arm in both solutions for one point [m], each with the other one in grey (Fig. 3.4, 3.5).
 
     Raises
     ------
@@ -99,7 +99,7 @@ def solutions(arm: TwoLinkArm, p: ArrayLike) -> Figure:
 
 
 def workspace(arm: TwoLinkArm) -> Figure:
-    """Workspace: a ring between the singular circles, coloured by manipulability [m^2] (3.3)."""
+    """Draw the workspace, a ring between the singular circles, coloured by manipulability [m^2] (3.3)."""
     figure = titled_figure('Workspace, manipulability and singular circles', 6.4, 7.0)
     axes = figure.subplots()
     r = np.linspace(arm.inner_reach_m, arm.outer_reach_m, 201)
@@ -123,7 +123,7 @@ def workspace(arm: TwoLinkArm) -> Figure:
 
 
 def manipulability_over_theta_2(arm: TwoLinkArm) -> Figure:
-    """Manipulability [m^2] and condition number of J over theta_2 [deg] (3.3)."""
+    """Draw manipulability [m^2] and condition number of J over theta_2 [deg] (3.3)."""
     figure = titled_figure('Manipulability and condition of the Jacobian', 5.6)
     panels = figure.subplots(2, 1, sharex=True)
     theta_2, product, condition = _over_theta_2(arm).T
@@ -154,9 +154,9 @@ def manipulability_over_theta_2(arm: TwoLinkArm) -> Figure:
 
 
 def joint_speeds_along_lines(arm: TwoLinkArm) -> Figure:
-    """Joint speeds [deg/s] on straight lines, at constant speed, that come near both singular circles.
+    """Draw joint speeds [deg/s] along straight lines close to both singular circles, at constant tool speed.
 
-    Each line begins and ends at its clearance inside the outer circle and passes the inner one with the same.
+    Each line keeps its clearance from the outer circle at both ends and from the inner circle in the middle.
     """
     figure = titled_figure(f'Joint speeds on straight lines at {SPEED_M_S:g} m/s, elbow down', 6.0, 9.4)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.2))
@@ -190,7 +190,7 @@ def joint_speeds_along_lines(arm: TwoLinkArm) -> Figure:
 
 
 def line(arm: TwoLinkArm, clearance_m: float) -> Floats:
-    """Points [m] of a line along x that keeps the clearance from both singular circles; shape (SAMPLES, 2)."""
+    """Return points [m] of a line along x with a clearance from both singular circles; shape (SAMPLES, 2)."""
     y = arm.inner_reach_m + clearance_m
     end = math.sqrt((arm.outer_reach_m - clearance_m) ** 2 - y**2)
     x = np.linspace(-end, end, SAMPLES)
@@ -198,7 +198,7 @@ def line(arm: TwoLinkArm, clearance_m: float) -> Floats:
 
 
 def _joints(theta: Floats, arm: TwoLinkArm) -> Floats:
-    """Base, elbow and tool [m] of one pose; shape (3, 2)."""
+    """Return base, elbow and tool [m] of one pose; shape (3, 2)."""
     return np.stack([np.zeros(2), elbow(theta, arm), forward(theta, arm)])
 
 
@@ -216,7 +216,7 @@ def _circles(axes: Axes, arm: TwoLinkArm) -> None:
 
 
 def _draw_pose(axes: Axes, theta: Floats, arm: TwoLinkArm, radius: float) -> None:
-    """Draw an arm with arcs of this radius [m] for its joint angles (Fig. 3.5)."""
+    """Draw an arm with arcs of radius [m] for its joint angles (Fig. 3.5)."""
     base, knee, tool = _joints(theta, arm)
     a, b = arm.lower_arm_length_m, arm.upper_arm_length_m
     link: dict[str, Any] = {'linewidth': 5.0, 'solid_capstyle': 'round'}
@@ -229,13 +229,13 @@ def _draw_pose(axes: Axes, theta: Floats, arm: TwoLinkArm, radius: float) -> Non
 
 
 def _angle(axes: Axes, corner: Floats, start: float, end: float, radius: float, text: str) -> None:
-    """Draw an angle [rad] from a dashed ray at ``start`` to ``end``, named in its middle, or beside it if narrow."""
+    """Draw an angle [rad] from a dashed ray at ``start`` to ``end`` with its label."""
     ray = np.stack([corner, corner + 1.7 * radius * np.array([math.cos(start), math.sin(start)])])
     axes.plot(*ray.T, color='#555555', linewidth=0.9, linestyle=DASHED)
     sweep = np.linspace(start, end, 61)
     arc = corner + radius * np.stack([np.cos(sweep), np.sin(sweep)], axis=-1)
     axes.plot(*arc.T, color='#555555', linewidth=1.2)
     narrow = abs(end - start) < NARROW_RAD
-    place = start - math.copysign(0.6 * NARROW_RAD, end - start) if narrow else (start + end) / 2.0
-    middle = corner + 1.45 * radius * np.array([math.cos(place), math.sin(place)])
+    direction = start - math.copysign(0.6 * NARROW_RAD, end - start) if narrow else (start + end) / 2.0
+    middle = corner + 1.45 * radius * np.array([math.cos(direction), math.sin(direction)])
     axes.text(middle[0], middle[1], text, ha='center', va='center', fontsize=11)

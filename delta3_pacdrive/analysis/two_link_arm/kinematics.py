@@ -1,8 +1,8 @@
-"""Kinematics of the planar two-link arm, with which the thesis introduces the subject (chapter 3).
+"""Kinematics of the planar two-link arm that introduces chapter 3 of the thesis.
 
-Base frame: origin in the first joint, x and y in the plane of the arm. theta_1 turns the lower arm (length a) from the
-x axis, theta_2 the upper arm (length b) from the direction of the lower one; both counter-clockwise. The thesis prints
-(3.1) as if theta_2 counted from the x axis; (3.2), (3.6) and its inverse Jacobian use the relative angle, as here.
+Base frame: origin in the first joint, x and y in the plane of the arm. theta_1 is the angle of the lower arm (length a)
+to the x axis, theta_2 the angle of the upper arm (length b) to the lower arm, both counter-clockwise. As printed, (3.1)
+measures theta_2 from the x axis; (3.2), (3.6) and its inverse Jacobian use the relative angle, as does this module.
 
     elbow     (a cos theta_1, a sin theta_1)
     tool      elbow + (b cos(theta_1 + theta_2), b sin(theta_1 + theta_2))     (3.1, corrected)
@@ -20,20 +20,13 @@ from delta3_pacdrive.errors import ParameterError, SingularityError, Unreachable
 from delta3_pacdrive.numerics.types import Floats
 
 LENGTH_MIN_M, LENGTH_MAX_M = 1e-3, 1e3
-ROUNDING = 1e-12  # of the reach: a point that much outside of it lies on it
-SINGULAR_SINE = math.sqrt(ROUNDING)  # below it inverse kinematics does not tell theta_2 from 0 or pi
+ROUNDING = 1e-12  # relative to the reach: tolerance for a point on its boundary
+SINGULAR_SINE = math.sqrt(ROUNDING)  # below, inverse kinematics cannot distinguish theta_2 from 0 or pi
 
 
 @dataclass(frozen=True)
 class TwoLinkArm:
-    """Lengths of the two links.
-
-    Raises
-    ------
-    ParameterError
-        A length is no number from 1 mm to 1 km.
-
-    """
+    """Lengths of the two links; raises ParameterError unless both are from 1 mm to 1 km."""
 
     lower_arm_length_m: float = 0.4  # a
     upper_arm_length_m: float = 0.3  # b
@@ -58,42 +51,42 @@ class TwoLinkArm:
 
 
 class Branch(Enum):
-    """The two solutions of the inverse kinematics (Fig. 3.4), named as they look for a tool on the side of +x."""
+    """Solutions of the inverse kinematics (Fig. 3.4), named after their shape for a tool on the side of +x."""
 
-    ELBOW_UP = 'elbow up'  # theta_2 <= 0: elbow on the left of the line from base to tool
-    ELBOW_DOWN = 'elbow down'  # theta_2 >= 0: on its right
+    ELBOW_UP = 'elbow up'  # theta_2 <= 0: elbow to the left of the line from base to tool
+    ELBOW_DOWN = 'elbow down'  # theta_2 >= 0: elbow to the right
 
 
 def elbow(theta: ArrayLike, arm: TwoLinkArm) -> Floats:
-    """Position of the elbow [m] for joint angles [rad]; shapes (..., 2)."""
+    """Return the position of the elbow [m] for joint angles [rad]; shapes (..., 2)."""
     theta_1 = _pairs(theta, 'theta')[..., 0]
     return arm.lower_arm_length_m * np.stack([np.cos(theta_1), np.sin(theta_1)], axis=-1)
 
 
 def forward(theta: ArrayLike, arm: TwoLinkArm) -> Floats:
-    """Position of the tool [m] for joint angles [rad] (3.1, corrected); shapes (..., 2)."""
+    """Return the position of the tool [m] for joint angles [rad] (3.1, corrected); shapes (..., 2)."""
     return elbow(theta, arm) + arm.upper_arm_length_m * orientation(theta)[..., 0]
 
 
 def orientation(theta: ArrayLike) -> Floats:
-    """Tool axes i_2, j_2 in the base frame, as columns (3.2, corrected); shapes (..., 2) -> (..., 2, 2)."""
+    """Return the tool axes i_2, j_2 in the base frame as columns (3.2, corrected); shapes (..., 2) -> (..., 2, 2)."""
     angle = _pairs(theta, 'theta').sum(axis=-1)
     cosine, sine = np.cos(angle), np.sin(angle)
     return _matrix(((cosine, -sine), (sine, cosine)))
 
 
 def inverse(p: ArrayLike, arm: TwoLinkArm, branch: Branch | str) -> Floats:
-    """Joint angles [rad], from -pi to pi, for positions of the tool [m] (3.2; 3.3 to 3.5); shapes (..., 2).
+    """Return the joint angles [rad], from -pi to pi, for tool positions [m] (3.2; 3.3 to 3.5); shapes (..., 2).
 
     With D = cos theta_2 as in (3.4), 2ab(1 - D) = (a + b)^2 - r^2 and 2ab(1 + D) = r^2 - (a - b)^2; their quotient is
-    tan^2(theta_2/2). It keeps its digits near the base, where those of 1 + D cancel if the links are of equal length.
-    On the singular circles both branches are one solution. On the base (a = b only) every theta_1 is a solution, and
-    that of a point on the +x axis is returned.
+    tan^2(theta_2/2). It avoids the cancellation in 1 + D near the base for links of equal length. On the singular
+    circles both branches coincide. At the base (a = b only) theta_1 is arbitrary, and the solution for a point on the
+    +x axis is returned.
 
     Raises
     ------
     UnreachableError
-        Names the first point that is too far from the base or too near to it, its distance and the limit.
+        A point is too far from the base or too close to it; the message gives the first one and the limit.
 
     """
     points = _pairs(p, 'p')
@@ -112,18 +105,18 @@ def inverse(p: ArrayLike, arm: TwoLinkArm, branch: Branch | str) -> Floats:
 
 
 def jacobian(theta: ArrayLike, arm: TwoLinkArm) -> Floats:
-    """Jacobian J [m/rad] with xdot = J thetadot (3.6, corrected); shapes (..., 2) -> (..., 2, 2)."""
+    """Return the Jacobian J [m/rad] with xdot = J thetadot (3.6, corrected); shapes (..., 2) -> (..., 2, 2)."""
     (a_x, a_y), (b_x, b_y) = _links(theta, arm)
     return _matrix(((-a_y - b_y, -b_y), (a_x + b_x, b_x)))
 
 
 def jacobian_inverse(theta: ArrayLike, arm: TwoLinkArm) -> Floats:
-    """Inverse Jacobian [rad/m] with thetadot = J^-1 xdot (3.3); shapes (..., 2) -> (..., 2, 2).
+    """Return the inverse Jacobian [rad/m] with thetadot = J^-1 xdot (3.3); shapes (..., 2) -> (..., 2, 2).
 
     Raises
     ------
     SingularityError
-        Names the first pose with |sin theta_2| < ``SINGULAR_SINE``.
+        A pose has |sin theta_2| < ``SINGULAR_SINE``; the message gives the first one.
 
     """
     poses = _pairs(theta, 'theta')
@@ -132,7 +125,7 @@ def jacobian_inverse(theta: ArrayLike, arm: TwoLinkArm) -> Floats:
         theta_2 = poses[singular][0, 1]
         shape = 'stretched' if math.cos(theta_2) > 0.0 else 'folded'
         raise SingularityError(
-            f'{_place(singular, "pose")}theta_2 = {math.degrees(theta_2):z.6g} deg is singular (the arm is {shape}): '
+            f'{_number(singular, "pose")}theta_2 = {math.degrees(theta_2):z.6g} deg is singular (the arm is {shape}): '
             f'the Jacobian has no inverse'
         )
     (a_x, a_y), (b_x, b_y) = _links(poses, arm)
@@ -147,17 +140,17 @@ def determinant(theta: ArrayLike, arm: TwoLinkArm) -> Floats:
 
 
 def manipulability(theta: ArrayLike, arm: TwoLinkArm) -> Floats:
-    """Yoshikawa's measure sqrt(det(J J^T)) [m^2], here |det J|; shapes (..., 2) -> (...)."""
+    """Return Yoshikawa's measure sqrt(det(J J^T)) [m^2], here |det J|; shapes (..., 2) -> (...)."""
     return np.asarray(np.abs(determinant(theta, arm)))
 
 
 def is_singular(theta: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Tell where theta_2 is 0 or pi (3.3), to within ``SINGULAR_SINE``; shapes (..., 2) -> (...)."""
+    """Return whether theta_2 is 0 or pi (3.3), to within ``SINGULAR_SINE``; shapes (..., 2) -> (...)."""
     return np.asarray(np.abs(np.sin(_pairs(theta, 'theta')[..., 1])) < SINGULAR_SINE)
 
 
 def joint_speeds(theta: ArrayLike, velocity: ArrayLike, arm: TwoLinkArm) -> Floats:
-    """Joint speeds thetadot = J^-1 xdot [rad/s] for velocities of the tool [m/s] (3.3); shapes (..., 2).
+    """Return joint speeds thetadot = J^-1 xdot [rad/s] for tool velocities [m/s] (3.3); shapes (..., 2).
 
     Raises
     ------
@@ -187,9 +180,9 @@ def _links(theta: ArrayLike, arm: TwoLinkArm) -> tuple[tuple[Floats, Floats], tu
     return (lower[..., 0], lower[..., 1]), (upper[..., 0], upper[..., 1])
 
 
-def _place(wrong: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], what: str) -> str:
-    """Return the number of the first wrong one among several, as the beginning of a sentence."""
-    return f'{what} {np.flatnonzero(wrong)[0]}: ' if wrong.size > 1 else ''
+def _number(wrong: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], noun: str) -> str:
+    """Return the index of the first wrong element of several as the beginning of a sentence."""
+    return f'{noun} {np.flatnonzero(wrong)[0]}: ' if wrong.size > 1 else ''
 
 
 def _check_reach(points: Floats, r: Floats, arm: TwoLinkArm) -> None:
@@ -204,5 +197,5 @@ def _check_reach(points: Floats, r: Floats, arm: TwoLinkArm) -> None:
             else f'the stretched arm reaches no farther than {outer:.9g} m'
         )
         raise UnreachableError(
-            f'{_place(wrong, "point")}({x:g}, {y:g}) m is {distance:.9g} m from the base, but {limit}'
+            f'{_number(wrong, "point")}({x:g}, {y:g}) m is {distance:.9g} m from the base, but {limit}'
         )

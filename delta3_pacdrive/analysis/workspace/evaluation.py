@@ -1,4 +1,4 @@
-"""Grids of positions and what the robot can do there."""
+"""Grids of positions and the capability of the robot there."""
 
 import math
 import time
@@ -18,7 +18,7 @@ from delta3_pacdrive.parameters import Parameters
 
 POSES_MAX = 20_000_000  # of a volume: 2 GB of results
 SLICE_POINTS = 241  # along the longer side of a slice
-BEYOND = 1.35  # a slice shows so many times the radius of the workspace
+BEYOND = 1.35  # extent of a slice relative to the workspace
 QUANTITIES = (
     Quantity('condition', 'condition of the Jacobian', '', 1.0, '', worst_is_large=True),
     Quantity('singular_min', 'smallest singular value of the Jacobian', 'm/rad', 1.0, 'm/rad', worst_is_large=False),
@@ -68,13 +68,13 @@ def values_of(found: Capability) -> dict[str, Floats]:
 
 
 def default_slices(parameters: Parameters) -> tuple[Slice, ...]:
-    """Return top and bottom of the workspace, and the plane of arm 1."""
+    """Return the slices at top and bottom of the workspace, and the plane of arm 1."""
     k = parameters.kinematics
     return Slice(2, k.workspace_top_m), Slice(2, k.workspace_bottom_m), Slice(1, 0.0)
 
 
 def study(settings: Settings, parameters: Parameters, on_progress: OnProgress = silent) -> Results:
-    """Map the workspace; raises ReportError for a volume of too many poses."""
+    """Map the workspace; raises ReportError for a volume with too many poses."""
     poses = require_few_poses(settings, parameters)
     x, y, z = axes(settings.resolution_m, parameters)
     started = time.perf_counter()
@@ -97,30 +97,30 @@ def study(settings: Settings, parameters: Parameters, on_progress: OnProgress = 
 
 
 def require_few_poses(settings: Settings, parameters: Parameters) -> int:
-    """Return how many poses a volume has, before any is computed; raises ReportError for too many."""
+    """Return the number of poses of a volume without computing them; raises ReportError if there are too many."""
     poses = math.prod(len(axis) for axis in axes(settings.resolution_m, parameters))
     if poses > POSES_MAX:
         raise ReportError(
-            f'a resolution of {1e3 * settings.resolution_m:g} mm makes {poses} poses, the limit is {POSES_MAX}'
+            f'a resolution of {1e3 * settings.resolution_m:g} mm gives {poses} poses, the limit is {POSES_MAX}'
         )
     return poses
 
 
 def require_reached(slices: Iterable[Slice], parameters: Parameters) -> None:
-    """Refuse a slice of which nothing could be mapped; raises ReportError."""
+    """Raise ReportError for a slice without any reachable position."""
     for plane in slices:
         points = np.stack(np.meshgrid(*plane_axes(plane, parameters), indexing='ij'), axis=-1)
         if not is_legal_for_the_arms(capability(points, parameters).limit).any():
-            raise ReportError(f'the arms reach no place of the slice {plane.name}')
+            raise ReportError(f'the arms do not reach any position of the slice {plane.name}')
 
 
 def warm_up(parameters: Parameters) -> None:
-    """Load the kernels, so that no figure of speed counts that."""
+    """Load the kernels, so that measured times do not include it."""
     capability(parameters.motion.home_m, parameters)
 
 
 def axes(resolution_m: float, parameters: Parameters) -> tuple[Floats, Floats, Floats]:
-    """Return the coordinates of a grid in the box around the workspace, its ends included."""
+    """Return the coordinates of a grid in the box around the workspace, including its boundary."""
     k = parameters.kinematics
     side = _even(-0.5 * k.workspace_diameter_m, 0.5 * k.workspace_diameter_m, resolution_m)
     return side, side.copy(), _even(k.workspace_bottom_m, k.workspace_top_m, resolution_m)
@@ -131,7 +131,7 @@ def _even(low: float, high: float, step: float) -> Floats:
 
 
 def plane_axes(plane: Slice, parameters: Parameters) -> tuple[Floats, Floats, Floats]:
-    """Return the coordinates of a slice, a little beyond the workspace."""
+    """Return the coordinates of a slice that extends beyond the workspace."""
     k = parameters.kinematics
     reach = 0.5 * BEYOND * k.workspace_diameter_m
     rise = reach - 0.5 * k.workspace_diameter_m
@@ -139,24 +139,20 @@ def plane_axes(plane: Slice, parameters: Parameters) -> tuple[Floats, Floats, Fl
     low, high = k.workspace_bottom_m - rise, k.workspace_top_m + rise
     height = np.linspace(low, high, max(int(SLICE_POINTS * (high - low) / (2.0 * reach)), 2))
     coordinates = [side, side.copy(), height]
-    coordinates[plane.axis] = np.array([plane.place_m])
+    coordinates[plane.axis] = np.array([plane.position_m])
     return coordinates[0], coordinates[1], coordinates[2]
 
 
 def _layer(coordinates: tuple[Floats, Floats, Floats], settings: Settings, parameters: Parameters) -> Grid:
     points = np.stack(np.meshgrid(*coordinates, indexing='ij'), axis=-1)
-    found = capability(
-        points,
-        parameters,
-        acceleration_m_s2=settings.acceleration_m_s2,
-    )
+    found = capability(points, parameters, acceleration_m_s2=settings.acceleration_m_s2)
     legal = is_legal_for_the_arms(found.limit)
     values = {key: np.where(legal, value, np.nan) for key, value in values_of(found).items()}
     return Grid(*coordinates, values, found.limit)
 
 
 def is_legal_for_the_arms(limit: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Tell where the arms may be, also beyond the workspace cylinder."""
+    """Return where the limits of the arms are kept, also outside the workspace cylinder."""
     return np.isin(limit, [REACHED, *(CODES[key] for key in OF_WORKSPACE)])
 
 
@@ -169,18 +165,18 @@ def _stacked(layers: list[Grid], z: Floats) -> Grid:
 
 
 def extreme(grid: Grid, key: str) -> Extreme:
-    """Return the extremes of a quantity where the robot may be."""
+    """Return the extremes of a quantity over the positions that the robot may take."""
     values = np.where(grid.limit == REACHED, grid.values[key], np.nan)
 
-    def place(index: Any) -> tuple[float, float, float]:
+    def position(index: Any) -> tuple[float, float, float]:
         i, j, k = np.unravel_index(int(index), values.shape)
         return float(grid.x_m[i]), float(grid.y_m[j]), float(grid.z_m[k])
 
     least, largest = np.nanargmin(values), np.nanargmax(values)
     return Extreme(
-        float(values.flat[least]),
-        place(least),
-        float(np.nanmedian(values)),
-        float(values.flat[largest]),
-        place(largest),
+        least=float(values.flat[least]),
+        least_at_m=position(least),
+        median=float(np.nanmedian(values)),
+        largest=float(values.flat[largest]),
+        largest_at_m=position(largest),
     )

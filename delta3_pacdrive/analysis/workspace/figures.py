@@ -29,7 +29,7 @@ LIMIT_COLOURS = ('#E3F1E7', '#F4F4F4', '#D55E00', '#E69F00', '#CC79A7', '#7A3E9D
 
 
 def by_name(found: Results, slices: tuple[Slice, ...], parameters: Parameters) -> Drawings:
-    """Return what draws each figure, by file name."""
+    """Return the drawing functions of the figures by file name."""
     drawings: dict[str, Any] = {
         f'{quantity.key}.png': partial(quantity_map, found, slices, parameters, quantity)
         for quantity in QUANTITIES
@@ -40,7 +40,7 @@ def by_name(found: Results, slices: tuple[Slice, ...], parameters: Parameters) -
 def quantity_map(
     found: Results, slices: tuple[Slice, ...], parameters: Parameters, quantity: Quantity
 ) -> Figure:
-    """One quantity in each slice, wherever the arms may be; dashed: the workspace, white: beyond the arms' limits."""
+    """Draw one quantity in each slice within the limits of the arms; dashed: the workspace."""
     from matplotlib.ticker import MaxNLocator
 
     inside = [_inside(grid, quantity) for grid in found.slices]
@@ -71,18 +71,18 @@ def _unit(quantity: Quantity) -> str:
 
 
 def _inside(grid: Grid, quantity: Quantity) -> Any:
-    """Return the values that set the colours: those of the workspace, or all where a slice does not meet it."""
+    """Return the values that determine the colours: those in the workspace, or all if the slice is outside."""
     values = quantity.scale * grid.values[quantity.key]
     chosen = values[grid.limit == REACHED]
     return chosen if len(chosen) else values[np.isfinite(values)]
 
 
 def reach_map(found: Results, slices: tuple[Slice, ...], parameters: Parameters) -> Figure:
-    """Where the robot may be, and which limit ends that: the first that is broken beyond."""
+    """Draw the reachable positions and the limit that is violated first outside of them."""
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.patches import Patch
 
-    figure, panels = _panels(slices, 'Where the robot may be, and which limit ends that', 0.55)
+    figure, panels = _panels(slices, 'Reachable positions and the limits around them', 0.55)
     colours = ListedColormap(LIMIT_COLOURS)
     norm = BoundaryNorm(np.arange(len(LIMITS) + 1) - 0.5, len(LIMITS))
     seen: set[int] = set()
@@ -110,14 +110,14 @@ def _panels(slices: tuple[Slice, ...], title: str, below_in: float = 0.0) -> tup
 
 
 def _plane(grid: Grid, plane: Slice, values: Any) -> tuple[Any, Any, Any]:
-    """Return both coordinates of a slice [mm], and values as a figure wants them: rows upward."""
+    """Return both coordinates of a slice [mm], and its values with rows upward."""
     coordinates = [MM * axis for axis in (grid.x_m, grid.y_m, grid.z_m)]
     del coordinates[plane.axis]
     return coordinates[0], coordinates[1], np.squeeze(values, axis=plane.axis).T
 
 
 def _dress(axes: Axes, plane: Slice, parameters: Parameters) -> None:
-    """Give a panel its labels, and the workspace as it is cut by the plane."""
+    """Set the labels of a panel and draw the section of the workspace."""
     from matplotlib.patches import Circle, Rectangle
 
     k = parameters.kinematics
@@ -125,12 +125,12 @@ def _dress(axes: Axes, plane: Slice, parameters: Parameters) -> None:
         MM * value for value in (0.5 * k.workspace_diameter_m, k.workspace_bottom_m, k.workspace_top_m)
     )
     names = [name for n, name in enumerate('xyz') if n != plane.axis]
-    place = MM * plane.place_m
+    position = MM * plane.position_m
     if plane.axis == 2:
-        if bottom - 1e-6 <= place <= top + 1e-6:
+        if bottom - 1e-6 <= position <= top + 1e-6:
             axes.add_patch(Circle((0.0, 0.0), radius, **FRAME))
-    elif abs(place) < radius:
-        half = math.sqrt(radius**2 - place**2)
+    elif abs(position) < radius:
+        half = math.sqrt(radius**2 - position**2)
         axes.add_patch(Rectangle((-half, bottom), 2.0 * half, top - bottom, **FRAME))
     axes.set_aspect('equal')
     axes.set_xlabel(f'{names[0]} [mm]', fontsize=9)

@@ -1,4 +1,4 @@
-"""Maps of the workspace in numbers and in words, and the files that hold the volume."""
+"""Report of a workspace study: JSON document, text, table, and files of the volume."""
 
 import json
 from collections.abc import Mapping
@@ -21,12 +21,12 @@ MM = 1e3
 
 
 def key_of(quantity: Quantity) -> str:
-    """Return the name of a quantity in results, with its unit."""
+    """Return the name of a quantity in results, including its unit."""
     return quantity.key + JSON_UNITS[quantity.unit]
 
 
 def document(found: Results, settings: Settings, parameters: Parameters) -> dict[str, Any]:
-    """Return the results, ready for JSON."""
+    """Return the results for JSON."""
     payload, acceleration = assumed(settings, parameters)
     limit = found.volume.limit
     return {
@@ -51,10 +51,10 @@ def document(found: Results, settings: Settings, parameters: Parameters) -> dict
 
 
 def assumed(settings: Settings, parameters: Parameters) -> tuple[float, float]:
-    """Return the payload [kg] of the accelerations, and the acceleration [m/s^2] of the payloads."""
+    """Return the payload [kg] assumed for accelerations and the acceleration [m/s^2] assumed for payloads."""
     acceleration = settings.acceleration_m_s2
-    usual = parameters.motion.acceleration_max_m_s2
-    return parameters.dynamics.payload_mass_kg, usual if acceleration is None else acceleration
+    default = parameters.motion.acceleration_max_m_s2
+    return parameters.dynamics.payload_mass_kg, default if acceleration is None else acceleration
 
 
 def _extreme(one: Extreme) -> dict[str, Any]:
@@ -68,7 +68,7 @@ def _extreme(one: Extreme) -> dict[str, Any]:
 
 
 def text(found: Results, settings: Settings, parameters: Parameters) -> list[str]:
-    """Return the results as lines for people."""
+    """Return the results as text."""
     inside = int((found.volume.limit == REACHED).sum())
     rate = found.poses / found.seconds / 1e6
     payload, acceleration = assumed(settings, parameters)
@@ -106,35 +106,27 @@ def extremes_table(found: Results) -> Table:
         'y [m]',
         'z [m]',
     ]
-    rows = [
-        [
-            quantity.key,
-            quantity.unit,
-            found.extremes[quantity.key].least,
-            *found.extremes[quantity.key].least_at_m,
-            found.extremes[quantity.key].median,
-            found.extremes[quantity.key].largest,
-            *found.extremes[quantity.key].largest_at_m,
-        ]
-        for quantity in QUANTITIES
-        if quantity.key in found.extremes
-    ]
+    rows = []
+    for quantity in QUANTITIES:
+        if (one := found.extremes.get(quantity.key)) is not None:
+            values = [one.least, *one.least_at_m, one.median, one.largest, *one.largest_at_m]
+            rows.append([quantity.key, quantity.unit, *values])
     return Table('extremes.csv', header, rows)
 
 
 def volume_columns(volume: Grid) -> dict[str, Any]:
-    """Return the volume as columns: a row for each place in reach of the arms."""
+    """Return the volume as columns, one row per position in reach of the arms."""
     x, y, z = np.meshgrid(volume.x_m, volume.y_m, volume.z_m, indexing='ij')
-    here = np.isfinite(volume.values['condition'])
-    columns = {'x [m]': x[here], 'y [m]': y[here], 'z [m]': z[here], 'limit': volume.limit[here]}
+    reached = np.isfinite(volume.values['condition'])
+    columns = {'x [m]': x[reached], 'y [m]': y[reached], 'z [m]': z[reached], 'limit': volume.limit[reached]}
     for quantity in QUANTITIES:
         name = f'{quantity.key} [{quantity.unit}]' if quantity.unit else quantity.key
-        columns[name] = volume.values[quantity.key][here]
+        columns[name] = volume.values[quantity.key][reached]
     return columns
 
 
 def require_writable_volume(path: Path) -> None:
-    """Refuse a volume that cannot be written, before anything is computed for it; raises ReportError."""
+    """Raise ReportError if the file of a volume cannot be written; called before the computation."""
     if why := whole_file.file_refusal(path, folder_is_made=True):
         raise ReportError(f'cannot write {path}: {why}')
 

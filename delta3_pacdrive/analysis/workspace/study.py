@@ -1,4 +1,4 @@
-"""Maps of the workspace: what is asked, and what is found; data only."""
+"""Data of workspace maps: settings and results."""
 
 from dataclasses import dataclass
 
@@ -10,96 +10,52 @@ from delta3_pacdrive.numerics.types import Floats
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity that is mapped.
+    """Mapped quantity."""
 
-    Attributes
-    ----------
-    key
-        Its name in files and results.
-    what, unit
-        In words, and its unit, empty if it has none.
-    scale, shown_unit
-        Factor and unit for people.
-    worst_is_large
-        Whether a large value is worse than a small one.
-
-    """
-
-    key: str
-    what: str
-    unit: str
-    scale: float
+    key: str  # name in files and results
+    what: str  # name in text
+    unit: str  # empty if dimensionless
+    scale: float  # factor to ``shown_unit``
     shown_unit: str
-    worst_is_large: bool
+    worst_is_large: bool  # large values are worse than small ones
 
 
 @dataclass(frozen=True)
 class Slice:
-    """A plane through the workspace.
+    """Plane through the workspace, perpendicular to a coordinate axis."""
 
-    Attributes
-    ----------
-    axis
-        Number of the coordinate that is the same everywhere: 0 to 2 for x, y, z.
-    place_m
-        Its value.
-
-    """
-
-    axis: int
-    place_m: float
+    axis: int  # constant coordinate, 0 to 2 for x, y, z
+    position_m: float  # its value
 
     @property
     def name(self) -> str:
-        """The plane as people write it."""
-        return f'{"xyz"[self.axis]} = {1e3 * self.place_m:g} mm'
+        """The plane as an equation in mm."""
+        return f'{"xyz"[self.axis]} = {1e3 * self.position_m:g} mm'
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a study of the workspace.
+    """Settings of a workspace study."""
 
-    Attributes
-    ----------
-    resolution_m
-        Distance of neighbours in the volume.
-    slices
-        That are drawn.
-    acceleration_m_s2
-        That ``motion.capability`` assumes; None: that of the parameters.
-
-    """
-
-    resolution_m: float
-    slices: tuple[Slice, ...]
-    acceleration_m_s2: float | None = None
+    resolution_m: float  # grid spacing of the volume
+    slices: tuple[Slice, ...]  # planes that are drawn
+    acceleration_m_s2: float | None = None  # assumed by motion.capability; None: from the parameters
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Values over a grid of positions.
+    """Values over a grid of positions."""
 
-    Attributes
-    ----------
-    x_m, y_m, z_m
-        Coordinates of the grid, shapes (nx,), (ny,), (nz,).
-    values
-        Of each quantity by its key, shape (nx, ny, nz), nan where the arms cannot be.
-    limit
-        Code of ``motion.capability.Capability``: 0 where the robot may be, same shape.
-
-    """
-
-    x_m: Floats
-    y_m: Floats
-    z_m: Floats
-    values: dict[str, Floats]
-    limit: NDArray[np.uint8]
+    x_m: Floats  # shape (nx,)
+    y_m: Floats  # shape (ny,)
+    z_m: Floats  # shape (nz,)
+    values: dict[str, Floats]  # by key of the quantity, shape (nx, ny, nz); nan beyond the limits of the arms
+    limit: NDArray[np.uint8]  # code as in motion.capability.Capability, 0 if all limits are kept; same shape
 
 
 @dataclass(frozen=True)
 class Extreme:
-    """Least and largest value of a quantity where the robot may be, with their places [m], and its median."""
+    """Least and largest value of a quantity in the workspace, their positions [m], and the median."""
 
     least: float
     least_at_m: tuple[float, float, float]
@@ -110,23 +66,10 @@ class Extreme:
 
 @dataclass(frozen=True)
 class Results:
-    """Maps of a workspace.
+    """Maps of a workspace."""
 
-    Attributes
-    ----------
-    volume
-        Grid of the box around the workspace.
-    slices
-        Grids of the planes, in the order of the settings, a little beyond the workspace.
-    extremes
-        By the keys of the quantities, over the volume.
-    poses, seconds
-        How many poses the volume has, and how long they took.
-
-    """
-
-    volume: Grid
-    slices: tuple[Grid, ...]
-    extremes: dict[str, Extreme]
-    poses: int
-    seconds: float
+    volume: Grid  # box around the workspace
+    slices: tuple[Grid, ...]  # in the order of the settings, extending beyond the workspace
+    extremes: dict[str, Extreme]  # over the volume, by key of the quantity
+    poses: int  # of the volume
+    seconds: float  # for the volume

@@ -425,7 +425,7 @@ def test_a_recording_that_does_not_fit_is_refused_in_a_sentence(robot, trace, ch
 
 
 @pytest.mark.parametrize(
-    ('errors', 'message'), [({'l_C': 0.1}, 'l_C is no length'), ({'R_B': -0.06}, 'R_B would be')]
+    ('errors', 'message'), [({'l_C': 0.1}, 'l_C is not a length'), ({'R_B': -0.06}, 'R_B would be')]
 )
 def test_an_error_that_is_no_length_s_is_refused(robot, errors, message):
     with pytest.raises(ParameterError, match=message):
@@ -524,7 +524,7 @@ def test_a_study_of_one_trajectory_tells_its_deviations(studied, robot, experime
         (['1', '--error', 'l_A'], 2, "'l_A' is no error of a length"),
         (['1', '--error', 'x=1'], 2, "'x=1' is no error of a length"),
         (['1', '--pose', 'guessed'], 2, 'invalid choice'),
-        (['1', 'experiment1'], 1, 'two inputs are called experiment 1'),
+        (['1', 'experiment1'], 1, 'two inputs have the name experiment 1'),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence(arguments, status, sentence, capsys, tmp_path):

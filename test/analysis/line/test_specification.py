@@ -51,7 +51,7 @@ def test_all_mistakes_are_told_at_once():
     assert 'rule' in told
     assert 'belts.infeed.speed_m_s is 0' in told
     assert 'belts.infeed.noise is 2' in told
-    assert 'robots.robot1.window_mm is from 0.3 m to -0.25 m, but must go forward' in told
+    assert 'robots.robot1.window_mm is from 0.3 m to -0.25 m, but the end must be after the begin' in told
     assert "unknown key 'partz'" in told
     assert 'did you mean parts?' in told
 

@@ -52,8 +52,8 @@ def test_what_is_told_adds_up(done):
 def test_the_text_says_how_many_and_why(done):
     lines = list(report.text(done[2]))
     assert lines[0].startswith('short: 0.03 h, nearest, seed 5: ')
-    assert any('while every robot that could have picked them worked on others' in line for line in lines)
-    assert any(line.startswith('cycle times from tables, at most 0.0') for line in lines)
+    assert any('while all robots that could have picked them were busy' in line for line in lines)
+    assert any(line.startswith('cycle times from tables; largest error 0.0') for line in lines)
 
 
 def test_a_replay_of_nobody_and_of_no_minute_is_refused(done):

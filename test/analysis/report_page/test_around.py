@@ -192,10 +192,10 @@ def test_a_recording_of_before_lists_its_parts_and_draws_none(packaged):
 @pytest.mark.parametrize(
     ('absent', 'told'),
     [
-        (('tcp_actual', 'tcp_command'), r'no place of its TCP \(tcp_actual or tcp_command\)$'),
+        (('tcp_actual', 'tcp_command'), r'no TCP position \(tcp_actual or tcp_command\)$'),
         (
             ('motor_position', 'motor_command'),
-            r'no angle of its motors \(motor_position or motor_command\)$',
+            r'no motor angles \(motor_position or motor_command\)$',
         ),
     ],
 )
@@ -203,5 +203,5 @@ def test_a_run_that_tells_no_pose_is_refused_in_one_sentence(absent, told, packa
     run, _ = packaged
     signals = {name: values for name, values in run.part.signals.items() if name not in absent}
     part = Trace(run.part.time_s, signals, run.part.meta)
-    with pytest.raises(ReportError, match=rf'^.*packaged.npz cannot be shown: it tells {told}'):
+    with pytest.raises(ReportError, match=rf'^.*packaged.npz cannot be shown: it has {told}'):
         page.page([replace(run, part=part)], ORIGIN)

@@ -235,7 +235,9 @@ def test_too_many_or_too_long_runs_are_refused_in_one_sentence(one):
     with pytest.raises(ReportError, match=r'^a page takes at most 4 runs, not 5$'):
         page.page([one] * 5, ORIGIN)
     long = replace(one, part=replace(one.part, time_s=one.part.time_s * 100.0))
-    with pytest.raises(ReportError, match=r'^the runs last 412 s, a page takes at most 300 s: choose a part'):
+    with pytest.raises(
+        ReportError, match=r'^the runs last 412 s, the limit of a page is 300 s: shorten them'
+    ):
         page.page([long], ORIGIN)
 
 

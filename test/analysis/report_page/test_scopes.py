@@ -95,7 +95,7 @@ def test_of_a_record_is_shown_what_is_shown_of_the_run(here, capsys):
     assert time_s[0] == pytest.approx(0.0, abs=1e-9)
     assert time_s[-1] == pytest.approx(0.021, abs=1e-9)  # the end of the last cycle
     told = refused(capsys, 't.npz', '--scope', 's.npz', '--from', '0.5')
-    assert 's.npz lies outside of what is shown of t.npz' in told
+    assert 's.npz is outside of the window of t.npz' in told
 
 
 def test_what_does_not_belong_to_a_run_is_refused(here, capsys):
@@ -110,11 +110,11 @@ def test_what_does_not_belong_to_a_run_is_refused(here, capsys):
     )
     np.savetxt('table.csv', rows, delimiter=',', header=','.join(heads), comments='')
     told = refused(capsys, 'table.csv', '--scope', 's.npz')
-    assert 'a table of measurements tells no bus time' in told
+    assert 'a table of measurements has no bus time' in told
 
 
 def test_a_page_takes_no_more_than_a_browser_draws(here, capsys, monkeypatch):
     monkeypatch.setattr('delta3_pacdrive.analysis.report_page.scopes.VALUES_MAX', 3199)
-    assert 'the records hold 3200 values, a page takes at most 3199' in refused(
+    assert 'the records contain 3200 values, the limit of a page is 3199' in refused(
         capsys, 't.npz', '--scope', 's.npz'
     )

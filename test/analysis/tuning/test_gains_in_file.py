@@ -42,7 +42,7 @@ def test_the_file_comes_back_byte_by_byte_and_nothing_is_left_beside_it(file):
     gains_in_file.undo(file)
     assert file.read_bytes() == before
     assert [path.name for path in file.parent.iterdir()] == [file.name]
-    with pytest.raises(TuningError, match='nothing to be undone'):
+    with pytest.raises(TuningError, match='nothing to undo'):
         gains_in_file.undo(file)
 
 
@@ -104,7 +104,7 @@ def test_a_robot_that_could_not_be_loaded_any_more_keeps_its_gains(values, told,
         ('{velocity_gain_a_s_rad: true}', 'must be a number, not True'),
         ('{velocity_gain_a_s_rad: .inf}', 'must be finite, not inf'),
         ('{velocity_gain_a_s_rad: .nan}', 'must be finite, not nan'),
-        ('{}', 'holds no gains of --propose'),
+        ('{}', 'contains no gains of --propose'),
     ],
 )
 def test_values_that_no_drive_can_have_are_refused_before_anything_is_changed(drive, told, tmp_path):

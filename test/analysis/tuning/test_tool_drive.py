@@ -118,7 +118,7 @@ def test_what_it_has_not_is_refused(tmp_path):
     ):
         study_of(tmp_path, pose_m=(0.0, 0.0, -0.8))
     with pytest.raises(
-        TuningError, match=r'^nothing turns in experiment1, so that it shows nothing of the drive'
+        TuningError, match=r'^experiment1 does not turn the tool: it cannot show the effect on its drive'
     ):
         study_of(tmp_path, program='experiment1')
     turned = {'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.8], 'turn_deg': 90}}]}

@@ -81,8 +81,8 @@ def test_gains_that_are_better_in_one_margin_only_are_not_worthwhile(after):
     assert not is_worthwhile(judged)
     assert proposal_lines(PROPOSAL | {'judged': judged, 'proposed': False})[3:] == [
         '  better: phase margin; worse: gain margin, recovery from load, noise',
-        '  not proposed: they are better in one figure at most. Keep the present gains, or ask for these margins '
-        'with --phase-margin or --gain-margin',
+        '  not proposed: at most one figure is better. Keep the present gains, or request these margins with '
+        '--phase-margin or --gain-margin',
     ]
 
 
