@@ -13,7 +13,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.peripherals import cell_scene
 from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
 from delta3_pacdrive.peripherals.parts_report import PartsLog
-from delta3_pacdrive.recording.bag_reader import PHASE, TEXT, open_bag, taking
+from delta3_pacdrive.recording.bag_reader import PHASE, TEXT, message_handler, open_bag
 from delta3_pacdrive.recording.sessions import Sessions
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
@@ -39,9 +39,9 @@ def read(path: Path, trace: Trace) -> CellStory | None:
     types, heard = get_typestore(Stores.ROS2_JAZZY), _Heard(positive(trace, 'cycle_time_s'))
     bag.read(
         {
-            bag.robot + SCENE: taking(types, TEXT, heard.scene),
-            bag.robot + PARTS: taking(types, TEXT, heard.parts),
-            bag.robot + BELTS_TOPIC: taking(types, JOINT_STATE, heard.belts),
+            bag.robot + SCENE: message_handler(types, TEXT, heard.scene),
+            bag.robot + PARTS: message_handler(types, TEXT, heard.parts),
+            bag.robot + BELTS_TOPIC: message_handler(types, JOINT_STATE, heard.belts),
             bag.robot + PHASE: heard.sessions.add,
         }
     )

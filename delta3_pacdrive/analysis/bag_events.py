@@ -19,7 +19,7 @@ from delta3_pacdrive.motion.move import OUTPUTS, Move
 from delta3_pacdrive.motion.plan import Plan, PlanBuilder
 from delta3_pacdrive.motion.plan_times import told_length_m
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.recording.bag_reader import NUMBERS, PHASE, SPOILT, TEXT, open_bag, taking
+from delta3_pacdrive.recording.bag_reader import MALFORMED, NUMBERS, PHASE, TEXT, message_handler, open_bag
 from delta3_pacdrive.recording.sessions import Sessions
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, NEVER
@@ -50,11 +50,11 @@ def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str,
     story = _Story(period, int(trace.meta.get('start_cycle') or 0), robot)
     bag.read(
         {
-            bag.robot + 'motion/plan': taking(types, NUMBERS, story.plan),
-            bag.robot + 'motion/course': taking(types, NUMBERS, story.course),
-            bag.robot + 'outputs': taking(types, JOINT_STATE, story.outputs),
-            bag.robot + 'faults/schedule': taking(types, TEXT, story.fault),
-            bag.robot + 'motion/progress': taking(types, TEXT, story.progress),
+            bag.robot + 'motion/plan': message_handler(types, NUMBERS, story.plan),
+            bag.robot + 'motion/course': message_handler(types, NUMBERS, story.course),
+            bag.robot + 'outputs': message_handler(types, JOINT_STATE, story.outputs),
+            bag.robot + 'faults/schedule': message_handler(types, TEXT, story.fault),
+            bag.robot + 'motion/progress': message_handler(types, TEXT, story.progress),
             bag.robot + PHASE: story.sessions.add,
         }
     )
@@ -202,7 +202,7 @@ class _Story:
         for run, end in zip(runs, ends, strict=False):
             try:
                 moves += self._driven(run, min(end, last_cycle + 1))
-            except SPOILT as error:
+            except MALFORMED as error:
                 why = (
                     str(error)
                     if isinstance(error, Delta3Error)

@@ -42,7 +42,7 @@ def write(folder: ReportFolder, trace: Trace, records: Sequence[Kept], text: Ite
         run_figures.draw(trace, folder)
     signals = folder.path / SIGNALS
     trace_file.save(trace, signals)
-    folder.add(trace_csv.beside(signals))
+    folder.add(trace_csv.metadata_path(signals))
     folder.add(signals)
     add_records(folder, records)
     folder.page(f'Run of {trace.meta.get("program", "a program")}', text)
@@ -55,7 +55,7 @@ def add_records(folder: ReportFolder, records: Sequence[Kept]) -> None:
         name = str(record_file.numbered(FIGURE, number)) if len(records) > 1 else FIGURE
         folder.figures({name: partial(scope_figure.figure_of, record)}, with_foot=True)
         folder.add(path)
-        facts = record_file.facts(record)
+        facts = record_file.metadata(record)
         rows.append(
             {
                 'record': path.name,

@@ -98,7 +98,7 @@ def run(options: Options) -> int:
     trace.meta['plotted'] = origin.lines()
     data = folder.path / 'signals.csv'
     trace_file.save(_written(trace, windowed, options.signals), data)
-    folder.add(trace_csv.beside(data))
+    folder.add(trace_csv.metadata_path(data))
     folder.add(data)
     folder.page(f'Figures of {options.recording}')
     if options.json:

@@ -171,7 +171,7 @@ class Records:
             from delta3_pacdrive.analysis.scope_figure import draw
 
             files.append(str(draw(record, self._named(self._options.plot, number), self._origin)))
-        self.written.append(records.facts(record) | {'files': files})
+        self.written.append(records.metadata(record) | {'files': files})
         self.taken.append((path, record))
 
     def sentences(self) -> list[str]:

@@ -1,8 +1,8 @@
-"""The acquisition of an oscilloscope: streams of samples of one or more drives become records.
+"""Acquisition of an oscilloscope: assembles records from the sample streams of one or more drives.
 
-As on any oscilloscope, a record begins some time before the event that triggers it (pre-trigger). ``single`` keeps the
-first record, ``normal`` is armed again after each, ``rolling`` waits for no event and keeps the newest samples. Nothing
-is lost silently: samples that do not come are counted, and a record that lacks any is refused.
+A record begins some time before its trigger (pre-trigger). ``single`` keeps the first record, ``normal`` is armed again
+after each record, ``rolling`` uses no trigger and keeps the newest samples. Missing samples are counted, and a record
+with missing samples is rejected.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,35 +18,35 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 
-SAMPLES_MAX = 1_000_000  # of a record: a minute at 16 kHz
+SAMPLES_MAX = 1_000_000  # per record: one minute at 16 kHz
 RATE_MAX_HZ, RATE_MIN_HZ = 16_000.0, 1.0
 TIME_DIGITS = 9  # of a second
 ON_FAULT, ON_PROGRAM = 'fault', 'program'
 
 
 class Edge(StrEnum):
-    """A trigger looks for one of these."""
+    """Event in a signal that triggers a record."""
 
     RISING = 'rising'
     FALLING = 'falling'
     BOTH = 'both'
-    CHANGE = 'change'  # of the value, whatever it is
+    CHANGE = 'change'  # any change of the value
 
 
 class Mode(StrEnum):
-    """An acquisition goes on in one of these ways."""
+    """Operating mode of an acquisition."""
 
     SINGLE = 'single'
     NORMAL = 'normal'
     ROLLING = 'rolling'
 
 
-Source = tuple[int, Channel]  # axis 0 to 3
+Source = tuple[int, Channel]  # axis (0 to 3) and channel
 
 
 @dataclass(frozen=True)
 class Trigger:
-    """A trigger is the event that a record is taken around: any of its sources crosses the level."""
+    """Event that starts a record: any of the sources crosses the level."""
 
     text: str
     sources: tuple[Source, ...]
@@ -55,7 +55,7 @@ class Trigger:
 
     @property
     def sentence(self) -> str:
-        """What it waits for."""
+        """The event as text."""
         if self.text == ON_FAULT:
             return 'a fault of a drive'
         if self.text == ON_PROGRAM:
@@ -66,16 +66,11 @@ class Trigger:
         how = 'through' if self.edge is Edge.BOTH else f'{self.edge} through'
         return f'{self.text} {how} {self.level:g} {unit}'.rstrip(' 1')
 
-    def places(self, before: Floats | None, columns: Floats) -> int | None:
-        """Return the first row at which an event is over, None if there is none.
+    def first_event(self, before: Floats | None, columns: Floats) -> int | None:
+        """Return the first row after an event, or None.
 
-        Parameters
-        ----------
-        before
-            Row of the sources before these, None at the very begin.
-        columns
-            A column for each source, shape (rows, sources).
-
+        ``columns`` has one column per source, shape (rows, sources); ``before`` is the row before it, None at the
+        beginning.
         """
         rows = columns if before is None else np.vstack([before, columns])
         old, new = rows[:-1], rows[1:]
@@ -89,42 +84,25 @@ class Trigger:
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting says what an oscilloscope records.
-
-    Attributes
-    ----------
-    channels
-        Axis (0 to 3) and channel of each.
-    decimation
-        Periods of the current loop from sample to sample.
-    sample_time_s
-        The same as a time.
-    samples, pre_samples
-        Of a record, and how many of them lie before its trigger.
-    trigger
-        None: it begins at once.
-    records
-        After how many records ``normal`` ends; 0: never.
-
-    """
+    """Configuration of an oscilloscope."""
 
     channels: tuple[Source, ...]
-    decimation: int
+    decimation: int  # current periods per sample
     sample_time_s: float
-    samples: int
-    pre_samples: int = 0
-    trigger: Trigger | None = None
+    samples: int  # per record
+    pre_samples: int = 0  # before the trigger
+    trigger: Trigger | None = None  # None: begin immediately
     mode: Mode = Mode.SINGLE
-    records: int = 0
+    records: int = 0  # number of records after which ``normal`` ends; 0: never
 
     def of_axis(self, axis: int) -> tuple[Channel, ...]:
-        """Channels that a drive has to tell: those that are shown, and those that trigger; none if it has none."""
+        """Return the channels required from a drive, for display or trigger."""
         sources = self.trigger.sources if self.trigger else ()
         return tuple(dict.fromkeys(channel for of, channel in (*self.channels, *sources) if of == axis))
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """Drives that have to tell something."""
+        """Drives with at least one channel."""
         return tuple(axis for axis in range(len(ALL_DRIVES)) if self.of_axis(axis))
 
 
@@ -140,7 +118,7 @@ def setting(
     mode: str = Mode.SINGLE,
     records: int = 0,
 ) -> Setting:
-    """Return what an oscilloscope is to record; raises ParameterError with what cannot be done."""
+    """Return the configuration of an oscilloscope; raises ParameterError if it is not possible."""
     shown = chosen(channels)
     decimation = decimation_of(rate_hz, parameters)
     step = decimation * parameters.drive.current_period_s
@@ -151,7 +129,7 @@ def setting(
             'choose a lower rate or a shorter time'
         )
     if samples < 1:
-        raise ParameterError(f'a record of {duration_s:g} s holds no sample at {1.0 / step:g} Hz')
+        raise ParameterError(f'a record of {duration_s:g} s has no samples at {1.0 / step:g} Hz')
     if before >= samples:
         raise ParameterError(
             f'the pre-trigger of {pre_trigger_s:g} s must be shorter than the record of {duration_s:g} s'
@@ -160,10 +138,19 @@ def setting(
     if found is None and before:
         raise ParameterError('a pre-trigger needs a trigger')
     if found is not None and mode == Mode.ROLLING:
-        raise ParameterError('a rolling oscilloscope waits for no trigger')
+        raise ParameterError('the mode rolling does not use a trigger')
     if found is None and mode == Mode.NORMAL:
         raise ParameterError('the mode normal needs a trigger')
-    return Setting(shown, decimation, step, samples, before, found, Mode(mode), records)
+    return Setting(
+        channels=shown,
+        decimation=decimation,
+        sample_time_s=step,
+        samples=samples,
+        pre_samples=before,
+        trigger=found,
+        mode=Mode(mode),
+        records=records,
+    )
 
 
 def _trigger(text: str, shown: Sequence[Source], level: float, edge: str | None) -> Trigger:
@@ -172,30 +159,19 @@ def _trigger(text: str, shown: Sequence[Source], level: float, edge: str | None)
         channel = FAULT if text == ON_FAULT else PROGRAM
         return Trigger(text, tuple((axis, channel) for axis in axes), 0.5, Edge.RISING)
     (source,) = chosen([text])
-    # operation data is written, it does not swing
-    usual = Edge.CHANGE if '-' in source[1].name else Edge.RISING
-    return Trigger(full_name(*source), (source,), level, Edge(edge) if edge else usual)
+    # operation data changes in steps when it is written
+    default = Edge.CHANGE if '-' in source[1].name else Edge.RISING
+    return Trigger(full_name(*source), (source,), level, Edge(edge) if edge else default)
 
 
 @dataclass(frozen=True)
 class Record:
-    """A record holds what an oscilloscope has shown.
-
-    Attributes
-    ----------
-    first
-        Number of the first sample; sample n has the bus time n times ``setting.sample_time_s``.
-    values
-        A column for each channel, shape (samples, channels).
-    trigger
-        Row of the sample in which the trigger was seen, None without one.
-
-    """
+    """Samples of an oscilloscope."""
 
     setting: Setting
-    first: int
-    values: Floats
-    trigger: int | None = None
+    first: int  # number of the first sample; sample n has the bus time n * setting.sample_time_s
+    values: Floats  # one column per channel, shape (samples, channels)
+    trigger: int | None = None  # row of the trigger
 
     @property
     def time_s(self) -> Floats:
@@ -215,91 +191,66 @@ class Record:
 
 
 class Acquisition:
-    """The acquisition takes blocks of all drives and makes records of them.
-
-    Parameters
-    ----------
-    setting
-        What is recorded.
-    take
-        Called with each record.
-
-    Attributes
-    ----------
-    lost
-        Samples that did not come.
-    records
-        How many there are.
-    done
-        Whether everything is recorded that was asked for.
-    triggered
-        Whether a record is under way.
-
-    """
+    """Assembler of records from the blocks of all drives; ``take`` is called with each record."""
 
     def __init__(self, setting: Setting, take: Callable[[Record], None]) -> None:
         self.setting, self._take = setting, take
         self._blocks: dict[int, list[Block]] = {axis: [] for axis in setting.axes}
         self._expected: dict[int, int | None] = dict.fromkeys(setting.axes)
-        self._place = {
-            (axis, channel): place for axis in setting.axes for place, channel in enumerate(setting.of_axis(axis))
-        }  # fmt: skip
-        self._next: int | None = None  # sample that follows those that all drives have told
-        self._first = 0  # sample in the first row that is kept
-        self._kept: list[Floats] = []  # rows of the channels that are shown
-        self._count = 0  # rows that are kept
-        self._before: Floats | None = None  # last row of the trigger's sources
-        self._trigger: int | None = None  # sample
-        self._gap = False  # the rows that are kept begin behind a gap
-        self.records = 0
-        self.lost = 0
+        self._columns_of = {
+            (axis, channel): column
+            for axis in setting.axes
+            for column, channel in enumerate(setting.of_axis(axis))
+        }
+        self._next: int | None = None  # number of the next sample to be joined
+        self._first = 0  # number of the first kept sample
+        self._kept: list[Floats] = []  # rows of the displayed channels
+        self._count = 0  # number of kept rows
+        self._before: Floats | None = None  # last row of the trigger sources
+        self._trigger: int | None = None  # sample number
+        self._gap = False  # the kept rows begin after a gap
+        self.records = 0  # number of records so far
+        self.lost = 0  # missing samples
         self.done = False
 
     @property
     def triggered(self) -> bool:
-        """Whether a record is under way."""
+        """Whether a record is in progress."""
         return self._trigger is not None or self.setting.trigger is None
 
     def add(self, axis: int, block: Block) -> None:
-        """Take a block of a drive, 0 to 3.
-
-        Raises
-        ------
-        RunError
-            Samples are missing in a record that is under way.
-
-        """
+        """Add a block of a drive, 0 to 3; raises RunError if samples are missing in a record in progress."""
         if self.done or axis not in self._blocks:
             return
         expected = self._expected[axis]
         if expected is not None and block.first != expected:
-            self._lose(axis, block.first - expected)
+            self._handle_gap(axis, block.first - expected)
         self._expected[axis] = block.first + len(block.values)
         self._blocks[axis].append(block)
         self._join()
 
-    def _lose(self, axis: int, count: int) -> None:
-        """Begin anew behind a gap."""
-        began_anew = count < 0
+    def _handle_gap(self, axis: int, count: int) -> None:
+        """Start again after a gap."""
+        restarted = count < 0
         self.lost += max(count, 0)
         if self.triggered and self._next is not None:
-            if began_anew:
-                raise RunError(f'the bus has begun anew while {ALL_DRIVES[axis]} was recorded')
+            if restarted:
+                raise RunError(f'the bus was restarted while {ALL_DRIVES[axis]} was recorded')
             raise RunError(
-                f'{count} samples of {ALL_DRIVES[axis]} were lost while they were recorded: a record with gaps is '
-                'none. Choose fewer channels or a lower rate'
+                f'{count} samples of {ALL_DRIVES[axis]} were lost during a record, which must not have gaps. '
+                'Choose fewer channels or a lower rate'
             )
         for of in self._blocks:
             self._blocks[of] = []
         self._expected = {of: None if of != axis else self._expected[of] for of in self._blocks}
-        self._next, self._gap = None, not began_anew
-        self._forget()
+        self._next, self._gap = None, not restarted
+        self._clear()
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self._kept, self._count, self._before = [], 0, None
 
     def _join(self) -> None:
-        """Take the samples that all drives have told by now."""
+        """Process the samples that all drives have delivered."""
         if not all(self._blocks.values()):
             return
         begin = max(blocks[0].first for blocks in self._blocks.values())
@@ -313,57 +264,59 @@ class Acquisition:
         for axis, blocks in self._blocks.items():
             self._blocks[axis] = [block for block in blocks if block.first + len(block.values) > end]
         self._next = end
-        self._go_on(self._columns(tables, self.setting.channels), tables, begin)
+        self._process(self._columns(tables, self.setting.channels), tables, begin)
 
     def _columns(self, tables: dict[int, Floats], sources: Iterable[Source]) -> Floats:
-        return np.column_stack([tables[axis][:, self._place[axis, channel]] for axis, channel in sources])
+        return np.column_stack(
+            [tables[axis][:, self._columns_of[axis, channel]] for axis, channel in sources]
+        )
 
-    def _go_on(self, shown: Floats, tables: dict[int, Floats], begin: int) -> None:
+    def _process(self, shown: Floats, tables: dict[int, Floats], begin: int) -> None:
         self._kept.append(shown)
         self._count += len(shown)
         trigger = self.setting.trigger
         watched = None if trigger is None else self._columns(tables, trigger.sources)
         while not self.done:
             if trigger is not None and watched is not None and self._trigger is None:
-                row = trigger.places(self._before, watched) if len(watched) else None
+                row = trigger.first_event(self._before, watched) if len(watched) else None
                 if row is None:
                     self._before = watched[-1] if len(watched) else self._before
-                    self._drop(self.setting.pre_samples)
+                    self._discard_old(self.setting.pre_samples)
                     return
                 self._trigger = begin + row
                 self._before = watched[row]
                 if self._gap and self._trigger - self._first < self.setting.pre_samples:
                     raise RunError(
-                        f'{self.lost} samples were lost just before the trigger: a record with gaps is none. '
+                        f'{self.lost} samples were lost just before the trigger: a record must not have gaps. '
                         'Choose fewer channels or a lower rate'
                     )
             if self.setting.mode is Mode.ROLLING:
-                self._drop(self.setting.samples)
+                self._discard_old(self.setting.samples)
                 return
             start = self._start()
             end = start + self.setting.samples
             if self._first + self._count < end:
                 return
-            self._hand_over(start, end)
+            self._complete(start, end)
             if watched is not None:
-                behind = min(max(end - begin, 0), len(watched))
-                self._before = watched[behind - 1] if behind else self._before
-                watched, begin = watched[behind:], begin + behind
+                used = min(max(end - begin, 0), len(watched))
+                self._before = watched[used - 1] if used else self._before
+                watched, begin = watched[used:], begin + used
 
     def _start(self) -> int:
         if self._trigger is None:
             return self._first
-        # one that comes soon after the begin has less before it
+        # fewer pre-trigger samples shortly after the beginning
         return max(self._first, self._trigger - self.setting.pre_samples)
 
-    def _drop(self, keep: int) -> None:
-        """Forget what is too old for any record, in large pieces."""
+    def _discard_old(self, keep: int) -> None:
+        """Discard whole pieces of samples that are too old for a record."""
         while self._kept and self._count - len(self._kept[0]) >= keep:
             self._first += len(self._kept[0])
             self._count -= len(self._kept[0])
             del self._kept[0]
 
-    def _hand_over(self, start: int, end: int) -> None:
+    def _complete(self, start: int, end: int) -> None:
         rows = np.concatenate(self._kept)[start - self._first : end - self._first]
         mark = None if self._trigger is None else self._trigger - start
         self.records += 1
@@ -375,7 +328,7 @@ class Acquisition:
         self._take(Record(self.setting, start, rows, mark))
 
     def newest(self) -> Record | None:
-        """Return what a rolling acquisition would hold now as its record, None while it has nothing."""
+        """Return the current samples of a rolling acquisition as a record; None without samples."""
         if not self._count:
             return None
         end = self._first + self._count
@@ -383,14 +336,14 @@ class Acquisition:
         return Record(self.setting, start, np.concatenate(self._kept)[start - self._first :])
 
     def finish(self) -> None:
-        """Take what is there as the last record: a rolling one, or one that the end of a run has cut short."""
+        """Complete the last record: a rolling one, or one cut short by the end of a run."""
         if self.done or not self._count or not self.triggered:
             return
         end = self._first + self._count
         if self.setting.mode is Mode.ROLLING:
-            self._hand_over(max(self._first, end - self.setting.samples), end)
+            self._complete(max(self._first, end - self.setting.samples), end)
         else:
-            self._hand_over(self._start(), end)
+            self._complete(self._start(), end)
         self.done = True
 
 

@@ -1,4 +1,4 @@
-"""Files of a bag: which of them are there, and what can be read of each, whole, compressed or cut off."""
+"""Files of a bag: complete, compressed or truncated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording.bag_recovery import CDR, Channel, Recovered, recover
 from delta3_pacdrive.recording.trace import PACKED, is_bag, reason
 
-if sys.version_info >= (3, 14):  # as rosbags, which brings it
+if sys.version_info >= (3, 14):  # same condition as in rosbags, which depends on the backport
     from compression import zstd
 else:
     from backports import zstd
@@ -29,79 +29,66 @@ if TYPE_CHECKING:
 
     Take = Callable[[bytes], None]
 
-ZSTD = b'\x28\xb5\x2f\xfd'  # at the begin of a message that rosbag2 compressed alone
-PIECE_BYTES = 1 << 20  # that are unpacked at once
+ZSTD = b'\x28\xb5\x2f\xfd'  # at the beginning of a message compressed by rosbag2
+PIECE_BYTES = 1 << 20  # unpacked at a time
 
 
 def files_of(path: Path, information: Mapping[str, Any]) -> tuple[list[Path], list[str]]:
-    """Return the files of a bag, and sentences on files that are missing or left out; raises TraceError."""
+    """Return the files of a bag, and notes on missing or omitted files; raises TraceError."""
     if path.is_file() and is_bag(path):
         return [path], []
     if not path.is_dir():
         raise TraceError('there is no such folder')
-    there = sorted(file for file in path.rglob('*') if file.is_file() and is_bag(file))
+    present = sorted(file for file in path.rglob('*') if file.is_file() and is_bag(file))
     names = information.get('relative_file_paths')
     listed = [str(name) for name in names] if isinstance(names, list) else []
     found: list[Path] = []
     missing: list[PurePath] = []
     for name in listed:
-        # rosbag2 leaves compressed files as they are, or replaces them when it plays them
+        # rosbag2 keeps compressed files, or replaces them by uncompressed ones during playback
         plain = PurePath(name).name.removesuffix(PACKED)
-        own = [file for file in there if file.name.removesuffix(PACKED) == plain and file not in found]
+        own = [file for file in present if file.name.removesuffix(PACKED) == plain and file not in found]
         if own:
             found.append(own[0])
         else:
             missing.append(PurePath(name))
-    if not there and not listed and not (path / 'metadata.yaml').exists():
-        raise TraceError('it is no bag, metadata.yaml is missing')
-    if not there:
-        raise damaged('no file with messages is there')
+    if not present and not listed and not (path / 'metadata.yaml').exists():
+        raise TraceError('it is not a bag: metadata.yaml is missing')
+    if not present:
+        raise damaged('it has no file with messages')
     notes = (
         [f'{", ".join(file.name for file in missing)} of its {len(listed)} files missing'] if missing else []
     )
     if not found:
-        return there, notes
+        return present, notes
     plain_names = {file.name.removesuffix(PACKED) for file in found}
-    if more := [file.name for file in there if file.name.removesuffix(PACKED) not in plain_names]:
+    if more := [file.name for file in present if file.name.removesuffix(PACKED) not in plain_names]:
         notes.append(f'{", ".join(more)} left out, metadata.yaml does not list it')
     return found, notes
 
 
 @dataclass
 class Store:
-    """A store is one file of a bag.
-
-    Attributes
-    ----------
-    path
-        Of the file.
-    channels
-        Its topics.
-    walk
-        Calls a function with topic and data of every message.
-    recovered
-        How much is left of a damaged file; None for a whole one.
-    damage
-        Why it cannot be read as a whole one.
-
-    """
+    """One file of a bag."""
 
     path: Path
-    channels: Sequence[Channel] = ()
-    walk: Callable[[Mapping[str, Take]], None] = lambda add: None
-    recovered: Recovered | None = None
-    damage: str = ''
+    channels: Sequence[Channel] = ()  # topics
+    walk: Callable[[Mapping[str, Take]], None] = lambda add: (
+        None
+    )  # calls a function by topic for every message
+    recovered: Recovered | None = None  # remainder of a damaged file; None for an intact one
+    damage: str = ''  # why it cannot be read as an intact file
 
     @property
     def metadata(self) -> str:
-        """Metadata of rosbag2 that the file itself holds, as text."""
+        """Metadata of rosbag2 inside the file, as text."""
         if self.recovered is None and self.path.suffix == '.mcap':
             with suppress(TraceError, ValueError, OSError):
                 return recover(self.path).metadata
         return self.recovered.metadata if self.recovered else ''
 
     def read(self, add: Mapping[str, Take]) -> None:
-        """Call functions with the data of the messages of topics; raises TraceError."""
+        """Call functions by topic with the data of messages; raises TraceError."""
 
         def unpacked(take: Take) -> Take:
             return lambda data: take(self._unpacked(data) if data[:4] == ZSTD else data)
@@ -110,13 +97,11 @@ class Store:
             self.walk({topic: unpacked(take) for topic, take in add.items()})
         except (TraceError, MemoryError):
             raise
-        except (
-            Exception
-        ) as error:  # what readers and decompressors trip over in a damaged file is not bounded
+        except Exception as error:  # readers and decompressors raise arbitrary errors for damaged files
             raise damaged(reason(error)) from error
 
     def _unpacked(self, message: bytes) -> bytes:
-        """Unpack a message that was compressed alone; raises TraceError."""
+        """Unpack a message compressed by rosbag2; raises TraceError."""
         unpacker, limit = zstd.ZstdDecompressor(), whole_file.UNPACKED_BYTES_MAX
         data = bytes(unpacker.decompress(message, limit))
         if not unpacker.eof:
@@ -125,8 +110,8 @@ class Store:
         return data
 
 
-def opened(path: Path) -> Store:
-    """Open a file: by the library if it is whole, else as far as its records go."""
+def open_file(path: Path) -> Store:
+    """Open a file with rosbags if it is intact, else recover its records."""
     if path.name.lower().endswith(PACKED):
         return _of_packed(path)
     try:
@@ -136,7 +121,7 @@ def opened(path: Path) -> Store:
             ]
         if any(channel.msgcount for channel in whole):
             return Store(path, whole, partial(_walk_whole, path))
-        damage = 'it holds no message'
+        damage = 'it contains no messages'
     except MemoryError:
         raise
     except Exception as error:  # noqa: BLE001  # as above
@@ -150,11 +135,11 @@ def opened(path: Path) -> Store:
     channels = list(recovered.channels.values())
     if not any(channel.msgcount for channel in channels):
         return Store(path, damage=recovered.damage or damage)
-    return Store(path, channels, partial(_walk_left, path), recovered, damage)
+    return Store(path, channels, partial(_walk_recovered, path), recovered, damage)
 
 
 def _encoding(connection: Connection) -> str:
-    """Return how the messages of a topic are encoded."""
+    """Return the encoding of the messages of a topic."""
     return str(getattr(connection.ext, 'serialization_format', CDR))
 
 
@@ -165,7 +150,7 @@ def _walk_whole(path: Path, add: Mapping[str, Take]) -> None:
             add[connection.topic](data)
 
 
-def _walk_left(path: Path, add: Mapping[str, Take]) -> None:
+def _walk_recovered(path: Path, add: Mapping[str, Take]) -> None:
     def take(channel: Channel, data: bytes) -> None:
         if channel.topic in add and channel.encoding == CDR:
             add[channel.topic](data)
@@ -174,7 +159,7 @@ def _walk_left(path: Path, add: Mapping[str, Take]) -> None:
 
 
 def _of_packed(path: Path) -> Store:
-    """Open a file that was compressed as a whole."""
+    """Open a file that is compressed as a whole."""
 
     def unpacked(folder: str) -> Path:
         plain, size = Path(folder) / path.name[: -len(PACKED)], 0
@@ -192,11 +177,11 @@ def _of_packed(path: Path) -> Store:
 
     def walk(add: Mapping[str, Take]) -> None:
         with TemporaryDirectory() as folder:
-            opened(unpacked(folder)).walk(add)
+            open_file(unpacked(folder)).walk(add)
 
     try:
         with TemporaryDirectory() as folder:
-            inner = opened(unpacked(folder))
+            inner = open_file(unpacked(folder))
             text = inner.metadata
     except (TraceError, MemoryError):
         raise
@@ -207,7 +192,7 @@ def _of_packed(path: Path) -> Store:
 
 
 def _require_size(path: Path, unpacked_bytes: int) -> None:
-    """Raise TraceError if a file unpacks to more than an input may have."""
+    """Raise TraceError if a file unpacks to more than the size limit of inputs."""
     try:
         whole_file.require_size(path, unpacked_bytes)
     except OSError as error:
@@ -215,5 +200,5 @@ def _require_size(path: Path, unpacked_bytes: int) -> None:
 
 
 def damaged(why: str) -> TraceError:
-    """Return the error of a bag that cannot be read."""
+    """Return the error for a bag that cannot be read."""
     return TraceError(f'it was cut off or is damaged ({why})')

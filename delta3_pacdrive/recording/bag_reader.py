@@ -1,4 +1,4 @@
-"""Bags: the topics and the metadata of a folder of rosbag2, whole or cut off, before its messages are read."""
+"""Topics and metadata of a bag (folder or file of rosbag2), read before its messages."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import yaml
 from delta3_pacdrive.errors import Delta3Error, TraceError, shown
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.parameters import load as load_parameters
-from delta3_pacdrive.recording.bag_files import damaged, files_of, opened
+from delta3_pacdrive.recording.bag_files import damaged, files_of, open_file
 from delta3_pacdrive.recording.bag_recovery import CDR
 from delta3_pacdrive.recording.bag_writer import METADATA_KEY, OPEN_KEY, STOPPED_KEY
-from delta3_pacdrive.recording.carried import CARRIED
+from delta3_pacdrive.recording.carried import TELEGRAM_SIGNALS
 from delta3_pacdrive.recording.sessions import Sessions
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegrams import JOINT_STATE, motor_current
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
     Take = Callable[[bytes], None]
 
-TYPES = {telegram.topic: telegram.type for telegram in CARRIED}
+TYPES = {telegram.topic: telegram.type for telegram in TELEGRAM_SIGNALS}
 TEXT, NUMBERS = 'std_msgs/msg/String', 'std_msgs/msg/Float64MultiArray'
-# what a message of a foreign writer may lead to
-SPOILT = (
+# errors caused by malformed messages of other writers
+MALFORMED = (
     Delta3Error,
     ArithmeticError,
     AttributeError,
@@ -45,50 +45,37 @@ SPOILT = (
     ValueError,
 )
 PROFILE, PHASE = 'motion/course', 'sercos/phase'
-PROFILE_OF_START = 9  # numbers of a motion profile with a single phase
-PROFILE_ROW = 6  # numbers that tell a start of a program from a change of its motion profile
+PROFILE_OF_START = 9  # length of a motion profile with a single phase
+PROFILE_ROW = 6  # leading numbers that distinguish the start of a program from a change of its motion profile
 
 
 @dataclass(frozen=True)
 class Bag:
-    """The bag is known to be one of a robot.
+    """Bag of one robot."""
 
-    Attributes
-    ----------
-    names
-        Relative names of its cyclic topics, by topic.
-    currents
-        Topics that hold the samples of the current loops of the drives, in their order; empty if one of them has none.
-    robot
-        What stands before the names.
-    meta
-        Checked metadata of the recorder.
-    read
-        Calls functions with the data of the messages of topics.
-
-    """
-
-    names: dict[str, str]
-    currents: tuple[str, ...]
-    robot: str
-    meta: dict[str, Any]
-    read: Callable[[Mapping[str, Take]], None]
+    names: dict[str, str]  # relative names of the cyclic topics, by topic
+    currents: tuple[
+        str, ...
+    ]  # topics with current samples of the drives, in their order; empty unless all exist
+    robot: str  # namespace, including the separator
+    meta: dict[str, Any]  # checked metadata of the recorder
+    read: Callable[[Mapping[str, Take]], None]  # calls functions by topic with the data of messages
 
 
 def open_bag(path: Path) -> Bag:
-    """Look at the topics and the metadata of a bag: a folder or a single file, whole or in parts.
+    """Read the topics and the metadata of a bag: a folder or a single file, complete or not.
 
-    Whatever is there is read; ``meta['cut']`` names files, messages and metadata that are missing.
+    ``meta['cut']`` names missing files, messages and metadata.
 
     Raises
     ------
     TraceError
-        There is no such bag, or nothing in it can be read.
+        There is no bag, or nothing of it can be read.
 
     """
     information = _information((_text_of(path / 'metadata.yaml'),)) if path.is_dir() else {}
     files, notes = files_of(path, information)
-    stores = [opened(file) for file in files]
+    stores = [open_file(file) for file in files]
     left = [store for store in stores if store.channels]
     notes += [
         f'{store.path.name} cannot be read ({store.damage})' for store in stores if store not in left and left
@@ -123,13 +110,13 @@ def open_bag(path: Path) -> Bag:
 
     topic, name = next(iter(names.items()))
     namespace = topic.removesuffix(name)
-    held = {one.topic for one in channels if one.msgcount and not _foreign(one, JOINT_STATE)}
+    held = {one.topic for one in channels if one.msgcount and not _mismatch(one, JOINT_STATE)}
     currents = tuple(namespace + motor_current(axis, 0).topic for axis in DRIVES)
     return Bag(names, currents if held.issuperset(currents) else (), namespace, meta, read)
 
 
 def _missing(information: Mapping[str, Any], counted: int, stores: Sequence[Store]) -> str:
-    """Name the messages that a bag lacks of which ``counted`` are left; '' if that is its index only."""
+    """Return a note on missing messages, of which ``counted`` are left; '' if only the index is missing."""
     total, custom = information.get('message_count'), information.get('custom_data')
     left = [store.recovered for store in stores if store.recovered is not None]
     is_open = isinstance(custom, dict) and OPEN_KEY in custom
@@ -139,8 +126,8 @@ def _missing(information: Mapping[str, Any], counted: int, stores: Sequence[Stor
         return ''
     lost = sum(file.lost_bytes for file in left)
     return (
-        f'it was cut off: {counted} messages are left, what was not yet on the disk is missing, '
-        f'and {lost} bytes at its end are no whole message'
+        f'it was cut off: {counted} messages are left, unwritten messages are missing, '
+        f'and {lost} bytes at its end are not a complete message'
     )
 
 
@@ -152,7 +139,7 @@ def _text_of(path: Path) -> str:
 
 
 def _information(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the first metadata of rosbag2 that can be read."""
+    """Return the first readable metadata of rosbag2."""
     for text in texts:
         try:
             document = yaml.safe_load(text)
@@ -165,29 +152,29 @@ def _information(texts: Iterable[str]) -> dict[str, Any]:
     return {}
 
 
-def taking(typestore: Typestore, kind: str, add: Callable[[Any], None]) -> Take:
-    """Return what takes the bytes of a message of a type; those of a foreign writer count for nothing."""
+def message_handler(typestore: Typestore, kind: str, add: Callable[[Any], None]) -> Take:
+    """Return a function that decodes messages of a type and passes them to ``add``; malformed ones are ignored."""
     from rosbags.serde import SerdeError
 
     def take(data: bytes) -> None:
         try:
             add(typestore.deserialize_cdr(data, kind))
-        except (SerdeError, *SPOILT):
+        except (SerdeError, *MALFORMED):
             return
 
     return take
 
 
 class Profiles:
-    """The motion profiles of a bag tell the bus cycles at which programs started."""
+    """Motion profiles of a bag, from which the start cycles of programs are determined."""
 
     def __init__(self, typestore: Typestore) -> None:
         self._typestore = typestore
-        self._starts: set[tuple[int, str]] = set()  # and the session of each
+        self._starts: set[tuple[int, str]] = set()  # cycle and session
         self.sessions = Sessions()
 
     def add(self, data: bytes) -> None:
-        """Take a message of ``motion/course``: cycle, move, override, held, and phases (t, s, v, a, jerk)."""
+        """Add a message of ``motion/course``: cycle, move, override, held, and phases (t, s, v, a, jerk)."""
         from rosbags.serde import SerdeError
 
         try:
@@ -198,27 +185,27 @@ class Profiles:
         if len(row) < PROFILE_ROW or not np.isfinite(row[:PROFILE_ROW]).all():
             return
         cycle, number, _, held, _, distance = row[:PROFILE_ROW].tolist()
-        # a change of override, a stop and a resume begin further on, or have phases; so has a plan that became longer
+        # profiles after override, stop, resume or an appended move begin later or have more phases
         one_phase = len(row) <= PROFILE_OF_START
         if number == 0.0 and not held and distance == 0.0 and one_phase and 0.0 <= cycle < 2**53:
             self._starts.add((int(cycle), _session_of(message)))
 
     @property
     def starts(self) -> list[int]:
-        """In their order; those of other sessions were played back."""
+        """Start cycles in ascending order; those of other sessions were played back and are ignored."""
         return sorted(
             {cycle for cycle, session in self._starts if not session or self.sessions.holds(session)}
         )
 
 
 def _session_of(message: Any) -> str:
-    """Return the session that the label of a motion profile names (kind, planner, session, number), or ''."""
+    """Return the session in the label of a motion profile (kind, planner, session, number), or ''."""
     words = message.layout.dim[0].label.split(' ') if message.layout.dim else []
     return words[2] if len(words) == 4 else ''
 
 
 def _cyclic_topics(channels: Iterable[Channel]) -> tuple[dict[str, str], list[str]]:
-    """Return the relative names of the cyclic topics of the only robot, and notes on the omitted topics."""
+    """Return the relative names of the cyclic topics of the only robot, and notes on omitted topics."""
     names: dict[str, str] = {}
     left_out: list[str] = []
     robots: set[str] = set()
@@ -227,35 +214,35 @@ def _cyclic_topics(channels: Iterable[Channel]) -> tuple[dict[str, str], list[st
         name = next((name for name in TYPES if topic.endswith('/' + name)), None)
         if name is None or not channel.msgcount:
             continue
-        if why := _foreign(channel, TYPES[name]):
+        if why := _mismatch(channel, TYPES[name]):
             left_out.append(f'{topic} is left out, as it is {why}')
             continue
         names[channel.topic] = name
         robots.add(topic.removesuffix('/' + name) or '/')
     if not names:
         found = f': {"; ".join(left_out)}' if left_out else ' (sercos/mdt, sercos/at/axis1, ...)'
-        raise TraceError(f'it holds no cyclic topic of a robot{found}')
+        raise TraceError(f'it contains no cyclic topic of a robot{found}')
     if len(robots) > 1:
-        raise TraceError(f'it holds {len(robots)} robots, in the namespaces {", ".join(sorted(robots))}')
+        raise TraceError(f'it contains {len(robots)} robots, in the namespaces {", ".join(sorted(robots))}')
     return names, list(dict.fromkeys(left_out))
 
 
-def _foreign(channel: Channel, kind: str) -> str:
-    """Return how the messages of a topic differ from those of the robot; '' if they do not."""
+def _mismatch(channel: Channel, kind: str) -> str:
+    """Return how the messages of a topic differ from those of the robot, or ''."""
     if channel.encoding != CDR:
         return f'encoded as {shown(channel.encoding)}, not as {CDR}'
     return '' if channel.msgtype == kind else f'of type {channel.msgtype or "unknown"}, not {kind}'
 
 
 def _metadata(custom: Any) -> dict[str, Any]:
-    """Return the checked metadata of the recorder."""
+    """Return the metadata of the recorder after checking it."""
     if not isinstance(custom, dict) or METADATA_KEY not in custom:
         raise TraceError(f'its metadata is missing, metadata.yaml has no custom_data {METADATA_KEY}')
     try:
         meta = json.loads(custom[METADATA_KEY])
         items = dict(meta.items())
     except (AttributeError, RecursionError, TypeError, ValueError):
-        raise TraceError(f'its metadata, custom_data {METADATA_KEY}, is no JSON object') from None
+        raise TraceError(f'its metadata, custom_data {METADATA_KEY}, is not a JSON object') from None
     for key in ('gear_ratio', 'torque_constant_n_m_a', 'cycle_time_s'):
         value = items.get(key)
         if (
@@ -263,15 +250,15 @@ def _metadata(custom: Any) -> dict[str, Any]:
             or not isinstance(value, int | float)
             or not 0.0 < value <= sys.float_info.max
         ):
-            raise TraceError(f'its metadata gives no positive {key}')
+            raise TraceError(f'its metadata has no positive {key}')
     if items['cycle_time_s'] not in CYCLE_TIMES_S:
         raise TraceError(
-            f'its metadata says cycle_time_s is {items["cycle_time_s"]:g}, not 0.001, 0.002 or 0.004'
+            f'its metadata has cycle_time_s {items["cycle_time_s"]:g}, not 0.001, 0.002 or 0.004'
         )
     for key in ('start_cycle', 'end_cycle'):
         value = items.pop(key, None)
         if value is not None and type(value) is not int:
-            raise TraceError(f'its metadata says {key} is {value!r:.40}, not a whole number')
+            raise TraceError(f'its metadata has {key} {value!r:.40}, not a whole number')
         if value is not None and value >= 0:
             items[key] = value
     return items

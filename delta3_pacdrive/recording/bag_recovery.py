@@ -1,7 +1,7 @@
-"""What is left of an MCAP file that was cut off: its messages up to the cut, without footer and index.
+"""Recovery of truncated MCAP files: messages up to the end, without footer and index.
 
-The file is read record by record from its beginning (https://mcap.dev/spec); the first one that is not whole, or is
-none, ends it. Of a chunk that was cut the whole messages are kept as well, if it is not compressed.
+The file is read record by record from its beginning (https://mcap.dev/spec) up to the first incomplete or invalid
+record. Complete messages of a truncated chunk are recovered if the chunk is not compressed.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 0x02, 0x03, 0x04, 
 _RECORD = struct.Struct('<BQ')
 _CHUNK = struct.Struct(
     '<QQQI'
-)  # first and last time, size of the records, checksum; then compression, packed records
+)  # first and last time, size of the records, checksum; then compression, records
 _MESSAGE = struct.Struct('<HIQQ')
 
 
-CDR = 'cdr'  # the encoding of messages that ROS 2 writes
+CDR = 'cdr'  # message encoding of ROS 2
 
 
 @dataclass
 class Channel:
-    """A channel is a topic of a file; it knows how many of its messages are left.
+    """Topic of a file with the number of its readable messages.
 
-    Types have their long name, ``sensor_msgs/msg/JointState``; converters also write ``sensor_msgs/JointState``.
+    Types have their long name, ``sensor_msgs/msg/JointState``; some converters write ``sensor_msgs/JointState``.
     """
 
     topic: str
@@ -45,7 +45,7 @@ class Channel:
     encoding: str = CDR
 
     def __post_init__(self) -> None:
-        """Complete a short name of the type."""
+        """Expand a short name of the type."""
         package, _, name = self.msgtype.partition('/')
         if name and '/' not in name:
             self.msgtype = f'{package}/msg/{name}'
@@ -53,36 +53,21 @@ class Channel:
 
 @dataclass
 class Recovered:
-    """The file was read up to its cut, and this is left of it.
+    """Readable part of a file."""
 
-    Attributes
-    ----------
-    channels
-        By their number in the file.
-    lost_bytes
-        At its end, which belong to no whole record.
-    ended
-        Whether its writer ended it: nothing is missing.
-    damage
-        Why its first record that is not whole cannot be read; '' if that is not known.
-    metadata
-        What rosbag2 keeps in the file of its ``metadata.yaml``, as text; '' in a file that was not ended.
-
-    """
-
-    channels: dict[int, Channel] = field(default_factory=dict)
-    metadata: str = ''
-    lost_bytes: int = 0
-    ended: bool = False
-    damage: str = ''
+    channels: dict[int, Channel] = field(default_factory=dict)  # by their number in the file
+    metadata: str = ''  # metadata.yaml of rosbag2 inside the file; '' if the file was not finished
+    lost_bytes: int = 0  # at the end, not part of a complete record
+    ended: bool = False  # finished by its writer: nothing is missing
+    damage: str = ''  # why the first incomplete record cannot be read; '' if unknown
 
 
 class _DamagedError(Exception):
-    """What should be a record is none."""
+    """Invalid record."""
 
 
 class _Scan:
-    """The scan walks over the records of a file, and of its chunks."""
+    """Iteration over the records of a file and of its chunks."""
 
     def __init__(self, take: Callable[[Channel, bytes], None] | None) -> None:
         self.found = Recovered()
@@ -90,28 +75,28 @@ class _Scan:
         self._take = take
 
     def walk(self, data: memoryview, inside: bool = False) -> int:
-        """Take records until one is not whole; return how many bytes they have. Raises _DamagedError inside a chunk."""
-        place = 0
-        while place + _RECORD.size <= len(data):
-            code, size = _RECORD.unpack_from(data, place)
-            body = data[place + _RECORD.size : place + _RECORD.size + size]
+        """Process records up to the first incomplete one; return their size. Raises _DamagedError inside a chunk."""
+        offset = 0
+        while offset + _RECORD.size <= len(data):
+            code, size = _RECORD.unpack_from(data, offset)
+            body = data[offset + _RECORD.size : offset + _RECORD.size + size]
             try:
                 if len(body) < size and inside:
                     break
                 if len(body) < size:
-                    return place + (self._cut_chunk(body) if code == CHUNK else 0)
+                    return offset + (self._cut_chunk(body) if code == CHUNK else 0)
                 self._record(code, body)
             except (_DamagedError, struct.error, UnicodeDecodeError) as error:
                 if inside:
                     raise _DamagedError(*error.args) from error
                 self.found.damage = str(error) if isinstance(error, _DamagedError) else ''
-                return place
-            place += _RECORD.size + size
+                return offset
+            offset += _RECORD.size + size
             if code == FOOTER:
                 return len(data)
-        if inside and place < len(data):
-            raise _DamagedError('a chunk does not end with a whole record')
-        return place
+        if inside and offset < len(data):
+            raise _DamagedError('a chunk does not end with a complete record')
+        return offset
 
     def _record(self, code: int, body: memoryview) -> None:
         if code == SCHEMA:
@@ -119,9 +104,9 @@ class _Scan:
             self._schemas[number] = _text(body, 2)[0]
         elif code == CHANNEL:
             number, schema = struct.unpack_from('<HH', body)
-            # a summary repeats what the chunks have
-            topic, place = _text(body, 4)
-            channel = Channel(topic, self._schemas.get(schema, ''), encoding=_text(body, place)[0])
+            # the summary repeats channels of the chunks
+            topic, offset = _text(body, 4)
+            channel = Channel(topic, self._schemas.get(schema, ''), encoding=_text(body, offset)[0])
             self.found.channels.setdefault(number, channel)
         elif code == MESSAGE:
             channel = self._channel_of(body)
@@ -131,10 +116,10 @@ class _Scan:
         elif code == CHUNK:
             self.walk(memoryview(_unpacked(body)), inside=True)
         elif code == METADATA:
-            name, place = _text(body, 0)
+            name, offset = _text(body, 0)
             if name == 'rosbag2':
-                _, place = _text(body, place + 4)  # one entry, serialized_metadata
-                self.found.metadata = _text(body, place)[0]
+                _, offset = _text(body, offset + 4)  # one entry, serialized_metadata
+                self.found.metadata = _text(body, offset)[0]
         elif code == DATA_END:
             self.found.ended = True
         elif code == 0 or code > DATA_END:
@@ -147,27 +132,27 @@ class _Scan:
             raise _DamagedError from None
 
     def _cut_chunk(self, body: memoryview) -> int:
-        """Take the whole messages of a chunk that was cut; return how many bytes of the file they take."""
+        """Process the complete messages of a truncated chunk; return their size in the file."""
         if len(body) < _CHUNK.size + 4:
             return 0
-        compression, place = _text(body, _CHUNK.size)
-        return 0 if compression else _RECORD.size + place + 8 + self.walk(body[place + 8 :])
+        compression, offset = _text(body, _CHUNK.size)
+        return 0 if compression else _RECORD.size + offset + 8 + self.walk(body[offset + 8 :])
 
 
 def recover(path: Path, take: Callable[[Channel, bytes], None] | None = None) -> Recovered:
-    """Read what is left of a file; ``take`` is called with the channel and the data of each message.
+    """Read the remainder of a file; ``take`` is called with the channel and the data of each message.
 
     Raises
     ------
     TraceError
-        It is no MCAP file.
+        It is not an MCAP file.
     OSError
         It cannot be read.
 
     """
     with path.open('rb') as file:
         if file.read(len(MAGIC)) != MAGIC:
-            raise TraceError(f'{path.name} is no MCAP file')
+            raise TraceError(f'{path.name} is not an MCAP file')
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped, memoryview(mapped) as whole:
             scan = _Scan(take)
             with whole[len(MAGIC) :] as data:
@@ -175,22 +160,22 @@ def recover(path: Path, take: Callable[[Channel, bytes], None] | None = None) ->
     return scan.found
 
 
-def _text(data: memoryview, place: int) -> tuple[str, int]:
-    """Return a text of the file and the place behind it."""
-    (size,) = struct.unpack_from('<I', data, place)
-    end = place + 4 + size
+def _text(data: memoryview, offset: int) -> tuple[str, int]:
+    """Return a text of the file and the offset of its end."""
+    (size,) = struct.unpack_from('<I', data, offset)
+    end = offset + 4 + size
     if end > len(data):
         raise _DamagedError
-    return bytes(data[place + 4 : end]).decode(), end
+    return bytes(data[offset + 4 : end]).decode(), end
 
 
 def _unpacked(body: memoryview) -> bytes:
-    """Return the records of a whole chunk."""
+    """Return the records of a complete chunk."""
     _, _, size, checksum = _CHUNK.unpack_from(body)
-    compression, place = _text(body, _CHUNK.size)
+    compression, offset = _text(body, _CHUNK.size)
     try:
-        return bytes(decompress(bytes(body[place + 8 :]), compression, size, checksum))
+        return bytes(decompress(bytes(body[offset + 8 :]), compression, size, checksum))
     except MemoryError:
         raise
-    except Exception as error:  # each decompressor has errors of its own
+    except Exception as error:  # every decompressor has its own errors
         raise _DamagedError(reason(error)) from error

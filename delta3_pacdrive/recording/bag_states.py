@@ -1,4 +1,4 @@
-"""States that a bag tells beside its cyclic telegrams: outputs, payload, inputs, fault, counters; by bus cycle."""
+"""States in a bag in addition to cyclic telegrams: outputs, payload, inputs, fault, counters; by bus cycle."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from delta3_pacdrive.recording.trace import Trace
 
 OUTPUTS, PROGRESS, INPUTS = 'outputs', 'motion/progress', telegrams.INPUTS_TOPIC
-WIDTH = len(OUTPUT_COLUMNS) + 1  # and the payload
+WIDTH = len(OUTPUT_COLUMNS) + 1  # plus the payload
 PAYLOAD = 'dynamics.payload_mass_kg'
 COUNTERS = ('lost_telegrams', 'overruns')
 CYCLE_MAX = 2**53
 
 
 def read(path: Path, trace: Trace) -> dict[str, Floats]:
-    """Return the states of the bag of a trace in each of its bus cycles, shapes (cycles, columns).
+    """Return the states in each bus cycle of the trace of a bag, shapes (cycles, columns).
 
-    Outputs and payload hold from the bus cycle of their change on, a fault from the one in which it was found until a
-    report says that it is gone. Counters are those of the newest report, which comes five times a second. Before
-    anything was told there are none. What is not recorded is not there.
+    Outputs and payload apply from the bus cycle of their change, a fault from the cycle of its detection until a report
+    without it. Counters are those of the latest report; reports are published five times per second. States are 0
+    before the first message, and omitted if not recorded.
 
     Raises
     ------
@@ -42,17 +42,17 @@ def read(path: Path, trace: Trace) -> dict[str, Floats]:
     """
     from rosbags.typesys import Stores, get_typestore
 
-    from delta3_pacdrive.recording.bag_reader import PHASE, TEXT, open_bag, taking
+    from delta3_pacdrive.recording.bag_reader import PHASE, TEXT, message_handler, open_bag
 
-    types, told = get_typestore(Stores.ROS2_JAZZY), _States(float(trace.meta['cycle_time_s']))
+    types, states = get_typestore(Stores.ROS2_JAZZY), _States(float(trace.meta['cycle_time_s']))
     try:
         bag = open_bag(path)
         bag.read(
             {
-                bag.robot + OUTPUTS: taking(types, JOINT_STATE, told.outputs),
-                bag.robot + INPUTS: taking(types, JOINT_STATE, told.inputs),
-                bag.robot + PROGRESS: taking(types, TEXT, told.progress),
-                bag.robot + PHASE: told.sessions.add,
+                bag.robot + OUTPUTS: message_handler(types, JOINT_STATE, states.outputs),
+                bag.robot + INPUTS: message_handler(types, JOINT_STATE, states.inputs),
+                bag.robot + PROGRESS: message_handler(types, TEXT, states.progress),
+                bag.robot + PHASE: states.sessions.add,
             }
         )
     except (OSError, TraceError) as error:
@@ -60,30 +60,29 @@ def read(path: Path, trace: Trace) -> dict[str, Floats]:
     cycles = np.rint(trace.time_s / float(trace.meta['cycle_time_s'])).astype(np.int64)
     parameters = trace.meta.get('parameters')
     payload = parameters.get(PAYLOAD, 0.0) if isinstance(parameters, dict) else 0.0
-    return told.signals(cycles, payload)
+    return states.signals(cycles, payload)
 
 
 class _States:
-    """The states take the messages of a bag in their order."""
+    """Collector of the state messages of a bag."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self.sessions = Sessions()
         self._switched: list[tuple[int, list[float]]] = []
         self._inputs: list[tuple[int, list[float]]] = []
-        self._reports: list[
-            tuple[int, str, int, list[float]]
-        ] = []  # cycle, session, fault's cycle or -1, counters
+        # cycle, session, cycle of the fault or -1, counters
+        self._reports: list[tuple[int, str, int, list[float]]] = []
 
     def outputs(self, message: Any) -> None:
-        """Take the state of all outputs, and the payload, since a bus cycle."""
+        """Add the outputs and the payload from a bus cycle on."""
         values = [float(value) for value in message.position]
         if len(values) == WIDTH and np.isfinite(values).all():
             stamp = message.header.stamp
             self._switched.append((self._cycle(stamp.sec + stamp.nanosec / NANOSECONDS), values))
 
     def inputs(self, message: Any) -> None:
-        """Take the inputs of a bus cycle; those that have not changed since the newest one are left out."""
+        """Add the inputs of a bus cycle, unless they are unchanged."""
         values = [float(value) for value in message.position]
         if not 0 < len(values) <= CELL_INPUTS or not np.isfinite(values).all():
             return
@@ -93,22 +92,22 @@ class _States:
             self._inputs.append((self._cycle(stamp.sec + stamp.nanosec / NANOSECONDS), values))
 
     def progress(self, message: Any) -> None:
-        """Take a report."""
-        facts = json.loads(message.data)
-        counters = [float(facts[name]) for name in COUNTERS]
-        fault = int(facts['fault_cycle']) if facts['fault'] else -1
+        """Add a progress report."""
+        report = json.loads(message.data)
+        counters = [float(report[name]) for name in COUNTERS]
+        fault = int(report['fault_cycle']) if report['fault'] else -1
         if np.isfinite(counters).all() and abs(fault) < CYCLE_MAX:
-            cycle = self._cycle(float(facts['bus_time_s']))
-            self._reports.append((cycle, str(facts['session']), fault, counters))
+            cycle = self._cycle(float(report['bus_time_s']))
+            self._reports.append((cycle, str(report['session']), fault, counters))
 
     def _cycle(self, time_s: float) -> int:
         cycle = round(time_s / self._period_s)
         if abs(cycle) > CYCLE_MAX:
-            raise ValueError('no bus time')
+            raise ValueError('not a bus time')
         return cycle
 
     def signals(self, cycles: Any, payload_kg: float) -> dict[str, Floats]:
-        """Return what was told in each of the bus cycles."""
+        """Return the states in each of the bus cycles."""
         found: dict[str, Floats] = {}
         if self._switched:
             before = [0.0] * len(OUTPUT_COLUMNS) + [float(payload_kg)]
@@ -130,7 +129,7 @@ class _States:
 
 
 def _held(cycles: Any, changes: list[tuple[int, list[float]]], before: list[float]) -> Floats:
-    """Return the values that hold in bus cycles: those of the last change before, or of that cycle."""
+    """Return the values valid in bus cycles: those of the last change up to each cycle."""
     ordered = sorted(changes, key=lambda change: change[0])
     values = np.array([before, *(value for _, value in ordered)])
     return np.asarray(values[np.searchsorted([cycle for cycle, _ in ordered], cycles, side='right')])

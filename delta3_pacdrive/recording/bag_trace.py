@@ -1,4 +1,4 @@
-"""Recordings: a rosbag2 folder read back as a trace, every message in the bus cycle that its stamp names."""
+"""Bags read as traces: every message is assigned to the bus cycle of its stamp."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
-from delta3_pacdrive.recording.carried import CARRIED
+from delta3_pacdrive.recording.carried import TELEGRAM_SIGNALS
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TURN_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos import telegrams
@@ -33,9 +33,11 @@ if TYPE_CHECKING:
         NDArray[np.int64], Floats
     ]  # stamps [ns] or cycles, and the numbers of a message in each row
 
-FIRST = 100  # messages that tell which layout a topic has
-BATCH = 20_000  # messages of a topic that wait as bytes, about 4 MB
-LAYOUTS = {topic: [t for t in CARRIED if t.topic == topic] for topic in (t.topic for t in CARRIED)}
+FIRST = 100  # messages from which the layout of a topic is determined
+BATCH = 20_000  # undecoded messages of a topic, about 4 MB
+LAYOUTS = {
+    topic: [t for t in TELEGRAM_SIGNALS if t.topic == topic] for topic in (t.topic for t in TELEGRAM_SIGNALS)
+}
 SHAFTS = telegrams.SHAFTS.topic
 OF_TOOL = (telegrams.TOOL_AT.topic, telegrams.TURN.topic)
 UNREADABLE = -1
@@ -43,31 +45,23 @@ _LOG = logging.getLogger(__name__)
 
 
 def missing(path: Path) -> dict[str, int]:
-    """Return how many messages the recorder of a bag has found missing, by relative name of the topic.
+    """Return the numbers of missing messages counted by the recorder, by relative name of the topic.
 
-    Raises
-    ------
-    TraceError
-        There is no such bag, or none of a robot.
-
+    Raises TraceError if there is no bag of a robot.
     """
-    return dict(_about(path).get('lost', {}))
+    return dict(_metadata(path).get('lost', {}))
 
 
 def cut(path: Path) -> str:
-    """Return a sentence if a bag ends before its robot, cut off or for want of space; '' for a whole one.
+    """Return a sentence on what is missing in an incomplete bag; '' for a complete one.
 
-    Raises
-    ------
-    TraceError
-        There is no such bag, or none of a robot.
-
+    Raises TraceError if there is no bag of a robot.
     """
-    return str(_about(path).get('cut', ''))
+    return str(_metadata(path).get('cut', ''))
 
 
-def _about(path: Path) -> dict[str, Any]:
-    """Return the metadata of a bag whose messages nobody asks for; raises TraceError."""
+def _metadata(path: Path) -> dict[str, Any]:
+    """Return the metadata of a bag without reading its messages; raises TraceError."""
     from delta3_pacdrive.recording.bag_reader import open_bag
 
     try:
@@ -77,27 +71,26 @@ def _about(path: Path) -> dict[str, Any]:
 
 
 def read_bag(path: str | Path) -> Trace:
-    """Read the folder of a bag of one robot, whatever its namespace.
+    """Read the folder of a bag of one robot in any namespace.
 
-    Every message belongs to the bus cycle of its stamp; the order in the bag does not matter. Left out are
-    messages from before cyclic operation, and those that the nodes refuse as well (other names or lengths, numbers
-    that are not finite): ``meta['refused']`` counts these by topic. Of ``plant/motor_shafts``, which may come more
-    often, the messages at cycle starts are taken.
+    Every message belongs to the bus cycle of its stamp; the order in the bag does not matter. Messages from before
+    cyclic operation are ignored. Messages that the nodes would reject (other names or lengths, numbers that are not
+    finite) are counted by topic in ``meta['refused']``. Of ``plant/motor_shafts``, which may be published more often,
+    only messages at cycle starts are used.
 
     Returns
     -------
     Trace
-        All bus cycles that every recorded cyclic topic has, with the signals whose topics are recorded, and those of
-        ``CURRENT_SIGNALS`` if the currents of all drives are; ``meta`` is what the recorder wrote, without a
-        ``start_cycle`` or ``end_cycle`` that it did not know.
-
-    A bag that was cut off is read up to the cut; ``meta['cut']`` says then how much is missing, and so does the log.
+        All bus cycles contained in every recorded cyclic topic, with the signals of the recorded topics, and
+        ``CURRENT_SIGNALS`` if the currents of all drives are recorded. ``meta`` is the metadata of the recorder,
+        without an unknown ``start_cycle`` or ``end_cycle``. For an incomplete bag ``meta['cut']`` and the log list the
+        missing parts.
 
     Raises
     ------
     TraceError
-        There is no such folder, it is no bag, or nothing can be read of it; it holds no cyclic topic, more than
-        one robot or more than one run; its metadata is missing or contradicts the stamps; no cycle is complete.
+        There is no folder, it is not a bag, or nothing of it can be read; it has no cyclic topic, more than one robot
+        or more than one run; its metadata is missing or contradicts the stamps; no cycle is complete.
 
     """
     path = Path(path)
@@ -110,7 +103,7 @@ def read_bag(path: str | Path) -> Trace:
 
 
 def _read_bag(path: Path) -> Trace:
-    # what only bags need takes longer to import than everything else here
+    # imported here because only bags need these slow imports
     from rosbags.typesys import Stores, get_typestore
 
     from delta3_pacdrive.recording.bag_reader import PHASE, PROFILE, Profiles, open_bag
@@ -145,7 +138,7 @@ def _read_bag(path: Path) -> Trace:
         if len((table := _by_cycle(name, column.table(), clock))[0]):
             tables[name] = table
     if not tables:
-        raise TraceError('it holds no message of cyclic operation')
+        raise TraceError('it contains no message of cyclic operation')
     sampled, currents = np.empty(0, np.int64), dict[str, 'Floats']()
     if samples:
         sampled, currents = of_cycles([column.table() for column in samples.values()], clock.period_ns)
@@ -153,7 +146,7 @@ def _read_bag(path: Path) -> Trace:
     if len(cycles) > 1 and (step := int(np.diff(cycles).min())) > 1:
         raise TraceError(
             f'its messages are {step * meta["cycle_time_s"]:g} s apart, '
-            f'but its metadata says cycle_time_s is {meta["cycle_time_s"]:g}'
+            f'but its metadata has cycle_time_s {meta["cycle_time_s"]:g}'
         )
     counted = {name: column.refused for name, column in columns.items()}
     counted |= {topic.removeprefix(bag.robot): column.refused for topic, column in samples.items()}
@@ -165,7 +158,7 @@ def _read_bag(path: Path) -> Trace:
     if profiles.starts:
         meta['starts'] = profiles.starts
         within = [start for start in profiles.starts if start >= cycles[0]]
-        # who joined in the middle of a program knows when it began
+        # a recorder started during a program still knows its start
         meta['start_cycle'] = within[0] if within else profiles.starts[-1]
     if notices:
         meta['notices'] = notices
@@ -173,10 +166,12 @@ def _read_bag(path: Path) -> Trace:
     if 'cut' in meta:
         meta['cut'] += _extent(cycles, meta['cycle_time_s'])
         _LOG.warning('note: recording %s: %s', path, meta['cut'])
-    signals = _signals(tables, cycles, {name: CARRIED[column.telegram] for name, column in columns.items()})
+    signals = _signals(
+        tables, cycles, {name: TELEGRAM_SIGNALS[column.telegram] for name, column in columns.items()}
+    )
     if 'current' in signals:
         signals['current'] /= meta['torque_constant_n_m_a']
-    _of_tool(signals, meta)
+    _convert_to_tool(signals, meta)
     if np.isin(cycles, sampled).all():
         rows = np.searchsorted(sampled, cycles)
         signals |= {name: currents[name][rows] for name in CURRENT_SIGNALS}
@@ -184,24 +179,24 @@ def _read_bag(path: Path) -> Trace:
 
 
 def _extent(cycles: NDArray[np.int64], period_s: float) -> str:
-    """Return where a recording that is not whole begins and ends."""
+    """Return begin and end of an incomplete recording as text."""
     begin = f'; it begins at bus time {cycles[0] * period_s:.3f} s' if cycles[0] > 0 else ''
     return f'{begin}; it ends at bus time {cycles[-1] * period_s:.3f} s'
 
 
 def _cycle_time(stamps: Iterable[NDArray[np.int64]]) -> float:
-    """Return the smallest distance [s] of stamps [ns], which is one bus cycle; raises TraceError."""
+    """Return the smallest distance [s] of stamps [ns], assumed to be the cycle time; raises TraceError."""
     steps = [int(step.min()) for own in stamps if len(step := np.diff(np.unique(own)))]
     found = min(steps, default=0) / NANOSECONDS
     if found not in CYCLE_TIMES_S:
-        raise TraceError(f'its metadata is missing, and stamps {found:g} s apart tell no cycle time')
+        raise TraceError(f'its metadata is missing, and stamps {found:g} s apart do not fit a cycle time')
     return found
 
 
 class _Column:
-    """A column takes the messages of one topic as bytes and keeps stamps and numbers.
+    """Decoder of the messages of one topic into stamps and numbers.
 
-    Of several layouts it takes the one that most of the first messages have.
+    Of several layouts it uses the one that fits most of the first messages.
     """
 
     def __init__(self, layouts: Sequence[Telegram], typestore: Typestore) -> None:
@@ -215,13 +210,13 @@ class _Column:
         self.refused = 0
 
     def add(self, data: bytes) -> None:
-        """Take a message."""
+        """Add a message."""
         self._batch.append(data)
         if len(self._batch) == BATCH:
             self._decode_batch()
 
     def table(self) -> Table:
-        """Stamps [ns] of the messages of cyclic operation, shape (n,), and their numbers, (n, numbers)."""
+        """Return stamps [ns] of the messages of cyclic operation, shape (n,), and their numbers, (n, numbers)."""
         self._decode_batch()
         if not self._tables:
             return np.empty(0, np.int64), np.empty((0, sum(self.telegram.lengths)))
@@ -230,11 +225,11 @@ class _Column:
 
     @property
     def telegram(self) -> Telegram:
-        """Names and lengths of the messages."""
+        """Layout of the messages."""
         return next(iter(self._codecs))
 
     def status_changes(self, clock: Clock) -> list[list[int]]:
-        """Return the bus cycles from which on an AT tells another status word S-0-0135, each with that word."""
+        """Return the changes of the status word S-0-0135 of an AT as pairs of bus cycle and new word."""
         stamps, _ = self.table()
         words = np.concatenate([np.empty(0, np.int64), *self._words])
         if not len(words):
@@ -269,7 +264,7 @@ class _Column:
             self._append(np.array(own), np.array(rests), np.array(texts), np.array(rows))
 
     def _append(self, sec: NDArray[Any], nanosec: NDArray[Any], frames: NDArray[Any], values: Floats) -> None:
-        """Keep the messages of cyclic operation that are well formed."""
+        """Keep the valid messages of cyclic operation."""
         cyclic = sec >= 0
         good = cyclic & (nanosec < NANOSECONDS) & np.isfinite(values).all(axis=1)
         self.refused += int(cyclic.sum() - good.sum())
@@ -280,7 +275,7 @@ class _Column:
 
 
 def _fits(codec: TelegramCodec, data: bytes) -> bool:
-    """Whether a message holds what a codec reads."""
+    """Return whether a codec can read a message."""
     try:
         return bool(codec.decode_layout(data) or codec.decode_message(data))
     except TelegramError:
@@ -288,7 +283,7 @@ def _fits(codec: TelegramCodec, data: bytes) -> bool:
 
 
 def _status_words(frames: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the status words in the frames of AT, ``UNREADABLE`` where there is none."""
+    """Return the status words in the frames of AT, ``UNREADABLE`` if there is none."""
     texts, places = np.unique(frames, return_inverse=True)
     words = [UNREADABLE] * len(texts)
     for n, text in enumerate(texts.tolist()):
@@ -299,13 +294,13 @@ def _status_words(frames: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def _parse(typestore: Typestore, message_type: str, data: bytes) -> Message:
-    """Read a message of any layout; raises TelegramError."""
+    """Parse a message of any layout; raises TelegramError."""
     from rosbags.serde import SerdeError
 
     try:
         message: Any = typestore.deserialize_cdr(data, message_type)
     except SerdeError as error:
-        raise TelegramError(f'a telegram is no {message_type}') from error
+        raise TelegramError(f'a telegram is not a {message_type}') from error
     header = message.header
     head = header.stamp.sec, header.stamp.nanosec, header.frame_id.encode()
     if message_type == telegrams.JOINT_STATE:
@@ -315,7 +310,7 @@ def _parse(typestore: Typestore, message_type: str, data: bytes) -> Message:
 
 
 def _by_cycle(name: str, table: Table, clock: Clock) -> Table:
-    """Return the bus cycles of a topic, in order, and the numbers of each."""
+    """Return the bus cycles of a topic in ascending order, and the numbers of each."""
     stamps, values = table
     in_cycle = stamps % clock.period_ns
     if name == SHAFTS:
@@ -324,41 +319,41 @@ def _by_cycle(name: str, table: Table, clock: Clock) -> Table:
         first = stamps[np.flatnonzero(in_cycle)[0]]
         raise TraceError(
             f'{name} has a message at bus time {first / NANOSECONDS:.9f} s, '
-            f'where no cycle of {clock.period_ns / NANOSECONDS:g} s begins'
+            f'which is not the begin of a cycle of {clock.period_ns / NANOSECONDS:g} s'
         )
     cycles, first_rows, rows = np.unique(stamps // clock.period_ns, return_index=True, return_inverse=True)
     differing = np.flatnonzero((values != values[first_rows][rows]).any(axis=1))
     if len(differing):
         time_s = stamps[differing[0]] / NANOSECONDS
         raise TraceError(
-            f'it holds more than one run, {name} has different messages at bus time {time_s:g} s'
+            f'it contains more than one run: {name} has different messages at bus time {time_s:g} s'
         )
     return cycles, values[first_rows]
 
 
 def _signals(
-    tables: dict[str, Table], cycles: NDArray[np.int64], carried: dict[str, tuple[str, ...]]
+    tables: dict[str, Table], cycles: NDArray[np.int64], names: dict[str, tuple[str, ...]]
 ) -> dict[str, Floats]:
-    """Return the signals of all topics in common cycles, in the order of ``SIGNALS``; those of a topic: ``carried``."""
+    """Return the signals of all topics in common cycles, in the order of ``SIGNALS``; ``names`` are those by topic."""
     rows = {name: values[np.searchsorted(own, cycles)] for name, (own, values) in tables.items()}
     found: dict[str, Floats] = {}
-    answered = [telegram.topic for telegram in telegrams.AT]
+    at_topics = [telegram.topic for telegram in telegrams.AT]
     for topic, values in rows.items():
-        if topic not in answered:
-            wide = 1 if topic in OF_TOOL else values.shape[1] // len(carried[topic])
-            columns = 1 if topic in OF_TOOL else 3  # those of the arms come first
-            for i, signal in enumerate(carried[topic]):
+        if topic not in at_topics:
+            wide = 1 if topic in OF_TOOL else values.shape[1] // len(names[topic])
+            columns = 1 if topic in OF_TOOL else 3  # the arms come first
+            for i, signal in enumerate(names[topic]):
                 if signal:
                     found[signal] = np.ascontiguousarray(values[:, wide * i : wide * i + columns])
-    answers = [rows[telegram.topic] for telegram in telegrams.AT if telegram.topic in rows]
-    if len(answers) == len(telegrams.AT):
-        for i, signal in enumerate(CARRIED[telegrams.AT[0]]):
-            found[signal] = np.stack([answer[:, i] for answer in answers], axis=1)
+    feedback = [rows[telegram.topic] for telegram in telegrams.AT if telegram.topic in rows]
+    if len(feedback) == len(telegrams.AT):
+        for i, signal in enumerate(TELEGRAM_SIGNALS[telegrams.AT[0]]):
+            found[signal] = np.stack([one[:, i] for one in feedback], axis=1)
     return {signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS, *TURN_SIGNALS) if signal in found}
 
 
-def _of_tool(signals: dict[str, Floats], meta: dict[str, Any]) -> None:
-    """Let the signals of a rotary axis be those of the tool, which its drive tells of the motor."""
+def _convert_to_tool(signals: dict[str, Floats], meta: dict[str, Any]) -> None:
+    """Convert the signals of the rotary axis from the motor to the tool, in place."""
     given = meta.get('parameters')
     constants = [
         given.get(f'rotary.{name}') if isinstance(given, dict) else None

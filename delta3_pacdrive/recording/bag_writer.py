@@ -1,8 +1,7 @@
-"""A rosbag2 folder (MCAP) that can be read at any moment, whatever ends its writer.
+"""Writer of a rosbag2 folder (MCAP) that is readable at any time, even if the process is killed.
 
-``metadata.yaml`` is there from the first moment on. Messages reach the file in whole chunks, at least one a second.
-A file that cannot grow any more (no space left on device) ends the writing, not the writer: what was written before
-is closed as a complete bag.
+``metadata.yaml`` exists from the beginning. Messages are written in whole chunks, at least one per second. If the file
+cannot grow (no space left on device), writing stops and the bag is closed with the messages written so far.
 """
 
 from __future__ import annotations
@@ -36,38 +35,38 @@ if TYPE_CHECKING:
 
     from rosbags.interfaces import Connection
 
-FLUSH_S = 0.5  # between two chunks: nothing that is older than a second waits in memory
+FLUSH_S = 0.5  # between two chunks: no message stays in memory for more than a second
 VERSION: Literal[9] = 9
-METADATA_KEY = 'delta3_pacdrive'  # custom data: what the recorder knows of its robot, as JSON
-STOPPED_KEY = 'delta3_pacdrive_stopped'  # custom data: why nothing was written any more
-OPEN_KEY, OPEN = 'delta3_pacdrive_open', 'true'  # custom data of a bag that nobody has closed
-STEPS_BACK_MAX = 8  # chunks that are given up at most for the index and the metadata of a full disk
+METADATA_KEY = 'delta3_pacdrive'  # custom data: data of the robot, as JSON
+STOPPED_KEY = 'delta3_pacdrive_stopped'  # custom data: why writing stopped
+OPEN_KEY, OPEN = 'delta3_pacdrive_open', 'true'  # custom data of a bag that has not been closed
+STEPS_BACK_MAX = 8  # chunks that may be discarded to make room for index and metadata on a full disk
 _NEVER_NS = 2**63 - 1
 _INFINITE = QosTime(9223372036, 854775807)
 
 
 class _WholeChunks:
-    """The file takes what is written into memory, and all of it, or nothing, to the disk.
+    """File that buffers writes in memory and flushes them atomically: all to the disk, or nothing.
 
-    It stands in for the buffered file of ``rosbags``, which keeps half of a chunk when the disk is full.
+    It replaces the buffered file of ``rosbags``, which writes half a chunk when the disk is full.
     """
 
     def __init__(self, path: Path) -> None:
         self._file = os.open(path, os.O_WRONLY | os.O_CLOEXEC)
         self._waiting = bytearray()
-        self.size = os.fstat(self._file).st_size  # of what is on the disk
+        self.size = os.fstat(self._file).st_size  # on the disk
 
     def write(self, data: Any) -> int:
-        """Take data; return how much."""
+        """Buffer data and return its length."""
         self._waiting += data
         return len(data)
 
     def tell(self) -> int:
-        """Return the size that the file will have."""
+        """Return the size including buffered data."""
         return self.size + len(self._waiting)
 
     def flush(self) -> None:
-        """Write all that waits; raises OSError, the file as it was before."""
+        """Write the buffered data; raises OSError and leaves the file unchanged on failure."""
         start, waiting = self.size, memoryview(bytes(self._waiting))
         try:
             while waiting:
@@ -80,20 +79,20 @@ class _WholeChunks:
         self._waiting.clear()
 
     def truncate(self, size: int) -> None:
-        """Forget what waits, and what lies behind ``size``."""
+        """Discard buffered data and everything after ``size``."""
         os.ftruncate(self._file, size)
         self.size = size
         self._waiting.clear()
 
     def close(self) -> None:
-        """Write all that waits, then close; raises OSError, still open."""
+        """Flush and close; raises OSError and stays open on failure."""
         self.flush()
         os.close(self._file)
 
 
 @dataclass(frozen=True)
 class _Mark:
-    """The bag can go back to a mark: whole chunks on the disk."""
+    """State of the bag after a whole chunk, to which it can revert."""
 
     size: int
     chunks: int
@@ -103,16 +102,12 @@ class _Mark:
 
 
 class BagWriter:
-    """The writer makes a new bag. ``stopped`` says why nothing is written any more, '' while it is.
+    """Writer of a new bag. ``stopped`` is the reason if writing has stopped, else ''.
 
-    ``custom`` is the custom data of its metadata. ``at_stop`` returns, from the reason, what replaces it in a bag whose
-    writing stops: there may be no room for it later.
+    ``custom`` is the custom data of the metadata. When writing stops, ``at_stop`` is called with the reason and returns
+    updates of it, because there may be no space for later updates.
 
-    Raises
-    ------
-    RunError
-        On construction: the folder exists or cannot be made.
-
+    The constructor raises RunError if the folder exists or cannot be created.
     """
 
     def __init__(
@@ -129,7 +124,7 @@ class BagWriter:
         try:
             self._writer = Writer(folder, version=VERSION, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
-            # what MCAP files take chunk by chunk has no public interface: the storage of rosbags is told to
+            # rosbags has no public interface for writing by chunks: its storage is modified
             storage: Any = self._writer.storage
             self._storage = storage
             self._storage.bio.close()
@@ -142,7 +137,7 @@ class BagWriter:
         self._marks: deque[_Mark] = deque(maxlen=STEPS_BACK_MAX)
 
     def add_topic(self, topic: str, message_type: str, depth: int, latched: bool) -> Connection:
-        """Announce a topic by its absolute name; its messages are written with what this returns."""
+        """Add a topic by its absolute name and return its connection for ``write``."""
         qos = Qos(
             history=QosHistory.KEEP_LAST,
             depth=depth,
@@ -159,23 +154,23 @@ class BagWriter:
         )
 
     def begin(self) -> None:
-        """Put the topics and the metadata on the disk; raises RunError if there is no room for them."""
+        """Write topics and metadata to the disk; raises RunError if there is not enough space."""
         try:
             self._storage.close_chunk()
             self._commit()
             self._write_open_metadata()
         except OSError as error:
-            raise RunError(f'cannot record into {self.path}: {_why(error)}') from error
+            raise RunError(f'cannot record into {self.path}: {_reason(error)}') from error
 
-    def tell(self, custom: Mapping[str, str]) -> None:
-        """Replace custom data of a bag that is written to, on the disk as well; never raises for the disk."""
+    def update_custom(self, custom: Mapping[str, str]) -> None:
+        """Update custom data of an open bag, also on the disk; does not raise for disk errors."""
         self._custom |= custom
         if not self.stopped:
-            with suppress(OSError):  # the end says it again
+            with suppress(OSError):  # close() writes it again
                 self._write_open_metadata()
 
     def write(self, connection: Connection, received_ns: int, data: bytes) -> None:
-        """Write a message; never raises for the disk."""
+        """Write a message; does not raise for disk errors."""
         if self.stopped:
             return
         try:
@@ -186,7 +181,7 @@ class BagWriter:
             self._stop(error)
 
     def flush(self) -> None:
-        """Put what waits on the disk as a chunk; never raises for the disk."""
+        """Write buffered messages to the disk as a chunk; does not raise for disk errors."""
         if self.stopped or not self._storage.chunk.bio.tell():
             return
         try:
@@ -196,11 +191,11 @@ class BagWriter:
             self._stop(error)
 
     def close(self, custom: Mapping[str, str]) -> None:
-        """Finish the bag; never raises for the disk. A bag whose writing had stopped is finished already."""
+        """Finish the bag unless writing has stopped before; does not raise for disk errors."""
         self._custom |= custom
         self.flush()
         if self.stopped:
-            with suppress(OSError):  # what stands there since the disk became full stays
+            with suppress(OSError):  # keep the metadata written when the disk became full
                 self._write_metadata(self._custom)
             return
         try:
@@ -210,7 +205,7 @@ class BagWriter:
 
     @property
     def messages(self) -> int:
-        """Messages that are on the disk."""
+        """Number of messages on the disk."""
         return sum(self._marks[-1].counts.values())
 
     def _commit(self) -> None:
@@ -220,7 +215,7 @@ class BagWriter:
         self._marks.append(_Mark(self._file.size, chunks, dict(writer.counts), *times))
 
     def _finish(self) -> None:
-        """Write metadata and index; raises OSError, the messages on the disk as they were."""
+        """Write metadata and index; raises OSError and keeps the messages on the disk."""
         self._write_metadata(self._custom)
         try:
             self._storage.close(VERSION, self._metadata(self._custom)[1])
@@ -229,15 +224,15 @@ class BagWriter:
             raise
 
     def _stop(self, error: OSError) -> None:
-        """Stop writing; close what there is, with the last chunks given up as far as the index needs their room."""
-        self.stopped = _why(error)
+        """Stop writing and close the bag; discard the last chunks if the index needs their space."""
+        self.stopped = _reason(error)
         self._custom[STOPPED_KEY] = self.stopped
         if self._at_stop is not None:
             self._custom |= self._at_stop(self.stopped)
         while self._marks:
             mark = self._marks[-1]
             try:
-                self._go_back(mark)
+                self._revert(mark)
                 self._finish()
             except OSError:
                 if len(self._marks) == 1:
@@ -246,8 +241,8 @@ class BagWriter:
             else:
                 return
 
-    def _go_back(self, mark: _Mark) -> None:
-        """Forget what came after a mark; nothing is written but the index of what was before."""
+    def _revert(self, mark: _Mark) -> None:
+        """Discard everything after a mark."""
         self._file.truncate(mark.size)
         storage = self._storage
         del storage.chunks[mark.chunks :]
@@ -260,11 +255,11 @@ class BagWriter:
         self._write_metadata(self._custom | {OPEN_KEY: OPEN})
 
     def _write_metadata(self, custom: Mapping[str, str]) -> None:
-        """Replace metadata.yaml: a reader sees the old one or the new one."""
+        """Replace metadata.yaml atomically."""
         whole_file.write_text(self._metadata(custom)[0], self.path / 'metadata.yaml')
 
     def _metadata(self, custom: Mapping[str, str]) -> tuple[str, str]:
-        """Metadata of what is on the disk as rosbag2 has it (version 9): of the folder, and inside the file."""
+        """Return the metadata in the format of rosbag2 (version 9), for the folder and for the file."""
         mark = self._marks[-1]
         connections: list[Any] = self._writer.connections
         count = sum(mark.counts.values())
@@ -301,10 +296,10 @@ class BagWriter:
 
 
 class _Plain(yaml.SafeDumper):
-    """The dumper writes what stands in two places twice, without anchors."""
+    """Dumper without anchors."""
 
     def ignore_aliases(self, _: Any) -> bool:
-        """Return that nothing is referred to."""
+        """Write repeated objects in full."""
         return True
 
 
@@ -312,6 +307,6 @@ def _yaml(document: dict[str, Any]) -> str:
     return str(yaml.dump(document, Dumper=_Plain, sort_keys=False))
 
 
-def _why(error: OSError) -> str:
+def _reason(error: OSError) -> str:
     text = error.strerror or str(error)
     return text[:1].lower() + text[1:]

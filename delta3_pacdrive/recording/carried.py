@@ -1,17 +1,17 @@
-"""Which telegram carries which signals of a run."""
+"""Signals in the telegrams of a run."""
 
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 
-# signals that a telegram carries, one for each of its arrays, or numbers; a topic may have more than one layout
-CARRIED = {
-    # of a robot with a rotary axis
+# one signal per array of a telegram, or per number; a topic may have several layouts
+TELEGRAM_SIGNALS = {
+    # with rotary axis
     telegrams.mdt(torques=True, drives=ALL_DRIVES): ('motor_command', 'torque_command'),
     telegrams.mdt(torques=False, drives=ALL_DRIVES): ('motor_command',),
     telegrams.TOOL_AT: ('turn_position', 'turn_speed', 'turn_current'),
-    telegrams.TURN: ('turn_command', '', 'turn_error'),  # the angle between is told by the AT
+    telegrams.TURN: ('turn_command', '', 'turn_error'),  # the second value is redundant: it is in the AT
     telegrams.shafts(ALL_DRIVES): ('shaft_position', 'shaft_speed', 'coupling_torque'),
-    # of one without
+    # without rotary axis
     telegrams.TORQUE_MDT: ('motor_command', 'torque_command'),
     telegrams.MDT: ('motor_command',),
     **dict.fromkeys(telegrams.AT, ('motor_position', 'motor_speed', 'current')),

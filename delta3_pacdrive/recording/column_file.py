@@ -1,14 +1,14 @@
-"""Column files: what the columns of somebody else's table are, in YAML.
+"""Column files: description of the columns of a third-party table, in YAML.
 
 columns:
-- {column: Zeit, signal: time, unit: ms}             # the heading as it stands, or the number of the column
+- {column: Zeit, signal: time, unit: ms}             # heading or number of the column
 - {column: Winkel 1, signal: arm_position, axis: 1, unit: deg}
 - {column: I1, signal: current, axis: 1, unit: A, factor: 0.70711}     # SI value = (factor x number + offset) in unit
-separator: ";"        # optional, as the following: found out if they are not there
+separator: ";"        # optional, as are all the following; detected if missing
 decimal: ","
 encoding: cp1252
 skip_lines: 3         # before the headings; 0
-headings: true        # false: the file begins with numbers, and columns are told by their numbers
+headings: true        # false: the file begins with numbers, and columns are identified by number
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _KEYS = ('column', 'signal', 'axis', 'unit', 'factor', 'offset')
 
 @dataclass(frozen=True)
 class ChosenColumn:
-    """A column of a table is one of a signal: its heading or number, what it is, and how it becomes SI."""
+    """Column of a table that contains a column of a signal."""
 
-    column: str | int
+    column: str | int  # heading or number
     signal: str
-    number: int
+    number: int  # column of the signal
     unit: str
     factor: float = 1.0
     offset: float = 0.0
@@ -48,7 +48,7 @@ class ChosenColumn:
 
 @dataclass(frozen=True)
 class Form:
-    """The form of a text file with a table; None where it is found out."""
+    """Format of a text table; None: detected."""
 
     separator: str | None = None
     decimal: str | None = None
@@ -59,7 +59,7 @@ class Form:
 
 @dataclass(frozen=True)
 class ColumnFile:
-    """A column file says what the columns of a table are."""
+    """Description of the columns of a table."""
 
     path: Path
     columns: tuple[ChosenColumn, ...]
@@ -67,14 +67,7 @@ class ColumnFile:
 
 
 def read(path: str | Path) -> ColumnFile:
-    """Read a column file.
-
-    Raises
-    ------
-    TraceError
-        It cannot be read or breaks a rule; names the place and the rule.
-
-    """
+    """Read a column file; raises TraceError with the position in the file."""
     document = yaml_file.read(path, 'column file', TraceError)
     errors = Errors(str(path))
     columns: list[ChosenColumn] = []
@@ -92,7 +85,7 @@ def read(path: str | Path) -> ColumnFile:
         columns = fields.read('columns', lambda value, where: _columns(value, where, errors), [], prefix='')
         _require_once(columns)
         if not form.headings and any(isinstance(one.column, str) for one in columns):
-            refuse('without headings columns are told by their numbers, from 1 on')
+            refuse('without headings columns are identified by number, from 1')
         if form.decimal == ',' and form.separator == ',':
             refuse('separator and decimal are both a comma')
     return ColumnFile(Path(path), tuple(columns), form)
@@ -114,9 +107,9 @@ def _column(value: Any, where: str, errors: Errors) -> ChosenColumn:
     signal = fields.read(
         'signal', one_of((TIME, *(name for name, (unit, _) in QUANTITIES.items() if unit != ONE))), ''
     )
-    place, si = 0, 's'
-    if not signal:  # that has been told
-        return ChosenColumn(column, signal, place, si)
+    index, si = 0, 's'
+    if not signal:  # already reported
+        return ChosenColumn(column, signal, index, si)
     if signal != TIME and quantities.width(signal) == 1:
         si = QUANTITIES[signal][0]
     elif signal != TIME:
@@ -124,22 +117,22 @@ def _column(value: Any, where: str, errors: Errors) -> ChosenColumn:
         suffix = fields.read('axis', _axis([name for name, _ in named]), named[0][0])
         if 'axis' not in fields:
             refuse(f'{where}: missing key axis, one of {", ".join(name for name, _ in named)}')
-        place = [name for name, _ in named].index(suffix)
-        si = named[place][1]
+        index = [name for name, _ in named].index(suffix)
+        si = named[index][1]
     if 'axis' in fields and quantities.width(signal) == 1:
         refuse(f'{where}.axis: {signal} has no axes')
     unit = fields.read('unit', _unit(si), si)
     factor = fields.read('factor', _factor, 1.0)
     offset = fields.read('offset', _finite, 0.0)
-    return ChosenColumn(column, signal, place, unit, factor, offset)
+    return ChosenColumn(column=column, signal=signal, number=index, unit=unit, factor=factor, offset=offset)
 
 
 def _require_once(columns: list[ChosenColumn]) -> None:
-    told: set[tuple[str, int]] = set()
+    seen: set[tuple[str, int]] = set()
     for one in columns:
-        if one.signal and (one.signal, one.number) in told:
+        if one.signal and (one.signal, one.number) in seen:
             refuse(f'two columns are {one.signal}, axis {one.number + 1}')
-        told.add((one.signal, one.number))
+        seen.add((one.signal, one.number))
 
 
 def _name(value: Any, where: str) -> str | int:
@@ -175,7 +168,7 @@ def _finite(value: Any, where: str) -> float:
 def _factor(value: Any, where: str) -> float:
     found = _finite(value, where)
     if found == 0.0:
-        refuse(f'{where} is 0: then the column tells nothing')
+        refuse(f'{where} is 0, but a factor must not be 0')
     return found
 
 
@@ -183,4 +176,4 @@ def _encoding(value: Any, where: str) -> str:
     try:
         return codecs.lookup(line_of_text(40)(value, where)).name
     except LookupError:
-        refuse(f'{where} is {shown(value)}, which is no encoding')
+        refuse(f'{where} is {shown(value)}, which is not an encoding')

@@ -1,11 +1,11 @@
-"""Tables of columns that are written: ``.csv``, ``.parquet`` and ``.npz``, each with the unit of every column.
+"""Writer of column tables: ``.csv``, ``.parquet`` and ``.npz`` with the unit of every column.
 
-- CSV: headings ``name [unit]``, the unit of a number without one is left out; one short comment says where it is from.
-- Parquet: headings as in CSV, units also in the metadata of the fields (``unit``), what is told of the whole table as
-  JSON in that of the file (``delta3_pacdrive``). It needs pyarrow.
-- npz: an array for each column, ``units`` and ``meta`` as JSON.
+- CSV: headings ``name [unit]``, without a unit for dimensionless numbers; a short comment with the source.
+- Parquet: headings as in CSV; units also in the metadata of the fields (``unit``), metadata of the table as JSON in
+  that of the file (``delta3_pacdrive``). Requires pyarrow.
+- npz: one array per column, ``units`` and ``meta`` as JSON.
 
-``table_csv``, ``table_parquet`` read them, numpy reads the last.
+The readers are ``table_csv``, ``table_parquet``, and numpy for npz.
 """
 
 import csv
@@ -21,9 +21,9 @@ from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording import table_parquet
-from delta3_pacdrive.recording.trace import told
+from delta3_pacdrive.recording.trace import os_errors_as_trace_error
 
-ONE = '1'  # unit of what has no dimension
+ONE = '1'  # unit of dimensionless values
 SUFFIXES = ('.parquet', '.csv', '.npz')
 ROWS_AT_ONCE = 10_000
 COMMENT_MAX = 300  # characters
@@ -31,7 +31,7 @@ COMMENT_MAX = 300  # characters
 
 @dataclass(frozen=True)
 class ColumnTable:
-    """A table has columns of equal length, each with name and unit, and facts about all of it."""
+    """Columns of equal length with names and units, and metadata."""
 
     names: Sequence[str]
     units: Sequence[str]
@@ -46,30 +46,28 @@ class ColumnTable:
         return [name if unit == ONE else f'{name} [{unit}]' for name, unit in named]
 
 
-def suffix_refusal(path: str | Path) -> str | None:
-    """Return why no table can be written to a file of this name, None if one can."""
+def suffix_refusal(path: str | Path, suffixes: Sequence[str] = SUFFIXES) -> str | None:
+    """Return why a table cannot be written to a file of this name, or None."""
     suffix = Path(path).suffix
-    if suffix.lower() not in SUFFIXES:
+    if suffix.lower() not in suffixes:
         ends = f'ends in {suffix}' if suffix else 'has no ending'
-        return f'the name {ends}, but must end in {", ".join(SUFFIXES[:-1])} or {SUFFIXES[-1]}'
-    if suffix.lower() == '.parquet':
-        return table_parquet.missing()
-    return None
+        return f'the name {ends}, but must end in {", ".join(suffixes[:-1])} or {suffixes[-1]}'
+    return table_parquet.missing() if suffix.lower() == '.parquet' else None
 
 
 def require_writable(path: str | Path, what: str = 'table') -> None:
-    """Refuse a table that cannot be written, before anything is computed for it; raises TraceError."""
+    """Raise TraceError if a table cannot be written; called before anything is computed."""
     if why := suffix_refusal(path) or whole_file.file_refusal(Path(path)):
         raise TraceError(f'cannot write {what} {path}: {why}')
 
 
 def write(table: ColumnTable, path: str | Path, what: str = 'table') -> Path:
-    """Write a table, whole or not at all, as the name ends; raises TraceError."""
+    """Write a table atomically in the format given by the suffix; raises TraceError."""
     path = Path(path)
     if why := suffix_refusal(path):
         raise TraceError(f'cannot write {what} {path}: {why}')
     kind = path.suffix.lower()
-    with told(f'write {what} {path}'), whole_file.atomic_path(path) as partial:
+    with os_errors_as_trace_error(f'write {what} {path}'), whole_file.atomic_path(path) as partial:
         if kind == '.parquet':
             table_parquet.write(partial, table.headings, table.units, table.columns, table.meta)
         elif kind == '.npz':
@@ -81,10 +79,10 @@ def write(table: ColumnTable, path: str | Path, what: str = 'table') -> Path:
 
 def _write_npz(table: ColumnTable, path: Path) -> None:
     arrays = dict(zip(table.names, table.columns, strict=True))
-    facts = {'units': dict(zip(table.names, table.units, strict=True)), 'meta': table.meta}
-    texts = {name: np.array(json.dumps(value)) for name, value in facts.items()}
+    metadata = {'units': dict(zip(table.names, table.units, strict=True)), 'meta': table.meta}
+    texts = {name: np.array(json.dumps(value)) for name, value in metadata.items()}
     with path.open('wb') as file:
-        np.savez_compressed(file, **arrays, **texts)  # type: ignore[arg-type]  # as allow_pickle, mypy thinks
+        np.savez_compressed(file, **arrays, **texts)  # type: ignore[arg-type]  # mypy takes them for allow_pickle
 
 
 def _write_csv(table: ColumnTable, path: Path) -> None:

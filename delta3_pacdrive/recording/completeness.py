@@ -1,4 +1,4 @@
-"""Completeness of a cyclic topic, as one listener received it, and of all topics of a recording."""
+"""Completeness of a cyclic topic for one subscriber, and of all topics of a recording."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.numerics.types import Floats
 
-NEVER = 2**62  # bus cycles between the messages of a topic that has only one
-EDGE_CYCLES = 16  # topics begin and end within so many: a few cycles are under way between the nodes
+NEVER = 2**62  # distance of messages [bus cycles] of a topic with a single message
+EDGE_CYCLES = 16  # tolerance at begin and end of topics: cycles in transit between the nodes
 
 
 class Completeness:
-    """A listener counts the messages of a topic, and those that are missing since the first was received.
+    """Counter of the received and missing messages of a topic.
 
-    ``starts`` are the bus times [ns] at which cyclic operation began; the listener adds to them when it learns of one.
-    ``period_ns`` is how far apart messages are; a listener that learns of another period puts it there. Nothing is
-    missing before a start. What was published before the listener joined is not missing either: who has received the
-    greetings of a topic, though, was there before its first message.
+    ``starts`` are the bus times [ns] at which cyclic operation began; the subscriber adds to the set. ``period_ns`` is
+    the distance of messages; the subscriber may change it. Messages before a start are not missing, nor those published
+    before the subscription. If initial messages of a topic were received (before cyclic operation), the subscription
+    existed before its first cyclic message.
     """
 
     def __init__(self, period_ns: int, starts: set[int]) -> None:
@@ -34,11 +34,11 @@ class Completeness:
         self._starts = starts
         self._last_ns: int | None = None
         self._gaps: list[tuple[int | None, int]] = []  # bus times [ns] between which messages may be missing
-        self.greeted = False  # before cyclic operation
+        self.greeted = False  # a message from before cyclic operation was received
         self.messages = 0
 
     def count(self, data: bytes) -> None:
-        """Take a serialised message that begins with a header."""
+        """Count a serialized message with a header."""
         sec, nanosec = STAMP.unpack_from(data, 4)
         if sec < 0:
             self.greeted = True
@@ -56,11 +56,11 @@ class Completeness:
 
     @property
     def lost(self) -> int:
-        """Messages that are missing."""
+        """Number of missing messages."""
         return sum(self._missing(last_ns, now_ns) for last_ns, now_ns in self._gaps)
 
     def _missing(self, last_ns: int | None, now_ns: int) -> int:
-        """Messages missing between two: from the one after the last, or from a start between them."""
+        """Return the number of missing messages between two, counted from the last one or a later start."""
         if last_ns is None:
             last_ns = -self.period_ns
         between = [start for start in self._starts if last_ns < start <= now_ns]
@@ -82,7 +82,7 @@ def common_cycles(
     sampled
         Bus cycles with all samples of the current loops.
     counted
-        Whether the recorder counted the missing messages.
+        The recorder counted the missing messages.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def common_cycles(
     held = {name: own for name, (own, _) in tables.items()}
     cycles = reduce(np.intersect1d, held.values())
     if not len(cycles):
-        raise TraceError(f'no bus cycle is in all of its topics {", ".join(tables)}')
+        raise TraceError(f'no bus cycle is contained in all of its topics {", ".join(tables)}')
     if len(common := np.intersect1d(cycles, sampled)):
         cycles, held['motor_current'] = common, sampled
     found = reduce(np.union1d, held.values())

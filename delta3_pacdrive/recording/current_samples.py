@@ -1,6 +1,6 @@
-"""The samples of the current loops in a recording: figures of each bus cycle, with the bits of the drives'.
+"""Samples of the current loops in a recording, and their statistics per bus cycle, bit-identical to the drives'.
 
-A message of ``axisN/motor_current`` has the samples of one exchange period; a bus cycle has one or more of them.
+A message of ``axisN/motor_current`` contains the samples of one exchange period; a bus cycle has one or more messages.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ if TYPE_CHECKING:
 
 
 class Column(Protocol):
-    """A column takes messages of one layout."""
+    """Decoder of messages of one layout."""
 
     refused: int
 
     def add(self, data: bytes) -> None:
-        """Take a message."""
+        """Add a message."""
 
     def table(self) -> Any:
-        """Stamps [ns] and numbers of the messages of cyclic operation."""
+        """Return stamps [ns] and numbers of the messages of cyclic operation."""
 
 
 class SampleColumn:
-    """A column of samples finds their number in its messages: that of most, as the exchange period of the robot has it.
+    """Decoder of current samples; the number of samples per message is that of most messages.
 
     Parameters
     ----------
     axis
-        Whose they are.
+        Name of the axis.
     column
-        Makes the column of a telegram.
+        Creates the decoder for a telegram.
     parse
-        Reads a message of any layout; raises TelegramError.
+        Parses a message of any layout; raises TelegramError.
 
     """
 
@@ -58,7 +58,7 @@ class SampleColumn:
         self._refused = 0
 
     def add(self, data: bytes) -> None:
-        """Take a message."""
+        """Add a message."""
         column = self._columns.get(len(data))
         if column is None:
             try:
@@ -73,38 +73,38 @@ class SampleColumn:
 
     @property
     def refused(self) -> int:
-        """How many messages had another layout than most."""
+        """Number of messages with another layout than most."""
         others = sorted(len(column.table()[0]) for column in self._columns.values())[:-1]
         return self._refused + sum(others) + sum(column.refused for column in self._columns.values())
 
     def table(self) -> Table:
-        """Stamps [ns] of the messages of cyclic operation, shape (n,), and their samples [A], (n, samples)."""
+        """Return stamps [ns] of the messages of cyclic operation, shape (n,), and samples [A], (n, samples)."""
         tables: list[Table] = [column.table() for column in self._columns.values()]
         return max(tables, key=lambda table: len(table[0]), default=(np.empty(0, np.int64), np.empty((0, 1))))
 
 
 def samples_of_cycles(table: Table, period_ns: int) -> Table:
-    """Return the bus cycles of which all samples are there, and these in the order of time, shape (n, samples)."""
-    stamps, places = np.unique(table[0], return_index=True)
+    """Return the bus cycles with all samples, and the samples in order of time, shape (n, samples)."""
+    stamps, rows = np.unique(table[0], return_index=True)
     if not len(stamps):
         return stamps, table[1]
-    # as most messages follow one another: one with a stamp between theirs is of somebody else
+    # the most frequent distance is the exchange period; stamps off this grid are from another publisher
     apart, often = np.unique(np.diff(stamps), return_counts=True)
     exchange_ns = int(apart[np.argmax(often)]) if len(apart) else period_ns
     exchange_ns = exchange_ns if period_ns % exchange_ns == 0 else period_ns
     on_grid = stamps % exchange_ns == 0
-    stamps, places = stamps[on_grid], places[on_grid]
+    stamps, rows = stamps[on_grid], rows[on_grid]
     count = period_ns // exchange_ns
     cycles, held = np.unique(stamps // period_ns, return_counts=True)
     whole = cycles[held == count]
-    rows = places[np.isin(stamps // period_ns, whole)]
+    rows = rows[np.isin(stamps // period_ns, whole)]
     return whole, np.ascontiguousarray(table[1][rows].reshape(len(whole), count * table[1].shape[1]))
 
 
 def figures_of(samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return mean, rms, least and greatest of the samples [A] of each bus cycle, shapes (n,).
+    """Return mean, rms, minimum and maximum of the samples [A] of each bus cycle, shapes (n,).
 
-    They are added one after the other as the drive adds them: the bits are the same.
+    The samples are added in the order of the drive, which makes the result bit-identical.
     """
     total, square = np.zeros(len(samples)), np.zeros(len(samples))
     least, greatest = samples[:, 0].copy(), samples[:, 0].copy()
@@ -118,7 +118,7 @@ def figures_of(samples: Floats) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def of_cycles(tables: Sequence[Table], period_ns: int) -> tuple[NDArray[np.int64], dict[str, Floats]]:
-    """Return the bus cycles of which the samples of all axes are there, and the signals of ``CURRENT_SIGNALS``."""
+    """Return the bus cycles with the samples of all axes, and the signals ``CURRENT_SIGNALS``."""
     axes = [samples_of_cycles(table, period_ns) for table in tables]
     common = axes[0][0]
     for cycles, _ in axes[1:]:

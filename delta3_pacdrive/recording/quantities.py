@@ -1,7 +1,7 @@
-"""Quantities that recordings and tables of measurements may hold, the units that they are told in, and their names.
+"""Quantities in recordings and tables of measurements, with names, meanings and units.
 
-A column is called as its signal, with ``_1 _2 _3`` for the axes or ``_x _y _z`` for the TCP, and its unit in brackets
-behind it. The names of Table 10-1 of the thesis are read as well: ``Actual Arm Angle position 1 [deg]``.
+A column is named after its signal, with ``_1 _2 _3`` for the axes or ``_x _y _z`` for the TCP, followed by the unit in
+brackets. The names of Table 10-1 of the thesis are accepted too: ``Actual Arm Angle position 1 [deg]``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from delta3_pacdrive.recording.signals import (
     columns_of,
 )
 
-# what a drive's oscilloscope and an external measurement add to the signals of a run
+# additional signals of oscilloscopes and external measurements
 MEASURED = {
     'phase_voltage': ('V', 'voltage of a phase [rms], applied from this instant to the next'),
     'phase_current': ('A', 'I1s, I2s, I3s of a single motor'),
@@ -33,7 +33,7 @@ MEASURED = {
     'current_added': ('A', 'excitation in the current set point'),
     'tcp_measured': ('m', 'TCP by an external measurement, for example a laser tracker, in the frame base'),
 }
-# what the trace function of a controller tells on the side of the arms (Table 10-1)
+# arm-side signals of the trace function of a controller (Table 10-1)
 OF_ARMS = {
     'arm_position': ('rad', 'arm angle by the encoder'),
     'arm_speed': ('rad/s', 'arm speed by the encoder'),
@@ -46,7 +46,7 @@ OF_ARMS = {
 OF_RUNS = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | TURN_SIGNALS | DERIVED_SIGNALS
 QUANTITIES = OF_RUNS | MEASURED | OF_ARMS | REQUESTED_SIGNALS
 
-ONE = '1'  # unit of what has none
+ONE = '1'  # unit of dimensionless values
 # unit in a file: (SI unit, factor)
 UNITS = {
     's': ('s', 1.0),
@@ -77,14 +77,14 @@ UNITS = {
     'Pa': ('Pa', 1.0),
     'N': ('N', 1.0),
 }
-# the same units in other spellings
+# alternative spellings
 SPELLINGS = {
     'sec': 's', 'µs': 'us', 'μs': 'us', '°': 'deg', '°/s': 'deg/s', 'U/min': 'rpm', '1/min': 'rpm', 'Nm': 'N m',
     **{f'{unit}/s{square}': f'{own}/s2'
        for unit, own in (('rad', 'rad'), ('deg', 'deg'), ('°', 'deg'), ('m', 'm'), ('mm', 'mm'))
        for square in ('^2', '²', '2')},
 }  # fmt: skip
-# names of Table 10-1, and of the references of chapter 10, as ``plain`` makes them
+# names of Table 10-1, and of the references of chapter 10, in the form of ``plain``
 NAMES_OF_THE_THESIS = {
     'actual_arm_angle_position': 'arm_position',
     'actual_arm_angle_velocity': 'arm_speed',
@@ -104,7 +104,7 @@ TIME = 'time'
 
 
 class Column(NamedTuple):
-    """A column is one axis of a signal, in an SI unit; of the time the number is 0."""
+    """Column of a signal in an SI unit; number 0 for the time."""
 
     signal: str
     number: int
@@ -112,25 +112,25 @@ class Column(NamedTuple):
 
 
 def of_drives() -> dict[str, tuple[str, str]]:
-    """Return the signals that the channels of the drives are, once in a bus cycle, each with unit and meaning."""
-    from delta3_pacdrive.drive.channels import CHANNELS  # brings the compiler
+    """Return the signals of drive channels, sampled once per bus cycle, with unit and meaning."""
+    from delta3_pacdrive.drive.channels import CHANNELS  # imports the compiler
 
     return {OF_DRIVES + name: (row.unit, row.what) for name, row in CHANNELS.items()}
 
 
 def unit_of(name: str) -> str | None:
-    """Return the unit of a signal, None if there is no such signal."""
+    """Return the unit of a signal, None if it does not exist."""
     known = of_drives() if name.startswith(OF_DRIVES) else QUANTITIES
     return known[name][0] if name in known else None
 
 
 def meaning_of(name: str) -> str:
-    """Return what a signal is."""
+    """Return the meaning of a signal."""
     return (of_drives() if name.startswith(OF_DRIVES) else QUANTITIES)[name][1]
 
 
 def headings(name: str) -> list[str]:
-    """Return the headings of the columns of a signal; a number without a unit has none."""
+    """Return the headings of the columns of a signal, without a unit for dimensionless values."""
     return [
         '_'.join(filter(None, (name, suffix))) + ('' if own == ONE else f' [{own}]')
         for suffix, own in columns_of(name, unit_of(name) or ONE)
@@ -138,39 +138,39 @@ def headings(name: str) -> list[str]:
 
 
 def columns(with_drives: bool = False) -> dict[str, Column]:
-    """Return every column that there can be, by its plain name."""
+    """Return all possible columns by plain name."""
     found = {TIME: Column(TIME, 0, 's')}
     for name, (units, _) in (QUANTITIES | (of_drives() if with_drives else {})).items():
         for number, (suffix, unit) in enumerate(columns_of(name, units)):
             found['_'.join(filter(None, (name, suffix)))] = Column(name, number, unit)
-    for told, name in NAMES_OF_THE_THESIS.items():
+    for alias, name in NAMES_OF_THE_THESIS.items():
         for own in [key for key, column in found.items() if column.signal == name]:
-            found[told + own.removeprefix(name)] = found[own]
+            found[alias + own.removeprefix(name)] = found[own]
     return found
 
 
 def width(signal: str) -> int:
-    """Return how many columns a signal has."""
+    """Return the number of columns of a signal."""
     return 1 if signal == TIME else len(columns_of(signal, ''))
 
 
 def plain(label: str) -> str:
-    """Return a name as the table of columns has it: small letters, words parted by underscores."""
+    """Return a name in lower case with words separated by underscores."""
     return re.sub(r'[^0-9a-z]+', '_', label.strip().lower()).strip('_')
 
 
 def unit_named(text: str) -> str:
-    """Return a unit as ``UNITS`` has it, whatever its spelling; what is none of them is returned as it is."""
+    """Return the spelling of a unit in ``UNITS``, or the text itself if it is unknown."""
     text = ' '.join(text.split())
     return SPELLINGS.get(text, text)
 
 
-def parted(heading: str) -> tuple[str, str | None]:
-    """Return name and unit of a heading, ``name [unit]``; the unit is None if it tells none."""
+def split_heading(heading: str) -> tuple[str, str | None]:
+    """Return name and unit of a heading ``name [unit]``; None without a unit."""
     label, bracket, rest = heading.partition('[')
     return label.strip(), unit_named(rest.strip().removesuffix(']')) if bracket else None
 
 
 def possible_units(unit: str) -> str:
-    """Name the units in which a quantity can be told."""
+    """Return the allowed units of a quantity as text."""
     return ', '.join(f'[{text}]' for text, (si, _) in UNITS.items() if si == unit)

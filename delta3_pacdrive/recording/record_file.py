@@ -1,4 +1,4 @@
-"""Records of oscilloscopes as files: what is told with them, and how they are read again."""
+"""Files of oscilloscope records: writing with metadata, and reading."""
 
 import json
 import re
@@ -16,66 +16,47 @@ from delta3_pacdrive.recording import column_table, quantities, table_csv, table
 from delta3_pacdrive.recording.acquisition import Record
 from delta3_pacdrive.recording.column_table import ONE, ColumnTable
 from delta3_pacdrive.recording.table import Table
-from delta3_pacdrive.recording.trace import reason, told
+from delta3_pacdrive.recording.trace import os_errors_as_trace_error, reason
 
 WHAT = 'record'
 TIME = 'time [s]'
-UNEVEN = 1e-3  # of a sampling period, by which samples may be beside it
+UNEVEN = 1e-3  # largest deviation of a sample from the grid, in sampling periods
 OF_COMMENT = re.compile(r'trigger (.+), seen at (\S+) s$')
 
 
 @dataclass(frozen=True)
 class SavedRecord:
-    """A record was read from a file.
-
-    Attributes
-    ----------
-    names, units
-        Of the channels.
-    first_s
-        Bus time of the first sample.
-    step_s
-        From sample to sample.
-    values
-        A column for each channel, shape (samples, channels).
-    trigger
-        What it waited for; empty without a trigger.
-    trigger_s
-        Bus time at which that was seen, None if nobody tells it.
-    command
-        That has left it, empty if nobody tells it.
-
-    """
+    """Record that was read from a file."""
 
     path: Path
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # of the channels
     units: tuple[str, ...]
-    first_s: float
-    step_s: float
-    values: Floats
-    trigger: str = ''
-    trigger_s: float | None = None
-    command: str = ''
+    first_s: float  # bus time of the first sample
+    step_s: float  # sampling period
+    values: Floats  # one column per channel, shape (samples, channels)
+    trigger: str = ''  # description; empty without a trigger
+    trigger_s: float | None = None  # bus time of the trigger, None if unknown
+    command: str = ''  # that created the record; empty if unknown
 
 
 def write(record: Record, path: str | Path, meta: dict[str, Any]) -> Path:
-    """Write a record, with what is told of its robot; raises TraceError."""
-    found = facts(record)
+    """Write a record with the metadata of its robot; raises TraceError."""
+    found = metadata(record)
     comment = f'oscilloscope, {found["rate_hz"]:g} Hz'
     if found['trigger']:
         comment += f', trigger {found["trigger"]}, seen at {found["trigger_time_s"]:.9g} s'
     table = ColumnTable(
-        ('time', *record.names),
-        ('s', *record.units),
-        (record.time_s, *record.values.T),
-        found | meta,
-        comment,
+        names=('time', *record.names),
+        units=('s', *record.units),
+        columns=(record.time_s, *record.values.T),
+        meta=found | meta,
+        comment=comment,
     )
     return column_table.write(table, path, WHAT)
 
 
-def facts(record: Record) -> dict[str, Any]:
-    """Return what a record tells of itself."""
+def metadata(record: Record) -> dict[str, Any]:
+    """Return the metadata of a record."""
     setting, trigger = record.setting, record.setting.trigger
     seen = record.trigger is not None
     step = setting.sample_time_s
@@ -93,37 +74,37 @@ def facts(record: Record) -> dict[str, Any]:
 
 
 def numbered(path: str | Path, number: int) -> Path:
-    """Return the name of the file of a record, from 1 on, where there may be several."""
+    """Return the file name of record ``number``, from 1, of several."""
     path = Path(path)
     return path.with_name(f'{path.stem}_{number}{path.suffix}')
 
 
 def read(path: str | Path) -> SavedRecord:
-    """Read a record; raises TraceError if there is none in the file, or it cannot be read."""
+    """Read a record; raises TraceError."""
     path = Path(path)
-    with told(f'read {WHAT} {path}'):
+    with os_errors_as_trace_error(f'read {WHAT} {path}'):
         if not path.is_file():
             raise TraceError(f'there is no {WHAT} {path}')
     table = _table(path)
-    labels = [quantities.parted(heading) for heading in table.headings]
+    labels = [quantities.split_heading(heading) for heading in table.headings]
     if table.headings[:1] != [TIME]:
-        raise TraceError(f'{path} is no {WHAT} of an oscilloscope: its first column must be {TIME}')
+        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: its first column must be {TIME}')
     try:
         chosen([name for name, _ in labels[1:]])
     except ParameterError as error:
-        raise TraceError(f'{path} is no {WHAT} of an oscilloscope: {error}') from None
+        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: {error}') from None
     first_s, step_s = _times(path, table.values[:, 0])
     trigger, trigger_s = _trigger(path, table)
     return SavedRecord(
-        path,
-        tuple(name for name, _ in labels[1:]),
-        tuple(unit or ONE for _, unit in labels[1:]),
-        first_s,
-        step_s,
-        table.values[:, 1:],
-        trigger,
-        trigger_s,
-        _command(table),
+        path=path,
+        names=tuple(name for name, _ in labels[1:]),
+        units=tuple(unit or ONE for _, unit in labels[1:]),
+        first_s=first_s,
+        step_s=step_s,
+        values=table.values[:, 1:],
+        trigger=trigger,
+        trigger_s=trigger_s,
+        command=_command(table),
     )
 
 
@@ -135,7 +116,9 @@ def _table(path: Path) -> Table:
             return table_parquet.read(path)
         case '.npz':
             return _of_arrays(path)
-    raise TraceError(f'{path} is no {WHAT} of an oscilloscope: its name must end in .csv, .npz or .parquet')
+    raise TraceError(
+        f'{path} is not a {WHAT} of an oscilloscope: its name must end in .csv, .npz or .parquet'
+    )
 
 
 def _of_arrays(path: Path) -> Table:
@@ -147,9 +130,9 @@ def _of_arrays(path: Path) -> Table:
     except OSError as error:
         raise TraceError(f'cannot read {WHAT} {path}: {error.strerror or error}') from error
     except KeyError as error:
-        raise TraceError(f'{path} is no {WHAT} of an oscilloscope: it has no {error.args[0]}') from None
-    except Exception as error:  # what zipfile and numpy trip over in a damaged file is not bounded
-        raise TraceError(f'{path} is no {WHAT} of an oscilloscope: {reason(error)}') from error
+        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: it has no {error.args[0]}') from None
+    except Exception as error:  # zipfile and numpy raise arbitrary errors for damaged files
+        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: {reason(error)}') from error
     return Table(path, headings, columns, meta if isinstance(meta, dict) else {})
 
 
@@ -157,23 +140,23 @@ def _times(path: Path, time_s: Floats) -> tuple[float, float]:
     """Return the time of the first sample and the sampling period [s]; raises TraceError."""
     if len(time_s) < 2:
         count = '1 sample' if len(time_s) else 'no sample'
-        raise TraceError(f'{path} holds {count}, a {WHAT} that can be shown at least 2')
+        raise TraceError(f'{path} has {count}, but a {WHAT} needs at least 2')
     step = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
     even = time_s[0] + step * np.arange(len(time_s))
     if not (step > 0.0 and np.all(np.abs(time_s - even) < UNEVEN * step)):
-        raise TraceError(f'{path} is no {WHAT} of an oscilloscope: its times are not evenly spaced')
+        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: its times are not evenly spaced')
     return float(time_s[0]), step
 
 
 def _trigger(path: Path, table: Table) -> tuple[str, float | None]:
-    """Return the trigger and when it was seen [s], as far as the file tells them; raises TraceError."""
+    """Return the trigger and its time [s], if the file contains them; raises TraceError."""
     meta = table.meta
     found = [match for line in table.comments if (match := OF_COMMENT.search(line))]
     trigger, seen = (found[0][1], found[0][2]) if found else (meta.get('trigger'), meta.get('trigger_time_s'))
     try:
         seen_s = None if seen is None else float(seen)
     except (TypeError, ValueError):
-        raise TraceError(f'{path} does not tell when its trigger was seen, but {str(seen)[:40]}') from None
+        raise TraceError(f'{path} has an invalid time of its trigger: {str(seen)[:40]}') from None
     return str(trigger or ''), seen_s
 
 

@@ -1,4 +1,4 @@
-"""A recording under way: a bag of one robot that knows what it lacks."""
+"""Recording in progress: the bag of one robot with counts of missing messages."""
 
 import json
 from collections.abc import Callable
@@ -14,25 +14,20 @@ from delta3_pacdrive.sercos.telegram_codec import read_header
 from delta3_pacdrive.sercos.telegrams import parse_phase_text
 from delta3_pacdrive.sercos.words import Phase
 
-Write = Callable[[int, bytes], None]  # takes the time [ns] at which a message was received, and its bytes
+Write = Callable[[int, bytes], None]  # arguments: receive time [ns] and bytes of a message
 
 
 class Recording:
-    """A recording writes what a robot publishes into a new folder, and counts what is missing.
+    """Writer of the messages of a robot into a new folder; counts missing messages.
 
     Parameters
     ----------
     folder
-        Of the bag.
+        Folder of the bag.
     program
         Name of the program, for the metadata.
     parameters
-        Of the robot.
-
-    Attributes
-    ----------
-    bag
-        The writer of the bag.
+        Parameters of the robot.
 
     """
 
@@ -40,37 +35,37 @@ class Recording:
         self._meta: dict[str, Any] = {'program': program} | _about_robot(parameters)
         self.bag = BagWriter(folder, {METADATA_KEY: json.dumps(self._meta)}, self._about)
         self._completeness: dict[str, Completeness] = {}
-        self._of_exchange: set[str] = set()  # topics that come every exchange
+        self._of_exchange: set[str] = set()  # topics published in every exchange
         self._starts: set[int] = set()
 
-    def know(self, parameters: Parameters) -> None:
-        """Take what has been learned of the robot since the recording began."""
+    def update_robot(self, parameters: Parameters) -> None:
+        """Replace the parameters of the robot in the metadata."""
         self._meta |= _about_robot(parameters)
         for name, item in self._completeness.items():
             item.period_ns = self._period_ns(name)
-        self.bag.tell({METADATA_KEY: json.dumps(self._meta)})
+        self.bag.update_custom({METADATA_KEY: json.dumps(self._meta)})
 
     def add_topic(self, absolute: str, message_type: str, depth: int, latched: bool) -> Write:
-        """Announce a topic by its absolute name; the returned call writes a message of it."""
+        """Add a topic by its absolute name; return a function that writes its messages."""
         connection, write = self.bag.add_topic(absolute, message_type, depth, latched), self.bag.write
         return lambda received_ns, data: write(connection, received_ns, data)
 
     def add_cyclic_topic(self, name: str, of_exchange: bool, write: Write) -> Write:
-        """Count the messages of a topic, by its relative name, that comes every bus cycle, or every exchange."""
+        """Count the messages of a topic, by relative name, published in every bus cycle or every exchange."""
         if of_exchange:
             self._of_exchange.add(name)
         counted = self._completeness[name] = Completeness(self._period_ns(name), self._starts)
 
         def write_and_count(received_ns: int, data: bytes) -> None:
             write(received_ns, data)
-            # what comes after a full disk is not recorded, and is not missing from what is
+            # messages after the disk became full are not missing: the bag ends there
             if not self.bag.stopped:
                 counted.count(data)
 
         return write_and_count
 
     def add_phases(self, write: Write) -> Write:
-        """Note when cyclic operation begins, from the announcements of the phases."""
+        """Record the begin of cyclic operation from the announced bus phases."""
 
         def write_and_note(received_ns: int, data: bytes) -> None:
             write(received_ns, data)
@@ -79,25 +74,25 @@ class Recording:
                 if parse_phase_text(frame)[0] == Phase.CP4:
                     self._starts.add(sec * NANOSECONDS + nanosec)
             except TelegramError:
-                return  # a foreign writer
+                return  # from another writer
 
         return write_and_note
 
     @property
-    def hears_everything(self) -> bool:
-        """Whether every cyclic topic has been received."""
+    def has_all_topics(self) -> bool:
+        """Whether messages of every cyclic topic have been received."""
         return all(item.greeted or item.messages for item in self._completeness.values())
 
     def completeness(self) -> dict[str, tuple[int, int]]:
-        """Messages and missing messages by cyclic topic."""
+        """Return the numbers of messages and of missing messages by cyclic topic."""
         return {topic: (item.messages, item.lost) for topic, item in self._completeness.items()}
 
     def lost(self) -> dict[str, int]:
-        """Missing messages of the cyclic topics that lack some."""
+        """Return the numbers of missing messages of incomplete cyclic topics."""
         return {topic: gone for topic, (_, gone) in self.completeness().items() if gone}
 
     def close(self) -> None:
-        """Finish the bag; what is written is complete and readable."""
+        """Finish the bag."""
         self.bag.close(self._about(self.bag.stopped))
 
     def _period_ns(self, name: str) -> int:
@@ -105,13 +100,13 @@ class Recording:
         return round(float(period_s) * NANOSECONDS)
 
     def _about(self, stopped: str) -> dict[str, str]:
-        """Return what the metadata says of a bag that ends now."""
+        """Return the metadata of a bag that ends now."""
         found = self._meta | {'lost': self.lost()} | ({'stopped': stopped} if stopped else {})
         return {METADATA_KEY: json.dumps(found)}
 
 
 def _about_robot(parameters: Parameters) -> dict[str, Any]:
-    """Return what the metadata says of a robot."""
+    """Return the metadata of a robot."""
     return {
         'checksum': parameters.checksum,
         'parameters': flat_document(parameters),

@@ -1,4 +1,4 @@
-"""The sessions of the bus that a recording holds: what belongs to another one was played back meanwhile."""
+"""Bus sessions of a recording, used to ignore messages of a simultaneous playback."""
 
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.sercos.telegram_codec import read_header
@@ -6,18 +6,18 @@ from delta3_pacdrive.sercos.telegrams import parse_phase_text
 
 
 class Sessions:
-    """The sessions that the announcements of the bus phases name."""
+    """Bus sessions found in the announcements of bus phases."""
 
     def __init__(self) -> None:
         self._known: set[str] = set()
 
     def add(self, data: bytes) -> None:
-        """Take a message of ``sercos/phase``; one that is none counts for nothing."""
+        """Add a message of ``sercos/phase``; malformed ones are ignored."""
         try:
             self._known.add(parse_phase_text(read_header(data)[2])[1].decode())
         except TelegramError:
             return
 
     def holds(self, session: str) -> bool:
-        """Whether a session is one of them; every one is where none is known."""
+        """Return whether a session is known; true if none is known."""
         return not self._known or session in self._known

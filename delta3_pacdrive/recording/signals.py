@@ -1,4 +1,4 @@
-"""Names of the signals of a run, each with its unit and what it is. Light: the help of a command tells them."""
+"""Names of the signals of a run with unit and meaning. Without slow imports: the help of commands uses them."""
 
 from collections.abc import Sequence
 
@@ -16,22 +16,22 @@ SIGNALS = {
     'shaft_speed': ('rad/s', 'true motor shaft speed'),
     'coupling_torque': ('N m', 'd of Eq. 4.31, motor side'),
 }
-# beside the shafts, where the master commands torques: ``Parameters.sends_torque``
+# if the master commands torques (``Parameters.sends_torque``)
 TORQUE_SIGNALS = {'torque_command': ('N m', 'additive torque command of the MDT (S-0-0081), motor side')}
-# of all samples that the current loops of a bus cycle leave, 16 in a millisecond: the first one of cycle k at its start
-# and one period, the last one at the start of cycle k + 1, which is the one of AT(k + 1)
+# statistics of all current samples in a bus cycle, 16 per millisecond: from one period after the start of cycle k to
+# the start of cycle k + 1, which is the sample of AT(k + 1)
 CURRENT_SIGNALS = {
     'current_mean': ('A', 'I_eff, mean of all samples of the bus cycle'),
     'current_rms': ('A', 'I_eff, root of the mean square of all samples of the bus cycle'),
     'current_min': ('A', 'I_eff, least sample of the bus cycle'),
     'current_max': ('A', 'I_eff, greatest sample of the bus cycle'),
 }
-# what no topic tells: only simulations hold it
+# only in simulations, not on topics
 TRUE_SIGNALS = {
     'arm_angle': ('rad', 'true arm angle, behind the gear'),
     'tcp_true': ('m', 'true TCP, of the arms as they are built'),
 }
-# of the rotary axis, where the robot has one; angles and speeds of the tool
+# rotary axis; angles and speeds of the tool
 TURN_SIGNALS = {
     'turn_command': ('rad', 'angle of the tool that the MDT commands'),
     'turn_position': ('rad', 'angle of the tool by the motor shaft of the AT'),
@@ -40,7 +40,7 @@ TURN_SIGNALS = {
     'turn_current': ('A', 'I_eff of the motor of the rotary axis: one sample, the last before the AT'),
     'turn_true': ('rad', 'true angle of the tool, behind gear and bar'),
 }
-# what is computed from the others; of the master each column has its own unit
+# computed from other signals; each column of the master has its own unit
 DERIVED_SIGNALS = {
     'master': (
         'm, m/s, m/s2',
@@ -49,7 +49,7 @@ DERIVED_SIGNALS = {
     'tcp_velocity': ('m/s', 'velocity of the actual TCP'),
     'tcp_acceleration': ('m/s2', 'acceleration of the actual TCP'),
 }
-# what is told on request only; of the outputs each column has its own name
+# on request only; each column of the outputs has its own name
 REQUESTED_SIGNALS = {
     'tcp_speed': ('m/s', 'speed of the actual TCP'),
     'joint_speed': ('rad/s', 'arm speeds through the Jacobian from the TCP of the command (4.12)'),
@@ -70,11 +70,9 @@ REQUESTED_SIGNALS = {
     'cell_belts': ('m', 'way of the surface of each belt, in the order of the cell file'),
     'cell_force': ('N', 'force that the cup holds with, and that the part at it needs'),
 }
-OF_CELLS = 'cell_'  # before the name of a signal that only a simulation with a cell file holds
-CELL_INPUTS, CELL_BELTS = 16, 4  # columns of them; a cell has no more
-OF_DRIVES = (
-    'drive_'  # before the name of a channel (``drive/channels.py``): that of all three drives, on request
-)
+OF_CELLS = 'cell_'  # prefix of signals that exist only in a simulation with a cell file
+CELL_INPUTS, CELL_BELTS = 16, 4  # number of columns, the maximum of a cell
+OF_DRIVES = 'drive_'  # prefix of a channel (``drive/channels.py``) of all three drives, on request
 OUTPUT_COLUMNS = ('gripper', *'1234567')
 NAMED_COLUMNS: dict[str, Sequence[str]] = {
     'master': 'sva',
@@ -84,7 +82,7 @@ NAMED_COLUMNS: dict[str, Sequence[str]] = {
     'cell_force': ('holding', 'needed'),
     'jacobian': ('condition', 'speed', 'acceleration'),
 }
-JOINT_MOTION = ('joint_speed', 'joint_acceleration', 'jacobian')  # what ``controller/joint_motion.py`` gives
+JOINT_MOTION = ('joint_speed', 'joint_acceleration', 'jacobian')  # from ``controller/joint_motion.py``
 ONE_COLUMN = (
     'tcp_error_norm',
     'tcp_speed',
@@ -99,7 +97,7 @@ ONE_COLUMN = (
 
 
 def columns_of(name: str, unit: str) -> list[tuple[str, str]]:
-    """Return name and unit of each column of a signal; that of a single one has no name."""
+    """Return name and unit of each column of a signal; the name of a single column is empty."""
     names: Sequence[str] = 'xyz' if name.startswith('tcp_') else '123'
     if name in ONE_COLUMN:
         names = ('',)

@@ -1,7 +1,7 @@
-"""Tables of measurements: named columns of numbers from a file, and the signals that they are.
+"""Tables of measurements: named columns of numbers from a file, and their assignment to signals.
 
-Which column is which signal is told by the headings, or by a column file (``column_file``), for somebody else's
-tables. A cell without a number is a gap, which is nan.
+The assignment is given by the headings, or by a column file (``column_file``) for third-party tables. An empty cell is
+a gap (nan).
 """
 
 from __future__ import annotations
@@ -29,66 +29,51 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Table:
-    """A table holds columns of numbers.
-
-    Attributes
-    ----------
-    path
-        Of the file.
-    headings
-        Of the columns, each with its unit in brackets if it tells one.
-    values
-        Shape (rows, columns), nan where there is no number.
-    meta
-        What the file tells of the run.
-    texts
-        Cells of the columns that hold words, by their headings; their values are nan.
-    comments
-        Above the headings, without their marks.
-
-    """
+    """Columns of numbers read from a file."""
 
     path: Path
-    headings: Sequence[str]
-    values: Floats
+    headings: Sequence[str]  # with the unit in brackets, if known
+    values: Floats  # shape (rows, columns), nan in cells without a number
     meta: dict[str, Any] = field(default_factory=dict)
-    texts: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    comments: Sequence[str] = ()
+    texts: Mapping[str, Sequence[str]] = field(
+        default_factory=dict
+    )  # columns of words, by heading; values are nan
+    comments: Sequence[str] = ()  # above the headings, without marks
 
 
 @dataclass(frozen=True)
 class Source:
-    """The source of a column of a signal: which column of the table, and what its numbers become SI by."""
+    """Table column of a signal column, and its conversion to SI."""
 
-    place: int
+    column: int
     factor: float
     offset: float = 0.0
 
 
 def trace_of(table: Table, chosen: ColumnFile | None = None, gaps: bool = False) -> Trace:
-    """Return the signals that a table holds.
+    """Return the signals of a table.
 
     Parameters
     ----------
     table
-        As it was read.
+        Table of measurements.
     chosen
-        Which column is what; None: the headings say it.
+        Description of the columns; None: given by the headings.
     gaps
-        Whether numbers of signals may be missing.
+        Allow missing numbers.
 
     Raises
     ------
     TraceError
-        A column or unit is unknown, stands twice or is missing, a number is missing that must not be, or the times do
-        not increase; names the column or the row.
+        A column or unit is unknown, duplicate or missing, a number is missing, or the times do not increase. The
+        message names the column or the row.
 
     """
     sources = _by_headings(table) if chosen is None else by_choice(table, chosen)
     if not len(table.values):
         raise TraceError(f'{table.path} has no row of numbers')
     values = {
-        name: np.column_stack([table.values[:, one.place] * one.factor + one.offset for one in own])
+        name: np.column_stack([table.values[:, one.column] * one.factor + one.offset for one in own])
         for name, own in sources.items()
     }
     time_s = values.pop(TIME)[:, 0]
@@ -97,7 +82,7 @@ def trace_of(table: Table, chosen: ColumnFile | None = None, gaps: bool = False)
     for name, columns in values.items():
         if np.isinf(columns).any() or (not gaps and np.isnan(columns).any()):
             row = int(np.argmax(~np.isfinite(columns).all(axis=1)))
-            raise TraceError(f'{table.path} holds a number that is not finite: {name}, row {row + 1}')
+            raise TraceError(f'{table.path} contains a number that is not finite: {name}, row {row + 1}')
         lacking = np.isnan(columns)
         if lacking.all(axis=0).any():
             empty.append(name)
@@ -107,7 +92,7 @@ def trace_of(table: Table, chosen: ColumnFile | None = None, gaps: bool = False)
     if empty:
         notices.append(f'Columns without any number are left out: {", ".join(empty)}')
     if partly:
-        notices.append(f'Of {len(time_s)} rows some lack a number, which stay gaps: {", ".join(partly)}')
+        notices.append(f'Some of {len(time_s)} rows have gaps: {", ".join(partly)}')
     if notices:
         meta['notices'] = notices
     return Trace(time_s, {name: rows for name, rows in values.items() if name not in empty}, meta)
@@ -117,30 +102,30 @@ def _require_increasing(path: Path, time_s: Floats) -> None:
     known = np.isfinite(time_s)
     if not known.all():
         raise TraceError(
-            f'{path} holds a number that is not finite: the time, row {int(np.argmin(known)) + 1}'
+            f'{path} contains a number that is not finite: the time, row {int(np.argmin(known)) + 1}'
         )
     wrong = np.diff(time_s) <= 0.0
     if wrong.any():
         n = int(np.argmax(wrong))
         raise TraceError(
             f'the times in {path} do not increase: row {n + 1} is at {time_s[n]:.9g} s, row {n + 2} at '
-            f'{time_s[n + 1]:.9g} s, and {int(wrong.sum())} of {len(time_s)} rows are not behind the one before'
+            f'{time_s[n + 1]:.9g} s, and {int(wrong.sum())} of {len(time_s)} rows are not after the previous one'
         )
 
 
 def _by_headings(table: Table) -> dict[str, list[Source]]:
     if any(map(is_full_name, table.headings)):
-        raise TraceError(f'{table.path} holds no signals of a run: {RECORD}')
-    labels = [quantities.plain(quantities.parted(heading)[0]) for heading in table.headings]
+        raise TraceError(f'{table.path} has no signals of a run: {RECORD}')
+    labels = [quantities.plain(quantities.split_heading(heading)[0]) for heading in table.headings]
     known = quantities.columns(any(label.startswith(OF_DRIVES) for label in labels))
     found: dict[str, list[Source | None]] = {}
-    for place, heading in enumerate(table.headings):
-        label, unit = quantities.parted(heading)
+    for index, heading in enumerate(table.headings):
+        label, unit = quantities.split_heading(heading)
         column = known.get(quantities.plain(label))
         if column is None:
             raise TraceError(
                 f'{table.path} has an unknown column {shown(heading)}, expected names like time [s]'
-                f'{nearest_of(quantities.plain(label), known)}; a column file (--columns) says what others are'
+                f'{nearest_of(quantities.plain(label), known)}; a column file (--columns) defines other names'
             )
         if column.unit == ONE and unit in (None, ONE):
             unit, factor = ONE, 1.0
@@ -148,50 +133,49 @@ def _by_headings(table: Table) -> dict[str, list[Source]]:
             factor = UNITS[unit][1]
         else:
             raise TraceError(
-                f'{table.path}: column {shown(heading)} must tell its unit, one of '
+                f'{table.path}: column {shown(heading)} must have a unit, one of '
                 f'{quantities.possible_units(column.unit)}'
             )
         own = found.setdefault(column.signal, [None] * quantities.width(column.signal))
         if own[column.number] is not None:
             raise TraceError(f'{table.path} has the column {shown(heading)} twice')
-        own[column.number] = Source(place, factor)
+        own[column.number] = Source(index, factor)
     return _complete(table.path, found)
 
 
 def by_choice(table: Table, chosen: ColumnFile, wanted: Sequence[str] = (TIME,)) -> dict[str, list[Source]]:
-    """Return the sources of each signal that a column file names; raises TraceError if a wanted one is missing."""
+    """Return the sources of the signals in a column file; raises TraceError if a required one is missing."""
     labels = [heading.strip() for heading in table.headings]
-    bare = [quantities.parted(heading)[0] for heading in labels]
+    bare = [quantities.split_heading(heading)[0] for heading in labels]
     found: dict[str, list[Source | None]] = {}
     for one in chosen.columns:
-        place = _place(table.path, one.column, labels, bare)
+        index = _index(table.path, one.column, labels, bare)
         own = found.setdefault(one.signal, [None] * quantities.width(one.signal))
-        if any(other is not None and other.place == place for other in own):
+        if any(other is not None and other.column == index for other in own):
             raise TraceError(
-                f'{chosen.path} says that column {shown(one.column)} of {table.path} is {one.signal} of two axes'
+                f'{chosen.path} assigns column {shown(one.column)} of {table.path} to two axes of {one.signal}'
             )
-        told = quantities.parted(labels[place])[1]
-        if told is not None and told in UNITS and told != one.unit:
+        unit = quantities.split_heading(labels[index])[1]
+        if unit is not None and unit in UNITS and unit != one.unit:
             raise TraceError(
-                f'{chosen.path} says that the unit of column {shown(one.column)} is {one.unit}, {table.path} itself '
-                f'says {told}'
+                f'the unit of column {shown(one.column)} is {one.unit} in {chosen.path}, but {unit} in {table.path}'
             )
-        own[one.number] = Source(place, one.factor * UNITS[one.unit][1], one.offset * UNITS[one.unit][1])
+        own[one.number] = Source(index, one.factor * UNITS[one.unit][1], one.offset * UNITS[one.unit][1])
     return _complete(table.path, found, wanted)
 
 
-def _place(path: Path, column: str | int, labels: Sequence[str], bare: Sequence[str]) -> int:
-    """Return the place of a column by its heading, with or without its unit, or by its number."""
+def _index(path: Path, column: str | int, labels: Sequence[str], bare: Sequence[str]) -> int:
+    """Return the index of a column given by its heading, with or without unit, or by its number."""
     if isinstance(column, int):
         if not 1 <= column <= len(labels):
             raise TraceError(f'{path} has no column {column}, it has {len(labels)} columns')
         return column - 1
     for names in (labels, bare):
-        places = [n for n, label in enumerate(names) if label == column]
-        if len(places) > 1:
+        found = [n for n, label in enumerate(names) if label == column]
+        if len(found) > 1:
             raise TraceError(f'{path} has the column {shown(column)} twice')
-        if places:
-            return places[0]
+        if found:
+            return found[0]
     raise TraceError(
         f'{path} has no column {shown(column)}, its columns are {", ".join(map(shown, labels[:10]))}'
         f'{", ..." if len(labels) > 10 else ""}{nearest_of(column, labels)}'

@@ -1,9 +1,9 @@
-"""Tables as text: our own CSV, and those of other tools: semicolons, decimal commas, quotes, dates, empty cells.
+"""Reader of text tables: own CSV and that of other tools, with semicolons, decimal commas, quotes, dates, empty cells.
 
-A line that begins with ``#`` is a comment; one that holds a JSON object is the meta data of a trace. Then come the
-headings, perhaps a row of units, and rows of numbers. Separator and headings are found in the whole beginning of the
-file, outside quotes; lines above the headings are a preamble. The file is read in pieces, so that ten million rows need
-little more memory than their numbers.
+A line beginning with ``#`` is a comment; a JSON object in it is the metadata of a trace. Headings, optionally a row of
+units, and rows of numbers follow. Separator and headings are detected at the beginning of the file, outside quotes;
+lines above the headings are a preamble. The file is read in pieces, so that ten million rows need little more memory
+than their numbers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.column_file import Form
-from delta3_pacdrive.recording.quantities import UNITS, parted, plain, unit_named
+from delta3_pacdrive.recording.quantities import UNITS, plain, split_heading, unit_named
 from delta3_pacdrive.recording.table import Table
 from delta3_pacdrive.recording.table_form import (
     BEGIN,
@@ -42,18 +42,18 @@ from delta3_pacdrive.recording.table_form import (
 from delta3_pacdrive.recording.trace import reason
 
 SIZE_MAX_BYTES = 1 << 31
-PIECE = 1 << 22  # characters that are read at once
-LINE_MAX = 1 << 20  # characters of a line: longer ones are no table
-# a cell that says that there is no number
+PIECE = 1 << 22  # characters read at a time
+LINE_MAX = 1 << 20  # characters of a line; longer lines are not a table
+# cells that mark a missing number
 NO_NUMBER = re.compile(
     r'(?<![^;,\t|\x1f\n])[ ]*(?:null|n/a|na|#n/a|-{1,3})[ ]*(?![^;,\t|\x1f\n])', re.IGNORECASE
 )
 COMMENT = re.compile('^#.*', re.MULTILINE)
 POINT, QUOTE = '.', '"'
-CELL_END = '\x1f'  # the separator of ASCII, where cells held others
+CELL_END = '\x1f'  # ASCII separator, for cells that contain other separators
 NAMES_OF_TIME = ('time', 'timestamp', 'date', 'datetime')
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-LONG_NUMBER = re.compile(r'-?\d{16,19}')  # nanoseconds since 1970: more digits than a float has
+LONG_NUMBER = re.compile(r'-?\d{16,19}')  # nanoseconds since 1970, which exceed the precision of a float
 
 
 def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: str = 'trace') -> Table:
@@ -62,16 +62,16 @@ def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: 
     Parameters
     ----------
     path, form
-        Of the file; None: its form is found out.
+        File and its format; None: detected.
     words
-        Headings of columns that hold words instead of numbers.
+        Headings of columns with words instead of numbers.
     what
-        The file is called when it cannot be read.
+        Name of the kind of file in error messages.
 
     Raises
     ------
     TraceError
-        The file cannot be read, is no text, or a row holds something else than numbers; names the line.
+        The file cannot be read, is not text, or a row contains something else than numbers; names the line.
 
     """
     form = form or Form()
@@ -85,7 +85,7 @@ def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: 
         except UnicodeDecodeError as error:
             if form.encoding or error.encoding not in ('utf-8', 'utf8'):
                 raise
-            with path.open('rb') as stream:  # a character of Windows beyond the beginning
+            with path.open('rb') as stream:  # a Windows character after the part used for detection
                 return _Reader(path, replace(form, encoding=OF_WINDOWS), words, assumed=True).read(stream)
     except (OSError, UnicodeError, csv.Error) as error:
         raise TraceError(f'cannot read {what} {path}: {reason(error)}') from error
@@ -93,32 +93,32 @@ def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: 
 
 @dataclass
 class _Reader:
-    """The reader of one file: what it has found out about its form, and where it is."""
+    """Reader of one file with the detected format and its state."""
 
     path: Path
     form: Form
     words: Sequence[str] = ()
-    assumed: bool = False  # the encoding
+    assumed: bool = False  # whether the encoding is a guess
     separator: str = COMMA
     headings: list[str] = field(default_factory=list)
     meta: dict[str, Any] = field(default_factory=dict)
-    unnamed: int | None = None  # place of the column by which rows are longer than the headings
-    line: int = 0  # the last one of what was read
+    unnamed: int | None = None  # index of the column without a heading, if rows are longer than the headings
+    line: int = 0  # last line read
     decimals: set[str] = field(default_factory=set)
     texts: dict[str, list[str]] = field(default_factory=dict)
     comments: list[str] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
     exact: dict[int, int] = field(
         default_factory=dict
-    )  # first value of columns of dates [ns] and of long numbers
+    )  # first value [ns] of columns of dates and of long numbers
 
     def read(self, stream: IO[bytes]) -> Table:
-        """Read the whole file, and close it."""
+        """Read the whole file and close it."""
         encoding = self.form.encoding or self._encoding(stream)
         if self.assumed:
             self.notices.append('Its text is not UTF-8; it is read as Windows-1252 (cp1252)')
         with io.TextIOWrapper(stream, encoding) as text:
-            tables = [self._numbers(piece) for piece in self._behind_headings(self._pieces(text))]
+            tables = [self._numbers(piece) for piece in self._below_headings(self._pieces(text))]
         if not self.headings:
             raise TraceError(f'{self.path} is empty: it has no headings and no numbers')
         rows = [table for table in tables if len(table)]
@@ -134,19 +134,25 @@ class _Reader:
             )
         if self.notices:
             self.meta['notices'] = [*self.meta.get('notices', ()), *self.notices]
-        about = self.meta, self.texts, self.comments
-        return Table(self.path, [self.headings[n] for n in kept], values[:, kept], *about)
+        return Table(
+            path=self.path,
+            headings=[self.headings[n] for n in kept],
+            values=values[:, kept],
+            meta=self.meta,
+            texts=self.texts,
+            comments=self.comments,
+        )
 
     def _require_unnamed(self, values: Floats) -> None:
-        """Raise TraceError if rows longer than the headings neither begin with an index nor end with a separator."""
+        """Raise TraceError if an extra column is neither an index at the beginning nor empty at the end."""
         if self.unnamed is None:
             return
         column = values[:, self.unnamed]
         if self.unnamed:
-            wrong, rule = ~np.isnan(column), 'a value behind the last column that has a heading'
+            wrong, rule = ~np.isnan(column), 'a value after the last column with a heading'
         else:
             wrong = ~np.concatenate([[True], np.diff(column) > 0.0])
-            rule = 'a first value that does not count the rows, although it has no heading'
+            rule = 'a first value without a heading that is not an increasing index'
         if wrong.any():
             raise TraceError(f'row {int(np.argmax(wrong)) + 1} of {self.path} has {rule}')
 
@@ -155,7 +161,7 @@ class _Reader:
         stream.seek(0)
         found = encoding_of(begin)
         if not found:
-            raise TraceError(f'{self.path} is no text: it holds a zero byte, and no byte order mark')
+            raise TraceError(f'{self.path} is not text: it contains a zero byte, but no byte order mark')
         self.assumed = found == OF_WINDOWS
         return found
 
@@ -169,12 +175,12 @@ class _Reader:
                 yield rest[:cut]
                 rest = rest[cut:]
             if len(rest) > LINE_MAX:
-                raise TraceError(f'{self.path} is no table: a line has more than {LINE_MAX} characters')
+                raise TraceError(f'{self.path} is not a table: a line has more than {LINE_MAX} characters')
         if rest:
             yield rest + '\n'
 
-    def _behind_headings(self, pieces: Iterator[str]) -> Iterator[str]:
-        """Read comments, preamble and headings, and pass on the lines below."""
+    def _below_headings(self, pieces: Iterator[str]) -> Iterator[str]:
+        """Parse comments, preamble and headings, and yield the text below them."""
         begin = ''
         for piece in pieces:
             begin += piece
@@ -184,8 +190,8 @@ class _Reader:
         table = [n for n, line in enumerate(lines) if n >= skip and line.strip() and line[0] != '#']
         first = len(lines)
         if table:
-            self.separator, place = separator_of([lines[n] for n in table[:LINES_MAX]], self.form)
-            first = table[place]
+            self.separator, index = separator_of([lines[n] for n in table[:LINES_MAX]], self.form)
+            first = table[index]
         if table and first != table[0]:
             self.notices.append(
                 f'Lines 1 to {first} are left out as a preamble; the headings are in line {first + 1}'
@@ -208,12 +214,12 @@ class _Reader:
             try:
                 self.meta.update(json.loads(text))
             except (ValueError, RecursionError):
-                raise TraceError(f'the line of meta data in {self.path} is no JSON object') from None
+                raise TraceError(f'the line of metadata in {self.path} is not a JSON object') from None
         else:
             self.comments.append(text)
 
     def _head(self, line: str, below: Sequence[str]) -> None:
-        """Part the headings."""
+        """Parse the headings."""
         cells = cells_of(line, self.separator)
         if not self.form.headings:
             self.headings = [f'column {n}' for n in range(1, len(cells) + 1)]
@@ -228,10 +234,10 @@ class _Reader:
             self.unnamed = 0 if self.headings[-1] else len(cells)
 
     def _find_exact(self, lines: Sequence[str]) -> None:
-        """Find columns of dates, and of times with more digits than a float has: they count from the first value."""
+        """Find columns of dates and of long numbers, which are converted to offsets from their first value."""
         row = next((line for line in lines if line.strip() and line[0] != '#'), '')
         for n, cell in enumerate(cells_of(row, self.separator)[: len(self.headings)]):
-            name, unit = parted(self.headings[n])
+            name, unit = split_heading(self.headings[n])
             if DATE.fullmatch(cell):
                 if unit is None and plain(name) in NAMES_OF_TIME:
                     self.headings[n] = 'time [s]'
@@ -241,7 +247,7 @@ class _Reader:
             self.notices.append(f'Times count from {cell}')
 
     def _units(self, lines: list[str]) -> bool:
-        """Take in a row of units below the headings; return whether there is one."""
+        """Parse a row of units below the headings; return whether it exists."""
         if not lines or not self.form.headings:
             return False
         cells = cells_of(lines[0], self.separator)
@@ -259,24 +265,24 @@ class _Reader:
         return True
 
     def _numbers(self, text: str) -> Floats:
-        """Return the numbers of whole lines, nan where a cell is empty."""
+        """Return the numbers of whole lines, nan in empty cells."""
         lines, first = text.count('\n'), self.line + 1
         self.line += lines
         text = COMMENT.sub('', text)
         if not text.strip():
             return np.empty((0, len(self.headings)))
         text, mark = self._plain(text, first)
-        told = self._prepared(text, mark)
+        prepared = self._prepared(text, mark)
         try:
-            found = np.loadtxt(io.StringIO(told), delimiter=mark, comments=None, ndmin=2)
+            found = np.loadtxt(io.StringIO(prepared), delimiter=mark, comments=None, ndmin=2)
         except ValueError:
-            told = NO_NUMBER.sub('nan', told)
+            prepared = NO_NUMBER.sub('nan', prepared)
             try:
-                found = np.loadtxt(io.StringIO(told), delimiter=mark, comments=None, ndmin=2)
+                found = np.loadtxt(io.StringIO(prepared), delimiter=mark, comments=None, ndmin=2)
             except ValueError:
-                self._refuse(told, text, first, mark)
+                self._reject(prepared, text, first, mark)
         if found.shape[1] != len(self.headings):
-            self._refuse(told, text, first, mark)
+            self._reject(prepared, text, first, mark)
         found = np.asarray(found, dtype=np.float64)
         for n, values in self._exact_values.items():
             found[:, n] = values
@@ -309,8 +315,8 @@ class _Reader:
             passed = _exact(cell) - begin
         except ValueError:
             raise TraceError(
-                f'line {number} of {self.path} holds {shown(cell)}, expected a time like 2026-11-20 10:11:12.500, or a '
-                'whole number, as in the first row'
+                f'line {number} of {self.path} contains {shown(cell)}, expected a time like 2026-11-20 10:11:12.500 '
+                'or a whole number, as in the first row'
             ) from None
         return passed * 1e-9 if DATE.fullmatch(cell) else float(passed)
 
@@ -321,12 +327,12 @@ class _Reader:
             self.decimals.update(mark for mark in (COMMA, POINT) if mark in text)
             if len(self.decimals) > 1:
                 raise TraceError(
-                    f'{self.path} holds commas and points in its numbers: either could part the thousands'
+                    f'{self.path} contains numbers with commas and points: the thousands separator is ambiguous'
                 )
             if self.form.decimal and self.decimals - {self.form.decimal}:
                 other = ''.join(self.decimals)
                 raise TraceError(
-                    f'{self.path} holds numbers with {shown(other)}, its column file says {shown(self.form.decimal)}'
+                    f'{self.path} contains numbers with {shown(other)}, its column file has {shown(self.form.decimal)}'
                 )
             if COMMA in self.decimals:
                 text = text.replace(COMMA, POINT)
@@ -334,10 +340,10 @@ class _Reader:
         text = re.sub(f'(?<={mark})[ ]*(?={mark}|\n)', 'nan', text)
         return re.sub(f'^[ ]*(?={mark})', 'nan', text, flags=re.MULTILINE)
 
-    def _refuse(self, told: str, text: str, first: int, mark: str) -> None:
-        """Refuse the first row that is none; raises TraceError."""
+    def _reject(self, prepared: str, text: str, first: int, mark: str) -> None:
+        """Raise TraceError for the first row that does not consist of numbers."""
         number = first
-        for line, own in zip(told.splitlines(), text.splitlines(), strict=True):
+        for line, own in zip(prepared.splitlines(), text.splitlines(), strict=True):
             cells = line.split(mark)
             if line.strip():
                 if len(cells) != len(self.headings):
@@ -347,14 +353,14 @@ class _Reader:
                 for cell, typed in zip(cells, own.split(mark), strict=False):
                     if not is_number(cell):
                         raise TraceError(
-                            f'line {number} of {self.path} holds {shown(typed)}, not only numbers'
+                            f'line {number} of {self.path} contains {shown(typed)}, not only numbers'
                         )
             number += 1
-        raise TraceError(f'{self.path} holds a row from line {first} on that is none of numbers')
+        raise TraceError(f'{self.path} has a row from line {first} on that does not consist of numbers')
 
 
 def _exact(text: str) -> int:
-    """Return a whole number, or the nanoseconds of a date; raises ValueError."""
+    """Return an integer, or the nanoseconds of a date; raises ValueError."""
     found = DATE.fullmatch(text)
     if not found:
         return int(text)

@@ -1,6 +1,6 @@
-"""Form of a text table: its encoding, its separator, the line of its headings, and columns without a heading.
+"""Format detection for text tables: encoding, separator, line of the headings, columns without a heading.
 
-All of them are detected from the cells at the beginning of the file.
+Everything is detected from the cells at the beginning of the file.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from delta3_pacdrive.recording.column_file import Form
 
 COMMA, TAB = ',', '\t'
-BEGIN = 1 << 16  # characters that are searched for separator and headings
-LINES_MAX = 400  # lines that are looked at for the separator
+BEGIN = 1 << 16  # characters used for detection
+LINES_MAX = 400  # lines used for detection
 MARKS = {b'\xef\xbb\xbf': 'utf-8-sig', b'\xff\xfe\x00\x00': 'utf-32', b'\x00\x00\xfe\xff': 'utf-32',
          b'\xff\xfe': 'utf-16', b'\xfe\xff': 'utf-16'}  # fmt: skip
 OF_WINDOWS = 'cp1252'
-WORDY = 0.5  # share of numbers up to which a row is one of words
+WORDY = 0.5  # largest share of numbers in a row of words
 SEPARATORS = (';', TAB, '|', COMMA)
 DATE = re.compile(
     r'(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d)(?::(\d\d)(?:[.,](\d{1,9}))?)?\s*(Z|[+-]\d\d:?\d\d)?'
@@ -35,25 +35,25 @@ NUMBER = re.compile(
 
 
 def encoding_of(begin: bytes) -> str:
-    """Return the encoding of a text by its first bytes, UTF-16 also without a mark; '' if it is not a text."""
+    """Return the encoding of a text from its first bytes, UTF-16 also without a mark; '' if it is not text."""
     for mark, encoding in MARKS.items():
         if begin.startswith(mark):
             return encoding
     if b'\0' in begin:
         zeros = [begin[n::2].count(0) for n in (0, 1)]
-        if min(zeros) == 0 and max(zeros) > 0.9 * (len(begin) // 2):  # characters of ASCII
+        if min(zeros) == 0 and max(zeros) > 0.9 * (len(begin) // 2):  # ASCII characters
             return 'utf-16-be' if zeros[0] else 'utf-16-le'
         return ''
     try:
         begin.decode('utf-8')
     except UnicodeDecodeError as error:
-        if error.start < len(begin) - 4 or len(begin) < BEGIN:  # else a character was cut in two
+        if error.start < len(begin) - 4 or len(begin) < BEGIN:  # not just a character cut at the end
             return OF_WINDOWS
     return 'utf-8'
 
 
 def separator_of(lines: Sequence[str], form: Form) -> tuple[str, int]:
-    """Find the separator over some lines, and the line of the headings."""
+    """Return the separator of lines and the index of the line with the headings."""
     rows_by = {mark: [cells_of(line, mark) for line in lines] for mark in SEPARATORS}
     scores = {mark: _score(rows) for mark, rows in rows_by.items()}
     separator = form.separator or max(SEPARATORS, key=lambda mark: (scores[mark], len(rows_by[mark][0])))
@@ -85,12 +85,12 @@ def columns_of(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[s
 
 
 def are_units(cells: Sequence[str]) -> bool:
-    """Whether a row holds units instead of numbers."""
+    """Return whether a row contains units."""
     return any(cells) and all(unit_named(cell.strip(' []')) in UNITS for cell in cells if cell)
 
 
 def is_number(text: str) -> bool:
-    """Whether a cell is a number as Python reads it."""
+    """Return whether a cell is a number in the syntax of Python."""
     try:
         float(text)
     except ValueError:
@@ -99,18 +99,18 @@ def is_number(text: str) -> bool:
 
 
 def cells_of(line: str, separator: str) -> list[str]:
-    """Return the cells of a line without blanks around them."""
+    """Return the cells of a line without surrounding blanks."""
     return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
 
 
 def _usual(rows: Sequence[Sequence[str]]) -> tuple[int, int]:
-    """Return the most frequent number of cells of the later rows, and how many of them have it."""
+    """Return the most frequent number of cells in the later rows, and its frequency."""
     later = rows[len(rows) // 2 :]
     return Counter(map(len, later)).most_common(1)[0] if later else (0, 0)
 
 
 def _score(rows: Sequence[Sequence[str]]) -> float:
-    """Return how much rows look like a table, from 0 to 1: equally long rows of numbers."""
+    """Return how much rows resemble a table, from 0 to 1: rows of equal length with numbers."""
     later = rows[len(rows) // 2 :]
     usual, often = _usual(rows)
     if usual < 2:
@@ -119,5 +119,5 @@ def _score(rows: Sequence[Sequence[str]]) -> float:
 
 
 def _numeric(row: Sequence[str]) -> float:
-    """Return which share of the cells are numbers, dates or empty."""
+    """Return the share of cells that are numbers, dates or empty."""
     return sum(bool(NUMBER.fullmatch(cell) or DATE.fullmatch(cell)) for cell in row) / max(len(row), 1)

@@ -1,7 +1,7 @@
-"""Tables as MATLAB files: variables whose names end in their unit, ``time_s``, ``tcp_command_mm``.
+"""Reader of MATLAB files with variables named after signal and unit: ``time_s``, ``tcp_command_mm``.
 
-A variable of three columns, or of three rows, is a whole signal; one with ``_1 _2 _3`` or ``_x _y _z`` before the unit
-is a column of it. Version 7.3 is HDF5, which h5py reads, all others scipy.
+A variable with three columns or rows is a whole signal; with ``_1 _2 _3`` or ``_x _y _z`` before the unit it is one
+column. Version 7.3 is HDF5 and read by h5py, all other versions by scipy.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ HDF5 = b'\x89HDF'
 OF_MATLAB_73 = b'MATLAB 7.3 MAT-file'
 NUMBER_BYTES = 8
 NUMBERS = ('double', 'single', *(f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)))
-TEXT, CLASS = b'char', 'MATLAB_class'  # what MATLAB calls a variable in HDF5, where texts are numbers as well
+TEXT, CLASS = b'char', 'MATLAB_class'  # texts are stored as numbers in HDF5, marked by this class
 NEEDED = (
     "MATLAB files of version 7.3 need h5py: pip install 'delta3_pacdrive[matlab]', or save them with '-v7'"
 )
-# at the end of a name: its unit
+# unit at the end of a name
 ENDS = {unit.replace(' ', '_').replace('/', '_').lower(): unit for unit in UNITS}
 
 
 def read(path: Path) -> Table:
-    """Read a table; variables that are no real numbers are left out.
+    """Read a table; variables that are not real numbers are ignored.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def read(path: Path) -> Table:
         raise
     except OSError as error:
         raise TraceError(f'cannot read trace {path}: {error.strerror or reason(error)}') from error
-    except Exception as error:  # what scipy and h5py trip over in a damaged file is not bounded
+    except Exception as error:  # scipy and h5py raise arbitrary errors for damaged files
         raise TraceError(f'cannot read trace {path}: {reason(error)}') from error
     headings: list[str] = []
     columns: list[Floats] = []
@@ -65,7 +65,7 @@ def read(path: Path) -> Table:
         longest = max(lengths)
         other = next(h for h, column in zip(headings, columns, strict=True) if len(column) != longest)
         raise TraceError(
-            f'the variables in {path} are of different lengths: {shown(other)} has not {longest} values'
+            f'the variables in {path} are of different lengths: {shown(other)} does not have {longest} values'
         )
     if not columns:
         raise TraceError(f'{path} has no variable of numbers')
@@ -84,7 +84,7 @@ def _of_matlab(path: Path) -> dict[str, Any]:
 
 
 def _of_hdf5(path: Path) -> dict[str, Any]:
-    """Return the variables of a file of version 7.3 that are arrays, as MATLAB has them: HDF5 turns rows to columns."""
+    """Return the array variables of a file of version 7.3, with the axes in the order of MATLAB."""
     try:
         import h5py
     except ModuleNotFoundError:
@@ -96,36 +96,36 @@ def _of_hdf5(path: Path) -> dict[str, Any]:
 
 
 def _is_array(h5py: Any, item: Any) -> bool:
-    told: Mapping[str, Any] = item.attrs
+    attributes: Mapping[str, Any] = item.attrs
     return (
         isinstance(item, h5py.Dataset)
         and item.ndim > 0
-        and not item.is_virtual  # nor elsewhere: what another file holds is not part of this one
+        and not item.is_virtual  # data in other files is not read
         and not item.external
-        and told.get(CLASS, b'') != TEXT
-        and not told.get('MATLAB_empty', 0)
+        and attributes.get(CLASS, b'') != TEXT
+        and not attributes.get('MATLAB_empty', 0)
     )
 
 
 def _columns(name: str, values: Floats) -> list[tuple[str, Floats]]:
-    """Return headings and columns of a variable; a single number is none."""
+    """Return headings and columns of a variable; scalars are ignored."""
     if values.ndim != 2 or values.size < 2:
         return []
-    signal, unit = _parted(name)
-    told = f' [{unit}]' if unit else ''
+    signal, unit = _split_name(name)
+    ending = f' [{unit}]' if unit else ''
     if 1 in values.shape:
-        return [(signal + told, values.ravel())]
+        return [(signal + ending, values.ravel())]
     if values.shape[1] != 3 and values.shape[0] == 3:
         values = values.T
     if values.shape[1] != 3:
-        return [(f'{signal}_{n}{told}', column) for n, column in enumerate(values.T, start=1)]
+        return [(f'{signal}_{n}{ending}', column) for n, column in enumerate(values.T, start=1)]
     names = [suffix for suffix, _ in columns_of(signal, '')]
     names = names if len(names) == 3 else ['1', '2', '3']
-    return [(f'{signal}_{suffix}{told}', column) for suffix, column in zip(names, values.T, strict=True)]
+    return [(f'{signal}_{suffix}{ending}', column) for suffix, column in zip(names, values.T, strict=True)]
 
 
-def _parted(name: str) -> tuple[str, str]:
-    """Return name and unit of a variable; the unit is empty if the name does not end in one."""
+def _split_name(name: str) -> tuple[str, str]:
+    """Return name and unit of a variable; the unit is empty if the name has none."""
     lower = name.lower()
     for end in sorted(ENDS, key=len, reverse=True):
         if lower.endswith(f'_{end}'):

@@ -1,6 +1,6 @@
-"""Tables as Parquet: units in the names of the columns, ``name [unit]``, or in the metadata of their fields (``unit``).
+"""Parquet tables with units in the column names, ``name [unit]``, or in the metadata of the fields (``unit``).
 
-The metadata of the file may hold what a trace tells of its run, a JSON object, under ``delta3_pacdrive``.
+The metadata of the file may contain that of a trace, a JSON object, under ``delta3_pacdrive``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ NEEDED = "Parquet needs pyarrow: pip install 'delta3_pacdrive[parquet]'"
 
 
 def read(path: Path) -> Table:
-    """Read a table; columns that are neither numbers nor times are left out.
+    """Read a table; columns that are neither numbers nor times are ignored.
 
     Raises
     ------
@@ -40,12 +40,12 @@ def read(path: Path) -> Table:
     try:
         with path.open('rb') as stream, parquet.ParquetFile(stream) as file:
             wanted = [own.name for own in file.schema_arrow if _is_number(own.type) or _is_time(own.type)]
-            # a column of one value many times takes next to nothing in the file
+            # constant columns take almost no space in the file: check the unpacked size
             whole_file.require_size(path, NUMBER_BYTES * file.metadata.num_rows * len(wanted))
             table = file.read(columns=wanted)
     except OSError as error:
         raise TraceError(f'cannot read trace {path}: {error.strerror or reason(error)}') from error
-    except Exception as error:  # what pyarrow trips over in a damaged file is not bounded
+    except Exception as error:  # pyarrow raises arbitrary errors for damaged files
         raise TraceError(f'cannot read trace {path}: {reason(error)}') from error
     headings, columns = [], []
     for own, column in zip(table.schema, table.columns, strict=True):
@@ -60,14 +60,14 @@ def read(path: Path) -> Table:
 
 
 def missing() -> str | None:
-    """Return why no Parquet file can be written here, None if one can."""
+    """Return why Parquet files cannot be written, None if they can."""
     return None if importlib.util.find_spec('pyarrow') else NEEDED
 
 
 def write(
     path: Path, headings: Sequence[str], units: Sequence[str], columns: Sequence[Floats], meta: dict[str, Any]
 ) -> None:
-    """Write columns of numbers, each with its unit, and what is told of all of them; raises OSError."""
+    """Write columns of numbers with their units and metadata; raises OSError."""
     import pyarrow as pa
     import pyarrow.parquet as parquet
 
@@ -80,11 +80,11 @@ def write(
 
 
 def _numbers(path: Path, name: str, column: Any) -> Floats | None:
-    """Return a column as numbers, nan where there is none; None for texts and lists."""
+    """Return a column as numbers, nan for missing ones; None for texts and lists."""
     kind = column.type
     if _is_time(kind):
         raise TraceError(
-            f'{path}: column {shown(name)} holds {kind}, expected numbers with a unit like time [s]'
+            f'{path}: column {shown(name)} contains {kind}, expected numbers with a unit like time [s]'
         )
     if not _is_number(kind):
         return None
@@ -111,5 +111,5 @@ def _meta(path: Path, metadata: dict[bytes, bytes]) -> dict[str, Any]:
     except (ValueError, RecursionError):
         meta = None
     if not isinstance(meta, dict):
-        raise TraceError(f'the meta data in {path} is no JSON object')
+        raise TraceError(f'the metadata in {path} is not a JSON object')
     return meta

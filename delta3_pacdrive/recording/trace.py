@@ -1,4 +1,4 @@
-"""Traces: every signal of a run, cycle by cycle, from the simulation or from a recording."""
+"""Traces: all signals of a run by bus cycle, from a simulation or a recording."""
 
 import json
 import textwrap
@@ -16,34 +16,25 @@ from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import columns_of
 
-PACKED = '.zstd'  # behind the name of a file that rosbag2 compressed
+PACKED = '.zstd'  # suffix of a file compressed by rosbag2
 BAG_FILES = ('.mcap', '.db3', f'.mcap{PACKED}', f'.db3{PACKED}')
-# told of a file that holds channels of drives where signals of a run are expected
+# for a file with channels of drives where signals of a run are expected
 RECORD = 'it is a record of an oscilloscope, which delta3 report RUN --scope FILE shows'
 
 
 @dataclass(frozen=True)
 class Trace:
-    """A trace holds the signals of a run.
+    """Signals of a run."""
 
-    Attributes
-    ----------
-    time_s
-        Bus time of each cycle, shape (cycles,).
-    signals
-        Arrays (cycles, 3) by the names in ``SIGNALS``, of simulations in ``TRUE_SIGNALS`` as well; on request others,
-        with as many columns as ``signals.columns_of`` says.
-    meta
-        Where it comes from: program, parameter checksum, gear ratio, timing, results.
-
-    """
-
-    time_s: Floats
+    time_s: Floats  # bus time of each cycle, shape (cycles,)
+    # arrays (cycles, 3) named as in SIGNALS, in simulations also TRUE_SIGNALS; others with the columns of columns_of()
     signals: dict[str, Floats]
-    meta: dict[str, Any] = field(default_factory=dict)
+    meta: dict[str, Any] = field(
+        default_factory=dict
+    )  # origin: program, checksum, gear ratio, timing, results
 
     def __getitem__(self, name: str) -> Floats:
-        """Return a signal; raises TraceError if the run does not hold it."""
+        """Return a signal; raises TraceError if it is missing."""
         try:
             return self.signals[name]
         except KeyError:
@@ -52,9 +43,9 @@ class Trace:
             ) from None
 
     def save(self, path: str | Path) -> None:
-        """Write to a ``.npz`` file, whole or not at all; raises TraceError."""
+        """Write a ``.npz`` file atomically; raises TraceError."""
         with (
-            told(f'write trace {path}'),
+            os_errors_as_trace_error(f'write trace {path}'),
             whole_file.atomic_path(Path(path)) as partial,
             partial.open('wb') as file,
         ):
@@ -62,7 +53,7 @@ class Trace:
                 file,
                 time_s=self.time_s,
                 meta=np.array(json.dumps(self.meta)),
-                **self.signals,  # type: ignore[arg-type]  # an array would do as allow_pickle, mypy thinks
+                **self.signals,  # type: ignore[arg-type]  # mypy takes an array for allow_pickle
             )
 
     @staticmethod
@@ -79,14 +70,14 @@ class Trace:
             trace._check()
         except OSError as error:
             raise TraceError(f'cannot read trace {path}: {error.strerror or error}') from error
-        except Exception as error:  # what zipfile and numpy trip over in a damaged file is not bounded
+        except Exception as error:  # zipfile and numpy raise arbitrary errors for damaged files
             raise TraceError(f'{path} is not a trace file: {reason(error)}') from error
         return trace
 
     def _check(self) -> None:
-        """Raise ValueError for what no run writes."""
+        """Raise ValueError for types, shapes or times that a run does not have."""
         if not isinstance(self.meta, dict):
-            raise ValueError('its meta is no JSON object')
+            raise ValueError('its meta is not a JSON object')
         for name, values in {'time_s': self.time_s, **self.signals}.items():
             columns = 0 if name == 'time_s' else len(columns_of(name, ''))
             shape = self.time_s.shape[:1] + (columns,) * (columns > 0)
@@ -97,19 +88,19 @@ class Trace:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a folder, or a single file of a bag, by its name."""
+    """Return whether a path is a folder or has the name of a bag file."""
     return path.is_dir() or path.name.lower().endswith(BAG_FILES)
 
 
 @contextmanager
-def told(what: str) -> Iterator[None]:
-    """Say what cannot be done, and why, if the disk does not let it be; raises TraceError."""
+def os_errors_as_trace_error(action: str) -> Iterator[None]:
+    """Convert OSError to TraceError with the message ``cannot <action>: ...``."""
     try:
         yield
     except OSError as error:
-        raise TraceError(f'cannot {what}: {error.strerror or error}') from error
+        raise TraceError(f'cannot {action}: {error.strerror or error}') from error
 
 
 def reason(error: Exception) -> str:
-    """Return the message of somebody else's error as part of a sentence: short, on one line."""
+    """Return the message of an arbitrary error on one short line."""
     return textwrap.shorten(str(error), 160, placeholder=' ...').rstrip('.') or type(error).__name__

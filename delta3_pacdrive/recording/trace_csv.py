@@ -1,16 +1,16 @@
-"""Traces as CSV: one row per instant, a header row that names every column and its unit.
+"""Traces as CSV: one row per instant, a header with name and unit of every column.
 
-    # {"program": "pick", "cycle_time_s": 0.001, "gear_ratio": 32.0, "start_cycle": 120}      optional: facts of the run
+    # {"program": "pick", "cycle_time_s": 0.001, "gear_ratio": 32.0, "start_cycle": 120}      optional: data of the run
     time [s],motor_position_1 [rad],motor_position_2 [rad],motor_position_3 [rad],current_1 [A], ...
     0.000,0.0125,0.0125,0.0125,0.2811, ...
 
-A signal has a column for each axis, its name and ``_1 _2 _3``, or ``_x _y _z`` for the TCP. Names and
-units are those of ``quantities``; a reader also takes the units of ``UNITS`` and turns them into SI. Times increase.
-Other forms of such files are read as well (``table_csv``).
+A signal has one column per axis, named with ``_1 _2 _3``, or ``_x _y _z`` for the TCP. Names and units are those of
+``quantities``; a reader accepts all ``UNITS`` and converts them to SI. Times increase. Other formats are read by
+``table_csv``.
 
-The comment holds what readers of the signals need. Everything else that the trace tells of its run (parameters, moves,
-provenance ...) is in a file beside it, ``run.csv-metadata.json``, with the meaning of each column: metadata as the W3C
-has it (CSV on the Web). It belongs to the table as long as it says what the comment says.
+The comment contains the values required for reading the signals. All other metadata of the run (parameters, moves,
+provenance ...) is in ``run.csv-metadata.json``, with the meaning of each column, in the format of the W3C (CSV on the
+Web). It is used only if it agrees with the comment.
 """
 
 from __future__ import annotations
@@ -27,55 +27,54 @@ from delta3_pacdrive import whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import quantities, table_csv
 from delta3_pacdrive.recording.table import trace_of
-from delta3_pacdrive.recording.trace import Trace, reason, told
+from delta3_pacdrive.recording.trace import Trace, os_errors_as_trace_error, reason
 
 if TYPE_CHECKING:
     from delta3_pacdrive.recording.column_file import Form
     from delta3_pacdrive.recording.table import Table
 
-# what the comment tells, as far as the trace knows it
+# keys of the comment, if known
 OF_COMMENT = (
     'program', 'cycle_time_s', 'gear_ratio', 'torque_constant_n_m_a', 'start_cycle', 'end_cycle', 'checksum',
 )  # fmt: skip
-TEXT_MAX = 80  # characters of a text there
-BESIDE = '-metadata.json'
+TEXT_MAX = 80  # characters of a text in the comment
+METADATA_SUFFIX = '-metadata.json'
 OURS = 'delta3_pacdrive'
-BESIDE_MAX_BYTES = 1 << 28
+METADATA_MAX_BYTES = 1 << 28
 
 
 def write(trace: Trace, path: str | Path) -> Path:
-    """Write a trace and what is known of it; signals that have no unit are left out; raises TraceError."""
+    """Write a trace with its metadata; signals without a unit are omitted. Raises TraceError."""
     path = Path(path)
     names = [name for name in trace.signals if quantities.unit_of(name)]
     header = ['time [s]', *(column for name in names for column in quantities.headings(name))]
     table = np.column_stack([trace.time_s, *(trace[name] for name in names)])
-    about = _short(trace.meta) or ({'metadata': beside(path).name} if trace.meta else {})
+    comment = _short(trace.meta) or ({'metadata': metadata_path(path).name} if trace.meta else {})
     is_file = path.is_file() or not path.exists()
     with (
-        told(f'write trace {path}'),
+        os_errors_as_trace_error(f'write trace {path}'),
         whole_file.atomic_path(path) as partial,
         partial.open('w', encoding='utf-8', newline='') as file,
     ):
-        if about:
-            file.write(f'# {json.dumps(about)}\n')
+        if comment:
+            file.write(f'# {json.dumps(comment)}\n')
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(header)
         writer.writerows(table.tolist())
-    if is_file:  # nothing stands beside a pipe
-        with told(f'write trace {beside(path)}'):
-            whole_file.write_text(
-                json.dumps(_described(trace.meta, names, path.name), indent=1) + '\n', beside(path)
-            )
+    if is_file:  # not a pipe
+        text = json.dumps(_described(trace.meta, names, path.name), indent=1) + '\n'
+        with os_errors_as_trace_error(f'write trace {metadata_path(path)}'):
+            whole_file.write_text(text, metadata_path(path))
     return path
 
 
-def beside(path: Path) -> Path:
-    """Return the file that tells the rest of what is known of a trace."""
-    return path.with_name(path.name + BESIDE)
+def metadata_path(path: Path) -> Path:
+    """Return the path of the metadata of a trace."""
+    return path.with_name(path.name + METADATA_SUFFIX)
 
 
 def _short(meta: dict[str, Any]) -> dict[str, Any]:
-    """Return what the comment tells."""
+    """Return the content of the comment."""
     found = {key: meta[key] for key in OF_COMMENT if meta.get(key) is not None}
     return {key: value[:TEXT_MAX] if isinstance(value, str) else value for key, value in found.items()}
 
@@ -88,7 +87,7 @@ def _described(meta: dict[str, Any], names: list[str], file: str) -> dict[str, A
     for name in names:
         meaning = quantities.meaning_of(name)
         for heading in quantities.headings(name):
-            unit = quantities.parted(heading)[1] or quantities.ONE
+            unit = quantities.split_heading(heading)[1] or quantities.ONE
             described = {'titles': heading, 'datatype': 'double', 'dc:description': meaning}
             columns.append({**described, 'schema:unitText': unit})
     return {
@@ -101,18 +100,18 @@ def _described(meta: dict[str, Any], names: list[str], file: str) -> dict[str, A
 
 
 def read_table(path: Path, form: Form | None = None) -> Table:
-    """Read a table, with what is told of it beside it; raises TraceError."""
+    """Read a table and its metadata; raises TraceError."""
     table = table_csv.read(path, form)
-    rest = beside(path)
-    if not table.meta or not rest.is_file():
+    metadata = metadata_path(path)
+    if not table.meta or not metadata.is_file():
         return table
     try:
-        if rest.stat().st_size > BESIDE_MAX_BYTES:
-            raise ValueError(f'it is larger than {BESIDE_MAX_BYTES >> 20} MiB')
-        meta = json.loads(rest.read_text(encoding='utf-8'))['notes'][0][OURS]
+        if metadata.stat().st_size > METADATA_MAX_BYTES:
+            raise ValueError(f'it is larger than {METADATA_MAX_BYTES >> 20} MiB')
+        meta = json.loads(metadata.read_text(encoding='utf-8'))['notes'][0][OURS]
         agrees = _short(meta) == _short(table.meta)
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        raise TraceError(f'cannot read what {rest} tells of {path.name}: {reason(error)}') from error
+        raise TraceError(f'cannot read the metadata of {path.name} in {metadata}: {reason(error)}') from error
     return replace(table, meta=meta if agrees else table.meta)
 
 
@@ -122,8 +121,8 @@ def read(path: str | Path) -> Trace:
     Raises
     ------
     TraceError
-        The file cannot be read, a column or unit is unknown, stands twice or is missing, a value is no number or
-        not finite, or the times do not increase; names the column or the line.
+        The file cannot be read, a column or unit is unknown, duplicate or missing, a value is not a finite number, or
+        the times do not increase; names the column or the line.
 
     """
     return trace_of(read_table(Path(path)))

@@ -27,7 +27,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
-from delta3_pacdrive.recording.carried import CARRIED
+from delta3_pacdrive.recording.carried import TELEGRAM_SIGNALS
 from delta3_pacdrive.ros import cdr, discovery, qos
 from delta3_pacdrive.ros.deferred_service import Tell, create_deferred_service
 from delta3_pacdrive.ros.polling import PollingNode, Taken
@@ -210,7 +210,7 @@ class Topic:
     @property
     def signals(self) -> tuple[str, ...]:
         """Signals of a trace that it carries."""
-        return CARRIED.get(self.telegrams[0], ()) if self.telegrams else ()
+        return TELEGRAM_SIGNALS.get(self.telegrams[0], ()) if self.telegrams else ()
 
     @property
     def type_name(self) -> str:

@@ -372,7 +372,7 @@ def test_what_is_no_run_is_refused_in_one_sentence(tmp_path, program, robot):
     with pytest.raises(ProgramError, match='nothing'):
         runs.load('nothing')
     (tmp_path / 'empty').mkdir()
-    with pytest.raises(TraceError, match=r'empty: it is no bag, metadata.yaml is missing$'):
+    with pytest.raises(TraceError, match=r'empty: it is not a bag: metadata.yaml is missing$'):
         runs.load(str(tmp_path / 'empty'))
     trace = simulation.run(programs.load(program, robot.motion), robot)
     spoilt = replace(trace, meta=trace.meta | {'moves': [{'kind': 'line'}]})

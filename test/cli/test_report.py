@@ -48,7 +48,7 @@ def test_a_folder_with_the_bags_of_several_robots_stands_for_all_of_them(here, c
         main(['report', 'hall', '--parameters', 'delta3,rich,', '--output', 'other.html'])
     assert '--parameters names 3 files, but there are 2 runs' in capsys.readouterr().err
     assert main(['report', str(here / 'hall' / 'notes'), '--output', 'other.html']) == 1
-    assert 'it is no bag' in capsys.readouterr().err
+    assert 'it is not a bag' in capsys.readouterr().err
 
 
 def test_report_shows_the_part_that_is_asked_for(here, trace, capsys):
@@ -155,8 +155,8 @@ def test_plot_tells_the_starts_of_a_trace_that_does_not_tell_its_own(here, capsy
         (['report', 'missing'], 'missing'),
         (['report', 'torn.npz'], 'torn.npz is not a trace file'),
         (['report', 'notes.md'], 'notes.md:3:1: the program: unknown key'),
-        (['report', 'bag'], 'bag: it was cut off or is damaged (it holds no message)'),
-        (['report', 'empty'], 'empty: it is no bag, metadata.yaml is missing'),
+        (['report', 'bag'], 'bag: it was cut off or is damaged (it contains no messages)'),
+        (['report', 'empty'], 'empty: it is not a bag: metadata.yaml is missing'),
         (['report', 'bare.npz'], 'the recording does not tell its cycle_time_s'),
         (
             ['report', 'experiment1', '--output', 'no/page.html'],

@@ -166,7 +166,7 @@ def test_a_bus_that_begins_anew_is_no_loss(robot):
     assert [record.first for record in records] == [460]
     acquisition = Acquisition(of(robot, 600), records.append)
     feed(acquisition, 400, 450)
-    with pytest.raises(RunError, match='the bus has begun anew while axis1 was recorded'):
+    with pytest.raises(RunError, match='the bus was restarted while axis1 was recorded'):
         feed(acquisition, 1, 10)
 
 
@@ -197,10 +197,10 @@ def test_a_trigger_says_what_it_waits_for(more, sentence, robot):
             {'samples': 1_000_001},
             'has 1000001 samples at 16000 Hz, the limit is 1000000: choose a lower rate',
         ),
-        ({'samples': 0.3}, 'holds no sample at 16000 Hz'),
+        ({'samples': 0.3}, 'has no samples at 16000 Hz'),
         ({'before': 10, 'trigger': 'fault'}, 'the pre-trigger of 0.000625 s must be shorter than the record'),
         ({'before': 5}, 'a pre-trigger needs a trigger'),
-        ({'mode': 'rolling', 'trigger': 'fault'}, 'waits for no trigger'),
+        ({'mode': 'rolling', 'trigger': 'fault'}, 'does not use a trigger'),
         ({'mode': 'normal'}, 'the mode normal needs a trigger'),
         ({'trigger': 'axis1.fautl'}, "no channel 'fautl': did you mean fault"),
         ({'trigger': 'faults'}, "'faults' is no channel"),

@@ -30,7 +30,7 @@ from thoroughness import examples
 @pytest.mark.parametrize(
     ('damage', 'expected'),
     [
-        (lambda bag: [file.unlink() for file in bag.iterdir()], 'it is no bag, metadata.yaml is missing'),
+        (lambda bag: [file.unlink() for file in bag.iterdir()], 'it is not a bag: metadata.yaml is missing'),
         (lambda bag: (bag / 'bag.mcap').unlink(), 'damaged'),
         (lambda bag: (bag / 'bag.mcap').write_bytes(b''), 'damaged'),
         (lambda bag: (bag / 'bag.mcap').write_bytes(bytes(1000)), 'damaged'),
@@ -141,7 +141,7 @@ def test_a_bag_that_nobody_closed_tells_of_bytes_that_are_no_whole_message(tmp_p
     file = tmp_path / 'bag' / 'bag.mcap'
     content = file.read_bytes()
     file.write_bytes(content + content[8:38])  # the beginning of a record that the power was cut off in
-    assert 'and 30 bytes at its end are no whole message' in bag_trace.cut(tmp_path / 'bag')
+    assert 'and 30 bytes at its end are not a complete message' in bag_trace.cut(tmp_path / 'bag')
 
 
 def test_a_bag_whose_writing_stopped_says_why_and_is_read(tmp_path):

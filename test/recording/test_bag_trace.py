@@ -25,7 +25,7 @@ from bags import (
 )
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import bag_trace, trace_file
-from delta3_pacdrive.recording.carried import CARRIED
+from delta3_pacdrive.recording.carried import TELEGRAM_SIGNALS
 from delta3_pacdrive.recording.signals import SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos import telegrams
@@ -224,7 +224,7 @@ def test_zeros_tell_no_byte_order(tmp_path):
 
 
 def test_the_bags_of_these_facts_hold_the_bytes_of_the_robot():
-    codecs = {telegram.topic: TelegramCodec(telegram, lambda _: None) for telegram in CARRIED}
+    codecs = {telegram.topic: TelegramCodec(telegram, lambda _: None) for telegram in TELEGRAM_SIGNALS}
     for topic, data in messages([3]):
         frame = FRAMES.get(topic, 'base').encode()
         values = np.hstack(numbers(topic, 3)).tolist()
@@ -278,7 +278,7 @@ def test_two_robots_in_one_bag_are_refused_with_their_namespaces(tmp_path):
     types = TYPES | {f'cell2/{topic}': kind for topic, kind in TYPES.items()}
     arrivals = messages() + [(f'cell2/{topic}', data) for topic, data in messages()]
     sentence = refusal(record(tmp_path / 'bag', arrivals, types=types))
-    assert 'it holds 2 robots, in the namespaces /, /cell2' in sentence
+    assert 'it contains 2 robots, in the namespaces /, /cell2' in sentence
 
 
 def test_a_robot_that_was_never_heard_is_none(tmp_path):
@@ -305,23 +305,23 @@ def test_metadata_of_the_recorder_comes_back_without_cycles_that_it_did_not_know
 @pytest.mark.parametrize(
     ('meta', 'expected'),
     [
-        ('', 'is no JSON object'),
-        ('{"gear_ratio": 32', 'is no JSON object'),
-        ('[1, 2]', 'is no JSON object'),
-        ('[' * 100_000, 'is no JSON object'),
-        ({}, 'gives no positive gear_ratio'),
-        (META | {'gear_ratio': 0}, 'gives no positive gear_ratio'),
-        (META | {'gear_ratio': float('nan')}, 'gives no positive gear_ratio'),
-        (META | {'torque_constant_n_m_a': -0.5}, 'gives no positive torque_constant_n_m_a'),
-        (META | {'torque_constant_n_m_a': True}, 'gives no positive torque_constant_n_m_a'),
-        (META | {'torque_constant_n_m_a': 10**400}, 'gives no positive torque_constant_n_m_a'),
-        (META | {'cycle_time_s': '0.001'}, 'gives no positive cycle_time_s'),
-        (META | {'cycle_time_s': float('inf')}, 'gives no positive cycle_time_s'),
-        (META | {'cycle_time_s': 10**400}, 'gives no positive cycle_time_s'),
-        (META | {'cycle_time_s': 0.003}, 'cycle_time_s is 0.003, not 0.001, 0.002 or 0.004'),
-        (META | {'cycle_time_s': 0.002}, 'where no cycle of 0.002 s begins'),
-        (META | {'start_cycle': 1.5}, 'start_cycle is 1.5, not a whole number'),
-        (META | {'end_cycle': True}, 'end_cycle is True, not a whole number'),
+        ('', 'is not a JSON object'),
+        ('{"gear_ratio": 32', 'is not a JSON object'),
+        ('[1, 2]', 'is not a JSON object'),
+        ('[' * 100_000, 'is not a JSON object'),
+        ({}, 'has no positive gear_ratio'),
+        (META | {'gear_ratio': 0}, 'has no positive gear_ratio'),
+        (META | {'gear_ratio': float('nan')}, 'has no positive gear_ratio'),
+        (META | {'torque_constant_n_m_a': -0.5}, 'has no positive torque_constant_n_m_a'),
+        (META | {'torque_constant_n_m_a': True}, 'has no positive torque_constant_n_m_a'),
+        (META | {'torque_constant_n_m_a': 10**400}, 'has no positive torque_constant_n_m_a'),
+        (META | {'cycle_time_s': '0.001'}, 'has no positive cycle_time_s'),
+        (META | {'cycle_time_s': float('inf')}, 'has no positive cycle_time_s'),
+        (META | {'cycle_time_s': 10**400}, 'has no positive cycle_time_s'),
+        (META | {'cycle_time_s': 0.003}, 'cycle_time_s 0.003, not 0.001, 0.002 or 0.004'),
+        (META | {'cycle_time_s': 0.002}, 'which is not the begin of a cycle of 0.002 s'),
+        (META | {'start_cycle': 1.5}, 'start_cycle 1.5, not a whole number'),
+        (META | {'end_cycle': True}, 'end_cycle True, not a whole number'),
     ],
 )
 def test_metadata_that_is_missing_or_wrong_is_told(meta, expected, tmp_path):
@@ -384,7 +384,7 @@ def test_changed_bytes_of_a_bag_are_read_or_get_one_sentence(tmp_path_factory, f
     [
         ('nowhere', 'there is no recording'),
         ('nowhere.npz', 'there is no recording'),
-        ('empty', 'it is no bag, metadata.yaml is missing'),
+        ('empty', 'it is not a bag: metadata.yaml is missing'),
         (
             'notes.txt',
             'expected a trace file (.npz), a table (.csv, .parquet, .mat) or a bag (folder, .mcap or .db3)',

@@ -216,7 +216,7 @@ def test_a_damaged_chunk_ends_what_is_read_and_the_rest_is_named(compression, tm
     whole.write_bytes(content)
     trace = trace_file.load(whole)
     np.testing.assert_array_equal(trace['motor_command'], RUN['motor_command'][:HALF])
-    assert 'bytes at its end are no whole message' in trace.meta['cut']
+    assert 'bytes at its end are not a complete message' in trace.meta['cut']
 
 
 def test_topics_of_other_encodings_in_the_same_file_do_no_harm(tmp_path):

@@ -68,7 +68,7 @@ def test_a_cell_without_a_number_is_a_gap(cell, place, tmp_path):
     trace = load(tmp_path / 'a.csv', text)
     assert np.flatnonzero(np.isnan(trace['current']).any(axis=0)).tolist() == [place - 1]
     assert np.flatnonzero(np.isnan(trace['current']).any(axis=1)).tolist() == [1]
-    assert trace.meta['notices'] == ['Of 3 rows some lack a number, which stay gaps: current in 1']
+    assert trace.meta['notices'] == ['Some of 3 rows have gaps: current in 1']
     with pytest.raises(TraceError, match=r'not finite: current, row 2$'):
         load(tmp_path / 'a.csv', text, gaps=False)
 
@@ -83,18 +83,18 @@ def test_a_table_without_gaps_tells_of_none(tmp_path):
         (lines(';') + '0,75;1;2;3\n', 'commas and points in its numbers'),
         (lines(';').replace('-1234.5', '-1.234,5'), 'commas and points in its numbers'),
         (lines().replace('7.125', '7,125'), r'line 4 of .* has 5 values, the header 4 columns$'),
-        (lines().replace('7.125', 'abc'), r"line 4 of .* holds 'abc', not only numbers$"),
-        (lines().replace('7.125', '7_125'), r"line 4 of .* holds '7_125', not only numbers$"),
+        (lines().replace('7.125', 'abc'), r"line 4 of .* contains 'abc', not only numbers$"),
+        (lines().replace('7.125', '7_125'), r"line 4 of .* contains '7_125', not only numbers$"),
         (lines().replace('7.125', 'inf'), r'not finite: current, row 3$'),
         (lines().replace('0.5,', '0.25,'), r'do not increase: row 2 is at 0.25 s, row 3 at 0.25 s, and 1 of 3 rows'),
         (lines().replace('0.5,', '-1,'), r'do not increase: row 2 is at 0.25 s, row 3 at -1 s'),
         (lines().replace('0.25,', ','), r'not finite: the time, row 2$'),
         (lines().partition('\n')[2], 'begins with numbers, expected headings'),
-        (lines().replace(' [A]', ''), r"column 'current_1' must tell its unit, one of \[A\], \[mA\]$"),
+        (lines().replace(' [A]', ''), r"column 'current_1' must have a unit, one of \[A\], \[mA\]$"),
         (lines().replace('current_2', 'curent_2'), 'did you mean current_2'),
         (lines().replace('current_2', 'current_1'), 'twice'),
-        (b'\x00\x01\x02\x03', 'is no text'),
-        (b'PK\x03\x04' + bytes(range(256)), 'is no text'),
+        (b'\x00\x01\x02\x03', 'is not text'),
+        (b'PK\x03\x04' + bytes(range(256)), 'is not text'),
         ('x' * (2 << 20), 'a line has more than'),
         (lines().encode('utf-16')[:-1], 'cannot read trace'),
         ('', 'is empty: it has no headings and no numbers$'),
@@ -113,7 +113,7 @@ def test_pieces_of_any_size_make_the_same_table(piece, tmp_path, monkeypatch):
     monkeypatch.setattr(table_csv, 'PIECE', piece)
     trace = load(tmp_path / 'a.csv', '# a comment\n\n' + lines(';', ',', 'row', '\r\n'))
     assert np.column_stack([trace.time_s, trace['current']]).tolist() == ROWS
-    with pytest.raises(TraceError, match=r"line 8 of .* holds 'x', not only numbers$"):
+    with pytest.raises(TraceError, match=r"line 8 of .* contains 'x', not only numbers$"):
         load(tmp_path / 'a.csv', '# a comment\n\n' + lines(';', ',', 'row') + 'x;1;2;3\n')
 
 
@@ -260,7 +260,7 @@ def test_an_index_is_what_counts_before_the_first_heading_if_rows_have_a_last_ce
         ),
         (
             [f'{n},1,2,3,' for n in range(500)] + ['500,1,2,3,4'],
-            'row 501 of .* a value behind the last column',
+            'row 501 of .* a value after the last column',
         ),
     ],
 )
@@ -333,7 +333,7 @@ def test_a_file_without_headings_is_read_by_the_numbers_of_its_columns(tmp_path)
         (('signal: time', 'signal: tme'), 'did you mean time'),
         (('signal: time, ', 'signal: time, axis: 1, '), 'time has no axes'),
         (('columns:', 'encoding: klingon\ncolumns:'), 'is no encoding'),
-        (('columns:', 'headings: false\ncolumns:'), 'without headings columns are told by their numbers'),
+        (('columns:', 'headings: false\ncolumns:'), 'without headings columns are identified by number'),
         (
             ('- {column: 4, signal: current, axis: 3, unit: A}\n', ''),
             r'not all three of a signal \(current\)',
@@ -349,11 +349,11 @@ def test_a_column_file_that_is_wrong_gets_one_sentence(change, sentence, tmp_pat
 
 
 def test_a_column_file_does_not_contradict_the_headings(tmp_path):
-    with pytest.raises(TraceError, match=r'says that the unit of column .* is ms, .* itself says s$'):
+    with pytest.raises(TraceError, match=r'the unit of column .* is ms in .*, but s in .*$'):
         load(tmp_path / 'a.csv', 'Zeit [s];Größe 1;Größe 2;x\n0;1;1;3\n'.encode(), chosen(tmp_path))
 
 
 def test_a_column_file_is_for_tables_only(tmp_path):
     (tmp_path / 'a.npz').write_bytes(b'')
-    with pytest.raises(TraceError, match='is no table, so the column file'):
+    with pytest.raises(TraceError, match='is not a table: the column file'):
         trace_file.load(tmp_path / 'a.npz', chosen(tmp_path))

@@ -214,5 +214,5 @@ def test_variables_of_different_lengths_are_refused(tmp_path):
 
 
 def test_a_variable_without_a_unit_is_refused(tmp_path):
-    with pytest.raises(TraceError, match="column 'time' must tell its unit"):
+    with pytest.raises(TraceError, match="column 'time' must have a unit"):
         trace_file.load(mat(tmp_path / 'a.mat', {'time': TIME, 'tcp_command_m': TCP}))

@@ -78,7 +78,7 @@ OTHER_FORMS = [
     (archive(meta=None), 'it has no meta'),
     (archive(meta=None, time_s=None), 'it has no meta and no time_s'),
     (archive(meta=np.array('{"gear_ratio"')), 'is not a trace file'),
-    (archive(meta=np.array('[1]')), 'its meta is no JSON object'),
+    (archive(meta=np.array('[1]')), 'its meta is not a JSON object'),
     (archive(meta=np.array({'a': 1}, dtype=object)), 'is not a trace file'),
     (archive(time_s=np.array(1.0)), 'its time_s is of type float64 and shape ()'),
     (archive(time_s=np.array(['a'])), 'its time_s is of type'),

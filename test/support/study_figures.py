@@ -511,7 +511,7 @@ def places(axes, plane, arm):
     """Require names of both coordinates, and the outline of the workspace in millimetres."""
     names = [name for n, name in enumerate('xyz') if n != plane.axis]
     assert [axes.get_xlabel(), axes.get_ylabel()] == [f'{name} [mm]' for name in names]
-    assert axes.get_title('left') == f'{"xyz"[plane.axis]} = {1e3 * plane.place_m:g} mm'
+    assert axes.get_title('left') == f'{"xyz"[plane.axis]} = {1e3 * plane.position_m:g} mm'
     radius = 500.0 * arm.workspace_diameter_m
     for one in axes.patches:
         if plane.axis == 2:
@@ -519,8 +519,8 @@ def places(axes, plane, arm):
         else:
             half = (
                 math.hypot(radius, 0.0)
-                if plane.place_m == 0.0
-                else math.sqrt(radius**2 - 1e6 * plane.place_m**2)
+                if plane.position_m == 0.0
+                else math.sqrt(radius**2 - 1e6 * plane.position_m**2)
             )
             assert (one.get_width(), one.get_height()) == (
                 2.0 * half, 1e3 * arm.workspace_top_m - 1e3 * arm.workspace_bottom_m,

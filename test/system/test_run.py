@@ -173,7 +173,7 @@ def test_a_recorder_that_dies_stops_no_robot_and_its_bag_can_be_read(
 @pytest.mark.parametrize(
     # at the begin of a bag there are topics, or there are none yet, but no bus cycles
     ('left', 'told'),
-    [(60, 'it was cut off or is damaged'), (60_000, 'it holds no ')],
+    [(60, 'it was cut off or is damaged'), (60_000, 'it contains no ')],
 )
 def test_a_recording_that_cannot_be_read_takes_no_result_with_it(
     left: int,

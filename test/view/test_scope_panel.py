@@ -63,7 +63,7 @@ def test_a_wish_is_what_the_command_would_record(robot):
         ({'rate_hz': 1e6}, 'the rate is 1e[+]06, but must be between 1 and 16000 Hz'),
         ({'rate_hz': None}, "the rate is 'None', but must be between 1 and 16000 Hz"),
         ({'duration_s': float('nan')}, 'the duration is nan, but must be between 0 and 100000 s'),
-        ({'duration_s': 0}, 'holds no sample'),
+        ({'duration_s': 0}, 'has no samples'),
         ({'level': '1'}, "the level is '1', but must be between -1e[+]12 and 1e[+]12$"),
         ({'trigger': 'fault', 'pre_trigger_s': 1.0}, 'the pre-trigger of 1 s must be shorter'),
         ({'edge': 'sharp'}, 'sharp.? is no edge: rising, falling, both, change'),

@@ -118,7 +118,7 @@ def _columns(table: Table) -> dict[str, Source]:
     known = (*WORDS, *WITH_UNIT)
     seen = set()
     for place, text in enumerate(table.headings):
-        label, unit = quantities.parted(text)
+        label, unit = quantities.split_heading(text)
         if label not in known:
             raise CalibrationError(
                 f'{table.path} is no file of measurements: it has the column {shown(text)}, expected '
@@ -161,10 +161,10 @@ def _chosen(table: Table, chosen: ColumnFile) -> dict[str, Source]:
 
 
 def _numbers(table: Table, source: Source) -> Floats:
-    values = np.asarray(table.values[:, source.place] * source.factor + source.offset)
+    values = np.asarray(table.values[:, source.column] * source.factor + source.offset)
     if not np.isfinite(values).all():
         n = int(np.argmin(np.isfinite(values)))
-        name = table.headings[source.place]
+        name = table.headings[source.column]
         if np.isnan(values[n]):
             raise CalibrationError(f'measurement {n + 1} of {table.path} has no {name}: was it not taken?')
         raise CalibrationError(f'measurement {n + 1} of {table.path}: {name} is no finite number')
@@ -193,7 +193,7 @@ def _objects(table: Table, diameter: Source | None) -> tuple[tuple[str, ...], Fl
         )
     diameters = np.full(len(objects), np.nan)
     if diameter is not None:
-        diameters = np.asarray(table.values[:, diameter.place] * diameter.factor)
+        diameters = np.asarray(table.values[:, diameter.column] * diameter.factor)
     for n, name in enumerate(objects):
         first = diameters[objects.index(name)]
         if not (diameters[n] == first or (math.isnan(diameters[n]) and math.isnan(first))):

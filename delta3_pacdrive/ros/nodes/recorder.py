@@ -122,7 +122,7 @@ class RecorderNode(PollingNode):
         if self._told is None:
             return
         if (found := self._told.take()) is not None:
-            self._recording.know(found)
+            self._recording.update_robot(found)
             self._hear_rotary_axis(found)
             self._told = None
             self.get_logger().info(f'controller of the robot: {found.controller}')
@@ -161,7 +161,7 @@ class RecorderNode(PollingNode):
                     f'stopped recording into {bag.path}: {bag.stopped}; '
                     f'{bag.messages} messages until then are kept, the robot goes on'
                 )
-        elif not self._ready and self._recording.hears_everything:
+        elif not self._ready and self._recording.has_all_topics:
             self._ready = True
             self._state.publish(String(data='recording'))
             self.get_logger().info(f'recording {len(self._drains)} topics into {bag.path}')

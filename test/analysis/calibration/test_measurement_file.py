@@ -68,7 +68,7 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
         ([HEADER.replace('axis2', 'axis1'), ROW], 'has the column axis1 twice'),
         ([HEADER.rpartition(',')[0], '10,20,30,1,2'], 'has no column measured_z'),
         ([HEADER, '10,20,30'], 'line 2 of .* has 3 values, the header 6 columns'),
-        ([HEADER, ROW, '10,20,x,1,2,3'], 'line 3 of .* holds .x., not only numbers'),
+        ([HEADER, ROW, '10,20,x,1,2,3'], 'line 3 of .* contains .x., not only numbers'),
         ([HEADER, ROW, ROW.replace('30', 'inf')], r'measurement 2 of .*: axis3 \[deg\] is no finite number'),
         ([HEADER, ROW.replace('30', '')], r'has no axis3 \[deg\]: was it not taken'),
         (

@@ -106,7 +106,7 @@ def test_payload_and_acceleration_asked_for_reach_the_maps(robot):
 
 
 def test_a_volume_of_too_many_poses_is_refused_before_it_is_computed(robot):
-    with pytest.raises(ReportError, match=r'a resolution of 1 mm makes \d+ poses, the limit is 20000000'):
+    with pytest.raises(ReportError, match=r'a resolution of 1 mm gives \d+ poses, the limit is 20000000'):
         evaluation.study(Settings(0.001, ()), robot)
 
 
