@@ -199,7 +199,7 @@ def test_numbers_that_nothing_could_be_computed_from_are_refused(command, name, 
     trace_file.save(Trace(run.time_s, signals, run.meta), here / name)
     capsys.readouterr()
     assert main([command, 'a.npz', name]) == 1
-    sentence = f'error: {name}: its current reaches 1e+300, signals may reach 1e+12\n'
+    sentence = f'error: {name}: its current reaches 1e+300, the limit of signals is 1e+12\n'
     assert capsys.readouterr().err == sentence
     assert not (here / 'report.html').exists()
 

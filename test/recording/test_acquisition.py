@@ -136,7 +136,7 @@ def test_samples_of_several_drives_are_put_together_by_their_numbers(robot):
 def test_a_record_with_a_gap_is_refused_and_the_samples_are_counted(robot):
     acquisition = Acquisition(of(robot, 500), [].append)
     feed(acquisition, 1, 100)
-    with pytest.raises(RunError, match=r'^28 samples of axis1 were lost while they were recorded'):
+    with pytest.raises(RunError, match=r'^28 samples of axis1 were lost during a record'):
         feed(acquisition, 128, 500)
     assert acquisition.lost == 28
 

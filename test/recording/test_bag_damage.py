@@ -127,7 +127,7 @@ def test_a_bag_that_nobody_closed_is_read(tmp_path, caplog):
         writer.write(topics[topic], 1000 + i, data)  # these wait in memory
     trace = trace_file.load(tmp_path / 'bag')
     assert_holds(trace, range(5))
-    assert 'what was not yet on the disk is missing' in trace.meta['cut']
+    assert 'unwritten messages are missing' in trace.meta['cut']
     assert f'{5 * len(TYPES)} messages are left' in caplog.text
 
 

@@ -52,7 +52,7 @@ def test_a_record_that_waited_for_nothing_has_no_trigger(tmp_path):
         ('a.csv', 'axis1.current [A]\n1\n', 'its first column must be time [s]'),
         ('a.csv', 'time [s],current_1 [A]\n0,1\n1,1\n', "'current_1' is no channel"),
         ('a.csv', 'time [s],axis1.curent [A]\n0,1\n1,1\n', 'did you mean current'),
-        ('a.csv', 'time [s],axis1.current [A]\n0,1\n', 'holds 1 sample'),
+        ('a.csv', 'time [s],axis1.current [A]\n0,1\n', 'has 1 sample'),
         ('a.csv', 'time [s],axis1.current [A]\n', 'has no sample'),
         ('a.csv', 'time [s],axis1.current [A]\n0,1\n1,1\n3,1\n', 'not evenly spaced'),
         ('a.csv', 'time [s],axis1.current [A]\n1,1\n0,1\n', 'not evenly spaced'),
@@ -60,7 +60,7 @@ def test_a_record_that_waited_for_nothing_has_no_trigger(tmp_path):
         (
             'a.csv',
             '# trigger a fault, seen at noon s\ntime [s],axis1.current [A]\n0,1\n1,1\n',
-            'but noon',
+            'its trigger: noon',
         ),
         ('a.npz', 'none', 'it is not a .npz archive'),
         ('a.txt', 'none', 'must end in .csv, .npz or .parquet'),

@@ -80,8 +80,8 @@ def test_a_table_without_gaps_tells_of_none(tmp_path):
 @pytest.mark.parametrize(
     ('content', 'sentence'),
     [
-        (lines(';') + '0,75;1;2;3\n', 'commas and points in its numbers'),
-        (lines(';').replace('-1234.5', '-1.234,5'), 'commas and points in its numbers'),
+        (lines(';') + '0,75;1;2;3\n', 'numbers with commas and points'),
+        (lines(';').replace('-1234.5', '-1.234,5'), 'numbers with commas and points'),
         (lines().replace('7.125', '7,125'), r'line 4 of .* has 5 values, the header 4 columns$'),
         (lines().replace('7.125', 'abc'), r"line 4 of .* contains 'abc', not only numbers$"),
         (lines().replace('7.125', '7_125'), r"line 4 of .* contains '7_125', not only numbers$"),
@@ -256,7 +256,7 @@ def test_an_index_is_what_counts_before_the_first_heading_if_rows_have_a_last_ce
         (['0,1,2,3,', '1,1,2,3'], 'line 2 of .* has 5 values'),
         (
             [f'{n},{n},1,2,3' for n in range(500)] + ['7,500,1,2,3'],
-            'row 501 of .* first value that does not count',
+            'row 501 of .* first value without a heading',
         ),
         (
             [f'{n},1,2,3,' for n in range(500)] + ['500,1,2,3,4'],
@@ -283,7 +283,7 @@ def test_dates_over_the_end_of_a_day_and_in_a_time_zone(tmp_path):
     text = 'time;tcp_error_norm [mm]\n' + ''.join(f'{time};{n}\n' for n, time in enumerate(times))
     assert load(tmp_path / 'a.csv', text).time_s.tolist() == [0.0, 0.5, 0.75]
     with pytest.raises(
-        TraceError, match=r"line 3 of .* holds '2027-02-30T01:00:00,25Z', expected a time like"
+        TraceError, match=r"line 3 of .* contains '2027-02-30T01:00:00,25Z', expected a time like"
     ):
         load(tmp_path / 'a.csv', text.replace('01-01T01:00:00,25+01:00', '02-30T01:00:00,25Z'))
 
@@ -325,20 +325,20 @@ def test_a_file_without_headings_is_read_by_the_numbers_of_its_columns(tmp_path)
         (('column: 4', 'column: 9'), 'no column 9, it has 4 columns'),
         (('unit: ms', 'unit: mm'), r"columns\[0\].unit is 'mm', but must be one of \[s\], \[ms\], \[us\]"),
         (('axis: 3', 'axis: 2'), 'two columns are current, axis 2'),
-        (('column: 4', 'column: 3'), 'column 3 of .* is current of two axes'),
-        (('column: 4', 'column: Größe 2'), "column 'Größe 2' of .* is current of two axes"),
+        (('column: 4', 'column: 3'), 'column 3 of .* to two axes of current'),
+        (('column: 4', 'column: Größe 2'), "column 'Größe 2' of .* to two axes of current"),
         (('axis: 3, ', ''), r'columns\[3\]: missing key axis, one of 1, 2, 3'),
         (('factor: -2.0', 'factor: 0'), 'factor is 0'),
         (('factor: -2.0', 'factor: .inf'), 'must be finite'),
         (('signal: time', 'signal: tme'), 'did you mean time'),
         (('signal: time, ', 'signal: time, axis: 1, '), 'time has no axes'),
-        (('columns:', 'encoding: klingon\ncolumns:'), 'is no encoding'),
+        (('columns:', 'encoding: klingon\ncolumns:'), 'is not an encoding'),
         (('columns:', 'headings: false\ncolumns:'), 'without headings columns are identified by number'),
         (
             ('- {column: 4, signal: current, axis: 3, unit: A}\n', ''),
             r'not all three of a signal \(current\)',
         ),
-        (('columns:', 'decimal: ","\ncolumns:'), r'holds numbers with .*, its column file says'),
+        (('columns:', 'decimal: ","\ncolumns:'), r'contains numbers with .*, its column file has'),
     ],
 )
 def test_a_column_file_that_is_wrong_gets_one_sentence(change, sentence, tmp_path):

@@ -98,7 +98,7 @@ def test_a_date_is_no_time_of_a_run(pyarrow, tmp_path):
         'time [ms]': np.array(['2026-01-01', '2026-01-02', '2026-01-03'], dtype='datetime64[ms]')
     }
     with pytest.raises(
-        TraceError, match=r"column 'time \[ms\]' holds timestamp\[ms\], expected numbers with a unit"
+        TraceError, match=r"column 'time \[ms\]' contains timestamp\[ms\], expected numbers with a unit"
     ):
         trace_file.load(write_parquet(pyarrow, tmp_path / 'a.parquet', held))
 

@@ -144,6 +144,6 @@ def test_a_damaged_file_beside_it_is_one_sentence(text, tmp_path):
     path = written(tmp_path / 'run.csv')
     (tmp_path / 'run.csv-metadata.json').write_bytes(text.encode('latin-1'))
     with pytest.raises(
-        TraceError, match=r'^cannot read what .*run\.csv-metadata\.json tells of run\.csv: .+'
+        TraceError, match=r'^cannot read the metadata of run\.csv in .*run\.csv-metadata\.json: .+'
     ):
         trace_csv.read(path)

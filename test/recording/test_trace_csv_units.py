@@ -66,7 +66,7 @@ def test_every_unit_is_what_it_says(unit, tmp_path):
         ('time [s],payload [kg]\n0,1\n1,2,3\n', 'has 3 values'),
         ('time [s]\nnan\n', 'not finite'),
         ('time [s]\n1\n0\n', 'do not increase'),
-        ('# {"gear_ratio": \ntime [s]\n0\n', 'no JSON object'),
+        ('# {"gear_ratio": \ntime [s]\n0\n', 'not a JSON object'),
     ],
 )
 def test_a_bad_csv_trace_gets_one_sentence(text, reason, tmp_path):
