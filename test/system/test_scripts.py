@@ -66,7 +66,8 @@ def test_a_script_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     with cell.simulate(robot, cell=sensor) as simulated:
         scripts.load(decides).run(simulated)
     trace = simulated.trace
-    done = delta3('run', decides, '--cell', sensor, '--real-time-factor', '0', '--bag', bag, '--json')
+    options = ['--single-process', '--real-time-factor', '0', '--bag', bag, '--json']
+    done = delta3('run', decides, '--cell', sensor, *options)
     assert done.returncode == 0, done.stderr
     recorded = trace_file.load(bag)
     cycles = [np.rint(one.time_s / robot.bus.cycle_time_s).astype(int) for one in (trace, recorded)]
@@ -174,7 +175,7 @@ def test_a_script_that_dies_ends_the_run_with_its_line(
     dies.write_text(
         'def main(robot):\n    robot.move_l(to_mm=[0, 0, -800])\n    raise ValueError("no more")\n'
     )
-    done = delta3('run', dies, '--real-time-factor', '0', '--json')
+    done = delta3('run', dies, '--single-process', '--real-time-factor', '0', '--json')
     assert done.returncode == 1
     assert json.loads(done.stdout)['error'].endswith('dies.py:3: ValueError: no more')
 
