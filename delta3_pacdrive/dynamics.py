@@ -3,15 +3,15 @@
     tau = A(theta) thetaddot + C(theta, thetadot) thetadot + G(theta)                       (4.26)
     A = I_b 1 + m_nt J^T J,   C = m_nt J^T Jdot,   G_i = m_nt g J_3i - m_br g r_Gb cos theta_i
 
-with the rotor and brake inertia in I_b = k_r^2 (I_m + I_brake) + l_A^2 (m_b/3 + m_c + r m_fb) and no friction. The
-coupling torque d (4.31) is what a motor feels beyond A_bar thetaddot and its friction.
+with the rotor and brake inertia in I_b = k_r^2 (I_m + I_brake) + l_A^2 (m_b/3 + m_c + r m_fb), without friction. The
+coupling torque d (4.31) is the motor load in addition to A_bar thetaddot and friction.
 
-The thesis puts the share r of a forearm's mass into the elbow and the rest into the plate (4.8.1). A forearm of uniform
-rods, whose points move with (1 - x) Cdot_i + x Xdot, 0 <= x <= 1, has the kinetic energy
+The thesis assigns the share r of a forearm's mass to the elbow and the remainder to the plate (4.8.1). A forearm of
+uniform rods, whose points move with (1 - x) Cdot_i + x Xdot, 0 <= x <= 1, has exactly the kinetic energy
 
     m_fb/6 (|Cdot_i|^2 + Cdot_i.Xdot + |Xdot|^2)
 
-exactly: a third of the mass in the elbow, a third in the plate, and the sixth mu = m_fb/6 that couples both,
+of a third of the mass in the elbow, a third in the plate, and a coupling mass mu = m_fb/6:
 
     A = I_b 1 + m_nt J^T J + mu (B^T J + J^T B),   B = [b_1 b_2 b_3] (4.9),
 
@@ -24,11 +24,11 @@ Arguments of the functions and kernels here:
 ``tau``
     Arm torques [N m], shape (..., 3).
 ``parameters``
-    Of the robot: a ``Parameters``.
+    The parameters of a robot: a ``Parameters``.
 ``rods``
     Whether forearms are uniform rods instead of split masses.
 ``g``, ``n``, ``geometry_record``, ``inertia_record``
-    Records ``kinematics.GEOMETRY`` and ``INERTIA``, and arrays that hold one of them, shape (1,).
+    Records ``kinematics.GEOMETRY`` and ``INERTIA``, and arrays with one of them, shape (1,).
 ``mass``
     Mass matrix (A11, A22, A33, A12, A13, A23) [kg m^2], shape (6,).
 ``p``, ``xdot``
@@ -44,7 +44,7 @@ Arguments of the functions and kernels here:
 ``angles``, ``rates``, ``accelerations``, ``torques``
     Rows of [rad], [rad/s], [rad/s^2] and [N m], shape (n, 3).
 ``out``
-    Takes the results, one for each row, shape (n, ...).
+    Receives the results, one for each row, shape (n, ...).
 """
 
 from typing import Any
@@ -71,7 +71,7 @@ INERTIA = np.dtype(
 
 
 def rotor_inertia(parameters: Parameters) -> float:
-    """Inertia [kg m^2] of a rotor with its brake, on the arm side of the gear."""
+    """Return the inertia [kg m^2] of a rotor with its brake, on the arm side of the gear."""
     motor = parameters.motor
     return parameters.dynamics.gear_ratio**2 * (motor.rotor_inertia_kg_m2 + motor.brake_inertia_kg_m2)
 
@@ -88,13 +88,13 @@ def inertia(
     Parameters
     ----------
     parameters
-        Of the robot.
+        The parameters of a robot.
     geometry_record
-        Lengths of the built arms; nominal without.
+        Lengths of the built arms (default: nominal).
     rods
-        Forearms as uniform rods instead of split masses.
+        Whether forearms are uniform rods instead of split masses.
     rotors
-        Whether the rotors turn with the arms.
+        Whether to include the rotors.
 
     """
     p = parameters.dynamics
@@ -109,7 +109,7 @@ def inertia(
     if rods:
         record['plate'] = p.plate_mass_kg + p.payload_mass_kg + p.forearm_mass_kg
         record['rod'] = p.forearm_mass_kg / 6.0
-        # a third and a sixth: half of a forearm weighs on its elbow
+        # a third and a sixth: the elbow carries half of the forearm's weight
         at_elbow += record['rod'][0]
     moment = l_a * (p.upper_arm_mass_kg / 2.0 + at_elbow)
     record['weight'] = p.gravity_m_s2 * moment / l_a
@@ -119,9 +119,9 @@ def inertia(
 
 @kernel
 def motion_terms(theta, thetadot, g, n):
-    """Mass matrix A as (A11, A22, A33, A12, A13, A23) and bias C thetadot + G for one pose; nan where FK fails.
+    """Mass matrix A as (A11, A22, A33, A12, A13, A23) and bias C thetadot + G at one pose; nan where FK fails.
 
-    Jdot thetadot = S^-1 (Ddot thetadot - Sdot Xdot) (4.15 times thetadot) needs no matrix Jdot.
+    Jdot thetadot = S^-1 (Ddot thetadot - Sdot Xdot) (4.15 times thetadot) avoids the matrix Jdot.
     """
     p, s, b = pose(theta, g)
     n1, n2, n3, determinant = inverse_columns(s)
@@ -160,7 +160,7 @@ def motion_terms(theta, thetadot, g, n):
 
 @kernel
 def _with_rods(terms, thetadot, pose, j, a, g, n):
-    """Add what couples elbows and plate in uniform rods.
+    """Add the coupling of elbows and plate by uniform rods.
 
     ``terms`` are mass matrix and bias of split masses, ``pose`` is (p, s, b).
     """
@@ -168,7 +168,7 @@ def _with_rods(terms, thetadot, pose, j, a, g, n):
     p, s, b = pose
     arms = (upper_arm(0, p, s[0], g), upper_arm(1, p, s[1], g), upper_arm(2, p, s[2], g))
     squares = (thetadot[0] * thetadot[0], thetadot[1] * thetadot[1], thetadot[2] * thetadot[2])
-    # bdot_i thetadot_i; the elbows' weight is in that of the arms
+    # bdot_i thetadot_i; the weight of the elbows is included in that of the arms
     elbows = combine(-squares[0], arms[0], -squares[1], arms[1], -squares[2], arms[2])
     force = (elbows[0], elbows[1], elbows[2] + 3.0 * n.gravity)
     coupled_mass = (
@@ -270,7 +270,9 @@ def inverse(
     *,
     rods: bool = False,
 ) -> Floats:
-    """Arm torques [N m] of a motion (4.26): motor inertia included, no friction; shapes (..., 3); nan without FK.
+    """Return the arm torques [N m] of a motion (4.26), with motor inertia, without friction; shapes (..., 3).
+
+    They are nan where FK fails.
 
     With ``rods`` the forearms are uniform rods instead of the thesis' split masses.
     """
@@ -290,7 +292,7 @@ def inverse(
 
 
 def regressor(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, parameters: Parameters) -> Floats:
-    """Columns Y of (4.26), which is linear in the inertial constants: tau = Y [I_b, m_nt, m_br r_Gb].
+    """Return Y of (4.26), which is linear in the inertial constants: tau = Y [I_b, m_nt, m_br r_Gb].
 
     Shapes (..., 3) -> (..., 3, 3): arm by constant, in [rad/s^2], [m^2/s^2], [m/s^2]; nan where FK fails.
     """
@@ -310,7 +312,7 @@ def regressor(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, param
 def forward(
     theta: ArrayLike, thetadot: ArrayLike, tau: ArrayLike, parameters: Parameters, *, rods: bool = False
 ) -> Floats:
-    """Arm accelerations [rad/s^2] under arm torques: thetaddot = A^-1 (tau - C thetadot - G); shapes (..., 3).
+    """Return arm accelerations [rad/s^2] for arm torques: thetaddot = A^-1 (tau - C thetadot - G); shapes (..., 3).
 
     With ``rods`` the forearms are uniform rods instead of the thesis' split masses.
     """
@@ -323,10 +325,9 @@ def forward(
 def mass_matrix(
     theta: ArrayLike, parameters: Parameters, *, rods: bool = False, rotors: bool = True
 ) -> Floats:
-    """Mass matrix A(theta) [kg m^2], arm side; shape (..., 3) -> (..., 3, 3).
+    """Return the mass matrix A(theta) [kg m^2], arm side; shape (..., 3) -> (..., 3, 3).
 
-    With ``rods`` the forearms are uniform rods instead of the thesis' split masses; ``rotors`` says whether the rotors
-    turn with the arms.
+    With ``rods`` the forearms are uniform rods instead of the thesis' split masses; ``rotors`` includes the rotors.
     """
     angles, shape = rows(theta, 'theta')
     out = np.empty((len(angles), 3, 3))
@@ -336,12 +337,12 @@ def mass_matrix(
 
 
 def gravity(theta: ArrayLike, parameters: Parameters) -> Floats:
-    """Arm torques G(theta) [N m] that hold the robot at rest; shapes (..., 3)."""
+    """Return the arm torques G(theta) [N m] that hold the robot at rest; shapes (..., 3)."""
     return inverse(theta, np.zeros(3), np.zeros(3), parameters)
 
 
 def coupling(theta: ArrayLike, thetadot: ArrayLike, thetaddot: ArrayLike, parameters: Parameters) -> Floats:
-    """Coupling torque d [N m, motor side] = [(A - A_bar) thetaddot + C thetadot + G]/k_r (4.31); shapes (..., 3)."""
+    """Return the coupling torque d = [(A - A_bar) thetaddot + C thetadot + G]/k_r [N m, motor side] (4.31)."""
     linear = parameters.drive.observer_arm_inertia_kg_m2 * np.asarray(thetaddot, dtype=np.float64)
     torque = inverse(theta, thetadot, thetaddot, parameters) - linear
     return np.asarray(torque / parameters.dynamics.gear_ratio)

@@ -1,14 +1,14 @@
-"""Kinematics of the Delta-3 robot (thesis 4.2 to 4.6; what is corrected there: docs/student/errata.md).
+"""Kinematics of the Delta-3 robot (thesis 4.2 to 4.6; corrections: docs/student/errata.md).
 
 Frame ``base``: origin in the centre of the base plate, z up. Arm i lies in the vertical plane at azimuth alpha_i; its
 angle theta_i is 0 when it points outward and positive downward. R = R_A - R_B (4.1: the plate shrinks to a point).
-The kernels take l_A, l_B and R of each arm: those of a built robot differ a little, and so do calibrated ones.
+The kernels take l_A, l_B and R of each arm, because built and calibrated robots deviate slightly from the drawing.
 
     elbow        C_i = (R + l_A cos theta_i) u_i - l_A sin theta_i z
     forearm      s_i = X - C_i,  |s_i| = l_B                                   (4.4, 4.5)
     arm tangent  b_i = dC_i/dtheta_i = -l_A (sin theta_i u_i + cos theta_i z)  (4.9)
 
-The scalar kernels work on 3-tuples and serve the control loops; the functions in front of them take arrays of poses.
+The scalar kernels work on 3-tuples and are used in the control loops; the array functions wrap them.
 
 Arguments of the functions and kernels here:
 
@@ -22,7 +22,7 @@ Arguments of the functions and kernels here:
 ``i``
     Number of an arm, 0 to 2.
 ``g``, ``geometry_record``
-    One record ``GEOMETRY``, and an array that holds it, shape (1,).
+    One record ``GEOMETRY``, and an array with one record, shape (1,).
 ``elbow_in``
     Whether the elbow points inward.
 ``cosine``, ``sine``
@@ -40,7 +40,7 @@ Arguments of the functions and kernels here:
 ``points``, ``angles``
     Rows of positions [m] and of arm angles [rad], shape (n, 3).
 ``out``
-    Takes the results, one for each row, shape (n, ...).
+    Receives the results, one for each row, shape (n, ...).
 """
 
 import math
@@ -56,8 +56,8 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import combine, cross, difference, dot, triple
 from delta3_pacdrive.parameters import ArmDeviations, Kinematics, Parameters
 
-Lengths = Kinematics | Parameters  # the parameters of a robot, or their group of lengths
-Unreachable = Literal['raise', 'nan']  # what becomes of points for which there is no solution
+Lengths = Kinematics | Parameters
+Unreachable = Literal['raise', 'nan']  # handling of points without a solution
 
 GEOMETRY = np.dtype(
     [
@@ -71,14 +71,14 @@ GEOMETRY = np.dtype(
 
 
 def geometry(kinematics: Lengths, deviations: ArmDeviations | None = None) -> NDArray[Any]:
-    """Return the constants of the kernels, an array of one ``GEOMETRY``.
+    """Return the constants of the kernels, an array with one ``GEOMETRY``.
 
     Parameters
     ----------
     kinematics
         The parameters of a robot, or their group ``kinematics``.
     deviations
-        Of the arms from the drawing; without them what the controller takes for true: its corrections.
+        Deviations of the arms from the drawing (default: the corrections of the controller).
 
     """
     lengths = kinematics.kinematics if isinstance(kinematics, Parameters) else kinematics
@@ -118,8 +118,8 @@ def arm_angle(p, i, g, elbow_in):
     """Angle of arm ``i`` for the plate at ``p``; nan if out of reach (4.4).
 
     E cos theta + F sin theta = K has the half-angle solutions tan(theta/2) = (F -+ w)/(E + K) = (K - E)/(F +- w),
-    w^2 = E^2 + F^2 - K^2; of the two forms the one without cancellation is taken. The upper sign is the elbow-out
-    branch, in which the robot works. The angle is in (-pi, pi].
+    w^2 = E^2 + F^2 - K^2; the form without cancellation is evaluated. The upper sign is the elbow-out branch, in which
+    the robot works. The angle is in (-pi, pi].
     """
     l_a, l_b = g.l_a[i], g.l_b[i]
     x = p[0] * g.cos_alpha[i] + p[1] * g.sin_alpha[i] - g.r[i]
@@ -155,7 +155,7 @@ def elbow(i, cosine, sine, g):
 def plate_from_elbows(c1, c2, c3, l_b, side):
     """Intersection of three spheres of radii l_B (4.3), below (``side`` = -1) or above (+1) the elbow plane.
 
-    Nan where the spheres do not meet or the elbows lie on a line.
+    Nan where the spheres do not meet or the elbows are collinear.
     """
     p = difference(c2, c1)
     q = difference(c3, c1)
@@ -179,7 +179,7 @@ def plate_from_elbows(c1, c2, c3, l_b, side):
 
 @kernel
 def plate_position(theta, g):
-    """Position of the plate for three arm angles: the intersection below the elbow plane (4.3)."""
+    """Position of the plate for three arm angles, below the elbow plane (4.3)."""
     c1 = elbow(0, math.cos(theta[0]), math.sin(theta[0]), g)
     c2 = elbow(1, math.cos(theta[1]), math.sin(theta[1]), g)
     c3 = elbow(2, math.cos(theta[2]), math.sin(theta[2]), g)
@@ -194,7 +194,7 @@ def arm_tangent(i, cosine, sine, g):
 
 @kernel
 def upper_arm(i, p, s, g):
-    """C_i - R u_i of a plate and a forearm vector: the upper arm; bdot_i = -(C_i - R u_i) thetadot_i."""
+    """C_i - R u_i, the upper arm, from plate position and forearm vector; bdot_i = -(C_i - R u_i) thetadot_i."""
     return (p[0] - s[0] - g.r[i] * g.cos_alpha[i], p[1] - s[1] - g.r[i] * g.sin_alpha[i], p[2] - s[2])
 
 
@@ -218,7 +218,7 @@ def forearms(theta, p, g):
 
 @kernel
 def inverse_columns(s):
-    """Columns of S^-1 times det S, and det S, of the matrix with the rows s_i."""
+    """Columns of S^-1 times det S, and det S, for the matrix with rows s_i."""
     n1 = cross(s[1], s[2])
     n2 = cross(s[2], s[0])
     n3 = cross(s[0], s[1])
@@ -239,7 +239,7 @@ def parallel_distance(s, g):
 
 @kernel
 def pose(theta, g):
-    """Plate position, forearm vectors s_1..3 and arm tangents b_1..3 of three arm angles (4.3, 4.5, 4.9)."""
+    """Plate position, forearm vectors s_1..3 and arm tangents b_1..3 for three arm angles (4.3, 4.5, 4.9)."""
     cosines = (math.cos(theta[0]), math.cos(theta[1]), math.cos(theta[2]))
     sines = (math.sin(theta[0]), math.sin(theta[1]), math.sin(theta[2]))
     c1 = elbow(0, cosines[0], sines[0], g)
@@ -268,7 +268,7 @@ def jacobian_columns(s, b):
 
 @kernel
 def _inverse_all(points, out, geometry_record):
-    """Fill ``out`` with the angles of both branches of each arm, shape (n, 3, 2); nan out of reach."""
+    """Fill ``out`` with the angles of both branches of each arm, shape (n, 3, 2); nan if out of reach."""
     for n in range(points.shape[0]):
         p = triple(points[n])
         for i in range(3):
@@ -278,7 +278,7 @@ def _inverse_all(points, out, geometry_record):
 
 @kernel
 def _inverse(points, out, geometry_record):
-    """Fill ``out``; return the first row that holds a nan, or -1."""
+    """Fill ``out``; return the first row with a nan, or -1."""
     bad = -1
     for n in range(points.shape[0]):
         angles = arm_angles(triple(points[n]), geometry_record[0])
@@ -291,7 +291,7 @@ def _inverse(points, out, geometry_record):
 
 @kernel
 def _forward(angles, side, out, geometry_record):
-    """Fill ``out``; return the first row that holds a nan, or -1."""
+    """Fill ``out``; return the first row with a nan, or -1."""
     bad = -1
     g = geometry_record[0]
     for n in range(angles.shape[0]):
@@ -331,7 +331,7 @@ def _singularity(angles, points, out, geometry_record):
 
 @kernel
 def _swing_sines(points, out, geometry_record):
-    """Fill ``out`` with the sines of the swings of the three forearms, shape (n, 3)."""
+    """Fill ``out`` with the sines of the sideways swing of the three forearms, shape (n, 3)."""
     for n in range(points.shape[0]):
         for i in range(3):
             out[n, i] = swing_sine(i, triple(points[n]), geometry_record[0])
@@ -343,7 +343,7 @@ def rows(values: ArrayLike, name: str) -> tuple[Floats, tuple[int, ...]]:
     Raises
     ------
     ValueError
-        They have another shape; calls them by ``name``.
+        Another shape; ``name`` is used in the message.
 
     """
     array = np.asarray(values, dtype=np.float64)
@@ -366,7 +366,7 @@ def _is_nan(unreachable: Unreachable) -> bool:
 
 
 def inverse(p: ArrayLike, kinematics: Lengths, *, unreachable: Unreachable = 'raise') -> Floats:
-    """Arm angles of the elbow-out branch for TCP positions (4.4).
+    """Return arm angles of the elbow-out branch for TCP positions (4.4).
 
     Parameters
     ----------
@@ -375,7 +375,7 @@ def inverse(p: ArrayLike, kinematics: Lengths, *, unreachable: Unreachable = 'ra
     kinematics
         The parameters of a robot, or their group ``kinematics``.
     unreachable
-        ``raise`` an error, or fill the angles of such positions with ``nan``.
+        ``raise`` an error, or return ``nan`` for unreachable positions.
 
     Returns
     -------
@@ -385,7 +385,7 @@ def inverse(p: ArrayLike, kinematics: Lengths, *, unreachable: Unreachable = 'ra
     Raises
     ------
     UnreachableError
-        Names the first position, and its first arm, for which there is no solution.
+        A position is out of reach; names the first one and its first arm.
 
     """
     points, shape = rows(p, 'p')
@@ -402,9 +402,9 @@ def inverse(p: ArrayLike, kinematics: Lengths, *, unreachable: Unreachable = 'ra
 
 
 def inverse_all(p: ArrayLike, kinematics: Lengths) -> Floats:
-    """All eight solutions (Fig. 4.6) for TCP positions of shape (..., 3): shape (..., 8, 3), nan where out of reach.
+    """Return all eight solutions (Fig. 4.6) for TCP positions, shape (..., 3) -> (..., 8, 3); nan if out of reach.
 
-    Bit i of the solution's number is set where arm i + 1 has its elbow inward; solution 0 is that of ``inverse``.
+    Bit i of the solution's number means that the elbow of arm i + 1 points inward; solution 0 is that of ``inverse``.
     """
     points, shape = rows(p, 'p')
     branches = np.empty((len(points), 3, 2))
@@ -417,7 +417,7 @@ def inverse_all(p: ArrayLike, kinematics: Lengths) -> Floats:
 def forward(
     theta: ArrayLike, kinematics: Lengths, *, above: bool = False, unreachable: Unreachable = 'raise'
 ) -> Floats:
-    """TCP positions for arm angles (4.3).
+    """Return TCP positions for arm angles (4.3).
 
     Parameters
     ----------
@@ -426,9 +426,9 @@ def forward(
     kinematics
         The parameters of a robot, or their group ``kinematics``.
     above
-        The solution above the elbow plane instead of that below it.
+        Return the solution above the elbow plane instead of that below it.
     unreachable
-        ``raise`` an error, or fill the positions of such angles with ``nan``.
+        ``raise`` an error, or return ``nan`` for angles without a solution.
 
     Returns
     -------
@@ -438,7 +438,7 @@ def forward(
     Raises
     ------
     UnreachableError
-        The forearms of an angle triple do not meet.
+        The forearms do not meet for a triple of angles.
 
     """
     angles, shape = rows(theta, 'theta')
@@ -451,7 +451,7 @@ def forward(
 
 
 def jacobian(theta: ArrayLike, p: ArrayLike, kinematics: Lengths) -> Floats:
-    """Jacobian J = S^-1 D with Xdot = J thetadot (4.12, 4.13); shapes (..., 3), (..., 3) -> (..., 3, 3)."""
+    """Return the Jacobian J = S^-1 D with Xdot = J thetadot (4.12, 4.13); shapes (..., 3), (..., 3) -> (..., 3, 3)."""
     angles, points, shape = _pairs(theta, p)
     out = np.empty((len(angles), 3, 3))
     _jacobian(angles, points, out, geometry(kinematics))
@@ -461,7 +461,7 @@ def jacobian(theta: ArrayLike, p: ArrayLike, kinematics: Lengths) -> Floats:
 def jacobian_dot(
     theta: ArrayLike, thetadot: ArrayLike, p: ArrayLike, pdot: ArrayLike, kinematics: Lengths
 ) -> Floats:
-    """Time derivative Jdot = S^-1 (Ddot - Sdot J) (4.15, corrected); shapes (..., 3) -> (..., 3, 3).
+    """Return the derivative Jdot = S^-1 (Ddot - Sdot J) (4.15, corrected); shapes (..., 3) -> (..., 3, 3).
 
     sdot_i = Xdot - b_i thetadot_i and Ddot_ii = sdot_i.b_i + s_i.bdot_i, with bdot_i = -(C_i - R u_i) thetadot_i.
     """
@@ -482,7 +482,7 @@ def jacobian_dot(
 
 
 def singularity(theta: ArrayLike, p: ArrayLike, kinematics: Lengths) -> tuple[Floats, Floats]:
-    """Normalised distances from the singularities: s_i.b_i/(l_A l_B) (..., 3) and |det S|/l_B^3 (...)."""
+    """Return normalised distances from singularities: s_i.b_i/(l_A l_B) (..., 3) and |det S|/l_B^3 (...)."""
     angles, points, shape = _pairs(theta, p)
     out = np.empty((len(angles), 4))
     _singularity(angles, points, out, geometry(kinematics))
@@ -490,7 +490,7 @@ def singularity(theta: ArrayLike, p: ArrayLike, kinematics: Lengths) -> tuple[Fl
 
 
 def forearm_swing(p: ArrayLike, kinematics: Lengths) -> Floats:
-    """Sideways swing asin(|y_i|/l_B) [rad] of the three forearms for TCP positions (..., 3)."""
+    """Return the sideways swing asin(|y_i|/l_B) [rad] of the three forearms for TCP positions (..., 3)."""
     points, shape = rows(p, 'p')
     sines = np.empty_like(points)
     _swing_sines(points, sines, geometry(kinematics))

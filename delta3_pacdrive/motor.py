@@ -1,11 +1,11 @@
-"""The brushless AC servo motor (thesis 7.2, 8.2): winding, back-EMF, torque and friction, currents rms per phase.
+"""The brushless AC servo motor (thesis 7.2, 8.2): winding, back-EMF, torque and friction; currents rms per phase.
 
 With R and L phase to phase and K_m per ampere rms, one phase obeys
 
     v = (R/2) I + (L/2) dI/dt + (K_m/3) w,   |v| <= V_dc / sqrt(6),   torque = K_m I - F_s tanh(w/w_s) - F_v w
 
-where the current vector lies on the q axis (i_d = 0): I_eff = i_q / sqrt(2), signed (8.2). A winding that is shorted at
-its terminals brakes with v = 0; the d axis, left out, would weaken that from the electrical speed R/L on.
+with the current vector on the q axis (i_d = 0): I_eff = i_q / sqrt(2), signed (8.2). A winding short-circuited at its
+terminals brakes with v = 0; the neglected d axis would reduce that braking above the electrical speed R/L.
 
 Arguments of the functions and kernels here:
 
@@ -18,7 +18,7 @@ Arguments of the functions and kernels here:
 ``m``
     Record ``MOTOR``.
 ``parameters``
-    Of the robot: a ``Parameters``.
+    The parameters of a robot: a ``Parameters``.
 """
 
 import math
@@ -31,9 +31,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.parameters import Parameters
 
-TERMINAL_SHORT = (
-    0.02  # share of R and L that cable and arc leave the end stage, where the terminals are shorted
-)
+TERMINAL_SHORT = 0.02  # remaining share of R and L, of cable and arc, when the terminals are short-circuited
 
 MOTOR = np.dtype(
     [
@@ -50,10 +48,10 @@ MOTOR = np.dtype(
 
 
 def motor(parameters: Parameters) -> NDArray[Any]:
-    """Return one record of ``MOTOR``; ``current_decay`` is that of one current-loop period."""
+    """Return one record of ``MOTOR``; ``current_decay`` is for one period of the current loop."""
     p, drive = parameters.motor, parameters.drive
     record = np.zeros(1, MOTOR)
-    # a commutation error turns the current vector away from the q axis
+    # a commutation error rotates the current vector out of the q axis
     record['torque_constant'] = p.torque_constant_n_m_a * math.cos(drive.commutation_offset_rad)
     record['phase_resistance'] = p.winding_resistance_ohm / 2.0
     time_constant = p.winding_inductance_h / p.winding_resistance_ohm
@@ -68,27 +66,27 @@ def motor(parameters: Parameters) -> NDArray[Any]:
 
 @kernel
 def phase_voltage_max(dc_link):
-    """Largest voltage [V rms] of a phase that a DC link [V] allows."""
+    """Largest phase voltage [V rms] for a DC link voltage [V]."""
     return dc_link / math.sqrt(6.0)
 
 
 @kernel
 def winding_current(current, voltage, speed, m):
-    """Current after one period under constant voltage and speed: the exact solution of the winding equation."""
+    """Current after one period at constant voltage and speed: exact solution of the winding equation."""
     final = (voltage - m.back_emf_constant * speed) / m.phase_resistance
     return final + (current - final) * m.current_decay
 
 
 @kernel
 def short_circuit_current(current, voltage, m):
-    """Current [A] of the end stage after one period into shorted terminals: no back-EMF, and L/R as ever."""
+    """Current [A] of the end stage after one period into shorted terminals: without back-EMF, with unchanged L/R."""
     final = voltage / (TERMINAL_SHORT * m.phase_resistance)
     return final + (current - final) * m.current_decay
 
 
 @kernel
 def friction_torque(speed, m):
-    """Friction torque at the shaft; opposes the speed."""
+    """Friction torque at the shaft, opposing the speed."""
     return m.static_friction * math.tanh(speed / m.friction_smoothing) + m.viscous_friction * speed
 
 
@@ -103,18 +101,18 @@ def phase_currents(current, shaft_position, m):
 
 @kernel
 def phase_columns(effective, shaft_position, m, phases):
-    """Fill rows of instantaneous currents (or voltages) of the three phases for columns of effective values.
+    """Fill rows of instantaneous phase currents (or voltages) for columns of effective values.
 
     Parameters
     ----------
     effective
         I_eff [A], shape (n,).
     shaft_position
-        Of the motor [rad], shape (n,).
+        Position of the motor shaft [rad], shape (n,).
     m
         Record ``MOTOR``.
     phases
-        Takes I1s, I2s, I3s [A], shape (n, 3).
+        Receives I1s, I2s, I3s [A], shape (n, 3).
 
     """
     for n in range(effective.shape[0]):
@@ -122,9 +120,9 @@ def phase_columns(effective, shaft_position, m, phases):
 
 
 def share_text(currents: Sequence[float | None], limit: float, name: str) -> str:
-    """Return ``currents`` [A] as shares of a ``limit`` [A] with a ``name``: ``103 % of the nominal current (4 A)``.
+    """Format ``currents`` [A] as shares of a ``limit`` [A] with a ``name``: ``103 % of the nominal current (4 A)``.
 
-    Near the limit a share has a digit more, so that one above it does not read as the limit itself.
+    Shares near the limit have one more digit, so that a slight excess is visible.
     """
     shares = [
         '-' if one is None else f'{(share := 100.0 * one / limit):.{1 if 99.0 < share < 101.0 else 0}f}'
@@ -134,7 +132,7 @@ def share_text(currents: Sequence[float | None], limit: float, name: str) -> str
 
 
 def thermal_warnings(rms_a: Sequence[float | None], nominal: float, motors: Sequence[str] = ()) -> list[str]:
-    """Return a sentence for each of the ``motors`` whose rms current ``rms_a`` [A] exceeds the ``nominal`` one [A]."""
+    """Return a warning for each of the ``motors`` whose rms current ``rms_a`` [A] exceeds the ``nominal`` one [A]."""
     names = motors or [f'motor {number}' for number in range(1, len(rms_a) + 1)]
     return [
         f'{name} draws {rms:.2f} A rms, {share_text([rms], nominal, "nominal")}: it overheats if this repeats '

@@ -17,7 +17,7 @@ from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.extension import Row
 from delta3_pacdrive.motion.move import OUTPUTS, Move
 from delta3_pacdrive.motion.plan import Plan, PlanBuilder
-from delta3_pacdrive.motion.plan_times import told_length_m
+from delta3_pacdrive.motion.plan_times import path_length_m
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.bag_reader import MALFORMED, NUMBERS, PHASE, TEXT, message_handler, open_bag
 from delta3_pacdrive.recording.sessions import Sessions
@@ -265,7 +265,7 @@ class _Story:
                     'kind': move.kind.name.lower(),
                     'start_s': self._time(first),
                     'end_s': self._time(last),
-                    'length_m': told_length_m(move),
+                    'length_m': path_length_m(move),
                     'limited_by': self._limit(move),
                 }
             )

@@ -4,7 +4,7 @@ from typing import Any
 
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.move import OUTPUTS, UNCHANGED
-from delta3_pacdrive.motion.plan_times import told_length_m
+from delta3_pacdrive.motion.plan_times import path_length_m
 
 
 class DrivenLog:
@@ -54,7 +54,7 @@ class DrivenLog:
 
     def _note(self, timeline: Timeline, number: int, begin: int, end: int, last_of_all: bool) -> None:
         move = timeline.plan.move(number)
-        kind, length_m = move.kind.name.lower(), told_length_m(move)
+        kind, length_m = move.kind.name.lower(), path_length_m(move)
         if self._goes_on and self._moves:
             _, begin, _, _ = self._moves.pop()
         else:

@@ -17,7 +17,7 @@ from delta3_pacdrive.motion.execution import OVERRIDE_MAX, MotionProfile, Timeli
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.motion.program_planner import Planned
-from delta3_pacdrive.motion.resume import way_back
+from delta3_pacdrive.motion.resume import return_plan
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
@@ -143,7 +143,7 @@ class Order:
             No return path exists.
 
         """
-        plan, override = way_back(cut_off, here, robot), min(override, run.override_max)
+        plan, override = return_plan(cut_off, here, robot), min(override, run.override_max)
         time = f'{plan.duration_s / override:.3f} s{at_percent(override)}'
         sentence = f'resumed after the fault: {counted(len(plan), "move")}, {time}'
         return Order(plan, (), -1, override, run.override_max, run.program, sentence)

@@ -1,1 +1,1 @@
-"""What UnitRobot knows: virtual master, paths, moves, programs and their checks (thesis 5, 6)."""
+"""Motion planning: virtual master, paths, moves, programs and their checks (thesis 5, 6)."""

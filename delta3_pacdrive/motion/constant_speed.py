@@ -48,7 +48,7 @@ class UnevenSpeedError(ProgramError):
         self.place_m, self.speed_m_s = place_m, speed_m_s
 
 
-def is_asked(segments: Sequence[PathSegment]) -> bool:
+def is_requested(segments: Sequence[PathSegment]) -> bool:
     """Whether a path requires constant speed; raises ProgramError if its segments contradict this."""
     asked = [segment.constant_speed for segment in segments]
     if not any(asked):

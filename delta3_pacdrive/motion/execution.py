@@ -29,10 +29,10 @@ from delta3_pacdrive.motion.move import Move, check_phases
 from delta3_pacdrive.motion.plan import PLAN_MAX_S, Plan, Tables, advance_number, plan_master_at
 from delta3_pacdrive.motion.virtual_master import (
     PHASE_COLUMNS,
+    compared_speeds,
     master_at,
+    phases_to_rest,
     remainder,
-    speeds_beside,
-    way_to_rest,
 )
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
@@ -335,7 +335,9 @@ class Timeline:
             acceleration, jerk = acceleration_m_s2, max(jerk, acceleration_m_s2 / HARD_RISE_S)
         for harder in range(HARDER_MAX):
             with suppress(ProgramError):  # no stop within these limits
-                table = way_to_rest(now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk)
+                table = phases_to_rest(
+                    now.distance_m, now.speed_m_s, now.acceleration_m_s2, acceleration, jerk
+                )
                 if never_faster(table, present):
                     break
             if harder == 0:
@@ -358,7 +360,7 @@ def _tcp_motion(move: Move, s: float, v: float, a: float) -> Floats:
 
 def never_faster(table: Floats, other: Floats) -> bool:
     """Whether phases never run backwards, end no later than others, and are nowhere faster at the same position."""
-    speeds = speeds_beside(table, other)
+    speeds = compared_speeds(table, other)
     if speeds is None or not table[-1, 1] <= other[-1, 1] + JOINED:
         return False
     return bool((speeds[0] <= speeds[1] * (1.0 + FASTER) + FASTER * other[:, 2].max()).all())

@@ -16,7 +16,7 @@ from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import PathMove, Program, Statement
 from delta3_pacdrive.motion.program_parts import parts
 from delta3_pacdrive.motion.program_planner import Planned
-from delta3_pacdrive.motion.resume import go_over
+from delta3_pacdrive.motion.resume import join_move
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.numerics.types import Floats
 
@@ -163,7 +163,7 @@ def extend(timeline: Timeline, cycle: int, splice: Splice, more: Plan) -> Extens
     first, now = timeline.at(cycle - 1).number, timeline.at(cycle)
     plan = timeline.plan.extended(first, splice.kept, more)
     if now.number >= splice.kept:
-        table = go_over(timeline, cycle, more.move(0), splice.common_m)
+        table = join_move(timeline, cycle, more.move(0), splice.common_m)
         if table is None:
             raise SpliceError('the corner to the appended moves cannot be rounded any more')
     elif profile.held or cycle >= timeline.end_cycle:

@@ -1,4 +1,4 @@
-"""Places at which a move is checked, and what its path is and which limits of the TCP hold there."""
+"""Grid of positions at which a move is checked, with path samples and TCP limits."""
 
 import math
 from collections.abc import Sequence
@@ -13,22 +13,22 @@ from delta3_pacdrive.motion.limits import Limits
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.numerics.types import Floats
 
-Stretches = Sequence[tuple[float, Limits]]  # of a move: ends [m], and the limits up to there
+Stretches = Sequence[tuple[float, Limits]]  # end of each stretch of a move [m], and its limits
 GRID_MIN, GRID_MAX, GRID_M, GRID_PER_PIECE = 97, 4001, 2.5e-3, 8
-BEFORE = 1e-9  # of a move's length: distance between both sides of a place
-END_REFINEMENTS = 7  # halvings of the grid towards both ends, where a master starts and stops
-FINE_GROWTH = 1.15  # of the steps of the fine grid from both ends of each piece of the path
-SAME_M = 1e-9  # distance of grid points that are one
+BEFORE = 1e-9  # distance between both sides of a grid point, relative to the length of the move
+END_REFINEMENTS = 7  # halvings of the grid towards both ends
+FINE_GROWTH = 1.15  # ratio of successive steps of the fine grid from the ends of each path piece
+SAME_M = 1e-9  # distance of identical grid points
 
 
 def limits_at(places_m: Floats, stretches: Stretches) -> tuple[Floats, Floats, Floats]:
-    """Limits of speed, acceleration and jerk at places on a move, shape (n,)."""
+    """Return limits of speed, acceleration and jerk at positions of a move, shape (n,)."""
     if len(stretches) == 1:
         only = stretches[0][1]
         every = (only.speed_m_s, only.acceleration_m_s2, only.jerk_m_s3)
         speed, acceleration, jerk = (np.full(len(places_m), limit, np.float64) for limit in every)
         return speed, acceleration, jerk
-    # where a stretch ends and the next begins, both limits hold
+    # at the end of a stretch both limits apply
     ends, limits = zip(*stretches, strict=True)
     table = np.array([astuple(one) for one in limits])
     before, after = (table[np.searchsorted(ends[:-1], places_m, side)] for side in ('left', 'right'))
@@ -37,7 +37,7 @@ def limits_at(places_m: Floats, stretches: Stretches) -> tuple[Floats, Floats, F
 
 
 def grid(curve: Curve) -> Floats:
-    """Distances at which a move is checked: even within each piece of the path, finer towards both ends of the move."""
+    """Return the grid of a move: even within each path piece, and finer towards both ends of the move."""
     edges = np.append(curve.segments[:, 0], curve.length_m)
     lengths = np.diff(edges)
     step = curve.length_m / min(max(GRID_MIN, curve.length_m / GRID_M), GRID_MAX)
@@ -49,7 +49,7 @@ def grid(curve: Curve) -> Floats:
 
 
 def fine_grid(curve: Curve, step_m: float) -> Floats:
-    """Return the grid of a move with steps that grow from ``step_m`` at both ends of each piece of its path."""
+    """Return a grid of a move with steps that grow from ``step_m`` at both ends of each path piece."""
     places = grid(curve)
     edges = np.append(curve.segments[:, 0], curve.length_m)
     lengths, steps = np.diff(edges), np.diff(places)
@@ -64,38 +64,38 @@ def fine_grid(curve: Curve, step_m: float) -> Floats:
 
 
 @dataclass(frozen=True)
-class Course:
-    """Path and limits of a move, without the robot; two are equal if their paths are so to the last bit."""
+class GridRequest:
+    """Path and limits of a move, independent of the robot; equal paths are compared bit by bit."""
 
-    table: bytes  # of the path's pieces
+    table: bytes  # of the path pieces
     length_m: float
     stretches: tuple[tuple[float, Limits], ...]
-    changes_m: tuple[float, ...]  # where other payloads begin to be carried
-    step_m: float  # first step of the fine grid; 0: not a fine one
+    changes_m: tuple[float, ...]  # positions of payload changes
+    step_m: float  # first step of the fine grid; 0: normal grid
     curve: Curve = field(compare=False)
 
 
 @lru_cache(maxsize=64)
-def laid_out(
-    course: Course,
+def grid_data(
+    request: GridRequest,
 ) -> tuple[Floats, Floats, Floats, NDArray[np.int64], tuple[Floats, Floats, Floats]]:
-    """Return grid, both sides of its places, samples, payloads and limits there; robots that differ share them."""
-    distance = fine_grid(course.curve, course.step_m) if course.step_m else grid(course.curve)
+    """Return grid, both sides of its points, samples, payloads and limits; cached for all robots."""
+    distance = fine_grid(request.curve, request.step_m) if request.step_m else grid(request.curve)
     places = _both_sides(distance)
-    samples = sample_path(places, course.curve.segments)
-    payload = np.searchsorted(course.changes_m, places, side='right')
-    return distance, places, samples, payload, limits_at(places, course.stretches)
+    samples = sample_path(places, request.curve.segments)
+    payload = np.searchsorted(request.changes_m, places, side='right')
+    return distance, places, samples, payload, limits_at(places, request.stretches)
 
 
 def _both_sides(distance: Floats) -> Floats:
-    """Return every place of a grid and, but for the first, the place right before it.
+    """Return each grid point and, except for the first, a point just before it.
 
-    Where a piece of the path or a phase of the master ends, acceleration and jerk differ on both sides.
+    At the ends of path pieces and phases, acceleration and jerk differ between both sides.
     """
     before = np.maximum(distance[1:] - BEFORE * distance[-1], 0.5 * (distance[1:] + distance[:-1]))
     return np.concatenate([distance[:1], np.stack([before, distance[1:]], axis=1).ravel()])
 
 
 def worse_of_both(values: Floats) -> Floats:
-    """Return the larger of the values on both sides of each place of a grid."""
+    """Return the larger value of both sides of each grid point."""
     return np.concatenate([values[:1], np.maximum(values[1::2], values[2::2])])

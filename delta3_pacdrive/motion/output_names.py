@@ -1,4 +1,4 @@
-"""Outputs of the robot by their names: its own, and those of a cell, with the delays of what hangs there."""
+"""Output names of the robot and of its cell, with the delays of the connected devices."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,23 +9,14 @@ from delta3_pacdrive.motion.move import OUTPUTS
 
 @dataclass(frozen=True)
 class NamedOutput:
-    """An output as programs and scripts name it.
+    """An output under a name of programs and scripts."""
 
-    Attributes
-    ----------
-    output
-        The robot's own name of it, one of ``OUTPUTS``.
-    on_s, off_s
-        From the output to what hangs there, such as a valve [s].
-
-    """
-
-    output: str
-    on_s: float = 0.0
+    output: str  # name in ``OUTPUTS``
+    on_s: float = 0.0  # switching delays of the device, such as a valve
     off_s: float = 0.0
 
     def delay_s(self, value: float) -> float:
-        """Return how long after the output it is on (1) or off (0) [s]."""
+        """Return the delay of the device when it is switched on (1) or off (0) [s]."""
         return self.on_s if value else self.off_s
 
 
@@ -34,5 +25,5 @@ OWN: OutputNames = MappingProxyType({name: NamedOutput(name) for name in OUTPUTS
 
 
 def named_bits(bits: int, outputs: OutputNames) -> dict[str, bool]:
-    """Return outputs by all their names, of bits: bit n is output n."""
+    """Return the state of each named output; bit n of ``bits`` is output n."""
     return {name: bool(bits >> OUTPUTS.index(one.output) & 1) for name, one in outputs.items()}

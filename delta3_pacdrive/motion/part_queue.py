@@ -1,4 +1,4 @@
-"""The queue of parts on a belt: what a camera has told, each part once, handed out by a rule."""
+"""Queue of parts on a belt, from camera detections: merges repeated detections and selects the next part."""
 
 import math
 from dataclasses import dataclass, replace
@@ -7,66 +7,45 @@ from enum import StrEnum
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.motion.belt_synchronization import TrackWindow
 
-PARTS_MAX = 1000  # that may wait
+PARTS_MAX = 1000
 
 
 class Rule(StrEnum):
-    """Which part is handed out first."""
+    """Selection of the next part."""
 
-    FIRST_IN = 'first in'  # the one that is farthest along the belt
-    NEAREST = 'nearest'  # to where the robot is
-    BY_LOAD = 'by load'  # the first one of the belt on which most parts wait
+    FIRST_IN = 'first in'  # farthest along the belt
+    NEAREST = 'nearest'  # closest to the robot
+    BY_LOAD = 'by load'  # first on the belt with the most parts
 
 
 @dataclass(frozen=True)
 class QueuedPart:
-    """A part on a belt, as it is known.
-
-    Attributes
-    ----------
-    type
-        Of the part.
-    along_m, across_m
-        Where it is on the belt while the way of that is 0 [m].
-    angle_rad
-        Against the direction of the belt [rad].
-    seen
-        How often it was told.
-    belt
-        Name of the belt; empty: nobody has said it.
-
-    """
+    """A detected part on a belt."""
 
     type: str
-    along_m: float
+    along_m: float  # position on the belt at zero travel
     across_m: float
-    angle_rad: float = 0.0
-    seen: int = 1
-    belt: str = ''
+    angle_rad: float = 0.0  # relative to the direction of travel
+    seen: int = 1  # number of detections
+    belt: str = ''  # name; empty if unknown
 
 
 class PartQueue:
-    """A queue takes what is told of parts, and hands out parts.
+    """Queue of detected parts.
 
     Parameters
     ----------
     merge_m
-        What is told of parts of one type nearer to each other than this [m] is told of one part.
+        Detections of one part type closer than this [m] are the same part.
     rule
-        Which part is handed out first.
+        Selection of the next part.
     size
-        Number of parts that may wait.
-
-    Attributes
-    ----------
-    merged, left, refused
-        How often a part was told that was known already, how many have left the window before they were handed out, and
-        how many found the queue full.
+        Maximum number of queued parts.
 
     Raises
     ------
     ProgramError
-        The distance is none.
+        The distance is negative or not finite.
 
     """
 
@@ -76,15 +55,16 @@ class PartQueue:
         self._merge_m, self._rule, self._size = merge_m, rule, size
         self._parts: list[QueuedPart] = []
         self._handed: list[QueuedPart] = []
+        # repeated detections, parts that left the window, and parts rejected because the queue was full
         self.merged = self.left = self.refused = 0
 
     def __len__(self) -> int:
         return len(self._parts)
 
     def add(self, part: QueuedPart) -> bool:
-        """Take what is told of a part; return whether it is a new one.
+        """Add a detection; return whether it is a new part.
 
-        Of a part that waits, places and angles are averaged; one that was handed out is not handed out again.
+        Repeated detections of a queued part are averaged; a part that was handed out is not queued again.
         """
         for known in self._handed:
             if self._same(known, part):
@@ -109,19 +89,19 @@ class PartQueue:
         rule: Rule | None = None,
         kind: str = '',
     ) -> QueuedPart | None:
-        """Return the next part, which leaves the queue; None: there is none. Parameters are those of ``next``."""
+        """Remove and return the next part; None if there is none. Parameters as for ``next``."""
         chosen = self.next(way_m, window, robot_m, rule, kind)
         if chosen is not None:
             self.take(chosen)
         return chosen
 
     def take(self, part: QueuedPart) -> None:
-        """Take a part that waits out of the queue: it is not handed out again."""
+        """Remove a part from the queue; later detections of it are ignored."""
         self._parts.remove(part)
         self._handed.append(part)
 
     def waiting(self, kind: str = '') -> int:
-        """Return how many parts of a type wait; empty: of any."""
+        """Return the number of queued parts of a type (empty: of all types)."""
         return sum(1 for part in self._parts if not kind or part.type == kind)
 
     def next(
@@ -132,20 +112,20 @@ class PartQueue:
         rule: Rule | None = None,
         kind: str = '',
     ) -> QueuedPart | None:
-        """Return the part that is to be handed out next, and stays; None: there is none.
+        """Return the next part without removing it; None if there is none.
 
         Parameters
         ----------
         way_m
-            Of the belt [m].
+            Travel of the belt [m].
         window
-            Along the belt; what has left it is dropped, what has not come to it yet may be handed out.
+            Range along the belt; parts beyond it are discarded, parts before it may be selected.
         robot_m
-            Where the robot is along the belt [m], for ``Rule.NEAREST``.
+            Robot position along the belt [m], for ``Rule.NEAREST``.
         rule
-            Instead of that of the queue.
+            Selection rule (default: that of the queue).
         kind
-            Of the part; empty: any type.
+            Part type (empty: any).
 
         """
         ahead = [part for part in self._parts if part.along_m + way_m <= window.end_m]
@@ -165,7 +145,7 @@ class PartQueue:
 
 
 def _averaged(known: QueuedPart, part: QueuedPart) -> QueuedPart:
-    """Return a part with what is told of it once more."""
+    """Return the average of a part and a new detection."""
     share = 1.0 / (known.seen + 1)
     turn = math.remainder(part.angle_rad - known.angle_rad, math.tau)
     return replace(

@@ -1,4 +1,4 @@
-"""Patterns of places: grids, and layers of them, in a frame."""
+"""Patterns of positions in a frame: grids, and layers of grids."""
 
 import math
 from abc import ABC, abstractmethod
@@ -15,65 +15,65 @@ from delta3_pacdrive.motion.program import Point, point_of
 from delta3_pacdrive.numerics.types import Floats
 
 PLACES_MAX = 1_000_000
-PITCH_MAX_M = 10.0  # from place to place, of a shift, and of a height
+PITCH_MAX_M = 10.0  # for pitch, shift and height
 
 
 class Order(StrEnum):
-    """In which order the places of a grid are counted."""
+    """Visiting order of a grid."""
 
-    ROWS = 'rows'  # each row from its first place on
-    SNAKE = 'snake'  # every other row from its last place back
+    ROWS = 'rows'  # each row from its first position
+    SNAKE = 'snake'  # every second row backwards
 
 
 class Pattern(ABC):
-    """Places in a frame, counted from 0."""
+    """Positions in a frame, numbered from 0."""
 
     @property
     @abstractmethod
     def frame(self) -> Frame:
-        """The frame in which they are."""
+        """Frame of the positions."""
 
     @abstractmethod
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of positions."""
 
     @abstractmethod
     def place_m(self, number: int) -> Point:
-        """Return a place in the frame of the pattern [m].
+        """Return a position in the frame of the pattern [m].
 
         Raises
         ------
         IndexError
-            There is no such place.
+            The number is out of range.
 
         """
 
     def __getitem__(self, number: int) -> Point:
-        """Return a place in ``base`` [m]; -1 is the last, as of a list.
+        """Return a position in ``base`` [m]; -1 is the last one.
 
         Raises
         ------
         IndexError
-            There is no such place.
+            The number is out of range.
 
         """
         return point_of(self.frame.to_base(self.place_m(number)))
 
     def __iter__(self) -> Iterator[Point]:
-        """Return the places in ``base`` [m], in their order."""
+        """Iterate over the positions in ``base`` [m]."""
         return (point_of(place) for place in self.places_m())
 
     def places_m(self) -> Floats:
-        """Return all places in ``base`` [m], shape (n, 3)."""
+        """Return all positions in ``base`` [m], shape (n, 3)."""
         return self.frame.to_base([self.place_m(n) for n in range(len(self))])
 
     def frame_at(self, number: int, name: str = '') -> Frame:
-        """Return the frame whose origin is a place, with the axes of the pattern's frame.
+        """Return a frame with its origin at a position and the axes of the pattern's frame.
 
         Raises
         ------
         IndexError
-            There is no such place.
+            The number is out of range.
 
         """
         return self.frame.at(self.place_m(number), name)
@@ -81,34 +81,23 @@ class Pattern(ABC):
 
 @dataclass(frozen=True)
 class Grid(Pattern):
-    """Rows and columns of places; the first place is the origin of the frame.
-
-    Attributes
-    ----------
-    rows, columns
-        How many: the places of a row go along x, the rows along y of the frame.
-    pitch_m
-        From a place to the next of its row (x), and from row to row (y) [m]; negative ones go the other way.
-    order
-        In which the places are counted.
-    frame
-        In which they are.
+    """Rows and columns of positions, the first one at the origin of the frame.
 
     Raises
     ------
     ProgramError
-        There are no rows or columns, too many places, or two places are one.
+        There are no rows or columns, too many positions, or two positions coincide.
 
     """
 
-    rows: int
-    columns: int
-    pitch_m: tuple[float, float]
+    rows: int  # along y of the frame
+    columns: int  # positions in a row, along x of the frame
+    pitch_m: tuple[float, float]  # within a row (x), and between rows (y); may be negative
     order: Order = Order.ROWS
     frame: Frame = BASE
 
     def __post_init__(self) -> None:
-        """Refuse what is no grid."""
+        """Validate the numbers."""
         object.__setattr__(self, 'rows', _count(self.rows, 'rows of a grid'))
         object.__setattr__(self, 'columns', _count(self.columns, 'columns of a grid'))
         if self.rows * self.columns > PLACES_MAX:
@@ -123,16 +112,16 @@ class Grid(Pattern):
         object.__setattr__(self, 'order', Order(self.order))
 
     def __len__(self) -> int:
-        """Return how many places there are."""
+        """Return the number of positions."""
         return self.rows * self.columns
 
     def place_m(self, number: int) -> Point:
-        """Return a place in the frame of the grid [m].
+        """Return a position in the frame of the grid [m].
 
         Raises
         ------
         IndexError
-            There is no such place.
+            The number is out of range.
 
         """
         row, column = divmod(_within(number, len(self)), self.columns)
@@ -143,33 +132,22 @@ class Grid(Pattern):
 
 @dataclass(frozen=True)
 class Layers(Pattern):
-    """Layers of a grid on top of each other, along z of its frame; the first layer is the grid itself.
-
-    Attributes
-    ----------
-    grid
-        Of each layer.
-    count
-        How many layers.
-    height_m
-        From layer to layer [m]; negative ones go down.
-    shift_m
-        By which every other layer is moved, the second first, along x and y [m]: so that it lies across the joints.
+    """Layers of a grid along z of its frame; the first layer is the grid itself.
 
     Raises
     ------
     ProgramError
-        There are no layers, too many places, or two layers are one.
+        There are no layers, too many positions, or two layers coincide.
 
     """
 
     grid: Grid
     count: int
-    height_m: float
-    shift_m: tuple[float, float] = (0.0, 0.0)
+    height_m: float  # from layer to layer; may be negative
+    shift_m: tuple[float, float] = (0.0, 0.0)  # of the second, fourth, ... layer along x and y, for a bond
 
     def __post_init__(self) -> None:
-        """Refuse what are no layers."""
+        """Validate the numbers."""
         if not isinstance(self.grid, Grid):
             raise ProgramError(f'layers are made of a grid, not of {shown(self.grid)}')
         object.__setattr__(self, 'count', _count(self.count, 'count of layers'))
@@ -185,20 +163,20 @@ class Layers(Pattern):
 
     @property
     def frame(self) -> Frame:
-        """The frame in which the places are."""
+        """Frame of the positions."""
         return self.grid.frame
 
     def __len__(self) -> int:
-        """Return how many places there are."""
+        """Return the number of positions."""
         return self.count * len(self.grid)
 
     def place_m(self, number: int) -> Point:
-        """Return a place in the frame of the grid [m]; one layer is filled after the other.
+        """Return a position in the frame of the grid [m]; layers are numbered one after the other.
 
         Raises
         ------
         IndexError
-            There is no such place.
+            The number is out of range.
 
         """
         layer, of_grid = divmod(_within(number, len(self)), len(self.grid))
@@ -209,7 +187,7 @@ class Layers(Pattern):
 
 
 def _within(number: int, count: int) -> int:
-    """Return the number of a place, counted from 0."""
+    """Return a position number from 0; negative numbers count from the end."""
     found = number + count if number < 0 else number
     if not 0 <= found < count:
         raise IndexError(f'there is no place {number}, the pattern has {count}')

@@ -1,4 +1,4 @@
-"""Loops of program files over the places of a pattern, or of several at the same time."""
+"""Loops of program files over the positions of one pattern, or of several patterns in parallel."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -11,38 +11,29 @@ from delta3_pacdrive.motion.point_reader import Named, Setting, named, read_name
 
 @dataclass(frozen=True)
 class PlaceLoop:
-    """What a loop goes through.
+    """Patterns that a loop iterates over."""
 
-    Attributes
-    ----------
-    name
-        Of its patterns.
-    places
-        Of each pattern, all as many, by the name that the frame of the present place has in the loop.
-
-    """
-
-    name: str
-    places: Mapping[str, Places]
+    name: str  # of the patterns, for messages
+    places: Mapping[str, Places]  # frames of each pattern by loop variable; all of the same length
 
     @property
     def count(self) -> int:
-        """How many places each has."""
+        """Number of positions."""
         return min(map(len, self.places.values()))
 
     def setting(self, number: int, outside: Setting) -> Setting:
-        """Return in which frames points are told at a place: if they tell none, in that of the only pattern."""
-        here = {name: places[number] for name, places in self.places.items()}
-        choices = () if PLACE in here else tuple(here)
-        return replace(outside, frame=here.get(PLACE), frames={**outside.frames, **here}, choices=choices)
+        """Return the setting of points at a position; with a single pattern its frame is the default frame."""
+        frames = {name: places[number] for name, places in self.places.items()}
+        choices = () if PLACE in frames else tuple(frames)
+        return replace(outside, frame=frames.get(PLACE), frames={**outside.frames, **frames}, choices=choices)
 
 
 def read_loop(
     value: Any, where: str, patterns: Mapping[str, Places | None], taken: Collection[str], errors: Errors
 ) -> PlaceLoop | None:
-    """Read over which places a loop goes: the name of a pattern, or of several by names that are not ``taken``.
+    """Read the patterns of a loop: the name of one, or several by names that are not ``taken``.
 
-    None if a pattern is wrong, which has been told.
+    None if a pattern is invalid, which is reported elsewhere.
     """
     if not isinstance(value, dict):
         places = named(value, where, patterns, 'pattern')
@@ -55,9 +46,9 @@ def read_loop(
     if len(known) < len(value):
         return None
     if not known:
-        refuse(f'{where} names no pattern')
+        refuse(f'{where} does not name a pattern')
     counts = {name: len(places) for name, places in known.items()}
     if len(set(counts.values())) > 1:
-        told = ', '.join(f'{value[name]} has {count}' for name, count in counts.items())
-        refuse(f'{where}: patterns that go together must have as many places: {told}')
+        sizes = ', '.join(f'{value[name]} has {count}' for name, count in counts.items())
+        refuse(f'{where}: patterns of one loop must have the same number of places: {sizes}')
     return PlaceLoop(' and '.join(str(one) for one in value.values()), known)

@@ -1,7 +1,7 @@
-"""The plan: what UnitRobot hands to the transformation task, as coefficient tables.
+"""The plan that the planner sends to the transformation task, as coefficient tables.
 
-A plan is a set of different moves (``motion.move``) and the order in which they are driven, in continuous time: a move
-starts where and when the one before it ends, between bus cycles if need be.
+A plan is a set of different moves (``motion.move``) and their order, in continuous time: a move starts at the end time
+and position of the previous one, in general between two bus cycles.
 
 Arguments of the kernels here:
 
@@ -10,7 +10,7 @@ Arguments of the kernels here:
 ``s``
     Distance on the path of a move [m].
 ``number``
-    Number of the move that is driven, or of an earlier one.
+    Number of the current move, or of an earlier one.
 ``tables``
     The plan: ``Tables``.
 """
@@ -32,10 +32,10 @@ from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS, master_at, samp
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 
-PLAN_MAX_S = 1e12  # whose bus cycles can be counted, however slowly it is driven
-STANDING_M = 1e-6  # how far a plan may start from where the TCP stands
-JOINED_M = 1e-5  # largest distance between the end of a move and the start of the next
-# of a plan that is put together while it is driven
+PLAN_MAX_S = 1e12  # keeps bus cycles countable at any override
+STANDING_M = 1e-6  # permitted distance between the TCP at rest and the start of a plan
+JOINED_M = 1e-5  # permitted distance between the end of a move and the start of the next
+# limits of a plan that is extended while it runs
 EXTENDED_MOVES_MAX, EXTENDED_NUMBERS_MAX = 1000, 1_000_000
 MOVE = np.dtype(
     [
@@ -53,10 +53,10 @@ MOVE = np.dtype(
 
 
 class Tables(NamedTuple):
-    """A plan as the arrays that the compiled code reads."""
+    """Arrays of a plan for the compiled code."""
 
-    order: NDArray[np.int64]  # number of the different move driven n-th
-    starts: Floats  # [s], when it begins
+    order: NDArray[np.int64]  # index into the different moves, for each executed move
+    starts: Floats  # start times [s]
     moves: NDArray[Any]  # MOVE
     phases: Floats
     segments: Floats
@@ -65,20 +65,20 @@ class Tables(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """Different moves and the order in which they are driven."""
+    """Different moves and the order of their execution."""
 
     moves: tuple[Move, ...]
     tables: Tables
-    turns: TurnTables | None = None  # of the tool, if the plan says where it is
+    turns: TurnTables | None = None  # tool rotation, if the plan defines it
 
     @staticmethod
     def of(moves: Sequence[Move], order: ArrayLike | None = None) -> 'Plan':
-        """Join moves; the next one starts at the time at which the last one ends.
+        """Concatenate moves in time.
 
         Raises
         ------
         ProgramError
-            There is no move, too many, or the order names one that does not exist.
+            There is no move, the plan takes too long, or the order names a move that does not exist.
 
         """
         builder = PlanBuilder()
@@ -92,35 +92,35 @@ class Plan:
         return float(self.tables.starts[-1])
 
     def __len__(self) -> int:
-        """Return the number of moves driven."""
+        """Return the number of executed moves."""
         return len(self.tables.order)
 
     def extended(self, first: int, kept: int, more: 'Plan') -> 'Plan':
-        """Return the moves number ``first`` to ``kept`` - 1 of this plan, and another plan behind them.
+        """Return the moves ``first`` to ``kept`` - 1 of this plan followed by another plan.
 
         Raises
         ------
         ProgramError
-            There are no such moves, the other plan begins elsewhere, or the whole is too large to be put together in
-            the time of a bus cycle.
+            The moves do not exist, the other plan starts elsewhere, or the result is too large to be assembled within a
+            bus cycle.
 
         """
         if not 0 <= first <= kept <= len(self):
-            raise ProgramError(f'moves {first} to {kept} of a plan of {len(self)} cannot stay')
+            raise ProgramError(f'moves {first} to {kept} of a plan of {len(self)} cannot be kept')
         stays = self.tables.order[first:kept]
         used = np.unique(stays)
         moves = self._joined_with(more, used, kept) if len(used) else more.moves
         numbers = sum(move.master.size + move.segments.size + move.events.size for move in moves)
         if len(moves) > EXTENDED_MOVES_MAX or numbers > EXTENDED_NUMBERS_MAX:
             raise ProgramError(
-                f'a program that runs takes more moves only while no more than {EXTENDED_MOVES_MAX} different ones '
-                f'are left of it, with {EXTENDED_NUMBERS_MAX} numbers'
+                f'a running program can be extended only while at most {EXTENDED_MOVES_MAX} different moves '
+                f'with {EXTENDED_NUMBERS_MAX} numbers remain'
             )
         if kept > first:
             gap = float(np.linalg.norm(more.start_m() - self.move(kept - 1).end_m()))
             if gap > JOINED_M:
                 raise ProgramError(
-                    f'moves that follow begin {gap * 1e3:.3f} mm away from the end of the one before'
+                    f'the appended moves start {gap * 1e3:.3f} mm away from the end of the previous one'
                 )
         order = np.concatenate([np.searchsorted(used, stays), more.tables.order + len(used)])
         durations = np.array([move.duration_s for move in moves])
@@ -141,7 +141,7 @@ class Plan:
         return Plan(moves, Tables(order, starts, table, phases, segments, events), turns)
 
     def _joined_with(self, more: 'Plan', used: NDArray[np.int64], kept: int) -> tuple[Move, ...]:
-        """Return moves of this plan and another one behind them; where only one says where the tool is, it stands."""
+        """Return moves of both plans; if only one of them defines the tool angle, the other one keeps it constant."""
         stay, follow = [self.moves[int(n)] for n in used], list(more.moves)
         ends, begins = self.move(kept - 1).end_turn_rad, more.start_turn_rad
         if ends is None and begins is not None:
@@ -150,36 +150,36 @@ class Plan:
             follow = [replace(move, turns=standing(ends)) for move in follow]
         elif ends is not None and begins is not None and not abs(begins - ends) <= JOINED_RAD:
             raise ProgramError(
-                f'moves that follow begin with the tool {math.degrees(abs(begins - ends)):.3g} deg away from where it '
-                'stands then'
+                f'the appended moves start with the tool {math.degrees(abs(begins - ends)):.3g} deg away from its '
+                'previous angle'
             )
         return (*stay, *follow)
 
     def move(self, number: int) -> Move:
-        """Return the move driven ``number``-th."""
+        """Return the ``number``-th executed move."""
         return self.moves[int(self.tables.order[number])]
 
     def start_m(self) -> Floats:
-        """Point at which the plan begins, shape (3,)."""
+        """First point of the plan, shape (3,)."""
         return self.move(0).start_m()
 
     def end_m(self) -> Floats:
-        """Point at which the plan ends, shape (3,)."""
+        """Last point of the plan, shape (3,)."""
         return self.move(len(self) - 1).end_m()
 
     @property
     def start_turn_rad(self) -> float | None:
-        """Angle of the tool at which the plan begins [rad]; None if it does not say where the tool is."""
+        """Tool angle at the start of the plan [rad]; None if the plan does not define it."""
         return self.move(0).start_turn_rad
 
     @property
     def end_turn_rad(self) -> float | None:
-        """Angle of the tool at which the plan ends [rad]."""
+        """Tool angle at the end of the plan [rad]."""
         return self.move(len(self) - 1).end_turn_rad
 
 
 def _starts(durations_s: Floats) -> Floats:
-    """Return when moves begin, and the last one ends [s]; raises ProgramError if that takes for ever."""
+    """Return the start times of moves and the end of the last one [s]; raises ProgramError if the plan is too long."""
     starts = np.concatenate([[0.0], np.cumsum(durations_s)])
     if not starts[-1] <= PLAN_MAX_S:
         raise ProgramError(f'the plan takes {starts[-1]:.3g} s, the limit is {PLAN_MAX_S:g} s')
@@ -187,14 +187,14 @@ def _starts(durations_s: Floats) -> Floats:
 
 
 class _Rows:
-    """A table that grows row by row without being copied each time."""
+    """A growing table with amortized copying."""
 
     def __init__(self, columns: int | None, dtype: Any = np.float64) -> None:
         self._table = np.zeros(16 if columns is None else (16, columns), dtype)
         self.count = 0
 
     def extend(self, rows: Any) -> int:
-        """Append rows; return the number of the first of them."""
+        """Append rows and return the index of the first one."""
         first, self.count = self.count, self.count + len(rows)
         if self.count > len(self._table):
             larger = np.zeros((2 * self.count, *self._table.shape[1:]), self._table.dtype)
@@ -204,19 +204,12 @@ class _Rows:
         return first
 
     def table(self) -> Any:
-        """Return the rows so far."""
+        """Return the rows."""
         return self._table[: self.count]
 
 
 class PlanBuilder:
-    """A plan that grows move by move; what a move costs is done when it is added.
-
-    Attributes
-    ----------
-    moves
-        Added so far.
-
-    """
+    """Incremental builder of plans; the cost of a move arises when it is added."""
 
     def __init__(self) -> None:
         self.moves: list[Move] = []
@@ -227,7 +220,7 @@ class PlanBuilder:
         self._ends = _Rows(6)  # first and last point of each move [m]
 
     def add(self, move: Move) -> None:
-        """Append a different move."""
+        """Add a different move."""
         self.moves.append(move)
         self._ends.extend([[*move.start_m(), *move.end_m()]])
         row = np.zeros(1, MOVE)
@@ -244,16 +237,16 @@ class PlanBuilder:
 
     @property
     def numbers(self) -> int:
-        """How many numbers the moves hold."""
+        """Amount of numbers in the tables."""
         return sum(t.count * t.table().shape[1] for t in (self._phases, self._segments, self._events))
 
     def build(self, order: ArrayLike) -> Plan:
-        """Return the plan that drives the moves in an order.
+        """Return the plan that executes the moves in an order.
 
         Raises
         ------
         ProgramError
-            There is no move, or the order names one that does not exist.
+            There is no move, or the order names a move that does not exist.
 
         """
         numbers = self._checked(order)
@@ -273,25 +266,25 @@ class PlanBuilder:
         )
 
     def require_joined(self, order: ArrayLike) -> None:
-        """Refuse moves that do not begin where the ones before them end; raises ProgramError."""
+        """Raise ProgramError unless each move starts at the end of the previous one."""
         numbers, ends = self._checked(order), self._ends.table()
         gaps = np.linalg.norm(ends[numbers[1:], :3] - ends[numbers[:-1], 3:], axis=1)
         if not gaps.max(initial=0.0) <= JOINED_M:
             number = int(np.argmax(gaps)) + 1
             raise ProgramError(
-                f'move {number} of the plan begins {gaps.max() * 1e3:.3f} mm away from the end of the one before'
+                f'move {number} of the plan starts {gaps.max() * 1e3:.3f} mm away from the end of the previous one'
             )
         self._require_turned(numbers)
 
     def _require_turned(self, numbers: NDArray[np.int64]) -> None:
-        """Refuse moves in which the tool jumps from one to the next."""
+        """Raise ProgramError if the tool angle jumps between two moves."""
         moves = [self.moves[int(n)] for n in numbers] if any(len(move.turns) for move in self.moves) else []
         for n, (before, after) in enumerate(pairwise(moves), start=1):
             end, begin = before.end_turn_rad, after.start_turn_rad
             if end is not None and begin is not None and not abs(end - begin) <= JOINED_RAD:
                 raise ProgramError(
-                    f'the tool stands {math.degrees(abs(end - begin)):.3g} deg away from where move {n} of the plan '
-                    'begins'
+                    f'the tool is {math.degrees(abs(end - begin)):.3g} deg away from the start angle of move {n} '
+                    'of the plan'
                 )
 
     def _checked(self, order: ArrayLike) -> NDArray[np.int64]:
@@ -305,7 +298,7 @@ class PlanBuilder:
 
 @kernel
 def advance_number(time, number, tables):
-    """Return the number of the move at a time since the start; ``number`` is that of an earlier time."""
+    """Return the number of the current move at a time since the start; ``number`` is that of an earlier time."""
     last = tables.order.shape[0] - 1
     while number < last and time >= tables.starts[number + 1]:
         number += 1
@@ -314,27 +307,27 @@ def advance_number(time, number, tables):
 
 @kernel
 def plan_master_at(time, number, tables):
-    """Master distance, speed and acceleration of the move ``number`` at a time since the start of the plan."""
+    """Master distance, speed and acceleration of move ``number`` at a time since the start of the plan."""
     move = tables.moves[tables.order[number]]
     return master_at(time - tables.starts[number], tables.phases, move.first_phase, move.phases)
 
 
 @kernel
 def plan_path_at(s, number, tables):
-    """Position (x, y, z), or arm angles, at a distance on the move ``number``."""
+    """Position (x, y, z), or arm angles, at a distance on move ``number``."""
     move = tables.moves[tables.order[number]]
     return path_at(s, tables.segments, move.first_segment, move.segments)
 
 
 @kernel
 def plan_motion_at(s, number, tables):
-    """``path.path_motion_at`` of the move ``number``."""
+    """``path.path_motion_at`` of move ``number``."""
     move = tables.moves[tables.order[number]]
     return path_motion_at(s, tables.segments, move.first_segment, move.segments)
 
 
 def sample_plan(plan: Plan, times_s: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Positions (n, 3), master (n, 4) and numbers of the moves (n,) at times since the start; not for cyclic use."""
+    """Return positions (n, 3), master (n, 4) and move numbers (n,) at times since the start; not for cyclic use."""
     times = np.asarray(times_s, dtype=np.float64)
     numbers = np.clip(np.searchsorted(plan.tables.starts, times, side='right') - 1, 0, len(plan) - 1)
     positions, master = np.empty((len(times), 3)), np.empty((len(times), 4))

@@ -1,4 +1,4 @@
-"""When the moves of a plan are driven and its outputs change, in time from its start, as a recording keeps it."""
+"""Times of the moves and output changes of a plan, for recordings."""
 
 from typing import Any
 
@@ -8,18 +8,18 @@ from delta3_pacdrive.motion.move import OUTPUTS, STANDING, TIMED, UNCHANGED, Mov
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.virtual_master import master_at_distances
 
-# the parameter of a move in time, and of a turn at a standing point, is no distance
+# kinds of moves whose path parameter is a time or an angle
 WITHOUT_LENGTH = (*STANDING, *TIMED, MoveKind.TURN)
 
 
-def told_length_m(move: Move) -> float:
-    """Return the length of a move's path, 0 if it has none."""
+def path_length_m(move: Move) -> float:
+    """Return the path length of a move; 0 for dwells, turns, and moves parametrised by time."""
     return 0.0 if move.kind in WITHOUT_LENGTH else move.length_m
 
 
 def driven_moves(plan: Plan) -> list[dict[str, Any]]:
-    """Return kind, start [s], end [s] and length [m] of each move that is driven."""
-    lengths = [told_length_m(move) for move in plan.moves]
+    """Return kind, start [s], end [s] and length [m] of each executed move."""
+    lengths = [path_length_m(move) for move in plan.moves]
     kinds = [move.kind.name.lower() for move in plan.moves]
     edges = plan.tables.starts.tolist()
     return [
@@ -29,7 +29,7 @@ def driven_moves(plan: Plan) -> list[dict[str, Any]]:
 
 
 def output_changes(plan: Plan) -> list[dict[str, Any]]:
-    """Return time [s], name, value and payload [kg] of each change of an output; None: the payload stays."""
+    """Return time [s], name, value and payload [kg] of each output change; None if the payload does not change."""
     changes = [_changes(move) for move in plan.moves]
     starts = plan.tables.starts.tolist()
     return [
@@ -44,7 +44,7 @@ def _changes(move: Move) -> list[dict[str, Any]]:
         return []
     places = move.events[:, 0]
     times = master_at_distances(places.clip(0.0, move.length_m), move.master)[:, 0]
-    # who stands passes its place at once; what lies behind the end happens at the end
+    # a dwell passes its position immediately; events after the end occur at the end
     times = np.where(places <= 0.0, 0.0, np.where(places > move.length_m, move.duration_s, times)).tolist()
     return [
         {

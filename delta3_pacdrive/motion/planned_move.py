@@ -1,4 +1,4 @@
-"""One move of a plan: it is timed and checked, slowed down where a motor asks for that, and its load is known."""
+"""Planning of one move: timing, limit checks, slow-down where a motor requires it, and thermal load."""
 
 import math
 import re
@@ -16,7 +16,7 @@ from delta3_pacdrive.motion.excess import limit_violation, require_holdable
 from delta3_pacdrive.motion.limits import Limits, legal_coefficients
 from delta3_pacdrive.motion.move import EVENT_COLUMNS, UNCHANGED, Move, MoveKind
 from delta3_pacdrive.motion.move_grid import GRID_MAX, GRID_MIN, Stretches
-from delta3_pacdrive.motion.move_planner import MovePlanner, require_end_of_time
+from delta3_pacdrive.motion.move_planner import MovePlanner, require_duration
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.path_dynamics import PathDynamics, timed_dynamics
 from delta3_pacdrive.motion.program import Joints, PathMove
@@ -29,18 +29,18 @@ from delta3_pacdrive.motion.virtual_master import master_at_distances, plan_mast
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import MODES, UNSHAPED, Parameters
 
-DIRECTIONS = 33  # of a path, that are looked at for the vibration that it excites
-SHAPED_ROUNDS_MAX = 20  # of making a shaped move slower
-KEPT = 1.0 + 1e-3  # a limit is kept if time need not be stretched by more
-SAMPLE_S = 2e-3  # between two places at which a cubic is checked
+DIRECTIONS = 33  # samples of the path direction that select the vibration mode for shaping
+SHAPED_ROUNDS_MAX = 20  # of slowing a shaped move down
+KEPT = 1.0 + 1e-3  # a larger time stretch counts as a violated limit
+SAMPLE_S = 2e-3  # sample time of the check of a cubic
 NUMBER = re.compile(r'-?\d[\d.]*(e[-+]?\d+)?')
-COUNTED = re.compile(r' \((\d+) times\)$')  # end of a notice that counts several
-ROUNDING_S = 1e-9  # times that are no further apart are one
+COUNTED = re.compile(r' \((\d+) times\)$')  # end of a grouped notice
+ROUNDING_S = 1e-9  # tolerance for equal times
 
 
 @dataclass(frozen=True)
 class Event:
-    """An output or a payload that changes at a distance [m] on a move."""
+    """Change of an output or payload at a distance on a move."""
 
     distance_m: float
     output: int
@@ -50,26 +50,15 @@ class Event:
 
 @dataclass(frozen=True)
 class TimedEvent:
-    """An output that changes at a time before or after a move passes a place.
+    """Change of an output at a time relative to the passing of a position."""
 
-    Attributes
-    ----------
-    anchor_m
-        The place, as a distance on the move.
-    shift_s
-        From when the move is there at 100 % [s], negative: before.
-    output, value
-        Number of the output, and what it becomes.
-
-    """
-
-    anchor_m: float
-    shift_s: float
+    anchor_m: float  # position as distance on the move
+    shift_s: float  # time after passing it at override 1; negative: before
     output: int
     value: float
 
     def time_s(self, move: Move) -> float:
-        """Return when it is due, from the start of the move [s]."""
+        """Return the time from the start of the move [s]."""
         if self.anchor_m >= move.length_m:
             passed = move.duration_s
         elif self.anchor_m <= 0.0:
@@ -81,45 +70,25 @@ class TimedEvent:
 
 @dataclass
 class PlannedMove:
-    """A move that is planned, with what the whole program needs to know about it.
-
-    Attributes
-    ----------
-    move, load
-        As it is driven, and what that asks of the motors.
-    name
-        Of its statements, in sentences.
-    stretches
-        Where on it which limits of the TCP hold; none where the program tells the time.
-    notices
-        Sentences about what is not as the program has it.
-    statements
-        Numbers of the statements that it is made of, and where on it each ends [m].
-    energy
-        What it takes as it is planned here.
-    timed
-        Outputs that change at times; ``with_timed`` finds their places on the move as it is driven in the end.
-    torque_rate_n_m_s
-        Limit of the change of each motor's torque, if it has one.
-    parts
-        Of a blended sequence, the name of each statement, and the distance at which its part of the path ends [m].
-
-    """
+    """A planned move with the data that the planning of the whole program needs."""
 
     move: Move
     load: ThermalLoad
-    name: str
-    stretches: Stretches = ()
-    notices: list[str] = field(default_factory=list)
-    statements: tuple[tuple[int, float], ...] = ()
+    name: str  # of its statements, for messages
+    stretches: Stretches = ()  # TCP limits along the move; empty if the program prescribes the time
+    notices: list[str] = field(default_factory=list)  # deviations from the program
+    statements: tuple[
+        tuple[int, float], ...
+    ] = ()  # index of each statement and distance of its end on the move [m]
     energy: Energy = field(default_factory=Energy)
-    timed: tuple[TimedEvent, ...] = ()
-    torque_rate_n_m_s: float = math.inf
+    timed: tuple[TimedEvent, ...] = ()  # placed on the final move by ``with_timed``
+    torque_rate_n_m_s: float = math.inf  # limit for each motor
+    # statements of a blended sequence with the distance at the end of their part of the path [m]
     parts: tuple[tuple[str, float], ...] = ()
 
 
 def with_timed(move: Move, timed: Sequence[TimedEvent]) -> Move:
-    """Return a move with outputs that change at times, each where the master is then."""
+    """Return a move with timed outputs placed at the master position of their times."""
     if not timed:
         return move
     times: list[float] = []
@@ -133,7 +102,7 @@ def with_timed(move: Move, timed: Sequence[TimedEvent]) -> Move:
 
 
 def event_rows(events: Sequence[Event]) -> Floats:
-    """Return events in order of their distance as the rows of a plan."""
+    """Return events in order of distance as event rows of a move."""
     rows = [
         (e.distance_m, e.output, e.value, UNCHANGED if e.payload_kg is None else e.payload_kg) for e in events
     ]
@@ -150,16 +119,16 @@ def plan_move(
     returning: bool = False,
     heat: float = 0.0,
 ) -> PlannedMove:
-    """Time one move and check it; one that is ``returning`` may begin beyond limits.
+    """Time and check one move; a ``returning`` one may start beyond limits.
 
-    ``heat`` is what the warmth of the motors weighs beside the time in a time-optimal one.
+    ``heat`` is the weight of the motor losses relative to the time in a time-optimal move.
     """
     ordered = sorted(events, key=lambda event: event.distance_m)
     changes = [(event.distance_m, event.payload_kg) for event in ordered if event.payload_kg is not None]
     payloads = [(0.0, payload_kg), *changes]
     name = name_of(segments)
     notices: list[str] = []
-    optimal, even, rate = _time_optimal(segments), constant_speed.is_asked(segments), math.inf
+    optimal, even, rate = _time_optimal(segments), constant_speed.is_requested(segments), math.inf
     if optimal:
         rate = min(segment.torque_rate_n_m_s for segment in segments)
         fastest = TimeOptimalPlanner(curve, stretches, payloads, parameters, rate, returning)
@@ -174,30 +143,34 @@ def plan_move(
         arriving = next((kg for at_m, kg in reversed(payloads) if at_m < curve.length_m), payload_kg)
         shaper = shaper_at_end(curve, arriving, parameters)
         phases = _shaped(planner, phases, shaper, segments)
-    require_end_of_time(float(phases[-1, 0]))
+    require_duration(float(phases[-1, 0]))
     acceleration = min(one.acceleration_m_s2 for _, one in stretches)
     jerk = min(one.jerk_m_s3 for _, one in stretches)
-    if optimal:  # where nothing but the motors limits it, it may be stopped as hard as it brakes by itself
+    if optimal:  # without other limits, a stop may be as hard as the braking of the move
         acceleration = min(acceleration, float(np.abs(phases[:, 3]).max()))
         jerk = min(jerk, float(np.abs(phases[:, 4]).max()))
     move = Move(
         segments[0].kind if len(segments) == 1 else MoveKind.BLENDED,
-        phases,
-        curve.segments,
-        acceleration,
-        jerk,
-        payload_kg,
-        event_rows(ordered),
+        master=phases,
+        segments=curve.segments,
+        stop_acceleration=acceleration,
+        stop_jerk=jerk,
+        payload_kg=payload_kg,
+        events=event_rows(ordered),
     )
-    d = planner.dynamics(phases)
-    warmth = energy(d, parameters)
     return PlannedMove(
-        move, planner.load(phases), name, stretches, notices, energy=warmth, torque_rate_n_m_s=rate
+        move,
+        planner.load(phases),
+        name,
+        stretches,
+        notices,
+        energy=energy(planner.dynamics(phases), parameters),
+        torque_rate_n_m_s=rate,
     )
 
 
 def _time_optimal(segments: Sequence[PathSegment]) -> bool:
-    """Whether a move is time-optimal; refuses one of which only a part is."""
+    """Whether a move is time-optimal; raises ProgramError if only some of its segments are."""
     asked = [segment.time_optimal for segment in segments]
     if any(asked) and not all(asked):
         first = segments[asked.index(not asked[0])]
@@ -211,7 +184,7 @@ def _time_optimal(segments: Sequence[PathSegment]) -> bool:
 def _as_asked(
     planner: MovePlanner, segments: Sequence[PathSegment], parameters: Parameters
 ) -> tuple[Floats, list[str]]:
-    """Phases of a move within the limits that it asks for, slower where a motor needs that, and what is to be told."""
+    """Return the phases of a move within its limits, slowed down where a motor requires it, and the notices."""
     name, limits = name_of(segments), segments[0].limits
     if len(segments) == 1:
         phases = plan_master(
@@ -228,19 +201,19 @@ def _as_asked(
         phases = planner.fastest(with_motors=True)
         motion = parameters.motion
         defaults = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
-        # the planner chose an arch itself: without limits from the user it is not slower than requested
+        # arches are shaped by the planner: with default limits the user did not request a speed
         if not all(segment.is_arch and segment.limits == defaults for segment in segments):
             notices.append(slowed_down(name, float(phases[-1, 0]), asked, found.text))
     return phases, notices
 
 
 def key_of_kept_time(segments: Iterable[PathSegment | PathMove | Joints]) -> str:
-    """Return the key for which moves are refused instead of slowed down as a whole; empty: they may be."""
+    """Return the key that forbids slowing a move down; empty if it may be slowed down."""
     return next((key for one in segments for key in ('strict', 'constant_speed') if getattr(one, key)), '')
 
 
 def shaper_at_end(curve: Curve, payload_kg: float, parameters: Parameters) -> Shaper:
-    """Return the shaper of a move: for the vibration that is given, or for one or all at its end with this payload."""
+    """Return the shaper of a move: for the configured vibration, or the modes at its end with this payload."""
     control = parameters.control
     frequency, damping = control.shaping_frequency_hz, control.shaping_damping
     if frequency == 0.0 and control.shaping == MODES:
@@ -257,10 +230,10 @@ def _shaped(
     shaper: Shaper,
     segments: Sequence[PathSegment],
 ) -> Floats:
-    """Phases of a shaped master within the limits.
+    """Return the phases of a shaped master within the limits.
 
-    Along a straight line it keeps what the master before it keeps. In a bend it may be faster than that at the same
-    place; then it is made of a slower one.
+    On a straight line shaping respects the limits of the original master. In a bend the shaped master may be faster at
+    the same position; the original is then slowed down.
     """
     allowed = max(KEPT, planner.stretch(phases)[0])
     for _ in range(SHAPED_ROUNDS_MAX):
@@ -275,15 +248,12 @@ def _shaped(
 
 
 def slowed_down(name: str, taken: float, asked: float, why: str) -> str:
-    """Return the notice of a move that takes longer [s] than it was asked to."""
+    """Return the notice for a move that takes longer [s] than requested."""
     return f'{name} is slowed down, {taken:.4g} s instead of {asked:.4g} s: {why}'
 
 
 def grouped(notices: Iterable[str]) -> list[str]:
-    """Return the first notice of each cause, with a count; notices with the same words have the same cause.
-
-    Notices that are grouped already count as many as they say.
-    """
+    """Group notices that differ in numbers only, and append their count; grouped notices keep their counts."""
     counts: dict[str, int] = {}
     firsts: dict[str, str] = {}
     for notice in notices:
@@ -301,7 +271,7 @@ def grouped(notices: Iterable[str]) -> list[str]:
 def plan_cubic(
     curve: Curve, payload_kg: float, name: str, parameters: Parameters, returning: bool = False
 ) -> PlannedMove:
-    """Check a sequence of cubics in time (chapter 5), and slow it down as a whole if a motor asks for that."""
+    """Check a sequence of cubics in time (chapter 5), and slow it down as a whole if a motor requires it."""
     duration = curve.length_m
     times = np.linspace(0.0, duration, min(max(GRID_MIN, int(duration / SAMPLE_S)), GRID_MAX))
     d = _even(curve, times, 1.0, payload_kg, parameters, returning)
@@ -320,15 +290,15 @@ def plan_cubic(
 
 
 def plan_dwell(
-    here: Floats,
+    start: Floats,
     time_s: float,
     payload_kg: float,
     name: str,
     parameters: Parameters,
     kind: MoveKind = MoveKind.DWELL,
 ) -> PlannedMove:
-    """Let the robot stand at a point [m] for a time [s]; refuse a point at which a motor cannot hold its arm."""
-    curve = curves.point(here)
+    """Plan a dwell at a point [m] for a time [s]; raises ProgramError if a motor cannot hold its arm there."""
+    curve = curves.point(start)
     d = _even(curve, np.zeros(1), 0.0, payload_kg, parameters)
     require_holdable(limit_violation(d, parameters))
     move = Move(kind, rest(time_s), curve.segments, payload_kg=payload_kg)
@@ -343,7 +313,7 @@ def _even(
     parameters: Parameters,
     returning: bool = False,
 ) -> PathDynamics:
-    """Return what a master of even speed, 0 or 1 s/s, asks of the robot; refuses a path that is not legal."""
+    """Return the demand for a master at constant speed, 0 or 1 s/s; raises ProgramError if the path is not legal."""
     samples, payload = sample_path(times, curve.segments), np.zeros(len(times), np.int64)
     coefficients = legal_coefficients(times, samples, payload, (payload_kg,), parameters, returning)
     master = np.zeros((len(times), 4))

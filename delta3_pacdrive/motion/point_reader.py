@@ -1,4 +1,4 @@
-"""Points in program files: by numbers in a frame, by their names, or told from others."""
+"""Reader of points in program files: coordinates in a frame, named points, and relative points."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -18,98 +18,87 @@ NAME_MAX = 100
 NAME = line_of_text(NAME_MAX)
 NAMES_SHOWN = 5
 _Value = TypeVar('_Value')
-Named = dict[str, _Value | None]  # None: what has the name is wrong, which has been told
+Named = dict[str, _Value | None]  # None: the definition is invalid, which is reported elsewhere
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What the numbers of a point mean at a place of a program.
+    """Context for the coordinates of a point."""
 
-    Attributes
-    ----------
-    frame
-        In which they are told; None: ``base``.
-    tool
-        Whose working point is to be there; None: the TCP of the plate.
-    frames
-        Those that can be told, by their names.
-    choices
-        Names of frames one of which has to be told, as none of them goes without saying; empty: ``frame`` does.
+    frame: Frame | None = None  # of the coordinates; None: ``base``
+    tool: Tool | None = None  # its working point is positioned; None: the TCP of the plate
+    frames: Mapping[str, Frame | None] = field(default_factory=dict)  # available by name
+    choices: tuple[
+        str, ...
+    ] = ()  # names of frames one of which must be given; empty: ``frame`` is the default
 
-    """
-
-    frame: Frame | None = None
-    tool: Tool | None = None
-    frames: Mapping[str, Frame | None] = field(default_factory=dict)
-    choices: tuple[str, ...] = ()
-
-    def told(self, fields: Section) -> 'Setting':
-        """Return the setting with the frame that a mapping tells, if it tells one."""
+    def with_frame(self, fields: Section) -> 'Setting':
+        """Return the setting with the frame of a mapping, if it has one."""
         if 'frame' not in fields:
             return self
         frame = fields.read('frame', lambda value, where: named(value, where, self.frames, 'frame'))
         return replace(self, frame=frame, choices=())
 
     def place_m(self, point_m: Point, where: str) -> Point:
-        """Return in ``base`` where a point is."""
+        """Transform a point to ``base``."""
         self.require_frame(where)
         return point_m if self.frame is None else point_of(self.frame.to_base(point_m))
 
     def along_base(self, vector: Point, where: str) -> Point:
-        """Return a step or a velocity along the axes of ``base``."""
+        """Rotate a displacement or velocity to ``base``."""
         self.require_frame(where)
         return vector if self.frame is None else point_of(self.frame.directions_to_base(vector))
 
     def plate_m(self, place_m: Point) -> Point:
-        """Return where the TCP of the plate is when the working point is at a place."""
+        """Return the TCP position of the plate for a position of the working point."""
         return place_m if self.tool is None else point_of(self.tool.plate_m(place_m))
 
     def require_frame(self, where: str) -> None:
-        """Refuse numbers that could be meant in more than one frame."""
+        """Reject coordinates without a frame if several frames are possible."""
         if self.choices:
             names = ' or '.join(f'frame: {name}' for name in self.choices)
-            refuse(f'{where}: say at which place, {names}')
+            refuse(f'{where}: give the place, {names}')
 
 
 class PointReader:
-    """The reader of points, and keeper of those that have names: places in ``base``, wherever they are named."""
+    """Reader of points; stores named points as positions in ``base``."""
 
     def __init__(self, errors: Errors) -> None:
         self._errors = errors
         self._named: Named[Point] = {}
 
     def add(self, value: Any, where: str, setting: Setting) -> None:
-        """Add points by their names; one may be told from another above it."""
+        """Read named points; a point may refer to an earlier one."""
 
         def read(point: Any, name: str) -> Point | None:
-            target = self._told(in_base_unit(where, point), name, setting, named=True)
+            target = self._target(in_base_unit(where, point), name, setting, named=True)
             return None if target is None else target.point_m
 
         read_named(value, where, 'point', self._named, self._errors, read)
 
     def place_m(self, value: Any, where: str, setting: Setting) -> Point | None:
-        """Read a place by its numbers or its name; None if what has the name is wrong."""
+        """Read a position by coordinates or name; None if the definition of the name is invalid."""
         if isinstance(value, str):
             return named(value, where, self._named, 'point')
         return setting.place_m(_near(value, where), where)
 
     def target(self, value: Any, where: str, setting: Setting) -> Target | None:
-        """Read a point, or a step, for the TCP of the plate; None if what it is told from is wrong."""
-        found = self._told(value, where, setting)
+        """Read a position or step for the TCP of the plate; None if a referenced point is invalid."""
+        found = self._target(value, where, setting)
         if found is None or found.relative:
             return found
         return Target(setting.plate_m(found.point_m))
 
-    def _told(self, value: Any, where: str, setting: Setting, named: bool = False) -> Target | None:
-        """Read a place, or a step; one that gets a name is a place."""
+    def _target(self, value: Any, where: str, setting: Setting, named: bool = False) -> Target | None:
+        """Read a position or step; a ``named`` point must be a position."""
         if not isinstance(value, dict):
             place = self.place_m(value, where, setting)
             return None if place is None else Target(place)
         fields = Section(value, where, self._errors, ('at_m', 'by_m', 'frame', 'point'))
-        setting = setting.told(fields)
+        setting = setting.with_frame(fields)
         if 'at_m' in fields:
             if 'by_m' in fields or 'point' in fields:
-                refuse(f'{where}: at_m is a place by itself, it goes with neither point nor by_m')
+                refuse(f'{where}: at_m is a complete position: remove point and by_m')
             at = fields.read('at_m', lambda point, name: setting.place_m(_near(point, name), name))
             return None if at is None else Target(at)
         required = ('by_m', 'point') if named else ('by_m',)
@@ -132,7 +121,7 @@ def vector(value: Any, where: str, unit: str) -> Point:
 
 
 def numbers(value: Any, where: str, unit: str, count: int) -> list[float]:
-    """Read so many finite numbers."""
+    """Read a list of finite numbers of a given length."""
     if not isinstance(value, list) or len(value) != count:
         refuse(f'{where} must be a list of {count} numbers [{unit}], not {shown(value)}')
     found = []
@@ -155,7 +144,7 @@ def _near(value: Any, where: str) -> Point:
 
 
 def named(value: Any, where: str, known: Mapping[str, _Value | None], what: str) -> _Value | None:
-    """Return what has a name; None if that is wrong."""
+    """Return a named definition; None if it is invalid."""
     if not isinstance(value, str) or value not in known:
         names = ', '.join(shown(name) for name in sorted(known)[:NAMES_SHOWN]) or 'none'
         refuse(f'{where}: unknown {what} {shown(value)}, the {what}s are: {names}{nearest_of(value, known)}')
@@ -171,16 +160,16 @@ def read_named(
     read: Callable[[Any, str], _Value | None],
     reserved: Iterable[str] = (),
 ) -> None:
-    """Read what has names into ``found``, one after the other; what is wrong is noted, and leaves a name with None."""
+    """Read named definitions into ``found``; errors are collected, and an invalid definition becomes None."""
     if not isinstance(value, dict):
         refuse(f'{where} must be a mapping, not {shown(value)}')
     for key, item in value.items():
         with errors.noted(place_of_key(value, key)):
             name = NAME(key, f'{where}: the name of a {what}')
             if name in reserved:
-                refuse(f'{where}: {shown(name)} has a meaning of its own, no {what} can be called so')
+                refuse(f'{where}: {shown(name)} is a reserved name, choose another one for the {what}')
             if name in found:
-                refuse(f'{where}: there is a {what} {shown(name)} already')
+                refuse(f'{where}: the {what} {shown(name)} already exists')
             made: _Value | None = None
             with errors.noted(place_in(value, key)):
                 made = read(item, f'{where}.{key}')

@@ -1,16 +1,16 @@
 """Time-optimal motion of one axis within limits of speed, acceleration and jerk.
 
 A profile is a table of phases (n, 5) of constant jerk: time [s], distance [m], speed [m/s], acceleration [m/s^2], jerk
-[m/s^3]; phases without duration are left out, and the last row is the end.
+[m/s^3]; phases of zero duration are omitted, and the last row is the end.
 
-Between two states, the acceleration rises from a_0 to a peak a_p, falls to a trough a_t and rises to a_f, or the same
-with all signs changed. A peak or trough at the limit A is held for a time h_p or h_t. The change of speed from v_0 to
-v_f fixes one of them by the other,
+Between two states the acceleration rises from a_0 to a peak a_p, falls to a trough a_t and rises to a_f, or the same
+with opposite signs. A peak or trough at the limit A is held for a time h_p or h_t. The change of speed from v_0 to
+v_f gives one of them from the other,
 
     a_p^2 + A J h_p = a_t^2 + A J h_t + J (v_f - v_0) + (a_0^2 - a_f^2) / 2,
 
-and the distance fixes the other one: it is the root of a function of one unknown. The speed is largest where the
-falling acceleration is zero; where that would exceed the limit of speed, the profile cruises there.
+and the distance gives the other one as the root of a function of one variable. The speed has its maximum where the
+falling acceleration is zero; if that exceeds the speed limit, the profile cruises at the limit.
 """
 
 import math
@@ -22,17 +22,17 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.types import Floats
 
 State = tuple[float, float, float]
-Candidate = tuple[float, tuple[float, ...]]  # a miss of the distance, and durations
+Candidate = tuple[float, tuple[float, ...]]  # distance error, and durations
 JERK_SIGNS = (1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0)
-STEPS_MAX = 300  # of the search for a root
-REACHED = 1e-12  # a miss of the distance [m], or its share of more than 1 m, that is rounding
-ROUNDING = 1e-9  # share of a limit by which the rounding of a start or an end may exceed it
+STEPS_MAX = 300  # of the root search
+REACHED = 1e-12  # distance error [m], relative beyond 1 m, that counts as zero
+ROUNDING = 1e-9  # relative tolerance of the limits for start and end
 
 
 def rest_to_rest(length_m: float, limits: State) -> Floats:
     """Return the fastest profile over a length from rest to rest; an infinite jerk gives constant accelerations.
 
-    The durations are evaluated term by term as in ruckig, so that both have the same bits where ruckig has a solution.
+    The terms are evaluated in the order of ruckig, so that both have the same bits where ruckig has a solution.
     """
     speed, acceleration, jerk = limits
     start = (0.0, 0.0, 0.0)
@@ -74,7 +74,7 @@ def rest_to_rest(length_m: float, limits: State) -> Floats:
 
 
 def to_rest(start: State, acceleration_max: float, jerk_max: float) -> Floats:
-    """Return the fastest profile from a state (distance, speed, acceleration) to rest, wherever that is."""
+    """Return the fastest profile from a state (distance, speed, acceleration) to rest at an arbitrary distance."""
     _, v, a = start
     if math.isinf(jerk_max):
         return _constant_accelerations(
@@ -92,12 +92,12 @@ def to_rest(start: State, acceleration_max: float, jerk_max: float) -> Floats:
 def between(start: State, end: State, limits: State) -> Floats:
     """Return the fastest profile between two states (distance, speed, acceleration).
 
-    With an infinite jerk, accelerations are constant, and those of both states do not count.
+    With an infinite jerk, accelerations are constant, and the accelerations of both states are ignored.
 
     Raises
     ------
     ProgramError
-        A state exceeds a limit, or its acceleration leads to or comes from a speed that does.
+        A state exceeds a limit, or its acceleration implies an earlier or later speed beyond the limit.
 
     """
     speed, acceleration, jerk = limits
@@ -110,7 +110,7 @@ def between(start: State, end: State, limits: State) -> Floats:
         and max(abs(a), abs(a_end)) <= acceleration * (1.0 + ROUNDING)
     ):
         raise ProgramError(
-            f'no way from {v:g} m/s, {a:g} m/s2 to {v_end:g} m/s, {a_end:g} m/s2 within {speed:g} m/s, '
+            f'no profile from {v:g} m/s, {a:g} m/s2 to {v_end:g} m/s, {a_end:g} m/s2 within {speed:g} m/s, '
             f'{acceleration:g} m/s2, {jerk:g} m/s3'
         )
     candidates = _constant if math.isinf(jerk) else _rising
@@ -131,18 +131,18 @@ def between(start: State, end: State, limits: State) -> Floats:
 
 
 def _rising(request: tuple[float, ...], limits: State) -> Iterator[Candidate]:
-    """Yield candidates whose jerk is first positive.
+    """Yield candidates that start with positive jerk.
 
-    The request is a distance to go, speed and acceleration at its start, speed and acceleration at its end.
+    The request is distance, speed and acceleration at the start, speed and acceleration at the end.
     """
     way, v, a, v_end, a_end = request
     speed, limit, jerk = limits
     surplus = (
         jerk * (v_end - v) + (a * a - a_end * a_end) / 2.0
-    )  # of the square of the peak over that of the trough
+    )  # square of the peak minus that of the trough
 
     def through_zero(root: float) -> tuple[float, ...]:
-        """Return the durations with a peak above and a trough below zero; the square of the root is added to K."""
+        """Return the durations for a peak above and a trough below zero; the square of the peak grows with ``root``."""
         rise = lowest + root * root
         fall = max(rise - surplus, 0.0)
         peak, trough = min(math.sqrt(rise), limit), min(math.sqrt(fall), limit)
@@ -164,7 +164,7 @@ def _rising(request: tuple[float, ...], limits: State) -> Iterator[Candidate]:
     jerks = tuple(sign * jerk for sign in JERK_SIGNS)
 
     def excess(durations: Sequence[float]) -> float:
-        """Return by how much a way with these durations is longer than the way to go."""
+        """Return the distance covered beyond the required one."""
         s, v_now, a_now = -way, v, a
         for t, j in zip(durations, jerks, strict=True):
             if t > 0.0:
@@ -194,7 +194,7 @@ def _solved(
     last: float,
     cruise_speed: float,
 ) -> Candidate:
-    """Return durations without an excess, between the shortest way and the longest, which may cruise."""
+    """Return durations with zero excess between the shortest and the longest profile, which may cruise."""
     shortest = durations_of(first)
     low = excess(shortest)
     if low >= 0.0:
@@ -207,7 +207,7 @@ def _solved(
         return -high, longest
     x0, x1, below, durations = first, last, False, shortest
     for step in range(STEPS_MAX):
-        # regula falsi (Illinois), and in between a halving, which bounds the number of steps
+        # regula falsi (Illinois); every fourth step bisects, which bounds the number of steps
         x = x0 - low * (x1 - x0) / (high - low)
         if step % 4 == 3 or not min(x0, x1) < x < max(x0, x1):
             x = 0.5 * (x0 + x1)
@@ -229,7 +229,7 @@ def _solved(
 
 
 def _constant(request: tuple[float, ...], limits: State) -> Iterator[Candidate]:
-    """Yield candidates of constant accelerations, the first of which is positive."""
+    """Yield candidates of constant accelerations that start with a positive one."""
     way, v, _, v_end, _ = request
     speed, acceleration, _ = limits
     square, top = acceleration * way + (v * v + v_end * v_end) / 2.0, max(v, v_end)
@@ -246,7 +246,7 @@ def _constant(request: tuple[float, ...], limits: State) -> Iterator[Candidate]:
 
 
 def _constant_accelerations(start: State, durations: Sequence[float], acceleration: float) -> Floats:
-    """Return a profile that accelerates, cruises and decelerates, each for a duration."""
+    """Return a profile of acceleration, cruising and deceleration with given durations."""
     rows: list[tuple[float, ...]] = []
     time, (s, v, _) = 0.0, start
     for t, a in zip(durations, (acceleration, 0.0, -acceleration), strict=False):
@@ -258,7 +258,7 @@ def _constant_accelerations(start: State, durations: Sequence[float], accelerati
 
 
 def _phases(start: State, durations: Sequence[float], jerk: float, fixed: Mapping[int, float] = {}) -> Floats:
-    """Return a profile from the durations of its phases; some phases, by number, begin with a fixed acceleration."""
+    """Return a profile from the durations of its phases; ``fixed`` overrides initial accelerations by phase number."""
     rows: list[tuple[float, ...]] = []
     time, (s, v, a) = 0.0, start
     for n, (t, sign) in enumerate(zip(durations, JERK_SIGNS, strict=False)):

@@ -1,4 +1,4 @@
-"""Programs as values: what statements there are, and what each says."""
+"""Data model of motion programs: statements and their parameters."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,13 +13,13 @@ from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.limits import Limits
 
 Point = tuple[float, float, float]
-JOINT_POINTS_MAX = 10_000  # of a trajectory of arm angles
-ASKED_POINTS_MAX = 1000  # of one that is asked for by a message, to be driven at once
+JOINT_POINTS_MAX = 10_000  # of a joint trajectory
+ASKED_POINTS_MAX = 1000  # of a joint trajectory in a message for immediate execution
 
 
 @dataclass(frozen=True)
 class Target:
-    """A point [m], or a step from where the robot stands."""
+    """A point [m], or a displacement from the current position."""
 
     point_m: Point
     relative: bool = False
@@ -27,25 +27,24 @@ class Target:
 
 @dataclass(frozen=True)
 class Angle:
-    """An angle of the tool about z [rad], or a step from where it stands."""
+    """A tool angle about z [rad], or a rotation from the current angle."""
 
     angle_rad: float
     relative: bool = False
 
     def after(self, present_rad: float) -> float:
-        """Return where the tool stands then [rad]."""
+        """Return the resulting tool angle [rad]."""
         return present_rad + self.angle_rad if self.relative else self.angle_rad
 
 
 @dataclass(frozen=True, kw_only=True)
 class PathMove:
-    """A move along a path: its limits, the blend with the next move, and whether it is refused instead of slowed.
+    """A move along a path.
 
-    With ``constant_speed`` its path, the blended moves around it included, is refused unless its speed is constant.
-
-    Behind one that ends in position the program goes on only when the robot has followed there.
-    A time-optimal one is as fast as the motors allow within its limits, and changes their torques no faster than its
-    torque rate. With a turn the tool turns along the path, from the begin of the move to its end.
+    A ``strict`` move is rejected instead of slowed down. With ``constant_speed`` the path, with all moves blended with
+    it, is rejected unless its speed is constant. With ``in_position`` the program continues only when the robot has
+    settled at the end. A ``time_optimal`` move is as fast as the motors allow within its limits and its torque rate.
+    With ``turn`` the tool rotates along the path from the start of the move to its end.
     """
 
     limits: Limits
@@ -67,7 +66,7 @@ class MoveL(PathMove):
 
 @dataclass(frozen=True)
 class MoveC(PathMove):
-    """Circle through a circle point to an end (6.2), or on that circle over an angle [rad], in the same direction."""
+    """Circle through a circle point to an end (6.2), or over an angle [rad] on that circle in the same direction."""
 
     via: Target
     to: Target
@@ -82,7 +81,7 @@ class MoveSB(PathMove):
 
 
 class Aim(StrEnum):
-    """What the shape of an arch is best for."""
+    """Objective of the shape of an arch."""
 
     TIME = 'time'
     ENERGY = 'energy'
@@ -90,17 +89,17 @@ class Aim(StrEnum):
 
 @dataclass(frozen=True)
 class KeepOut:
-    """Nothing of the path may be below a height z, but around both of its ends."""
+    """Minimum height z of a path except near its ends."""
 
     height_m: float
-    margin_m: float = 0.0  # horizontal distance from an end up to which it may
+    margin_m: float = 0.0  # horizontal distance from an end within which the path may be lower
 
 
 @dataclass(frozen=True)
 class Arch(PathMove):
-    """Arch from a pick to a place: straight up by a clearance, over, and straight down by another one.
+    """Arch from pick to place: straight up by a clearance, across, and straight down by another one.
 
-    Its height and its bends are chosen for the shortest time, or for the least energy.
+    Height and bends are optimized for the shortest time or the least energy.
     """
 
     to: Target
@@ -112,7 +111,7 @@ class Arch(PathMove):
 
 @dataclass(frozen=True)
 class Cubic:
-    """Cubic in time with prescribed end velocity; it starts with the end velocity of the cubic before it (5.1)."""
+    """Cubic in time with given end velocity; it starts with the end velocity of the preceding cubic (5.1)."""
 
     to: Target
     duration_s: float
@@ -121,24 +120,24 @@ class Cubic:
 
 @dataclass(frozen=True)
 class Turn:
-    """The tool turns while the robot stands, as fast as its axis can."""
+    """Rotation of the tool at a fixed TCP, as fast as its axis allows."""
 
     to: Angle
 
 
 @dataclass(frozen=True)
 class Dwell:
-    """Rest at the present point."""
+    """Rest at the current point."""
 
     time_s: float
 
 
 @dataclass(frozen=True)
 class Output:
-    """An output, and perhaps the payload, that changes at the end of the move before it, or before or after that.
+    """Change of an output, and optionally of the payload, at or near the end of the preceding move.
 
-    A distance counts along the path, a time as the program is driven at 100 %. One of the four is told at most; with a
-    time there is no payload.
+    Distances are along the path, times at override 1. At most one of the four shifts is given; timed outputs cannot
+    change the payload.
     """
 
     name: str
@@ -151,13 +150,13 @@ class Output:
 
     @property
     def is_later(self) -> bool:
-        """Whether it is due on what follows the move before it."""
+        """Whether it is due after the end of the preceding move."""
         return self.after_m > 0.0 or self.after_s > 0.0
 
 
 @dataclass(frozen=True)
 class JointPoint:
-    """Arm angles at a time after the start; with their speeds, and with their accelerations as well, if it has them."""
+    """Arm angles at a time after the start, optionally with speeds, or with speeds and accelerations."""
 
     time_s: float
     angles_rad: Point
@@ -167,7 +166,7 @@ class JointPoint:
 
 @dataclass(frozen=True)
 class Joints:
-    """Arm angles over time, from rest to rest; refused instead of slowed down."""
+    """Arm angles over time, from rest to rest; rejected instead of slowed down."""
 
     points: tuple[JointPoint, ...]
     strict: ClassVar[bool] = True
@@ -189,18 +188,7 @@ KINDS: dict[type[Statement], str] = {
 
 @dataclass(frozen=True)
 class Program:
-    """Statements to run ``repeat`` times.
-
-    Attributes
-    ----------
-    start_turn_rad
-        Where the tool must stand; None: wherever it stands.
-    source, places
-        The file that it was read from, and where each statement stands in it; empty if that says nothing.
-    names
-        What each statement is called in sentences; those that have none are called by their number.
-
-    """
+    """Statements to execute ``repeat`` times."""
 
     name: str
     statements: tuple[Statement, ...]
@@ -208,27 +196,27 @@ class Program:
     repeat: int = 1
     payload_kg: float | None = None
     faults: tuple[Fault, ...] = ()
-    start_turn_rad: float | None = None
-    source: str = field(default='', compare=False)
-    places: tuple[Place | None, ...] = field(default=(), compare=False)
-    names: tuple[str, ...] = field(default=(), compare=False)
+    start_turn_rad: float | None = None  # required tool angle at the start; None: any
+    source: str = field(default='', compare=False)  # program file
+    places: tuple[Place | None, ...] = field(default=(), compare=False)  # of the statements in the file
+    names: tuple[str, ...] = field(default=(), compare=False)  # of statements in messages (default: by index)
 
     def name_of(self, number: int) -> str:
-        """Return what a statement is called in sentences."""
-        told = self.names[number] if number < len(self.names) else ''
-        return told or f'moves[{number}].{KINDS[type(self.statements[number])]}'
+        """Return the name of a statement for messages."""
+        name = self.names[number] if number < len(self.names) else ''
+        return name or f'moves[{number}].{KINDS[type(self.statements[number])]}'
 
     def place_of(self, number: int) -> Place | None:
-        """Return where a statement stands in its file, if that is known."""
+        """Return the position of a statement in its file, if known."""
         return self.places[number] if number < len(self.places) else None
 
 
 def point_of(values: ArrayLike) -> Point:
-    """Return three numbers as a point."""
+    """Convert three numbers to a point."""
     x, y, z = np.asarray(values, dtype=np.float64).tolist()
     return x, y, z
 
 
 def point_text(point_m: ArrayLike) -> str:
-    """Write a point as people do."""
+    """Format a point for messages."""
     return '(' + ', '.join(f'{value:g}' for value in np.round(np.asarray(point_m), 6)) + ')'

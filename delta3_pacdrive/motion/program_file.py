@@ -1,38 +1,38 @@
 """Motion programs: a strict reader of YAML files.
 
 name: pick and place            # optional
-start_m: [0.0, 0.0, -0.75]      # optional: where the robot must stand
-start_turn_deg: 0.0             # optional, with a rotary axis: where its tool must stand
+start_m: [0.0, 0.0, -0.75]      # optional: required position of the robot
+start_turn_deg: 0.0             # optional, with a rotary axis: required angle of its tool
 repeat: 1                       # optional
 payload_kg: 0.0                 # optional: carried at the start
 time_optimal: false             # optional: as fast as the motors allow; also in each move
 in_position: false              # optional: wait at each exact stop until the robot is in position; also in each move
-constant_speed: false           # optional: refuse a path that is not driven at constant speed; also in each move
+constant_speed: false           # optional: reject a path whose speed is not constant; also in each move
 limits: {speed_m_s: 1.5, acceleration_m_s2: 15.0, jerk_m_s3: 600.0}     # optional, each; torque_rate_n_m_s if optimal
-frames: {box: {origin_m: [0.1, 0.0, -0.9], yaw_deg: 30}}      # optional; or taught_m: 3 points; a parent above
-frame: box                      # optional: in which points are told; also in each move and in each point
+frames: {box: {origin_m: [0.1, 0.0, -0.9], yaw_deg: 30}}      # optional; or taught_m: 3 points; parents first
+frame: box                      # optional: frame of the points; also in each move and in each point
 tools: {cup: {offset_m: [0.0, 0.0, -0.06], mass_kg: 0.2}}               # optional
-tool: cup                       # optional: whose working point is to be there; also in each move
+tool: cup                       # optional: its working point is positioned; also in each move
 patterns: {tray: {frame: box, rows: 2, columns: 3, pitch_m: [0.04, 0.05], layers: 2, height_m: 0.03, order: snake}}
-points: {pick: [0.15, 0.0, -0.85], above: {point: pick, by_mm: [0, 0, 50]}}   # optional: names for points
-points_mm: {place: [-150, 0, -850]}                                   # metres may be mm, radians deg: the key says so
+points: {pick: [0.15, 0.0, -0.85], above: {point: pick, by_mm: [0, 0, 50]}}   # optional: named points
+points_mm: {place: [-150, 0, -850]}                                   # keys in _m and _rad also exist in _mm and _deg
 moves:
-- move_l: {to_m: [0.3, 0.0, -0.8], speed_m_s: 1.0, blend_m: 0.02}     # limits may stand in each move
+- move_l: {to_m: [0.3, 0.0, -0.8], speed_m_s: 1.0, blend_m: 0.02}     # each move may have its own limits
 - move_l: {to_m: pick}                                                # a named point
-- move_l: {to_m: {by_m: [0.0, 0.0, 0.02]}}                            # relative to where the robot stands
-- move_l: {to_m: {point: pick, by_m: [0.0, 0.0, 0.1]}, strict: true}  # relative to a point; refused, not slowed down
+- move_l: {to_m: {by_m: [0.0, 0.0, 0.02]}}                            # relative to the current position
+- move_l: {to_m: {point: pick, by_m: [0.0, 0.0, 0.1]}, strict: true}  # relative to a point; never slowed down
 - move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8]}           # circle through a point
 - move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8], angle_deg: 720}    # two turns on the circle through these
 - move_sb: {through_m: [[0.1, 0.0, -0.8], pick]}                      # spline through at most 100 points
-- move_l: {to_m: pick, turn_deg: 90}      # the tool turns on the way; or turn_deg: {by_deg: 45}, from where it stands
-- turn: {to_deg: 0}                                                   # and while the robot stands
+- move_l: {to_m: pick, turn_deg: 90}      # the tool rotates during the move; or turn_deg: {by_deg: 45}, relative
+- turn: {to_deg: 0}                                                   # and at rest
 - arch: {to_m: pick, up_m: 0.01, down_m: 0.01, keep_out: {height_m: -0.8, margin_m: 0.05}, aim: time}   # best shape
-- cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the velocity before it
+- cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the preceding velocity
 - joints: {points: [{time_s: 0.5, angles_rad: [0.2, 0.3, 0.2], speeds_rad_s: [0, 0, 0]}]}   # arm angles over time
 - dwell: {time_s: 0.1}
 - output: {name: gripper, value: true, before_m: 0.005, payload_kg: 0.5}
 - output: {name: gripper, value: true, before_s: 0.02}                # or after_s, after_m, in_time (by its cell)
-- for_each: {place_of: tray, moves: [{move_l: {to_m: [0, 0, 0]}}]}      # points are told from each place of a pattern
+- for_each: {place_of: tray, moves: [{move_l: {to_m: [0, 0, 0]}}]}    # points are relative to each place of a pattern
 faults:                                                             # optional: injected faults, see faults/fault.py
 - {fault: drop_at, axis: axis2, after_s: 0.3}                         # bus time from the start of the program
 """
@@ -82,14 +82,14 @@ FAULTS_MAX = 1000
 
 
 def load(path: str | Path, motion: Motion, outputs: OutputNames = OWN) -> Program:
-    """Read a program file; a bare name is looked for among the packaged programs as well.
+    """Read a program file; a bare name also finds packaged programs.
 
-    ``outputs`` are those that the program may name: without a cell the robot's own.
+    ``outputs`` are the available output names (default: those of the robot without a cell).
 
     Raises
     ------
     ProgramError
-        The file cannot be read or breaks a rule; names the place and the rule.
+        The file cannot be read or violates a rule; states place and rule.
 
     """
     file = find(path)
@@ -104,7 +104,7 @@ def load(path: str | Path, motion: Motion, outputs: OutputNames = OWN) -> Progra
 
 
 def find(path: str | Path) -> Path:
-    """Return the file that ``path`` means: itself, else the packaged program of that name."""
+    """Return the path itself, or the packaged program of that name."""
     path = Path(path)
     own = config_directory() / 'programs' / f'{path.name}.yaml'
     if not packaged.is_own(path) and path.parent == Path() and own.exists():
@@ -113,21 +113,21 @@ def find(path: str | Path) -> Path:
 
 
 def packaged_names() -> list[str]:
-    """Names of the packaged programs."""
+    """Return the names of the packaged programs."""
     return packaged.program_names()
 
 
 def parse(
     document: Any, motion: Motion, name: str = 'program', file: str = '', outputs: OutputNames = OWN
 ) -> Program:
-    """Build a program from a parsed YAML document; ``file`` names one that is empty, and so cannot tell its own name.
+    """Build a program from a parsed YAML document; ``file`` is the name used for an empty document.
 
-    ``outputs`` are those that it may name.
+    ``outputs`` are the available output names.
 
     Raises
     ------
     ProgramError
-        Values break rules; names the places and the rules, up to ten.
+        Values violate rules; states places and rules, up to ten.
 
     """
     errors = Errors(getattr(document, 'source', file))
@@ -138,11 +138,11 @@ def parse(
     source = getattr(document, 'source', '')
     if source or any(place and place.line > 1 for place in program.places):
         return replace(program, source=source)
-    return replace(program, places=())  # nobody looks for a place in a single line
+    return replace(program, places=())  # a single line needs no places
 
 
 def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: OutputNames) -> Program:
-    """Build a program; it is good for nothing if there are errors."""
+    """Build a program; the result is invalid if errors were collected."""
     allowed = (
         'name',
         'start_m',
@@ -195,14 +195,14 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
         Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3),
         motion.tcp_speed_limit_m_s,
         limits,
-        time_optimal,
-        in_position,
-        constant_speed,
-        setting,
-        tools,
-        patterns,
-        fields.read('repeat', whole_number_between(1, REPEAT_MAX), 1, prefix=''),
-        outputs,
+        time_optimal=time_optimal,
+        in_position=in_position,
+        constant_speed=constant_speed,
+        setting=setting,
+        tools=tools,
+        patterns=patterns,
+        repeat=fields.read('repeat', whole_number_between(1, REPEAT_MAX), 1, prefix=''),
+        outputs=outputs,
     )
 
     def start(value: Any, where: str) -> Point | None:
@@ -217,15 +217,15 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
     read = fields.read('moves', StatementReader(head, points, errors).statements, (), prefix='')
     carried = payload(0.0, 'payload_kg', head.tool_kg) if head.tool_kg else None
     return Program(
-        fields.read('name', NAME, NAME(name, 'name'), prefix=''),
-        tuple(one.statement for one in read),
-        fields.read('start_m', start, prefix=''),
-        head.repeat,
-        fields.read(
+        name=fields.read('name', NAME, NAME(name, 'name'), prefix=''),
+        statements=tuple(one.statement for one in read),
+        start_m=fields.read('start_m', start, prefix=''),
+        repeat=head.repeat,
+        payload_kg=fields.read(
             'payload_kg', lambda value, where: payload(value, where, head.tool_kg), carried, prefix=''
         ),
-        fields.read('faults', faults, (), prefix=''),
-        fields.read('start_turn_rad', number_between(-TURN_MAX_RAD, TURN_MAX_RAD), prefix=''),
+        faults=fields.read('faults', faults, (), prefix=''),
+        start_turn_rad=fields.read('start_turn_rad', number_between(-TURN_MAX_RAD, TURN_MAX_RAD), prefix=''),
         places=tuple(one.place for one in read),
         names=tuple(one.name for one in read),
     )

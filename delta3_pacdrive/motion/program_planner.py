@@ -1,4 +1,4 @@
-"""Planning of a program: statements become moves that are timed and checked as a whole before anything moves."""
+"""Planning of a program: its statements become moves that are timed and checked before the motion starts."""
 
 import math
 from collections.abc import Callable
@@ -18,84 +18,46 @@ from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.planned_move import PlannedMove, grouped, key_of_kept_time, with_timed
 from delta3_pacdrive.motion.program import Cubic, Joints, PathMove, Program, Statement, Turn, point_text
 from delta3_pacdrive.motion.program_parts import Part, parts
-from delta3_pacdrive.motion.round_planner import Arches, RoundPlanner
-from delta3_pacdrive.motion.thermal_load import LoadBehind, ThermalLoad
+from delta3_pacdrive.motion.round_planner import Arches, PlanRequest, RoundPlanner
+from delta3_pacdrive.motion.thermal_load import AppendedLoad, ThermalLoad
 from delta3_pacdrive.motion.turning_move import NO_AXIS, turn_load
 from delta3_pacdrive.motion.turns import JOINED_RAD
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-SAME_DECIMALS = 9  # of two starts [m] that are one
-# weights of the warmth of the motors that are tried until time-optimal moves keep the rms current
+SAME_DECIMALS = 9  # of identical start positions [m]
+# heat weights tried until time-optimal moves respect the rms current limit
 HEAT_FIRST, HEAT_STEP, HEAT_TRIALS = 1.0, 5.0, 12
-HEAT_KEPT = 0.998  # of the nominal current, within as much
+HEAT_KEPT = 0.998  # target relative to the nominal current, also its tolerance
 OF_TOOL = 'of the motor of the rotary axis'
 ROUNDING_DEG = 1e-7
-START_TOLERANCE_RAD = 1e-2  # how far its tool may; the first turn begins where it stands
-START_TOLERANCE_M = (
-    1e-3  # how far the robot may stand from the start of a program; the first move begins there
-)
+START_TOLERANCE_RAD = 1e-2  # of the tool angle at the start; the first turn begins at the actual angle
+START_TOLERANCE_M = 1e-3  # of the robot position at the start; the first move begins at the actual position
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A program that is planned and checked.
-
-    Attributes
-    ----------
-    name
-        Of the program.
-    plan
-        Moves in the order in which they are driven.
-    notices
-        Sentences about moves that were slowed down (by how much, where, and by which limit) and about faults that
-        are due after the end.
-    rms_current_a
-        Of each motor over the whole program.
-    override_max
-        Largest override at which every motor still keeps its limits.
-    repeat
-        How many rounds of its statements the plan holds.
-    names
-        Of the statements of each different move.
-    stretches
-        Of each different move, where on it which limits of the TCP hold: ends [m] and limits.
-    rate
-        At which all moves are driven for the rms current's sake, 1 = as each was planned.
-    loads
-        What each different move, as it is driven, asks of the motors.
-    ends
-        For each statement, in the last round, the number of the move in the plan with which it ends, and where on that
-        [m]; None for an output.
-    open_from
-        First statement of the last move, if that has a blend with a move that may follow; else None.
-    payload_kg
-        Payload behind the last move.
-    first_round
-        How many moves the first round has, the one included that a blend joins with the next round.
-    torque_rates_n_m_s
-        Of each different move, the limit of the change of each motor's torque; inf where it has none.
-    parts
-        Of each different move, the name of each statement of a blended sequence, and the distance at which its part of
-        the path ends [m]: with its blend. Empty for other moves.
-
-    """
+    """A planned and checked program."""
 
     name: str
     plan: Plan
-    notices: tuple[str, ...]
-    rms_current_a: tuple[float, float, float]
-    override_max: float
-    repeat: int
-    names: tuple[str, ...]
-    stretches: tuple[Stretches, ...]
-    rate: float
-    loads: tuple[ThermalLoad, ...]
+    notices: tuple[
+        str, ...
+    ]  # moves that were slowed down (how much, where, by which limit), faults after the end
+    rms_current_a: tuple[float, float, float]  # of each motor over the whole program
+    override_max: float  # largest override within all motor limits
+    repeat: int  # number of rounds in the plan
+    names: tuple[str, ...]  # statements of each different move
+    stretches: tuple[Stretches, ...]  # TCP limits along each different move
+    rate: float  # by which all moves are slowed down to limit the rms current, 1 = none
+    loads: tuple[ThermalLoad, ...]  # of each different move
+    # for each statement in the last round: number of the move in the plan and distance at its end; None for an output
     ends: tuple[tuple[int, float] | None, ...]
-    open_from: int | None
-    payload_kg: float
-    first_round: int = 1
-    torque_rates_n_m_s: tuple[float, ...] = ()
+    open_from: int | None  # first statement of the last move if it ends in a blend with a future move
+    payload_kg: float  # after the last move
+    first_round: int = 1  # number of moves in the first round, with one that a blend joins to the next round
+    torque_rates_n_m_s: tuple[float, ...] = ()  # limits of each different move; inf: none
+    # of each different move: names of blended statements with the distance at the end of their part, else empty
     parts: tuple[tuple[tuple[str, float], ...], ...] = ()
 
 
@@ -110,29 +72,30 @@ def plan(
     arches: Arches | None = None,
     turn_rad: float | None = None,
 ) -> Planned:
-    """Plan and check every move of a program for a robot that stands at ``position_m``.
+    """Plan and check every move of a program for a robot at ``position_m``.
 
-    With ``returning`` the first move may begin beyond limits, if it leads back (see ``checks``). With ``open_end``
-    other moves may follow later: the last one may have a blend, and ends exactly as long as none does. ``progress`` is
-    called before each statement that is planned with the number of those done and of all. ``before`` is what moves ask
-    of the motors behind which the program is driven; their rms current counts with its own. ``arches`` are the shapes
-    that are known of this robot; new ones are added. ``turn_rad`` is where the tool stands: None, where the program
-    starts, else at its home.
+    With ``returning`` the first move may start beyond limits if it leads back (see ``limits``). With ``open_end`` moves
+    may be appended later: the last move may have a blend, and ends exactly until then. ``progress`` is called before
+    each statement with the numbers of planned statements and of all. ``before`` is the load of moves that precede the
+    program; it counts in the rms current. ``arches`` caches arch shapes of this robot. ``turn_rad`` is the tool angle
+    (default: that at the start of the program, or its home).
 
     Raises
     ------
     ProgramError
-        The robot stands elsewhere than the program starts, or moves break limits; says which, how and where, up to ten.
+        The robot is not at the start of the program, or moves exceed limits; states which, how and where, up to ten.
 
     """
     require_start(program, position_m)
     require_axes(program.faults, parameters.rotary.present)
     turn = _start_turn(program, turn_rad, parameters)
 
-    shapes: Arches = {} if arches is None else arches
+    request = PlanRequest(
+        program, parameters, returning, open_end, progress, {} if arches is None else arches
+    )
 
     def rounds(heat: float) -> _Rounds:
-        return _rounds(program, position_m, parameters, returning, open_end, progress, heat, shapes, turn)
+        return _rounds(request, position_m, turn, heat)
 
     found = rounds(0.0)
     if any(isinstance(one, PathMove) and one.time_optimal for one in program.statements):
@@ -141,48 +104,41 @@ def plan(
 
 
 def _start_turn(program: Program, turn_rad: float | None, parameters: Parameters) -> float | None:
-    """Return where the tool stands before a program [rad]; None where the program says nothing of it."""
-    told, rotary = program.start_turn_rad, parameters.rotary
+    """Return the tool angle before a program [rad]; None if the program does not define it."""
+    given, rotary = program.start_turn_rad, parameters.rotary
     if not rotary.present:
-        if told is not None:
+        if given is not None:
             raise ProgramError(f'program "{program.name}": {NO_AXIS}')
-        return None  # a statement that turns it is refused by name
-    turns = told is not None or any(
+        return None  # statements that turn the tool are rejected later
+    turns = given is not None or any(
         isinstance(one, Turn) or (isinstance(one, PathMove) and one.turn is not None)
         for one in program.statements
     )
     if not turns:
         return None
     low, high = rotary.angle_min_deg, rotary.angle_max_deg
-    if told is not None and not low - ROUNDING_DEG <= math.degrees(told) <= high + ROUNDING_DEG:
+    if given is not None and not low - ROUNDING_DEG <= math.degrees(given) <= high + ROUNDING_DEG:
         raise ProgramError(
-            f'program "{program.name}" starts with its tool at {math.degrees(told):.6g} deg, '
+            f'program "{program.name}" starts with its tool at {math.degrees(given):.6g} deg, '
             f'the limits are {low:g} and {high:g} deg'
         )
-    here = turn_rad if turn_rad is not None else rotary.home_rad if told is None else told
-    if told is not None and abs(here - told) > START_TOLERANCE_RAD:
+    actual = turn_rad if turn_rad is not None else rotary.home_rad if given is None else given
+    if given is not None and abs(actual - given) > START_TOLERANCE_RAD:
         raise ProgramError(
-            f'program "{program.name}" starts with its tool at {math.degrees(told):.6g} deg, but it stands at '
-            f'{math.degrees(here):.6g} deg'
+            f'program "{program.name}" starts with its tool at {math.degrees(given):.6g} deg, but its angle is '
+            f'{math.degrees(actual):.6g} deg'
         )
-    # a start that is told in degrees is the same angle but for rounding
-    return told if told is not None and abs(here - told) <= JOINED_RAD else here
+    # a start angle given in degrees may differ by rounding
+    return given if given is not None and abs(actual - given) <= JOINED_RAD else actual
 
 
-def _rounds(
-    program: Program,
-    position_m: ArrayLike,
-    parameters: Parameters,
-    returning: bool,
-    open_end: bool,
-    progress: Callable[[int, int], None] | None,
-    heat: float,
-    arches: Arches,
-    turn: float | None,
-) -> '_Rounds':
-    """Plan every round of a program; ``heat`` is what the warmth of the motors weighs in time-optimal moves."""
-    here = np.array(position_m, dtype=np.float64)
-    payload = parameters.dynamics.payload_mass_kg if program.payload_kg is None else program.payload_kg
+def _rounds(request: PlanRequest, position_m: ArrayLike, turn: float | None, heat: float) -> '_Rounds':
+    """Plan all rounds of a program; ``heat`` is the weight of the motor losses in time-optimal moves."""
+    program = request.program
+    position = np.array(position_m, dtype=np.float64)
+    payload = (
+        request.parameters.dynamics.payload_mass_kg if program.payload_kg is None else program.payload_kg
+    )
     planned: list[PlannedMove] = []
     order: list[int] = []
     open_notices: list[str] = []
@@ -195,25 +151,24 @@ def _rounds(
     first_round: int | None = None
     ends: list[tuple[int, float] | None] = [None] * len(program.statements)
     for piece_number, part in enumerate(pieces):
-        # rounds that begin a rounding error apart are the same
+        # rounds with starts that differ by rounding are identical
         angle = None if turn is None else round(turn, SAME_DECIMALS)
-        key = (part, tuple(np.round(here, SAME_DECIMALS).tolist()), payload, angle)
+        key = (part, tuple(np.round(position, SAME_DECIMALS).tolist()), payload, angle)
         if key not in known:
-            last = open_end and piece_number + 1 == len(pieces)
-            first = returning and not order
-            round_ = RoundPlanner(
-                program, here, payload, parameters, first, last, progress, heat, arches, part, turn
+            this_round = replace(
+                request,
+                returning=request.returning and not order,
+                open_end=request.open_end and piece_number + 1 == len(pieces),
             )
+            round_ = RoundPlanner(this_round, part, position, payload, turn, heat)
             numbers = []
             for move in round_.planned():
                 numbers.append(len(planned))
                 planned.append(move)
             open_notices, open_from = round_.notices, round_.open_from
-            known[key] = numbers, round_.here, round_.payload, round_.turn
-        numbers, here, payload, turn = known[key]
-        if piece_number + 2 >= len(
-            pieces
-        ):  # the last round, of which a part may be driven before the last piece
+            known[key] = numbers, round_.position_m, round_.payload, round_.turn
+        numbers, position, payload, turn = known[key]
+        if piece_number + 2 >= len(pieces):  # the last round, which may start in the last piece but one
             for n, number in enumerate(numbers, start=len(order)):
                 for statement, distance in planned[number].statements:
                     ends[statement] = n, distance
@@ -230,7 +185,7 @@ def _rounds(
 def _cooled(
     hottest: '_Rounds', rounds: Callable[[float], '_Rounds'], nominal: float, before: ThermalLoad | None
 ) -> '_Rounds':
-    """Return the fastest rounds whose rms current is kept, or nearly: what is left is taken from all moves alike."""
+    """Return the fastest rounds within the rms current, or close to it: the remainder slows down all moves."""
 
     def excess(found: _Rounds) -> float:
         return math.log(found.load(before).rms(1.0).max() / (HEAT_KEPT * nominal))
@@ -255,7 +210,7 @@ def _cooled(
 
 @dataclass(frozen=True)
 class _Tail:
-    """Where the statements of a plan end, and what may follow behind the last."""
+    """End of a plan: its statements, and data for appending moves."""
 
     ends: tuple[tuple[int, float] | None, ...]
     open_from: int | None
@@ -264,7 +219,7 @@ class _Tail:
 
 @dataclass(frozen=True)
 class _Rounds:
-    """Different moves of a program, the order in which they are driven, and notices about its open end."""
+    """Different moves of a program, their order, and notices about an open end."""
 
     planned: list[PlannedMove]
     order: list[int]
@@ -272,8 +227,8 @@ class _Rounds:
     tail: _Tail
     first_round: int
 
-    def load(self, before: ThermalLoad | None) -> ThermalLoad | LoadBehind:
-        """Return what all moves ask of the motors, behind those ``before``; raises ProgramError if there are none."""
+    def load(self, before: ThermalLoad | None) -> ThermalLoad | AppendedLoad:
+        """Return the load of all moves after those ``before``; raises ProgramError if there are no moves."""
         counts = np.bincount(self.order, minlength=len(self.planned))
         used = [n for n in range(len(self.planned)) if counts[n]]
         if not used:
@@ -281,36 +236,36 @@ class _Rounds:
         total = self.planned[used[0]].load.times(counts[used[0]])
         for n in used[1:]:
             total = total + self.planned[n].load.times(counts[n])
-        return total if before is None else LoadBehind(total, before)
+        return total if before is None else AppendedLoad(total, before)
 
 
 def require_start(program: Program, position_m: ArrayLike) -> None:
-    """Refuse a program that starts elsewhere than the robot stands; raises ProgramError."""
+    """Raise ProgramError if the robot is not at the start of a program."""
     if program.start_m is None:
         return
-    here = np.array(position_m, dtype=np.float64)
-    distance = float(np.linalg.norm(here - program.start_m))
+    position = np.array(position_m, dtype=np.float64)
+    distance = float(np.linalg.norm(position - program.start_m))
     if distance > START_TOLERANCE_M:
         raise ProgramError(
-            f'program "{program.name}" starts at {point_text(program.start_m)} m, but the robot stands at '
-            f'{point_text(here)} m, {distance * 1e3:.1f} mm away'
+            f'program "{program.name}" starts at {point_text(program.start_m)} m, but the robot is at '
+            f'{point_text(position)} m, {distance * 1e3:.1f} mm away'
         )
 
 
 def capped(program: Program, caps: tuple[float, float, float]) -> Program:
-    """Return a program none of whose moves exceeds a speed, an acceleration and a jerk; 0: no cap.
+    """Return a program with limits on speed, acceleration and jerk of all moves; 0: no limit.
 
     Raises
     ------
     ProgramError
-        A cubic and arm angles have their times, which no cap can keep.
+        It contains cubics or joint trajectories, whose duration is fixed.
 
     """
     most = Limits(*(cap or math.inf for cap in caps))
     statements: list[Statement] = []
     for n, one in enumerate(program.statements):
         if isinstance(one, Cubic | Joints):
-            raise ProgramError(f'{program.name_of(n)}: its duration is fixed, it takes no cap of speed')
+            raise ProgramError(f'{program.name_of(n)}: its duration is fixed, its speed cannot be limited')
         if isinstance(one, PathMove):
             statements.append(replace(one, limits=one.limits.lower(most)))
         else:
@@ -324,7 +279,7 @@ def _whole(
     parameters: Parameters,
     before: ThermalLoad | None,
 ) -> Planned:
-    """Check what only the whole program shows, the rms current, and put the plan together."""
+    """Limit the rms current over the whole program and assemble the plan."""
     planned, order, tail = found.planned, found.order, found.tail
     load = found.load(before)
     notices = [notice for move in planned for notice in move.notices] + found.open_notices
@@ -363,27 +318,27 @@ def _whole(
         if fault.after_s > plan_.duration_s
     ]
     return Planned(
-        program.name,
-        plan_,
-        tuple(grouped(notices)),
-        (rms[0], rms[1], rms[2]),
-        override_max,
-        program.repeat,
-        tuple(move.name for move in planned),
-        tuple(move.stretches for move in planned),
-        rate,
-        tuple(move.load if rate == 1.0 else move.load.slowed(1.0 / rate) for move in planned),
-        tail.ends,
-        tail.open_from,
-        tail.payload_kg,
-        found.first_round,
-        tuple(move.torque_rate_n_m_s for move in planned),
-        tuple(move.parts for move in planned),
+        name=program.name,
+        plan=plan_,
+        notices=tuple(grouped(notices)),
+        rms_current_a=(rms[0], rms[1], rms[2]),
+        override_max=override_max,
+        repeat=program.repeat,
+        names=tuple(move.name for move in planned),
+        stretches=tuple(move.stretches for move in planned),
+        rate=rate,
+        loads=tuple(move.load if rate == 1.0 else move.load.slowed(1.0 / rate) for move in planned),
+        ends=tail.ends,
+        open_from=tail.open_from,
+        payload_kg=tail.payload_kg,
+        first_round=found.first_round,
+        torque_rates_n_m_s=tuple(move.torque_rate_n_m_s for move in planned),
+        parts=tuple(move.parts for move in planned),
     )
 
 
 def _tool_load(found: _Rounds, parameters: Parameters) -> ThermalLoad | None:
-    """Return what all moves ask of the motor of the rotary axis; None if they say nothing of it."""
+    """Return the load of the motor of the rotary axis; None if the moves do not define the tool angle."""
     total: ThermalLoad | None = None
     counts = np.bincount(found.order, minlength=len(found.planned))
     for one, count in zip(found.planned, counts.tolist(), strict=True):
@@ -394,19 +349,19 @@ def _tool_load(found: _Rounds, parameters: Parameters) -> ThermalLoad | None:
 
 
 def _rate_for_rms(
-    load: ThermalLoad | LoadBehind, nominal: float, program: Program, of_tool: bool = False
+    load: ThermalLoad | AppendedLoad, nominal: float, program: Program, of_tool: bool = False
 ) -> float:
-    """Return the largest rate at which the rms current is kept."""
+    """Return the largest rate at which the rms current is within its limit."""
     still, rms = load.rms(0.0).max(), load.rms(1.0).max()
     if still >= nominal:
         alone = f'the friction alone {OF_TOOL}' if of_tool else 'the weight alone'
         raise ProgramError(
-            f'program "{program.name}": {alone} asks for an rms current of {still:.4g} A, the limit is {nominal:g} A'
+            f'program "{program.name}": {alone} requires an rms current of {still:.4g} A, the limit is {nominal:g} A'
         )
     if kept := key_of_kept_time(one for one in program.statements if isinstance(one, PathMove | Joints)):
-        whose = f' {OF_TOOL}' if of_tool else ''
+        motor = f' {OF_TOOL}' if of_tool else ''
         raise ProgramError(
-            f'program "{program.name}": the rms current{whose} would be {rms:.4g} A, the limit is {nominal:g} A '
+            f'program "{program.name}": the rms current{motor} would be {rms:.4g} A, the limit is {nominal:g} A '
             f'({kept})'
         )
     low, high = 0.0, 1.0

@@ -15,11 +15,11 @@ from delta3_pacdrive.motion.profiles import State
 from delta3_pacdrive.motion.program import MoveL, Program, Target
 from delta3_pacdrive.motion.turns import standing
 from delta3_pacdrive.motion.virtual_master import (
+    compared_speeds,
     master_at_distances,
     remainder,
     rest,
     sample_master,
-    speeds_beside,
 )
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
@@ -79,7 +79,7 @@ def resume(timeline: Timeline, cycle: int, override: float) -> MotionProfile:
     return MotionProfile(cycle, now.number, present, override)
 
 
-def go_over(timeline: Timeline, cycle: int, move: Move, common_m: float) -> Floats | None:
+def join_move(timeline: Timeline, cycle: int, move: Move, common_m: float) -> Floats | None:
     """Return phases that lead from the current move to another one with the same path up to a distance [m].
 
     The master may continue on the current profile for a while, and is nowhere faster than planned for either move.
@@ -173,17 +173,17 @@ def _stays_under(
     table: Floats, master: Floats, factor: float, speed_max: float, before: tuple[Floats, float] | None
 ) -> bool:
     """Whether phases never run backwards nor exceed the planned speed, times a factor, at the same position."""
-    speeds = speeds_beside(table, master)
+    speeds = compared_speeds(table, master)
     if speeds is None:
         return False
     taken, allowed = speeds
-    if before is not None and (others := speeds_beside(table, before[0])) is not None:
+    if before is not None and (others := compared_speeds(table, before[0])) is not None:
         s = sample_master(np.linspace(0.0, table[-1, 0], len(taken) + 1), table)[:-1, 0]
         allowed = np.where(s <= before[1], np.maximum(allowed, others[1]), allowed)
     return bool((taken <= allowed * factor * OVER_PLAN + 1e-4 * speed_max).all())
 
 
-def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
+def remaining_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
     """Return the stopping position of a program on its path [m], and its remaining moves.
 
     The first of them starts within its path; outputs switched before are not switched again.
@@ -212,7 +212,7 @@ def left_of_plan(timeline: Timeline) -> tuple[Floats, list[Move]]:
     return stopped_m, later
 
 
-def way_back(timeline: Timeline, start_m: Floats, parameters: Parameters) -> Plan:
+def return_plan(timeline: Timeline, start_m: Floats, parameters: Parameters) -> Plan:
     """Return a plan from the current position straight to the path of a stopped program, then along it.
 
     Raises
@@ -221,7 +221,7 @@ def way_back(timeline: Timeline, start_m: Floats, parameters: Parameters) -> Pla
         The straight line is not permitted, the program was not stopped, or is complete.
 
     """
-    on_path, moves = left_of_plan(timeline)
+    on_path, moves = remaining_plan(timeline)
     if float(np.linalg.norm(start_m - on_path)) > STANDING_M:
         motion, (x, y, z) = parameters.motion, on_path.tolist()
         limits = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)

@@ -1,10 +1,10 @@
-"""Planning of a program's statements once through: they become moves, with their outputs and payloads."""
+"""Planning of one round of a program: statements become moves with their outputs and payloads."""
 
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -45,7 +45,7 @@ from delta3_pacdrive.motion.program import (
     Turn,
     point_text,
 )
-from delta3_pacdrive.motion.program_parts import Part, whole
+from delta3_pacdrive.motion.program_parts import Part
 from delta3_pacdrive.motion.statement_curves import curve_of, end_of, resolve
 from delta3_pacdrive.motion.turning_move import (
     NO_AXIS,
@@ -58,63 +58,67 @@ from delta3_pacdrive.motion.turns import standing
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-# shapes of arches that are known: by statement, start, end and payload
+# cache of arch shapes by statement, start, end and payload
 Arches = dict[tuple[Arch, tuple[float, ...], tuple[float, ...], float], Curve]
-POINT_DECIMALS = 9  # of points [m] that are one
-OPEN_CORNER = 'blend_m waits for a move that follows; without one it ends exactly'  # as a notice says it
+POINT_DECIMALS = 9  # of identical points [m]
+OPEN_CORNER = 'blend_m waits for a move that follows; without one it ends exactly'  # for notices
 ANGLE_ROUNDING_RAD = 1e-9
-COINCIDENT_RAD = 1e-6  # angles that are one
-BEHIND_M = 1.0  # places an event behind the end of a move: it is due when the move is over
+COINCIDENT_RAD = 1e-6  # tolerance for identical angles
+BEHIND_M = 1.0  # distance beyond the end of a move that makes an event due at its end
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """Inputs that are common to all rounds of a program."""
+
+    program: Program
+    parameters: Parameters
+    returning: bool = False  # whether the first move may start beyond limits
+    open_end: bool = False  # whether moves may be appended later
+    progress: Callable[[int, int], None] | None = None
+    arches: Arches = field(default_factory=dict)
 
 
 class RoundPlanner:
-    """Planner of a program's statements once through, or of a part of them."""
+    """Planner of a part of a program from a start position, payload and tool angle."""
 
     def __init__(
         self,
-        program: Program,
-        here: Floats,
+        request: PlanRequest,
+        part: Part,
+        start_m: Floats,
         payload_kg: float,
-        parameters: Parameters,
-        returning: bool,
-        open_end: bool,
-        progress: Callable[[int, int], None] | None,
+        turn_rad: float | None,
         heat: float = 0.0,
-        arches: Arches | None = None,
-        part: Part | None = None,
-        turn_rad: float | None = None,
     ) -> None:
-        self._part = whole(program) if part is None else part
-        self._program, self._statements = program, program.statements
-        self._errors = Errors(program.source)
-        self._failed = False  # whether anything could not be planned
-        self._broken = False  # whether that was the last move
-        self._open_end, self._progress = open_end, progress
-        self._arches: Arches = {} if arches is None else arches
-        self._heat = heat  # what the warmth of the motors weighs beside the time of time-optimal moves
+        self._request, self._part = request, part
+        self._program, self._statements = request.program, request.program.statements
+        self._parameters = request.parameters
+        self._errors = Errors(request.program.source)
+        self._failed = False  # whether any move could not be planned
+        self._broken = False  # whether the last move could not be planned
+        self._heat = heat  # weight of the motor losses relative to the time in time-optimal moves
         self.notices: list[str] = []
-        self._returning = returning  # whether the first move may begin beyond limits
-        self._parameters = parameters
-        self.here, self.payload = here, payload_kg
-        self.turn = turn_rad  # where the tool stands [rad]; None: the plan says nothing of it
+        self.position_m, self.payload = start_m, payload_kg
+        self.turn = turn_rad  # tool angle [rad]; None: not defined by the plan
         self._planned: list[PlannedMove] = []
         self._segments: list[PathSegment] = []
         self._dues = DueOutputs()
-        self._dwelt: _Dwelt | None = None  # the dwell with which what is planned so far ends
+        self._dwelt: _Dwelt | None = None  # dwell at the end of the planned moves
         self._cubics: list[tuple[Curve, int, str]] = []
         self._cubic_velocity: Floats = np.zeros(3)
-        self.open_from: int | None = None  # first statement of a last move that a blend keeps open
+        self.open_from: int | None = None  # first statement of a last move that ends in an open blend
 
     def planned(self) -> list[PlannedMove]:
-        """Plan all statements; raises ProgramError that names those that cannot be planned, up to ten.
+        """Plan all statements; raises ProgramError that names up to ten that cannot be planned.
 
-        Behind a statement that cannot be planned planning goes on where that would have ended.
+        After an error, planning continues at the end of the failed statement.
         """
         with self._errors.raised_as(ProgramError):
             for done, n in enumerate(self._part.numbers):
                 statement = self._statements[n]
-                if self._progress is not None:
-                    self._progress(done, len(self._part.numbers))
+                if self._request.progress is not None:
+                    self._request.progress(done, len(self._part.numbers))
                 where = self._program.name_of(n)
                 with self._noted(n, where):
                     self._end_before(statement)
@@ -122,14 +126,14 @@ class RoundPlanner:
                 with self._noted(n, where):
                     self._take(statement, n, where)
                 if self._broken:
-                    self.here = end
+                    self.position_m = end
             with self._noted(n, where):
                 self._end()
         return self._planned
 
     @contextmanager
     def _noted(self, number: int, where: str) -> Iterator[None]:
-        """Note why a statement cannot be planned, and forget the move that it belongs to."""
+        """Record why a statement cannot be planned, and discard its move."""
         try:
             with attributed_to(number, where):
                 yield
@@ -141,7 +145,7 @@ class RoundPlanner:
             self._errors.add(Refusal(str(error)), self._program.place_of(error.number))
 
     def _end_before(self, statement: Statement) -> None:
-        """End the move before a statement, if that does not go on with it."""
+        """End the current move before a statement that does not continue it."""
         if not isinstance(statement, Cubic | Output):
             self._end_cubics()
         if isinstance(statement, Dwell | Cubic | Joints | Turn):
@@ -157,25 +161,25 @@ class RoundPlanner:
         self._end_cubics()
         if self._segments and self._segments[-1].blend_m > 0.0:
             last = self._segments[-1]
-            if self._open_end:
+            if self._request.open_end:
                 self._keep_open(last)
             elif not self._part.ends_exactly:
                 raise StatementError(last.number, f'{last.name}: blend_m needs a move that follows')
         self._end_move()
         if len(self._dues) and not self._failed:
             self._dues.require_none_later()
-            self._attach_behind_the_last()
+            self._attach_to_last_move()
 
     def _keep_open(self, last: PathSegment) -> None:
-        """Keep the last move open for a move that may follow, unless outputs on it would get other places by that."""
+        """Keep the last move open for an appended one, unless this would shift outputs."""
         if self._dues.any_shifted:
             self.notices.append(
-                f'{last.name}: blend_m is left out, as after_m, before_s or after_s of an output counts on its end'
+                f'{last.name}: blend_m is ignored, because after_m, before_s or after_s of an output refers to its end'
             )
             return
         self.notices.append(f'{last.name}: {OPEN_CORNER}')
         self.open_from = self._segments[0].number - self._dues.before_the_first
-        # the move that follows makes another path of it, which is checked then
+        # an appended move changes the path, whose speed is checked then
         self._segments = [replace(one, constant_speed=False) for one in self._segments]
 
     def _take(self, statement: Statement, number: int, where: str) -> None:
@@ -196,10 +200,10 @@ class RoundPlanner:
 
     def _take_output(self, output: Output, number: int, name: str) -> None:
         if np.abs(self._cubic_velocity).max() > 0.0:
-            raise ProgramError('an output cannot stand between the cubics of a sequence')
+            raise ProgramError('an output cannot be between the cubics of a sequence')
         self._end_cubics()
         due = Due(output, number, name, len(self._segments), output.after_s)
-        if self._broken:  # there is no move that it could belong to
+        if self._broken:  # its move could not be planned
             if output.payload_kg is not None:
                 self.payload = output.payload_kg
         elif output.before_s > ROUNDING_S and not self._segments:
@@ -208,14 +212,14 @@ class RoundPlanner:
             self._dues.add(due)
 
     def _take_lead(self, due: Due) -> None:
-        """Let an output change before the end of the dwell, or of the path over time, that is planned already."""
+        """Add an output before the end of the dwell, or of the path over time, that was planned last."""
         if not self._planned:
             raise ProgramError('before_s of an output needs a move or a dwell right before it')
         if self._dwelt is not None:
             time_s = self._dwelt.time_s - due.output.before_s
             if time_s < -ROUNDING_S:
                 raise ProgramError(
-                    f'{due.output.before_s:g} s before the end of the dwell before it lies before its start, it takes '
+                    f'{due.output.before_s:g} s before the end of the previous dwell is before its start, it takes '
                     f'{self._dwelt.time_s:g} s'
                 )
             self._dwelt = replace(self._dwelt, changes=(*self._dwelt.changes, (time_s, due.at(0.0))))
@@ -229,9 +233,9 @@ class RoundPlanner:
         if isinstance(statement, Arch):
             curve, kind = self._arch(statement, number, name), MoveKind.SPLINE
         else:
-            curve, kind = curve_of(self.here, statement)
+            curve, kind = curve_of(self.position_m, statement)
         if curve.length_m < COINCIDENT_M:
-            raise ProgramError(f'the robot already stands at {point_text(self.here)} m')
+            raise ProgramError(f'the robot is already at {point_text(self.position_m)} m')
         turn = self._turned(statement.turn)
         self._segments.append(
             PathSegment(
@@ -240,20 +244,20 @@ class RoundPlanner:
                 statement.blend_m,
                 statement.strict,
                 kind,
-                number,
-                name,
-                statement.time_optimal,
-                statement.torque_rate_n_m_s,
-                turn,
-                self._heat_weight(statement),
-                isinstance(statement, Arch),
-                statement.constant_speed,
+                number=number,
+                name=name,
+                time_optimal=statement.time_optimal,
+                torque_rate_n_m_s=statement.torque_rate_n_m_s,
+                turn_rad=turn,
+                heat=self._heat_weight(statement),
+                is_arch=isinstance(statement, Arch),
+                constant_speed=statement.constant_speed,
             )
         )
-        self.here = curve.at(curve.length_m)[0]
+        self.position_m = curve.at(curve.length_m)[0]
 
     def _turned(self, angle: Angle | None) -> tuple[float, float] | None:
-        """Return from where to where the tool turns [rad], and note that it stands there."""
+        """Return start and end angle of the tool for a statement [rad], and update its current angle."""
         start, rotary = self.turn, self._parameters.rotary
         if start is None:
             if angle is not None:
@@ -272,25 +276,26 @@ class RoundPlanner:
         events = self._take_outputs(0.0)
         later = self._dues.in_time()
         with attributed_to(number, where):
-            turn = self._turned(statement.to) or (0.0, 0.0)  # without an axis it is refused there
+            turn = self._turned(statement.to) or (0.0, 0.0)  # rejected inside without a rotary axis
             if abs(turn[1] - turn[0]) < COINCIDENT_RAD:
-                raise ProgramError(f'the tool already stands at {math.degrees(turn[0]):.6g} deg')
-            planned = plan_turn(self.here, turn, self.payload, where, self._parameters)
+                raise ProgramError(f'the tool is already at {math.degrees(turn[0]):.6g} deg')
+            planned = plan_turn(self.position_m, turn, self.payload, where, self._parameters)
         timed = tuple(due.timed(planned, 0.0) for due in later)
         places = ((number, planned.move.length_m),)
         self._append(replace(planned, statements=places, timed=timed), events)
 
     def _arch(self, statement: Arch, number: int, name: str) -> Curve:
-        """Return the best arch from here on for the payload that is carried."""
-        end = resolve(statement.to, self.here)
+        """Return the best arch from the current position for the current payload."""
+        end = resolve(statement.to, self.position_m)
         key = (
             statement,
-            tuple(np.round(self.here, POINT_DECIMALS)),
+            tuple(np.round(self.position_m, POINT_DECIMALS)),
             tuple(np.round(end, POINT_DECIMALS)),
             self.payload,
         )
-        if key not in self._arches:
-            room = Clearances(self.here, end, statement.up_m, statement.down_m, statement.keep_out)
+        arches = self._request.arches
+        if key not in arches:
+            room = Clearances(self.position_m, end, statement.up_m, statement.down_m, statement.keep_out)
 
             def cost(curve: Curve) -> float:
                 segment = PathSegment(
@@ -299,10 +304,10 @@ class RoundPlanner:
                     0.0,
                     False,
                     MoveKind.SPLINE,
-                    number,
-                    name,
-                    statement.time_optimal,
-                    statement.torque_rate_n_m_s,
+                    number=number,
+                    name=name,
+                    time_optimal=statement.time_optimal,
+                    torque_rate_n_m_s=statement.torque_rate_n_m_s,
                     heat=self._heat_weight(statement),
                 )
                 stretches = [(curve.length_m, statement.limits)]
@@ -311,44 +316,48 @@ class RoundPlanner:
                     return planned.move.duration_s
                 return planned.energy.lost_j + price_of_time_w(self._parameters) * planned.move.duration_s
 
-            self._arches[key] = best_arch(room, cost, corners=statement.aim == Aim.ENERGY)
-        return self._arches[key]
+            arches[key] = best_arch(room, cost, corners=statement.aim == Aim.ENERGY)
+        return arches[key]
 
     def _heat_weight(self, statement: PathMove) -> float:
-        """Return the weight of the motors' heat in a time-optimal move."""
+        """Return the weight of the motor losses in a time-optimal move."""
         saves = isinstance(statement, Arch) and statement.aim == Aim.ENERGY
         return heat_weight(self._parameters) if saves else 0.0
 
     def _take_cubic(self, statement: Cubic, number: int, name: str) -> None:
-        end = resolve(statement.to, self.here)
+        end = resolve(statement.to, self.position_m)
         velocity = np.array(statement.end_velocity_m_s)
-        curve = curves.timed_cubic(self.here, end, self._cubic_velocity, velocity, statement.duration_s)
+        curve = curves.timed_cubic(self.position_m, end, self._cubic_velocity, velocity, statement.duration_s)
         self._cubics.append((curve, number, name))
-        self.here, self._cubic_velocity = end, velocity
+        self.position_m, self._cubic_velocity = end, velocity
 
     def _take_joints(self, statement: Joints, number: int, name: str) -> None:
         events = self._take_outputs(0.0)
         later = self._dues.in_time()
-        returning = self._returning and not self._planned and not self._failed
         with attributed_to(number, name):
             planned = plan_joints(
-                statement.points, self.here, self.payload, name, self._parameters, returning
+                statement.points, self.position_m, self.payload, name, self._parameters, self._returning
             )
         timed = tuple(due.timed(planned, 0.0) for due in later)
         places = ((number, planned.move.length_m),)
         self._append(replace(planned, statements=places, timed=timed), events)
-        self.here = planned.move.end_m()
+        self.position_m = planned.move.end_m()
 
     def _end_of(self, statement: Statement) -> Floats:
-        """Return where a robot stands behind a statement."""
+        """Return the position after a statement."""
         if isinstance(statement, Joints):
             angles = np.array(statement.points[-1].angles_rad)
             end = kinematics.forward(angles, self._parameters.kinematics, unreachable='nan')
-            return self.here if np.isnan(end).any() else end
+            return self.position_m if np.isnan(end).any() else end
         try:
-            return end_of(statement, self.here)
-        except ProgramError:  # a circle over an angle that is none: refused where it is planned
-            return self.here
+            return end_of(statement, self.position_m)
+        except ProgramError:  # an invalid circle, rejected when it is planned
+            return self.position_m
+
+    @property
+    def _returning(self) -> bool:
+        """Whether the next move is the first one and may start beyond limits."""
+        return self._request.returning and not self._planned and not self._failed
 
     def _end_cubics(self) -> None:
         """Time and check a sequence of cubics, which begins and ends at rest."""
@@ -362,9 +371,8 @@ class RoundPlanner:
             curve = curves.joined([one for one, _, _ in sequence])
         events = self._take_outputs(0.0)
         later = self._dues.in_time()
-        returning = self._returning and not self._planned and not self._failed
         with attributed_to(number, name):
-            planned = plan_cubic(curve, self.payload, name, self._parameters, returning)
+            planned = plan_cubic(curve, self.payload, name, self._parameters, self._returning)
         timed = tuple(due.timed(planned, 0.0) for due in later)
         places = tuple((one, planned.move.length_m) for _, one, _ in sequence)
         self._append(replace(planned, statements=places, timed=timed), events)
@@ -375,14 +383,14 @@ class RoundPlanner:
         self._plan_dwelt(_Dwelt(len(self._planned), time_s, number, name, events, changes))
 
     def _plan_dwelt(self, dwelt: '_Dwelt') -> None:
-        """Plan a dwell; it is as many moves as outputs change in it, because who stands passes no place."""
+        """Plan a dwell, split at its output changes, because the master passes no position during a dwell."""
         del self._planned[dwelt.first :]
         begins = [0.0]
         for time_s in sorted(time_s for time_s, _ in dwelt.changes):
             if time_s > begins[-1] + ROUNDING_S:
                 begins.append(time_s)
         for begin, end in pairwise((*begins, dwelt.time_s)):
-            planned = plan_dwell(self.here, end - begin, self.payload, dwelt.name, self._parameters)
+            planned = plan_dwell(self.position_m, end - begin, self.payload, dwelt.name, self._parameters)
             events = event_rows([event for time_s, event in dwelt.changes if begin <= max(time_s, 0.0) < end])
             if begin == 0.0:
                 events = np.vstack([dwelt.events, events])
@@ -391,18 +399,18 @@ class RoundPlanner:
         self._dwelt = dwelt
 
     def _end_move(self) -> None:
-        """Join the segments with their blends, and time and check the move that they make."""
+        """Blend the segments, and time and check the resulting move."""
         segments, self._segments = self._segments, []
         if not segments:
             return
         curve, ends, parts, stretches = blended(segments)
-        waits = self._waits_behind(segments[-1])
+        waits = self._waits_after(segments[-1])
         payload, dues = self.payload, copy(self._dues)
         events, timed = self._dues.on_path(segments, ends, curve, waits)
         for event in sorted(events, key=lambda event: event.distance_m):
             if event.payload_kg is not None:
                 self.payload = event.payload_kg
-        returning = self._returning and not self._planned and not self._failed
+        returning = self._returning
         with attributed_to(segments[0].number, name_of(segments)):
             try:
                 planned = self._plan_segments(segments, curve, ends, stretches, events, payload, returning)
@@ -442,7 +450,7 @@ class RoundPlanner:
         payload: float,
         returning: bool,
     ) -> PlannedMove:
-        """Time and check a move, with what the tool does on its way."""
+        """Time and check a move with its tool rotation."""
 
         def plan(asked: list[PathSegment], limits: Stretches) -> PlannedMove:
             return plan_move(asked, curve, limits, events, payload, self._parameters, returning, self._heat)
@@ -457,28 +465,28 @@ class RoundPlanner:
         rows = turn_rows(segments, ends, curve.length_m)
         return plan_turning_move(plan, segments, stretches, rows, limits, name_of(segments))
 
-    def _waits_behind(self, segment: PathSegment) -> bool:
+    def _waits_after(self, segment: PathSegment) -> bool:
         statement = self._statements[segment.number]
         return isinstance(statement, PathMove) and statement.in_position
 
     def _wait(self, segment: PathSegment) -> None:
-        """Let the robot stand until it is in position; that takes at least what the controller needs to see it."""
+        """Append a dwell until the robot is in position, at least as long as the controller needs to detect it."""
         time_s = self._parameters.shortest_wait_s
         with attributed_to(segment.number, segment.name):
             planned = plan_dwell(
-                self.here, time_s, self.payload, segment.name, self._parameters, MoveKind.IN_POSITION
+                self.position_m, time_s, self.payload, segment.name, self._parameters, MoveKind.IN_POSITION
             )
         self._planned.append(self._with_tool(replace(planned, statements=((segment.number, 0.0),))))
 
-    def _attach_behind_the_last(self) -> None:
-        """Give outputs at the end of the program to the end of its last move."""
+    def _attach_to_last_move(self) -> None:
+        """Attach outputs at the end of the program to the end of its last move."""
         if not self._planned:
-            raise ProgramError('an output needs a move or a dwell before it or after it')
+            raise ProgramError('an output needs a move or a dwell before or after it')
         last = self._planned.pop()
         self._append(last, self._take_outputs(last.move.length_m + BEHIND_M))
 
     def _take_outputs(self, distance: float) -> Floats:
-        """Return outputs that wait for a move as events at a distance on it; their payload is carried from now on."""
+        """Return pending outputs as events at a distance on the next move, and update the payload."""
         dues = self._dues.now()
         for due in dues:
             if due.output.payload_kg is not None:
@@ -486,13 +494,13 @@ class RoundPlanner:
         return event_rows([due.at(distance) for due in dues])
 
     def _append(self, planned: PlannedMove, events: Floats) -> None:
-        """Append a move with more events behind those that it has."""
+        """Append a move with additional events."""
         move = replace(planned.move, events=np.vstack([planned.move.events, events]))
         self._planned.append(self._with_tool(replace(planned, move=move)))
         self._dwelt = None
 
     def _with_tool(self, planned: PlannedMove) -> PlannedMove:
-        """Return a move on which the tool stands, unless that says where it is."""
+        """Return a move with a constant tool angle, unless it already defines the angle."""
         if self.turn is None or len(planned.move.turns):
             return planned
         return replace(planned, move=replace(planned.move, turns=standing(self.turn)))
@@ -500,7 +508,7 @@ class RoundPlanner:
 
 @dataclass(frozen=True)
 class _Dwelt:
-    """A dwell that is planned: its first move, its time [s], its statement, and what changes at its begin and in it."""
+    """A planned dwell: index of its first move, time [s], statement, events at its start, and changes during it."""
 
     first: int
     time_s: float

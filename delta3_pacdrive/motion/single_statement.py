@@ -1,4 +1,4 @@
-"""One statement of a program, read by itself: for whoever says moves one by one."""
+"""Reader of a single statement, for clients that issue moves one by one."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,23 +22,23 @@ def read_statement(
     tool: Tool | None = None,
     outputs: OutputNames = OWN,
 ) -> Statement:
-    """Return a statement as a program would hold it.
+    """Build a statement as in a program.
 
     Parameters
     ----------
     kind, keys
-        Such as ``move_l``, and what it says.
+        Kind of the statement, such as ``move_l``, and its keys.
     motion
-        Limits of what tells none.
+        Default limits.
     frame, tool
-        Of points that tell no other frame, and whose working point is to be there.
+        Default frame of points, and tool whose working point is positioned.
     outputs
-        Those that it may name.
+        Available output names.
 
     Raises
     ------
     ProgramError
-        It breaks a rule; up to ten of them.
+        A rule is violated; states up to ten errors.
 
     """
     errors = Errors('')

@@ -1,4 +1,4 @@
-"""Paths of statements from the point at which the robot stands."""
+"""Paths of statements from the current position."""
 
 import numpy as np
 
@@ -20,32 +20,32 @@ from delta3_pacdrive.motion.program import (
 from delta3_pacdrive.numerics.types import Floats
 
 
-def end_of(statement: Statement, here: Floats) -> Floats:
-    """Return where a robot stands behind a statement."""
+def end_of(statement: Statement, start: Floats) -> Floats:
+    """Return the position after a statement."""
     if isinstance(statement, MoveSB):
         for target in statement.through:
-            here = resolve(target, here)
-        return here
+            start = resolve(target, start)
+        return start
     if isinstance(statement, MoveC) and statement.angle_rad is not None:
-        curve, _ = curve_of(here, statement)
+        curve, _ = curve_of(start, statement)
         return np.asarray(curve.at(curve.length_m)[0])
-    return here if isinstance(statement, Dwell | Joints | Output | Turn) else resolve(statement.to, here)
+    return start if isinstance(statement, Dwell | Joints | Output | Turn) else resolve(statement.to, start)
 
 
-def resolve(target: Target, here: Floats) -> Floats:
-    """Return the point that a target means from another on [m], shape (3,)."""
-    return here + np.array(target.point_m) if target.relative else np.array(target.point_m)
+def resolve(target: Target, start: Floats) -> Floats:
+    """Return the position of a target for a start position [m], shape (3,)."""
+    return start + np.array(target.point_m) if target.relative else np.array(target.point_m)
 
 
-def curve_of(here: Floats, statement: PathMove) -> tuple[Curve, MoveKind]:
-    """Return the path of a statement from a point [m] on, and what kind of move it is."""
+def curve_of(start: Floats, statement: PathMove) -> tuple[Curve, MoveKind]:
+    """Return the path of a statement from a start position [m], and the kind of its move."""
     match statement:
         case MoveL(to=to):
-            return curves.line(here, resolve(to, here)), MoveKind.LINE
+            return curves.line(start, resolve(to, start)), MoveKind.LINE
         case MoveC(via=via, to=to, angle_rad=angle_rad):
-            return curves.arc(here, resolve(via, here), resolve(to, here), angle_rad), MoveKind.ARC
+            return curves.arc(start, resolve(via, start), resolve(to, start), angle_rad), MoveKind.ARC
         case MoveSB(through=through):
-            points = [here]
+            points = [start]
             for target in through:
                 points.append(resolve(target, points[-1]))
             return curves.spline(np.array(points)), MoveKind.SPLINE

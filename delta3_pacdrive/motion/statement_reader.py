@@ -1,4 +1,4 @@
-"""Statements in program files: each by itself, or over and over at the places of a pattern."""
+"""Reader of statements in program files, including loops over patterns."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -51,11 +51,11 @@ SHIFT_MAX_S = 10.0  # of an output
 SHIFTS = ('before_m', 'after_m', 'before_s', 'after_s', 'in_time')
 CLEARANCE_MAX_M = 1.0  # of an arch
 VELOCITY_MAX_M_S = 100.0  # at the end of a cubic
-TURN_MAX_RAD = 1e3  # farther is a mistake of units
+TURN_MAX_RAD = 1e3  # larger angles are errors of units
 ARC_TURNS_MAX = 100
 ARC_MAX_RAD, ARC_ROUNDING_RAD = ARC_TURNS_MAX * math.tau, 1e-9
-LEVEL_M = 1e-9  # beside the axis of the tool that is rounding
-LEVEL_RAD = 1e-9  # tilt of a frame that is rounding
+LEVEL_M = 1e-9  # rounding tolerance for the distance from the tool axis
+LEVEL_RAD = 1e-9  # rounding tolerance for the tilt of a frame
 FOR_EACH = 'for_each'
 _PATH_KEYS = (*LIMIT_KEYS, 'blend_m', 'strict', 'time_optimal', 'in_position', 'constant_speed', 'turn_rad')
 _SETTING_KEYS = ('frame', 'tool')
@@ -65,7 +65,7 @@ ReadIn = Callable[[Any, str, Setting], Any]
 
 
 class ReadStatement(NamedTuple):
-    """A statement, what it is called in sentences, and where it stands in the file, if that is known."""
+    """A statement with its name for messages and its position in the file, if known."""
 
     statement: Statement
     name: str
@@ -74,36 +74,15 @@ class ReadStatement(NamedTuple):
 
 @dataclass(frozen=True)
 class Head:
-    """What the head of a program says about its statements.
-
-    Attributes
-    ----------
-    defaults
-        Limits of moves that tell none.
-    tcp_speed_limit_m_s
-        Highest speed that a move may ask for [m/s].
-    limits
-        Those that the head tells, by their keys.
-    time_optimal, in_position, constant_speed
-        Whether moves are that do not say so themselves.
-    setting
-        Frame and tool of points.
-    tools, patterns
-        By their names.
-    repeat
-        How many rounds there are.
-    outputs
-        By their names.
-
-    """
+    """Settings in the head of a program that apply to its statements."""
 
     defaults: Limits
     tcp_speed_limit_m_s: float
-    limits: dict[str, float] = field(default_factory=dict)
+    limits: dict[str, float] = field(default_factory=dict)  # given in the head, by key
     time_optimal: bool = False
     in_position: bool = False
     constant_speed: bool = False
-    setting: Setting = field(default_factory=Setting)
+    setting: Setting = field(default_factory=Setting)  # default frame and tool
     tools: Mapping[str, Tool | None] = field(default_factory=dict)
     patterns: Mapping[str, Places | None] = field(default_factory=dict)
     repeat: int = 1
@@ -111,12 +90,12 @@ class Head:
 
     @property
     def tool_kg(self) -> float:
-        """Mass of the tool that the robot carries [kg]."""
+        """Mass of the tool [kg]."""
         return self.setting.tool.mass_kg if self.setting.tool else 0.0
 
 
 class _Kind(NamedTuple):
-    """A kind of statement: its class, readers of its fields and of its points, and the keys it must have."""
+    """A kind of statement: class, readers of fields and points by key, and required keys."""
 
     made: type[Statement]
     fields: dict[str, tuple[str, Read]]
@@ -125,11 +104,11 @@ class _Kind(NamedTuple):
 
 
 class StatementReader:
-    """The reader of statements, which may refer to what the head of the program says."""
+    """Reader of statements, with access to the settings in the head of the program."""
 
     def __init__(self, head: Head, points: PointReader, errors: Errors) -> None:
         self._head, self._points, self._errors = head, points, errors
-        self._count = 0  # of statements so far
+        self._count = 0  # number of statements so far
         self._kinds: dict[str, _Kind] = {
             'move_l': _Kind(MoveL, {}, {'to_m': ('to', points.target)}, ('to_m',)),
             'move_c': _Kind(
@@ -176,7 +155,7 @@ class StatementReader:
         }
 
     def statements(self, value: Any, where: str) -> tuple[ReadStatement, ...]:
-        """Read all statements of a program; what is wrong with one is noted, and it is left out."""
+        """Read all statements of a program; invalid ones are reported and skipped."""
         if not isinstance(value, list) or not value:
             refuse(f'{where} must be a list of at least one move')
         self._counted(sum(1 for item in value if not _is_loop(item)))
@@ -192,19 +171,19 @@ class StatementReader:
         return tuple(found)
 
     def _counted(self, more: int) -> None:
-        """Refuse a program that gets too long."""
+        """Count statements; rejects a program with too many moves."""
         self._count += more
         moves = self._count * self._head.repeat
         if moves > MOVES_MAX:
             refuse(f'the program has {moves} moves, the limit is {MOVES_MAX}')
 
     def _for_each(self, value: Any, where: str) -> Iterator[ReadStatement]:
-        """Read statements once for each place of a pattern, or of several at the same time."""
+        """Read a loop: its statements once for each position of its patterns."""
         required = ('moves', 'place_of')
         fields = Section(value, where, self._errors, ('first', *required), required)
         patterns, taken = self._head.patterns, (*RESERVED, *self._head.setting.frames)
         loop = fields.read(
-            'place_of', lambda told, name: read_loop(told, name, patterns, taken, self._errors)
+            'place_of', lambda names, name: read_loop(names, name, patterns, taken, self._errors)
         )
         moves = fields.read('moves', _moves, [])
         if loop is None:
@@ -221,7 +200,7 @@ class StatementReader:
     def _named(
         self, value: Any, where: str, place: Place | None, setting: Setting, kinds: Iterable[str]
     ) -> ReadStatement:
-        """Read a statement of one of the kinds that may stand there."""
+        """Read a statement of one of the allowed kinds."""
         if not isinstance(value, dict):
             refuse(f'{where} must be a mapping, not {shown(value)}')
         for key in value:
@@ -240,15 +219,15 @@ class StatementReader:
         settings = _SETTING_KEYS if kind.points else ()
         allowed = {*kind.fields, *kind.points, *settings, *(_PATH_KEYS if along_path else ())}
         fields = Section(content, where, self._errors, allowed, kind.required)
-        setting = self._told(fields, setting)
+        setting = self._setting(fields, setting)
         values: dict[str, Any] = {}
-        # a key that is left out has the default of its field
+        # a missing optional key keeps the default of its field
         for key, (name, read) in kind.fields.items():
             if key in fields or key in kind.required:
                 values[name] = fields.read(key, read)
         for key, (name, read_in) in kind.points.items():
             if key in fields or key in kind.required:
-                values[name] = fields.read(key, _told_in(setting, read_in))
+                values[name] = fields.read(key, _bound_to(setting, read_in))
         if along_path:
             values |= self._along_path(fields, where, setting)
         if kind.made is Output:
@@ -257,9 +236,9 @@ class StatementReader:
         return kind.made(**values)
 
     def _of_own_output(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Return what is told of an output for that of the robot, early enough for what hangs at it."""
+        """Replace a named output by the robot's own output, with the lead time of the connected device."""
         in_time = values.pop(_IN_TIME, False)
-        named_output = self._head.outputs.get(values['name'] or '')  # None: told already
+        named_output = self._head.outputs.get(values['name'] or '')  # None: already reported
         if named_output is None:
             return values
         values['name'] = named_output.output
@@ -267,9 +246,9 @@ class StatementReader:
             values['before_s'] = named_output.delay_s(values['value'])
         return values
 
-    def _told(self, fields: Section, setting: Setting) -> Setting:
-        """Return the setting with the frame and the tool that a statement tells."""
-        setting = setting.told(fields)
+    def _setting(self, fields: Section, setting: Setting) -> Setting:
+        """Return the setting with frame and tool of a statement."""
+        setting = setting.with_frame(fields)
         if 'tool' not in fields:
             return setting
         return replace(setting, tool=fields.read('tool', self._tool))
@@ -279,12 +258,12 @@ class StatementReader:
         if tool is not None and tool.mass_kg != self._head.tool_kg:
             refuse(
                 f'{where}: {shown(value)} weighs {tool.mass_kg:g} kg, but the robot carries a tool of '
-                f'{self._head.tool_kg:g} kg, that of the head of the program, to its end'
+                f'{self._head.tool_kg:g} kg, given in the head of the program'
             )
         return tool
 
     def _along_path(self, fields: Section, where: str, setting: Setting) -> dict[str, Any]:
-        """Read what all moves along a path may say."""
+        """Read the keys common to all moves along a path."""
         head = self._head
         optimal = fields.read('time_optimal', flag, head.time_optimal)
         own = given_limits(fields, head.tcp_speed_limit_m_s)
@@ -295,7 +274,7 @@ class StatementReader:
         stops = blend_m == 0.0
         in_position = fields.read('in_position', flag, head.in_position and stops)
         if in_position and not stops:
-            refuse(f'{where}.in_position: a blend does not stop, so that nothing waits at its end')
+            refuse(f'{where}.in_position: the robot does not stop at a blend, and cannot wait there')
         return {
             'time_optimal': optimal,
             'limits': limits_of(given, head.defaults, optimal),
@@ -304,17 +283,17 @@ class StatementReader:
             'strict': fields.read('strict', flag, False),
             'in_position': in_position,
             'constant_speed': fields.read('constant_speed', flag, head.constant_speed),
-            'turn': fields.read('turn_rad', _told_in(setting, self._angle), None),
+            'turn': fields.read('turn_rad', _bound_to(setting, self._angle), None),
         }
 
     def _angle(self, value: Any, where: str, setting: Setting) -> Angle:
-        """Read an angle of the tool from the x axis of its frame, or a step from where it stands."""
+        """Read a tool angle from the x axis of its frame, or a rotation from the current angle."""
         for name, tool in self._head.tools.items():
-            beside_m = 0.0 if tool is None else math.hypot(*tool.offset_m[:2])
-            if beside_m > LEVEL_M:
+            offset_m = 0.0 if tool is None else math.hypot(*tool.offset_m[:2])
+            if offset_m > LEVEL_M:
                 refuse(
-                    f'{where}: tool {shown(name)} works {1e3 * beside_m:g} mm beside the axis that would turn it; no '
-                    'point is corrected for that yet'
+                    f'{where}: tool {shown(name)} works {1e3 * offset_m:g} mm off the axis that would turn it; '
+                    'points are not corrected for this offset'
                 )
         if not isinstance(value, dict):
             setting.require_frame(where)
@@ -327,7 +306,7 @@ class StatementReader:
         return Angle(fields.read('by_rad', _turn, 0.0), relative=True)
 
     def _keep_out(self, value: Any, where: str, setting: Setting) -> KeepOut:
-        """Read a keep-out; its height is that of the frame, and for the working point of the tool."""
+        """Read a keep-out zone; its height refers to the frame and to the working point of the tool."""
         fields = Section(value, where, self._errors, ('height_m', 'margin_m'), ('height_m',))
         height = fields.read('height_m', number_between(-REACH_M, REACH_M), 0.0)
         margin = fields.read('margin_m', number_between(0.0, REACH_M), 0.0)
@@ -362,11 +341,11 @@ class StatementReader:
             refuse(f'{where} must be a list of at least one point')
         if len(points) > SPLINE_POINTS_MAX:
             refuse(f'{where} has {len(points)} points, the limit is {SPLINE_POINTS_MAX}')
-        return each(points, where, self._errors, _told_in(setting, self._points.target))
+        return each(points, where, self._errors, _bound_to(setting, self._points.target))
 
 
 def each(value: Any, where: str, errors: Errors, read: Read) -> tuple[Any, ...]:
-    """Read the items of a list; what is wrong with one is noted, and it is left out."""
+    """Read the items of a list; invalid ones are reported and skipped."""
     found = []
     for item, name, place in numbered(value, where):
         with errors.noted(place):
@@ -375,7 +354,7 @@ def each(value: Any, where: str, errors: Errors, read: Read) -> tuple[Any, ...]:
 
 
 def payload(value: Any, where: str, tool_kg: float = 0.0) -> float:
-    """Read a payload, to which a tool counts [kg]."""
+    """Read a payload and add the mass of the tool [kg]."""
     carried = number_between(0.0, PAYLOAD_MAX_KG)(value, where) + tool_kg
     if carried > PAYLOAD_MAX_KG:
         refuse(f'{where} and the tool are {carried:g} kg together, the limit is {PAYLOAD_MAX_KG:g} kg')
@@ -383,13 +362,14 @@ def payload(value: Any, where: str, tool_kg: float = 0.0) -> float:
 
 
 def _require_one_shift(fields: Section, where: str) -> None:
-    """Refuse an output that is shifted in two ways, or whose payload would change at a time."""
+    """Reject an output with more than one shift, or with a timed change of the payload."""
     given = [key for key in SHIFTS if key in fields]
     if len(given) > 1:
         refuse(f'{where} holds {" and ".join(given)}: give one of them')
     if given and given[0] in ('before_s', 'after_s', 'in_time') and 'payload_kg' in fields:
         refuse(
-            f'{where}: payload_kg does not go with {given[0]}: add a second output for the place where the part is held'
+            f'{where}: payload_kg does not go with {given[0]}: add a second output for the position where the part is '
+            'held'
         )
 
 
@@ -413,8 +393,8 @@ def _turn(value: Any, where: str) -> float:
     return number_between(-TURN_MAX_RAD, TURN_MAX_RAD)(value, where)
 
 
-def _told_in(setting: Setting, read: ReadIn) -> Read:
-    """Return the reader of what is told in a setting."""
+def _bound_to(setting: Setting, read: ReadIn) -> Read:
+    """Return a reader bound to a setting."""
     return lambda value, where: read(value, where, setting)
 
 

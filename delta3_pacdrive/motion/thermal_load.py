@@ -1,4 +1,4 @@
-"""How moves heat the motors: the rms current at any rate, and the largest override within the limits of the motors."""
+"""Thermal load of the motors: rms current at any rate, and largest override within the motor limits."""
 
 from dataclasses import dataclass, replace
 
@@ -10,15 +10,15 @@ from delta3_pacdrive.motion.path_dynamics import PathDynamics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-SLOWEST = 1e-3  # rate that stands for standstill
-AMOUNTS = ('moving', 'mixed', 'standing', 'duration_s', 'dwelling', 'dwell_s')  # what adds up
+SLOWEST = 1e-3  # smallest rate, in place of standstill
+AMOUNTS = ('moving', 'mixed', 'standing', 'duration_s', 'dwelling', 'dwell_s')  # additive fields
 
 
 @dataclass(frozen=True)
 class ThermalLoad:
-    """What the rms current of the motors at any rate needs: integrals per motor, (3,) each [A^2 s], and times [s].
+    """Integrals for the rms current of the motors at any rate: per motor, (3,) each [A^2 s], and times [s].
 
-    Dwells are apart, because a program whose moves are slowed down dwells no longer.
+    Dwells are separate, because slowing a program down does not lengthen them.
     """
 
     moving: Floats
@@ -27,19 +27,19 @@ class ThermalLoad:
     duration_s: float
     dwelling: Floats
     dwell_s: float
-    override_max: float  # at which every motor and the TCP speed still keep their limits
+    override_max: float  # within all motor limits and the TCP speed limit
 
     def times(self, count: float) -> 'ThermalLoad':
-        """Return the effort of doing it ``count`` times."""
+        """Return the load of ``count`` repetitions."""
         return replace(self, **{name: count * getattr(self, name) for name in AMOUNTS})
 
     def __add__(self, other: 'ThermalLoad') -> 'ThermalLoad':
-        """Return the effort of doing one after the other."""
+        """Return the load of both in sequence."""
         amounts = {name: getattr(self, name) + getattr(other, name) for name in AMOUNTS}
         return ThermalLoad(**amounts, override_max=min(self.override_max, other.override_max))
 
     def slowed(self, factor: float) -> 'ThermalLoad':
-        """Return the effort of the same moves, ``factor`` times as slow."""
+        """Return the load of the same moves slowed down by a factor."""
         return replace(
             self,
             moving=self.moving / factor**3,
@@ -50,34 +50,34 @@ class ThermalLoad:
         )
 
     def rms(self, rate: float, override: float = 1.0) -> Floats:
-        """Rms current [A] of each motor, (3,), with moves planned at a rate and everything driven at an override."""
+        """Return the rms current [A] of each motor, (3,), for moves slowed to a rate and a program at an override."""
         r = rate * override
         square = r**4 * self.moving + 2.0 * r**2 * self.mixed + self.standing
-        # a rate of 0 is the limit of slowness: then no dwell counts beside the moves
+        # rate 0 is the limit of infinite slowness, where dwells are negligible
         dwells = rate if self.duration_s > 0.0 else 1.0
         square = np.maximum(square, 0.0) + dwells * self.dwelling
         return np.asarray(np.sqrt(square / (self.duration_s + dwells * self.dwell_s)))
 
 
 @dataclass(frozen=True)
-class LoadBehind:
-    """The effort of moves behind others, which are driven already and stay as they are."""
+class AppendedLoad:
+    """Load of moves appended to others that cannot be slowed down any more."""
 
     load: ThermalLoad
     before: ThermalLoad
 
     @property
     def override_max(self) -> float:
-        """Override at which every motor and the TCP speed still keep their limits."""
+        """Largest override within all motor limits and the TCP speed limit."""
         return min(self.load.override_max, self.before.override_max)
 
     def rms(self, rate: float, override: float = 1.0) -> Floats:
-        """Rms current [A] of each motor, (3,), with the moves behind the others planned at a rate."""
+        """Return the rms current [A] of each motor, (3,), for appended moves slowed to a rate."""
         return (self.before + self.load.slowed(1.0 / max(rate, SLOWEST))).rms(1.0, override)
 
 
 def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters: Parameters) -> ThermalLoad:
-    """Sum up a timed motion; ``weights`` (n,) are the times for which its samples stand [s]."""
+    """Integrate the load of a timed motion; ``weights`` (n,) are the time steps of its samples [s]."""
     standing = d.standing_current_a
     moving = d.motor_current_a - standing
     motor = parameters.motor
@@ -95,17 +95,17 @@ def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters
         OVERRIDE_MAX,
     )
     return ThermalLoad(
-        (w * moving**2).sum(axis=0),
-        (w * moving * standing).sum(axis=0),
-        (w * standing**2).sum(axis=0),
-        duration_s,
-        np.zeros(3),
-        0.0,
-        max(override_max, 1.0),
+        moving=(w * moving**2).sum(axis=0),
+        mixed=(w * moving * standing).sum(axis=0),
+        standing=(w * standing**2).sum(axis=0),
+        duration_s=duration_s,
+        dwelling=np.zeros(3),
+        dwell_s=0.0,
+        override_max=max(override_max, 1.0),
     )
 
 
 def dwell_load(d: PathDynamics, time_s: float) -> ThermalLoad:
-    """Return what it takes to stand for a time [s] at the first sample."""
+    """Return the load of a dwell [s] at the first sample."""
     none, square = np.zeros(3), d.standing_current_a[0] ** 2 * time_s
     return ThermalLoad(none, none, none, 0.0, square, time_s, OVERRIDE_MAX)

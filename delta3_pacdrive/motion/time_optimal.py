@@ -1,8 +1,8 @@
-"""The time-optimal master over a given path: within torques, voltages and speeds of the motors, and of third order.
+"""Time-optimal master on a given path within torque, voltage and speed limits, with third-order constraints.
 
-The distance is a fixed smooth function s(u) of a parameter u from 0 to 1 that begins and ends with a constant third
-derivative, as a master that leaves rest with a constant jerk does. What is sought is y(u) = (du/dt)^2 > 0, a cubic
-B-spline over an even grid. With y' and y'' its derivatives by u, everything is linear in them but for roots of y:
+The distance is a fixed smooth function s(u) of a parameter u in 0..1 with a constant third derivative at both ends,
+like a master that leaves rest with constant jerk. The unknown is y(u) = (du/dt)^2 > 0, a cubic B-spline over an even
+grid. With derivatives y' and y'' by u, all quantities are linear in them except for roots of y:
 
     speed^2       v^2 = s'^2 y
     acceleration  a   = s'' y + s' y'/2
@@ -11,23 +11,23 @@ B-spline over an even grid. With y' and y'' its derivatives by u, everything is 
     torque rate       = sqrt(y) dtau/du
     time          T   = integral of 1/sqrt(y)
 
-so that limits of jerk and torque rate read |row . (y, y', y'')| <= limit / sqrt(y): the difference of two convex
-functions. The time with a logarithmic barrier in front of each limit is minimised by Newton's method, whose Hessian
-leaves out what is concave (convex-concave procedure: Debrouwere et al. 2013). The Hessian has five diagonals, so that a
-step costs as little as evaluating the limits. Every iterate keeps all limits at the grid points.
+Limits of jerk and torque rate therefore read |row . (y, y', y'')| <= limit / sqrt(y): differences of two convex
+functions. Newton's method minimises the time with a logarithmic barrier for each limit; its Hessian omits the concave
+terms (convex-concave procedure: Debrouwere et al. 2013). The Hessian has five diagonals, so that a step is as cheap as
+an evaluation of the limits. Every iterate respects all limits at the grid points.
 
 Arguments of the kernels here:
 
 ``c``, ``step``
-    Coefficients of the spline [1/s^2], shape (n + 2,), and how they are to change.
+    Coefficients of the spline [1/s^2], shape (n + 2,), and their Newton step.
 ``demand``
     ``Demand``.
 ``heat``
-    Number: weight of the squared shares of the torques beside the time.
+    Number: weight of the squared torque shares relative to the time.
 ``gradient``, ``band``
-    Take the gradient, shape (n + 2,), and the Hessian's diagonal and two below it, shape (3, n + 2).
+    Receive the gradient, shape (n + 2,), and the Hessian's diagonal and two subdiagonals, shape (3, n + 2).
 ``warm``
-    Whether the coefficients are those for limits that were nearly the same.
+    Whether the coefficients are a solution for similar limits.
 """
 
 import numpy as np
@@ -36,31 +36,30 @@ from delta3_pacdrive.motion.barrier import Demand, evaluate
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 
-# of the barrier, first in terms of its number of terms: the last stage ends 1 part in SHARPER^(STAGES - 1) above
+# weight of the time, initially relative to the number of barrier terms; the last stage ends within
+# 1 / SHARPER^(STAGES - 1) of the optimum
 SHARPNESS, SHARPER, STAGES = 1.0, 8.0, 5
 WARM_STAGES, WARM_STEP = (
     2,
     0.99,
-)  # of a solution that is known nearly: how it is brought back within all limits
+)  # for a start from a similar solution: stages, and factor that restores all limits
 NEWTON_MAX, SEARCH_MAX = 60, 40
-# of the barrier by a Newton's step, in terms of its terms, at which the last stage ends, and each before it
+# Newton decrement per barrier term that ends the last stage, and the earlier stages
 DECREMENT, EARLY_DECREMENT = 2.5e-5, 1e-2
-# A whole step that promises hardly less than the one before, and little, follows what the Hessian leaves out: that
-# takes many steps and gains nothing.
+# Full steps with a small, hardly decreasing decrement are due to the omitted concave terms: they are many and gain
+# nothing, so that the stage ends.
 CRAWLING, CRAWLING_BELOW = 0.7, 3e-3
-# of a step: how much of what it promises it must keep, and how it is shortened otherwise
+# line search: required share of the predicted decrease, and step reduction
 SLOPE, SHORTER = 0.1, 0.6
-NOTCHES = (
-    2  # by how many of these the first step that is tried may be longer than the last one that was taken
-)
-START, START_HALVINGS = 1e4, 80  # first y that is tried [1/s^2]
+NOTCHES = 2  # number of reductions by which the first trial step may exceed the last accepted step
+START, START_HALVINGS = 1e4, 80  # initial y [1/s^2]
 
 
 @kernel
 def _newton_step(gradient, band, step):
-    """Fill ``step`` with the solution of the banded system, by a Cholesky factorisation in place; or say no."""
+    """Fill ``step`` with the solution of the banded system by an in-place Cholesky factorisation; false if it fails."""
     count = gradient.shape[0]
-    # of the rows before: the first diagonal below of the last one, the second of the last two, and the solution
+    # from previous rows: first subdiagonal of the last one, second of the last two, and the solution
     below, second, second_before, solved, solved_before = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(count):
         square = band[0, n] - second_before * second_before - below * below
@@ -82,7 +81,7 @@ def _newton_step(gradient, band, step):
 
 @kernel
 def _duration(c):
-    """Sum of the slownesses of the coefficients [s]."""
+    """Sum of 1 / sqrt(c) over the coefficients [s]."""
     duration = 0.0
     for n in range(c.shape[0]):
         duration += 1.0 / np.sqrt(c[n])
@@ -91,7 +90,7 @@ def _duration(c):
 
 @kernel
 def _minimise(c, demand, heat, warm):
-    """Set the coefficients to those of the fastest motion; return the number of Newton's steps, -1 if none is legal."""
+    """Set the coefficients to the fastest motion; return the number of Newton steps, -1 if no motion is feasible."""
     count, value, steps = c.shape[0], np.inf, 0
     gradient, band = np.empty(count), np.empty((3, count))
     step, other = np.empty(count), np.empty(count)
@@ -130,7 +129,7 @@ def _minimise(c, demand, heat, warm):
             if decrement < enough or (notch == 0 and CRAWLING * before < decrement < CRAWLING_BELOW * terms):
                 break
             before = decrement
-            # a step that was too long for the last one is hardly short enough for this one
+            # start from the step length of the last search, slightly enlarged
             notch, share, found = max(0, notch - NOTCHES), 1.0, np.inf
             for _ in range(notch):
                 share *= SHORTER
@@ -150,10 +149,10 @@ def _minimise(c, demand, heat, warm):
 
 
 def fastest(demand: Demand, points: int, heat: float = 0.0, before: Floats | None = None) -> Floats:
-    """Return the coefficients (n + 2,) of the spline y; empty if nothing keeps the limits, however slow.
+    """Return the coefficients (n + 2,) of the spline y; empty if no speed respects the limits.
 
-    ``points`` is the number of grid points n, ``heat`` what an integral of the squared shares of the torques [s] weighs
-    beside the time, and ``before`` the solution for limits that were nearly the same.
+    ``points`` is the number of grid points n, ``heat`` the weight of the integral of the squared torque shares [s]
+    relative to the time, and ``before`` a solution for similar limits.
     """
     c = np.empty(points + 2) if before is None else before.copy()
     return c if _minimise(c, demand, heat, before is not None) >= 0 else np.empty(0)

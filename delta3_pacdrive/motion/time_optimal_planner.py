@@ -1,14 +1,14 @@
-"""Planning of a time-optimal move: what its path asks for becomes the demand of the solver, its answer a master.
+"""Planning of a time-optimal move: conversion of path and limits to the demand of the solver, and of its result.
 
 Arguments of the kernels here:
 
 ``phases``
     Phases of a master, shape (n, 5): time [s], distance [m], speed [m/s], acceleration [m/s^2], jerk [m/s^3].
 ``coefficients``, ``by_distance``
-    What the path asks of the robot where they begin, shape (n, 25) (``path_dynamics``), and the derivatives of its
+    Demand of the path at the start of the phases, shape (n, 25) (``path_dynamics``), and derivatives of its
     inertial, centrifugal and weight torques by the distance, shape (n, 9).
 ``out``
-    Takes the changes of torques [N m/s] at both ends of each phase, shape (n - 1, 2, 3).
+    Receives the torque rates [N m/s] at both ends of each phase, shape (n - 1, 2, 3).
 """
 
 import math
@@ -33,28 +33,26 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-USED = 0.999  # of what the motors can do: the rest is for what lies between two grid points
-# the heavier the payload, the more the current goes beyond that of the plan where the torque bends: it is as much less
+USED = 0.999  # of the motor limits, with a reserve for maxima between two grid points
+# torque overshoots between grid points increase with the payload: additional reserve
 LIGHT_KG, LESS_PER_KG = 4.0, 0.0035
-ROUNDS_MAX = (
-    4  # of planning with limits of jerk that are lower where they were broken between two grid points
-)
-SPREAD = 1  # grid points beside such a place
-CHANGE = 0.05  # largest relative change of y from one grid point to the next, but for the grading of the grid
-BESIDE_M = 1e-6  # around a point, where derivatives by the distance are taken
+ROUNDS_MAX = 4  # of planning, with a lower jerk limit where it was exceeded between two grid points
+SPREAD = 1  # number of grid points around such a position
+CHANGE = 0.05  # largest relative change of y between two grid points, in addition to the grading of the grid
+BESIDE_M = 1e-6  # half step of numerical derivatives by the distance
 M, C = INERTIAL.start, CENTRIFUGAL.start  # first columns
-SPEED_MAX = 1e9  # of the square of the parameter, where the path stands
+SPEED_MAX = 1e9  # of the squared parameter speed, where the path has zero speed
 
 
 class TimeOptimalPlanner(MovePlanner):
-    """Planner of the fastest master over a path within motors and TCP limits, jerk or torque rate included.
+    """Planner of the fastest master on a path within motor and TCP limits, including jerk or torque rate.
 
     Parameters
     ----------
     torque_rate_n_m_s
-        Largest change of each motor's torque [N m/s], without that of friction; inf for none.
+        Largest torque rate of each motor [N m/s], friction excluded; inf: no limit.
 
-    The others are those of ``MovePlanner``.
+    The other parameters are those of ``MovePlanner``.
 
     """
 
@@ -85,7 +83,7 @@ class TimeOptimalPlanner(MovePlanner):
         )
 
     def fastest_of_third_order(self, heat: float = 0.0) -> Floats:
-        """Phases of the fastest master; the more ``heat`` weighs, the less the motors get warm.
+        """Return the phases of the fastest master; ``heat`` is the weight of the motor losses.
 
         Raises
         ------
@@ -100,7 +98,7 @@ class TimeOptimalPlanner(MovePlanner):
         spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat)
         highest = self._parameters.motion.tcp_speed_limit_m_s
         if len(spline) and _phases(spline, self._parameter)[:, 2].max() > highest:
-            # a bound that is not reached changes the solution by its rounding: it counts only where it is needed
+            # an inactive bound changes the result by its rounding: apply it only if needed
             self._limits = (np.minimum(self._limits[0], highest), *self._limits[1:])
             demand = self._demand()
             spline = time_optimal.fastest(self._lowered(demand, jerk_share), points, heat)
@@ -122,38 +120,38 @@ class TimeOptimalPlanner(MovePlanner):
         return chosen
 
     def torque_rates(self, phases: Floats) -> Floats:
-        """Change of each motor's torque [N m/s] at both ends of each step of the grid, (n - 1, 2, 3), without friction.
+        """Return the torque rate of each motor [N m/s] at both ends of each grid step, (n - 1, 2, 3), without friction.
 
-        ``phases`` are those of a master with one phase from one grid point to the next.
+        ``phases`` are those of a master with one phase per grid step.
         """
         out = np.empty((len(phases) - 1, 2, 3))
         _torque_rates(np.ascontiguousarray(phases), self._demands, self._by_distance, out)
         return out
 
     def _derivatives(self, carried: tuple[float, ...]) -> Floats:
-        """Derivatives of inertial, centrifugal and weight torques by the distance, (n, 9), on each point's piece."""
+        """Return derivatives of inertial, centrifugal and weight torques by the distance, (n, 9), on one path piece."""
         s, segments = self._parameter.distance_m, self.curve.segments
         edges = np.append(segments[:, 0], self.curve.length_m)
         before = np.maximum(s - BESIDE_M, edges[self._piece])
-        behind = np.minimum(s + BESIDE_M, edges[self._piece + 1])
+        after = np.minimum(s + BESIDE_M, edges[self._piece + 1])
         columns = np.r_[INERTIAL, CENTRIFUGAL, WEIGHT]
         low, high = (
             path_coefficients(sample_path(one, segments), self._payload, carried, self._parameters)[
                 :, columns
             ]
-            for one in (before, behind)
+            for one in (before, after)
         )
-        return np.asarray((high - low) / (behind - before)[:, None])
+        return np.asarray((high - low) / (after - before)[:, None])
 
     def _lowered(self, demand: Demand, jerk_share: Floats) -> Demand:
-        """Return a demand of which jerk and torque rate are in shares of limits, too, each lowered to a share."""
+        """Return a demand with jerk and torque rate relative to their limits, each reduced to a share."""
         jerk, rate = (
             in_blocks(limit * jerk_share)[:, None, None] for limit in (self._limits[2], self._torque_rate)
         )
         return demand._replace(jerked=demand.jerked / jerk, rated=demand.rated / rate)
 
     def _demand(self) -> Demand:
-        """What the path asks for in shares of its limits, but jerk [m/s^3] and torque rate [N m/s] as they are."""
+        """Return the demand of the path relative to its limits, except jerk [m/s^3] and torque rate [N m/s]."""
         p, c, motor = self._parameter, self._demands, self._parameters.motor
         speed, acceleration, jerk = self._limits
         s1, s2, s3 = p.first[:, None], p.second[:, None], p.third[:, None]
@@ -183,19 +181,19 @@ class TimeOptimalPlanner(MovePlanner):
             rows = [
                 np.stack(
                     [
-                        first * s3 + 3.0 * second * s1 * s2 + beside * s1**3,
+                        first * s3 + 3.0 * second * s1 * s2 + side * s1**3,
                         1.5 * first * s2 + 1.5 * second * s1**2,
                         0.5 * first * s1,
                     ],
                     axis=2,
                 )
-                for beside in _beside(third, self._piece)
+                for side in _both_sides(third, self._piece)
             ]
             jerked = np.concatenate(rows, axis=1)
         if math.isfinite(self._torque_rate):
             rows = []
-            for beside in _beside(self._by_distance, self._piece):
-                m, bend, weight = beside[:, :3], beside[:, 3:6], beside[:, 6:]
+            for side in _both_sides(self._by_distance, self._piece):
+                m, bend, weight = side[:, :3], side[:, 3:6], side[:, 6:]
                 by_y = m * s1 * s2 + c[:, INERTIAL] * s3 + bend * s1**3 + 2.0 * c[:, CENTRIFUGAL] * s1 * s2
                 by_change = 0.5 * (m * s1**2 + c[:, INERTIAL] * s2)
                 rows.append(np.stack([by_y, per_y + by_change, per_change, weight * s1], axis=2))
@@ -205,7 +203,7 @@ class TimeOptimalPlanner(MovePlanner):
         return Demand(*(in_blocks(part) for part in parts))
 
     def _third_order_stretch(self, phases: Floats) -> Floats:
-        """Factor of time that each grid point of the parameter needs to keep every limit."""
+        """Return the time stretch that each grid point of the parameter needs to respect all limits."""
         found = self.limit_violation(self.dynamics(phases))
         places = np.maximum(worse_of_both(found.stretch), self._stretch_at_joints(phases))
         distance = self._parameter.distance_m
@@ -222,7 +220,7 @@ class TimeOptimalPlanner(MovePlanner):
 
 @kernel
 def _torque_rates(phases, coefficients, by_distance, out):
-    """Change of each motor's torque at both ends of each phase."""
+    """Torque rate of each motor at both ends of each phase."""
     for n in range(out.shape[0]):
         t, jerk, start = phases[n + 1, 0] - phases[n, 0], phases[n, 4], phases[n, 3]
         for end in range(2):
@@ -234,22 +232,22 @@ def _torque_rates(phases, coefficients, by_distance, out):
                 out[n, end, i] = v * along + m * jerk + 2.0 * c * v * a
 
 
-def _beside(values: Floats, piece: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Values before and behind each point, where they jump: those of its own piece, or of the next point's."""
-    before, behind = values.copy(), values.copy()
-    (last,) = np.nonzero(np.diff(piece))  # points behind which another piece begins
-    before[last + 1], behind[last] = values[last], values[last + 1]
-    return before, behind
+def _both_sides(values: Floats, piece: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Return values on both sides of each point, which differ at the ends of path pieces."""
+    before, after = values.copy(), values.copy()
+    (last,) = np.nonzero(np.diff(piece))  # last points of their pieces
+    before[last + 1], after[last] = values[last], values[last + 1]
+    return before, after
 
 
 def _widened(values: Floats) -> Floats:
-    """Return the largest of the values around each place."""
+    """Return the maximum of each value and its neighbours."""
     padded = np.pad(values, SPREAD, mode='edge')
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * SPREAD + 1).max(axis=1))
 
 
 def _phases(c: Floats, p: PathParameter) -> Floats:
-    """Phases (n, 5) of the master of a spline y, its acceleration linear between two grid points."""
+    """Return the phases (n, 5) of the master of a spline y, with linear acceleration between grid points."""
     y = (c[:-2] + 4.0 * c[1:-1] + c[2:]) / 6.0
     middle = (c[:-3] + 23.0 * (c[1:-2] + c[2:-1]) + c[3:]) / 48.0
     h = p.u[1]
@@ -258,7 +256,7 @@ def _phases(c: Floats, p: PathParameter) -> Floats:
     times = np.concatenate([[0.0], np.cumsum(steps)])
     acceleration = p.second * y + 0.25 * p.first * (c[2:] - c[:-2]) / h
     acceleration[0] = acceleration[-1] = 0.0
-    # what is left of the speed at the end is taken from the whole way, least from both ends
+    # distribute the remaining final speed over the path, least at both ends
     bump = times * (times[-1] - times)
     left = (steps * (acceleration[1:] + acceleration[:-1])).sum() / (steps * (bump[1:] + bump[:-1])).sum()
     acceleration -= left * bump

@@ -1,10 +1,9 @@
-"""When the master is where: the fastest master over a path within limits that depend on the place (6, 6.1).
+"""Time parametrization of a path: the fastest master within position-dependent limits (6, 6.1).
 
-Where nothing but speed, acceleration and jerk of the master matters, it is ruckig's. Where the path's curvature or a
-motor forbids that, the master is planned in two steps: the time-optimal speed over the distance with limited
-acceleration, by the backward and forward pass of path parametrisation over the controllable speeds (Pham and Pham,
-TOPP-RA, 2018), and a moving average over the time, which turns steps of acceleration into ramps of limited jerk.
-
+If only speed, acceleration and jerk of the master matter, it is a profile between two states (``profiles``). If the
+curvature of the path or a motor limits the motion, the master is planned in two steps: the time-optimal speed over the
+distance with limited acceleration, by the backward and forward pass over the controllable speeds (Pham and Pham,
+TOPP-RA, 2018), then a moving average over time, which turns acceleration steps into ramps of limited jerk.
 Arguments of the kernels here:
 
 ``distance``
@@ -12,19 +11,19 @@ Arguments of the kernels here:
 ``n``
     Number of a grid point.
 ``x``, ``square_max``
-    Square of the speed of the TCP, and the largest one allowed [m^2/s^2], shape (n,), or that at one point.
+    Square of the TCP speed, and its limit [m^2/s^2], shape (n,), or at one point.
 ``limits``
     ``PlaceLimits``.
 ``window``
     Time of the filter that limits the jerk [s].
 ``out``, ``times``
-    Take the result [m^2/s^2] and times at the grid points [s], shape (n,).
+    Receive the result [m^2/s^2] and times at the grid points [s], shape (n,).
 ``rows``
     Phases, shape (n, 5): see ``virtual_master``.
 ``distance_tolerance``, ``speed_tolerance``
     Largest deviations [m], [m/s].
 ``joint``
-    Takes whether a row begins a phase of its own, shape (n,).
+    Receives whether a row starts a new phase, shape (n,).
 """
 
 from typing import NamedTuple
@@ -35,16 +34,16 @@ from delta3_pacdrive.motion.virtual_master import PHASE_COLUMNS
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 
-HALVINGS = 26  # of the square of the speed: its relative error is 1e-8
-SAMPLE_S, PHASES_MAX = 4e-3, 50_000  # longest phase of a smoothed master, but for very slow ones: how many
+HALVINGS = 26  # bisections of the squared speed, for a relative error of 1e-8
+SAMPLE_S, PHASES_MAX = 4e-3, 50_000  # longest phase of a smoothed master, and largest number of phases
 TINY = 1e-12
-MERGED = 1e-10  # largest jump of distance and speed, of their largest values, where phases are merged
+MERGED = 1e-10  # largest relative error of distance and speed for merging phases
 
 
 class PlaceLimits(NamedTuple):
-    """Limits hold over a grid of distances, arrays (n,) or (n, 3) in the last four.
+    """Limits on a grid of distances, arrays (n,) or, for the last four, (n, 3).
 
-    The TCP's acceleration a_t and speed v keep v <= speed and hypot(a_t, curvature v^2) <= acceleration, the motors
+    TCP acceleration a_t and speed v satisfy v <= speed and hypot(a_t, curvature v^2) <= acceleration, the motors
     -torque <= inertial a_t + centrifugal v^2 + weight <= torque.
     """
 
@@ -60,7 +59,7 @@ class PlaceLimits(NamedTuple):
 
 @kernel
 def _acceleration_bounds(n, x, limits):
-    """Smallest and largest acceleration at grid point ``n`` for the square of the speed ``x``."""
+    """Smallest and largest acceleration at grid point ``n`` for a squared speed ``x``."""
     radial = limits.curvature_1_m[n] * x
     square = limits.acceleration_m_s2[n] * limits.acceleration_m_s2[n] - radial * radial
     if square < 0.0:
@@ -83,10 +82,10 @@ def _acceleration_bounds(n, x, limits):
 
 @kernel
 def _fastest(limits, square_max, x):
-    """Fill ``x`` with the largest square of the speed, rest to rest; return a grid point where none is, or -1."""
+    """Fill ``x`` with the largest squared speed from rest to rest; return an infeasible grid point, or -1."""
     distance, acceleration = limits.distance_m, limits.acceleration_m_s2
     last = distance.shape[0] - 1
-    # backward: the largest speed from which the rest of the path can still be driven
+    # backward: largest speed from which the remaining path is feasible
     x[last] = 0.0
     for n in range(last - 1, -1, -1):
         step = 2.0 * (distance[n + 1] - distance[n])
@@ -106,7 +105,7 @@ def _fastest(limits, square_max, x):
                 else:
                     bad = middle
         x[n] = good
-    # forward: as fast as that allows
+    # forward: largest speed reachable within that
     x[0] = 0.0
     for n in range(last):
         step = 2.0 * (distance[n + 1] - distance[n])
@@ -119,9 +118,9 @@ def _fastest(limits, square_max, x):
 
 @kernel
 def _erode(distance, square_max, x, window, out):
-    """Smallest limit within the way that the TCP makes in half a window before and after each grid point.
+    """Minimum of the limit over the distance that the TCP travels in half a window before and after each grid point.
 
-    ``x`` is the square of the speed that this way is made at.
+    ``x`` is the squared speed of this travel.
     """
     count = distance.shape[0]
     for n in range(count):
@@ -140,7 +139,7 @@ def _erode(distance, square_max, x, window, out):
 
 @kernel
 def _flatten_peaks(distance, x, window, times):
-    """Lower each peak of the speed so far that it lasts as long as the window."""
+    """Lower each peak of the speed until it lasts for the window."""
     last = distance.shape[0] - 1
     times[0] = 0.0
     for n in range(1, last + 1):
@@ -163,12 +162,12 @@ def _flatten_peaks(distance, x, window, times):
 def fastest(
     limits: PlaceLimits, window_s: float = 0.0, steady: Floats | None = None, bend_share: float = 1.0
 ) -> Floats:
-    """Return the fastest speed [m/s] at each grid point, rest to rest, shape (n,); jerk is free.
+    """Return the fastest speed [m/s] at each grid point from rest to rest, shape (n,), without a jerk limit.
 
-    For a window of a moving average, valleys and peaks of the speed last as long as it, so that the limits of speed
-    hold for the average too and acceleration never changes its sign at once. With ``steady``, limits of speed alone
-    [m/s], shape (n,), valleys of all other limits last as long as a share of the window. An empty array means that a
-    motor cannot even hold the arm somewhere.
+    With a window of a moving average, valleys and peaks of the speed last for the window, so that the average respects
+    the speed limits and the acceleration does not change sign abruptly. With ``steady``, which are pure speed limits
+    [m/s], shape (n,), valleys due to other limits last for ``bend_share`` of the window. The result is empty if a motor
+    cannot hold the arm at some point.
     """
     square_max = limits.speed_m_s**2
     x = _solve(limits, square_max)
@@ -185,7 +184,7 @@ def fastest(
 
 
 def widened(distance_m: Floats, values: Floats, speed_m_s: Floats, window_s: float) -> Floats:
-    """Return the largest of the values that a moving average over a window mixes at each place."""
+    """Return the maximum of the values within a moving-average window around each point."""
     out = np.empty_like(values)
     _erode(distance_m, -values, speed_m_s**2, window_s, out)
     return -out
@@ -197,16 +196,16 @@ def _solve(limits: PlaceLimits, square_max: Floats) -> Floats:
 
 
 def duration(distance_m: Floats, speed_m_s: Floats) -> float:
-    """Time [s] of a speed over the distance with constant acceleration between grid points."""
+    """Return the duration [s] of a speed profile with constant acceleration between grid points."""
     return float((2.0 * np.diff(distance_m) / np.maximum(speed_m_s[1:] + speed_m_s[:-1], TINY)).sum())
 
 
 def smoothed(
     distance_m: Floats, speed_m_s: Floats, jerk_max: float, window_s: float, taps_min: int = 1
 ) -> tuple[Floats, float]:
-    """Phases (k, 5) of the master that a moving average over ``window_s`` makes, and its largest jerk.
+    """Return the phases (k, 5) of the master after a moving average over ``window_s``, and its largest jerk.
 
-    The average is over at least ``taps_min`` samples. Without a window the accelerations keep their steps.
+    The average uses at least ``taps_min`` samples. Without a window the accelerations remain steps.
     """
     length = float(distance_m[-1])
     steps = 2.0 * np.diff(distance_m) / np.maximum(speed_m_s[1:] + speed_m_s[:-1], TINY)
@@ -222,7 +221,7 @@ def smoothed(
     speed = np.interp(step * np.arange(count + 1), times, speed_m_s, right=0.0)
     speed[0] = speed[-1] = 0.0
     padded = np.concatenate([np.zeros(taps), speed, np.zeros(taps)])
-    # a moving average of a piecewise linear speed has a piecewise linear acceleration
+    # the moving average of a piecewise linear speed has a piecewise linear acceleration
     acceleration = (padded[taps:] - padded[:-taps]) / window_s
     jerk = np.diff(acceleration) / step
     way = np.concatenate([[0.0], np.cumsum(0.5 * step * (padded[1:] + padded[:-1]))])
@@ -234,7 +233,7 @@ def smoothed(
 
 
 def _phases(times: Floats, speed: Floats, acceleration: Floats, jerk: Floats, length: float) -> Floats:
-    """Phases from speeds at times and the acceleration and jerk that begin there, stretched to the exact length."""
+    """Return phases from times, speeds, and initial acceleration and jerk, scaled to the exact length."""
     steps = np.diff(times)
     way = np.concatenate(
         [[0.0], np.cumsum(steps * (speed[:-1] + steps * (acceleration / 2.0 + steps * jerk / 6.0)))]
@@ -252,7 +251,7 @@ def _phases(times: Floats, speed: Floats, acceleration: Floats, jerk: Floats, le
 
 @kernel
 def _mark_joints(rows, distance_tolerance, speed_tolerance, joint):
-    """Mark every row whose phase does not just go on as the last one marked began."""
+    """Mark each row whose phase does not continue the polynomial of the last marked row."""
     start = 0
     for n in range(1, rows.shape[0] - 1):
         for end in (n, n + 1):
@@ -267,7 +266,7 @@ def _mark_joints(rows, distance_tolerance, speed_tolerance, joint):
 
 
 def _merged(rows: Floats) -> Floats:
-    """Leave out the start of every phase that only goes on as the one before it did."""
+    """Remove rows whose phase continues the previous one."""
     joint = np.zeros(len(rows), dtype=np.bool_)
     joint[0] = joint[-1] = True
     _mark_joints(rows, MERGED * rows[-1, 1], MERGED * rows[:, 2].max(), joint)
@@ -275,5 +274,5 @@ def _merged(rows: Floats) -> Floats:
 
 
 def slowed(phases: Floats, factor: float) -> Floats:
-    """Return the same master ``factor`` times as slow."""
+    """Return the same master slowed down by a factor."""
     return np.asarray(phases * np.array([factor, 1.0, factor**-1, factor**-2, factor**-3]))

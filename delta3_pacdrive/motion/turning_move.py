@@ -1,8 +1,8 @@
-"""Moves in which the tool turns: the turn over the path, and the limits of the rotary axis that slow a move down.
+"""Moves with tool rotation: rotation over the path, and slow-down within the limits of the rotary axis.
 
-The angle goes evenly with the distance on the path of a statement: it begins and ends with the statement, and is as
-smooth as the master is. Where a blend rounds the corner between two statements, it rounds the turn as well: over the
-blend, speed and acceleration of the turn pass over from one to the other.
+The tool angle is linear in the path distance of a statement and therefore as smooth as the master. Where a blend rounds
+the corner between two statements, it also blends their rotations: speed and acceleration of the rotation change
+smoothly over the blend.
 """
 
 import math
@@ -18,7 +18,7 @@ from delta3_pacdrive.motion.execution import OVERRIDE_MAX
 from delta3_pacdrive.motion.limits import BETWEEN_SAMPLES, Limits, phase_voltage_max
 from delta3_pacdrive.motion.move import STANDING, Move, MoveKind
 from delta3_pacdrive.motion.move_grid import Stretches
-from delta3_pacdrive.motion.move_planner import require_end_of_time
+from delta3_pacdrive.motion.move_planner import require_duration
 from delta3_pacdrive.motion.planned_move import KEPT, PlannedMove, key_of_kept_time, plan_dwell, slowed_down
 from delta3_pacdrive.motion.thermal_load import ThermalLoad
 from delta3_pacdrive.motion.turns import TURN_COLUMNS, between, sample_turn
@@ -26,38 +26,31 @@ from delta3_pacdrive.motion.virtual_master import plan_master, sample_master
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-SAMPLES = 400  # over the time of a move, beside the ends of its phases
-BEFORE = 1e-9  # of a move's duration: the sample right before the end of a phase
-SLOPE_SAMPLES = 17  # of a stretch, at which the turn is looked at
+SAMPLES = 400  # over the time of a move, in addition to the ends of its phases
+BEFORE = 1e-9  # distance of the sample before the end of a phase, relative to the duration of the move
+SLOPE_SAMPLES = 17  # per stretch, for its steepest rotation
 ROUNDS_MAX = 12  # of planning with lower limits
-ROUNDING_DEG = 1e-6  # by which an angle may be beyond its limit
-STEEPEST = 1e-12  # [rad/m] below which nothing turns
+ROUNDING_DEG = 1e-6  # tolerance of angle limits
+STEEPEST = 1e-12  # rotations below this slope [rad/m] are zero
 NO_AXIS = 'it turns the tool, but the robot has no rotary axis (rotary.present is false)'
 
 
 @dataclass(frozen=True)
 class TurnLimits:
-    """What the rotary axis can do with a part [rad/s], [rad/s^2], [rad/s^3], and what keeps its acceleration.
-
-    Attributes
-    ----------
-    current_per_acceleration
-        Current of its motor for an acceleration [A s^2/rad] beside that for friction, ``friction_a``.
-    by_current
-        Whether the current keeps the acceleration, and not ``rotary.acceleration_max_deg_s2``.
-
-    """
+    """Limits of the rotary axis with a payload."""
 
     speed_rad_s: float
     acceleration_rad_s2: float
     jerk_rad_s3: float
-    current_per_acceleration: float
-    friction_a: float
-    by_current: bool
+    current_per_acceleration: float  # motor current per acceleration [A s^2/rad], without friction
+    friction_a: float  # motor current for friction at the speed limit
+    by_current: (
+        bool  # whether the peak current limits the acceleration, and not ``rotary.acceleration_max_deg_s2``
+    )
 
     @staticmethod
     def of(parameters: Parameters, payload_kg: float) -> 'TurnLimits':
-        """Return the limits of a robot that carries a payload."""
+        """Return the limits for a robot with a payload."""
         rotary, constant = parameters.rotary, parameters.rotary.torque_constant_n_m_a
         drop = rotary.winding_resistance_ohm / 2.0 * rotary.peak_current_a
         by_voltage = (phase_voltage_max(parameters) - drop) * 3.0 / constant / rotary.gear_ratio
@@ -65,46 +58,35 @@ class TurnLimits:
         friction = rotary.static_friction_n_m + rotary.viscous_friction_n_m_s_rad * speed * rotary.gear_ratio
         per_acceleration = rotary.shaft_inertia_kg_m2(payload_kg) * rotary.gear_ratio / constant
         by_current = (rotary.peak_current_a - friction / constant) / per_acceleration
-        told = math.radians(rotary.acceleration_max_deg_s2)
+        configured = math.radians(rotary.acceleration_max_deg_s2)
         if min(speed, by_current) <= 0.0:
             raise ProgramError('the motor of the rotary axis has neither current nor voltage left for a turn')
         return TurnLimits(
             speed,
-            min(told, by_current),
-            math.radians(rotary.jerk_max_deg_s3),
-            per_acceleration,
-            friction / constant,
-            by_current < told,
+            min(configured, by_current),
+            jerk_rad_s3=math.radians(rotary.jerk_max_deg_s3),
+            current_per_acceleration=per_acceleration,
+            friction_a=friction / constant,
+            by_current=by_current < configured,
         )
 
 
 @dataclass(frozen=True)
 class TurnViolation:
-    """How far a timed turn exceeds its limits.
+    """Result of comparing a timed rotation with its limits."""
 
-    Attributes
-    ----------
-    distance
-        On the path, of each sample, shape (n,).
-    stretch
-        Factor of time that each sample needs to keep every limit, shape (n,).
-    text
-        The worst in words: quantity, value, limit and place.
-
-    """
-
-    distance: Floats
-    stretch: Floats
-    text: str
+    distance: Floats  # on the path, of each sample, shape (n,)
+    stretch: Floats  # time factor that each sample needs to respect all limits, shape (n,)
+    text: str  # worst violation: quantity, value, limit and position
 
     @property
     def worst(self) -> float:
-        """Largest factor of time that a sample needs."""
+        """Largest time factor of all samples."""
         return float(self.stretch.max())
 
 
 def turn_motion(times_s: Floats, master: Floats, rows: Floats) -> tuple[Floats, Floats]:
-    """Master (n, 4) at times, and angle, speed, acceleration and jerk of the turn there [rad, s], shapes (n, 4)."""
+    """Return master (n, 4), and tool angle, speed, acceleration and jerk [rad, s], (n, 4), at times."""
     m = sample_master(times_s, master)
     (v, a, j), (angle, first, second, third) = m.T[1:], sample_turn(m[:, 0], rows).T
     turn = [
@@ -117,7 +99,7 @@ def turn_motion(times_s: Floats, master: Floats, rows: Floats) -> tuple[Floats, 
 
 
 def turn_violation(master: Floats, rows: Floats, limits: TurnLimits) -> TurnViolation:
-    """Compare the turn of a move with the limits of the rotary axis."""
+    """Compare the rotation during a move with the limits of the rotary axis."""
     joints, duration = master[1:, 0], float(master[-1, 0])
     times = np.unique(
         np.concatenate([np.linspace(0.0, duration, SAMPLES), joints, joints - BEFORE * duration]).clip(
@@ -134,7 +116,7 @@ def turn_violation(master: Floats, rows: Floats, limits: TurnLimits) -> TurnViol
         ]
     )
     quantity, n = (int(index) for index in np.unravel_index(np.argmax(stretches), stretches.shape))
-    told = [
+    quantities = [
         ('the speed of the tool', math.degrees(speed[n]), math.degrees(limits.speed_rad_s), 'deg/s'),
         (
             'the acceleration of the tool',
@@ -149,16 +131,16 @@ def turn_violation(master: Floats, rows: Floats, limits: TurnLimits) -> TurnViol
             limits.current_per_acceleration * value + limits.friction_a
             for value in (acceleration[n], limits.acceleration_rad_s2)
         )
-        told[1] = 'the current of the motor of the rotary axis', current, most, 'A'
-    what, value, limit, unit = told[quantity]
+        quantities[1] = 'the current of the motor of the rotary axis', current, most, 'A'
+    what, value, limit, unit = quantities[quantity]
     text = f'{what} would be {value:.4g} {unit} at s = {m[n, 0]:.4f} m, the limit is {limit:.4g} {unit}'
     return TurnViolation(m[:, 0], stretches.max(axis=0), text)
 
 
 def check_turn(move: Move, override: float, parameters: Parameters) -> float:
-    """Refuse a move of a foreign writer that the rotary axis cannot follow at an override; raises ProgramError.
+    """Check an externally created move against angle and speed limits of the rotary axis; raises ProgramError.
 
-    Returns the largest override at which it would not be refused.
+    Returns the largest permissible override.
     """
     if not len(move.turns):
         return math.inf
@@ -185,36 +167,36 @@ def check_turn(move: Move, override: float, parameters: Parameters) -> float:
 
 
 def turn_rows(segments: Sequence[PathSegment], ends_m: Sequence[float], length_m: float) -> Floats:
-    """Return the turn over the path that ``blending.blended`` makes of segments, whose ends on it are given.
+    """Return the rotation over the path of ``blending.blended`` for segments with given ends on it.
 
-    Between blends the angle is that of the statement at the same place of its own path, whatever is blended with it.
+    Between blends the angle at a position is that of the original statement, independent of its blends.
     """
     rows: list[list[float]] = []
-    here, cut = 0.0, 0.0
+    position, cut = 0.0, 0.0
     for n, segment in enumerate(segments):
         last = n + 1 == len(segments)
         start, end = segment.turn_rad or (0.0, 0.0)
         own_m, radius = segment.curve.length_m, 0.0 if last else segment.blend_m
         slope, free = (end - start) / own_m, own_m - cut - radius
-        corner = 0.0 if last or radius == 0.0 else 2.0 * (ends_m[n] - here - max(free, 0.0))
+        corner = 0.0 if last or radius == 0.0 else 2.0 * (ends_m[n] - position - max(free, 0.0))
         if free > ROUNDING_M or not rows:
-            rows.append([here, start + slope * cut, slope, 0.0, 0.0, 0.0, 0.0])
-            here = length_m if last else here + max(free, 0.0)
+            rows.append([position, start + slope * cut, slope, 0.0, 0.0, 0.0, 0.0])
+            position = length_m if last else position + max(free, 0.0)
         if corner > 0.0:
             after = segments[n + 1]
             begin, target = after.turn_rad or (0.0, 0.0)
             next_slope = (target - begin) / after.curve.length_m
             bend = between((end - slope * radius, slope), (begin + next_slope * radius, next_slope), corner)
-            if rows[-1][0] == here:
+            if rows[-1][0] == position:
                 rows.pop()
-            rows.append([here, *bend])
-            here += corner
+            rows.append([position, *bend])
+            position += corner
         cut = radius
     return np.array(rows, dtype=np.float64).reshape(-1, TURN_COLUMNS)
 
 
 def slopes(rows: Floats, stretches: Stretches) -> Floats:
-    """Return the largest slope of a turn [rad/m] in each stretch of a move."""
+    """Return the steepest rotation [rad/m] in each stretch of a move."""
     ends = [0.0, *(end for end, _ in stretches)]
     places = np.linspace(ends[:-1], ends[1:], SLOPE_SAMPLES)
     found = np.abs(sample_turn(places.ravel(), rows)[:, 1]).reshape(places.shape)
@@ -232,25 +214,25 @@ def plan_turning_move(
     limits: TurnLimits,
     name: str,
 ) -> PlannedMove:
-    """Plan a move in which the tool turns, slower if its axis asks for that.
+    """Plan a move with tool rotation, slowed down if the rotary axis requires it.
 
     Parameters
     ----------
     plan
-        Plans the move with limits of the TCP, whatever the tool does.
+        Function that plans the move with given TCP limits, without the tool.
     segments, stretches
-        Of the move, as it is asked for.
+        Segments and requested TCP limits.
     rows
-        Its turn, shape (n, 7).
+        Rotation of the tool, shape (n, 7).
     limits
-        Of the rotary axis.
+        Limits of the rotary axis.
     name
-        Of the move, in sentences.
+        Name of the move for messages.
 
     Raises
     ------
     ProgramError
-        The axis asks for a slower move, and a statement is strict; or the move is refused as any other.
+        The axis requires a slower move and a statement is strict, or the move cannot be planned.
 
     """
     planned = plan(segments, stretches)
@@ -269,14 +251,14 @@ def plan_turning_move(
 def _slower(
     plan: Plan, segments: list[PathSegment], stretches: Stretches, rows: Floats, limits: TurnLimits
 ) -> PlannedMove:
-    """Plan a move within limits of the TCP so low that the turn keeps its own."""
+    """Plan a move with TCP limits reduced until the rotation respects its limits."""
     steepness = slopes(rows, stretches)
     ends = np.array([end for end, _ in stretches])
     factors = np.ones(len(stretches))
     for _ in range(ROUNDS_MAX):
         lower = [
-            (end, _lowered(told, slope, factor, limits))
-            for (end, told), slope, factor in zip(stretches, steepness, factors, strict=True)
+            (end, _lowered(requested, slope, factor, limits))
+            for (end, requested), slope, factor in zip(stretches, steepness, factors, strict=True)
         ]
         lower_segments = segments
         if len(segments) == 1:
@@ -291,20 +273,20 @@ def _slower(
     raise ProgramError(f'it cannot be made slow enough for the tool: {found.text}')
 
 
-def _lowered(told: Limits, slope: float, factor: float, limits: TurnLimits) -> Limits:
-    """Return limits of the TCP with which a turn of a slope keeps its own, and as many times slower again."""
+def _lowered(requested: Limits, slope: float, factor: float, limits: TurnLimits) -> Limits:
+    """Return TCP limits with which a rotation of a slope respects its limits, slowed down by a factor."""
     if slope <= STEEPEST:
-        return told
+        return requested
     turn = Limits(limits.speed_rad_s / slope, limits.acceleration_rad_s2 / slope, limits.jerk_rad_s3 / slope)
-    low = told.lower(turn)
+    low = requested.lower(turn)
     return Limits(low.speed_m_s / factor, low.acceleration_m_s2 / factor**2, low.jerk_m_s3 / factor**3)
 
 
 def turn_load(move: Move, parameters: Parameters) -> ThermalLoad:
-    """Sum up what the turn of a move asks of the motor of the rotary axis, with the payload at its start."""
+    """Return the load of the motor of the rotary axis during a move, with the payload at its start."""
     none, time_s = np.zeros(1), move.duration_s
     if not np.abs(move.turns[:, 2:]).any():
-        dwells = move.kind in STANDING  # which last no longer where all moves are slower
+        dwells = move.kind in STANDING  # dwells keep their duration when all moves are slowed down
         moves_s, dwell_s = (0.0, time_s) if dwells else (time_s, 0.0)
         return ThermalLoad(none, none, none, moves_s, none, dwell_s, OVERRIDE_MAX)
     rotary, limits = parameters.rotary, TurnLimits.of(parameters, move.payload_kg)
@@ -320,23 +302,23 @@ def turn_load(move: Move, parameters: Parameters) -> ThermalLoad:
 
 
 def plan_turn(
-    here: Floats, turn_rad: tuple[float, float], payload_kg: float, name: str, parameters: Parameters
+    start_m: Floats, turn_rad: tuple[float, float], payload_kg: float, name: str, parameters: Parameters
 ) -> PlannedMove:
-    """Let the tool turn from an angle to another one while the robot stands; the master goes by the angle."""
+    """Plan a rotation of the tool at a fixed TCP; the master is the rotated angle."""
     start, end = turn_rad
     limits = TurnLimits.of(parameters, payload_kg)
     phases = plan_master(abs(end - start), limits.speed_rad_s, limits.acceleration_rad_s2, limits.jerk_rad_s3)
-    require_end_of_time(float(phases[-1, 0]))
-    dwelt = plan_dwell(here, float(phases[-1, 0]), payload_kg, name, parameters)
+    require_duration(float(phases[-1, 0]))
+    dwelt = plan_dwell(start_m, float(phases[-1, 0]), payload_kg, name, parameters)
     rows = np.zeros((1, TURN_COLUMNS))
     rows[0, 1], rows[0, 2] = start, math.copysign(1.0, end - start)
     move = Move(
         MoveKind.TURN,
-        phases,
-        curves.point(here).segments,
-        limits.acceleration_rad_s2,
-        limits.jerk_rad_s3,
-        payload_kg,
+        master=phases,
+        segments=curves.point(start_m).segments,
+        stop_acceleration=limits.acceleration_rad_s2,
+        stop_jerk=limits.jerk_rad_s3,
+        payload_kg=payload_kg,
         turns=rows,
     )
     return replace(dwelt, move=move, load=replace(dwelt.load, override_max=1.0))

@@ -1,16 +1,16 @@
-"""Turns of the tool: its angle as pieces of at most fifth degree over the distance s of a move, as its path is.
+"""Tool rotation as piecewise polynomials of degree five over the distance s of a move, like its path.
 
-A table of pieces has shape (n, 7): the distance s at which a piece starts, then c0..c5 of the angle [rad] in powers of
-s minus that start. In a plan either all moves have one, also those in which the tool stands, or none has.
+A table of pieces has shape (n, 7): distance s at the start of the piece, then coefficients c0..c5 of the angle [rad] in
+powers of the distance from that start. Either all moves of a plan define the tool angle or none does.
 
 Arguments of the kernels here:
 
 ``s``
-    Distance on the path of a move [m]; of a turn at a standing point the angle turned so far [rad].
+    Distance on the path of a move [m]; for a rotation at a fixed TCP the angle rotated so far [rad].
 ``number``
-    Number of the move that is driven.
+    Number of the current move.
 ``turns``
-    Those of a plan: ``TurnTables``.
+    Tool rotation of a plan: ``TurnTables``.
 """
 
 from collections.abc import Sequence
@@ -28,40 +28,42 @@ JOINED_RAD = 1e-6  # largest jump of the angle at the joint of two pieces, or of
 
 
 class TurnTables(NamedTuple):
-    """The turns of a plan as the arrays that the compiled code reads."""
+    """Arrays of the tool rotation of a plan for the compiled code."""
 
-    order: NDArray[np.int64]  # number of the different move driven n-th
-    first: NDArray[np.int64]  # of its pieces
+    order: NDArray[np.int64]  # index into the different moves, for each executed move
+    first: NDArray[np.int64]  # first piece of each different move
     counts: NDArray[np.int64]
     rows: Floats
 
 
 def no_turns() -> Floats:
-    """Return the table of a move that says nothing of the tool."""
+    """Return the table of a move that does not define the tool angle."""
     return np.zeros((0, TURN_COLUMNS))
 
 
 def standing(angle_rad: float) -> Floats:
-    """Return the table of a tool that stands."""
+    """Return the table of a constant tool angle."""
     rows = np.zeros((1, TURN_COLUMNS))
     rows[0, 1] = angle_rad
     return rows
 
 
 def turn_tables(parts: Sequence[Floats], order: NDArray[np.int64]) -> TurnTables | None:
-    """Return the tables of a plan of moves with these turns, None if they have none.
+    """Return the tables of a plan; None if its moves do not define the tool angle.
 
     Raises
     ------
     ProgramError
-        Some of them have turns, and others none.
+        Only some of the moves define it.
 
     """
     counts = np.array([len(part) for part in parts], dtype=np.int64)
     if not counts.any():
         return None
     if not counts.all():
-        raise ProgramError(f'move {int(np.argmin(counts))} of the plan says no angle of the tool, others do')
+        raise ProgramError(
+            f'move {int(np.argmin(counts))} of the plan has no angle of the tool, others have one'
+        )
     return TurnTables(order, np.cumsum(counts) - counts, counts, np.ascontiguousarray(np.concatenate(parts)))
 
 
@@ -81,7 +83,7 @@ def turn_at(s, number, turns):
 
 
 def sample_turn(distances: ArrayLike, rows: Floats) -> Floats:
-    """Angle of the tool and its first three derivatives by the distance, at distances (n,): shape (n, 4)."""
+    """Return tool angle and first three derivatives by the distance at distances (n,): shape (n, 4)."""
     s = np.asarray(distances, dtype=np.float64)
     piece = rows[np.clip(np.searchsorted(rows[:, 0], s, side='right') - 1, 0, len(rows) - 1)]
     u, (c0, c1, c2, c3, c4, c5) = s - piece[:, 0], piece[:, 1:].T
@@ -97,7 +99,7 @@ def sample_turn(distances: ArrayLike, rows: Floats) -> Floats:
 
 
 def between(start: tuple[float, float], end: tuple[float, float], length: float) -> list[float]:
-    """Return c0..c5 from an angle [rad] and its slope [rad/m] to others, with no second derivative at both ends."""
+    """Return c0..c5 from an angle [rad] and slope [rad/m] to others, with zero second derivative at both ends."""
     (angle, slope), (after, last) = start, end
     way, rise = after - angle - slope * length, (last - slope) * length
     return [
@@ -111,11 +113,11 @@ def between(start: tuple[float, float], end: tuple[float, float], length: float)
 
 
 def require_smooth(rows: Floats, what: str) -> None:
-    """Refuse a table that does not begin at 0, or in which the tool jumps; raises ProgramError."""
+    """Raise ProgramError if a table does not start at 0 or the angle jumps."""
     if not len(rows):
         return
     if rows[0, 0] != 0.0 or (np.diff(rows[:, 0]) <= 0.0).any():
-        raise ProgramError(f'{what}: its turn does not begin at 0, or its distances do not increase')
+        raise ProgramError(f'{what}: its turn does not start at 0, or its distances do not increase')
     u = np.diff(rows[:, 0])
     ends = (rows[:-1, 1:] * u[:, None] ** np.arange(6)).sum(axis=1)
     jump = float(np.abs(ends - rows[1:, 1]).max(initial=0.0))

@@ -1,16 +1,16 @@
-"""How the built robot swings where it stands: arms and plate on elastic gears, on motors that their drives hold.
+"""Vibration modes of the built robot at rest: arms and plate on elastic gears, with motors in position control.
 
-Small motions about a pose, arm side, with A of (4.26) without rotors (coupled arms and plate), J_m of a rotor, and
+Small motions about a pose, arm side, with A of (4.26) without rotors (coupled arms and plate), rotor inertia J_m, and
 stiffness c and damping d of a gear:
 
     A thetaddot + d (thetadot - thetadot_m) + c (theta - theta_m) = 0
     J_m thetaddot_m + d (thetadot_m - thetadot) + c (theta_m - theta) + s1 thetadot_m + s0 theta_m = tau
 
-The drives answer with tau: position and velocity loop (8.1), and a lag for the current. The friction of a shaft that
-stands is a spring s0 with its damping s1 (bristles that bend); of one that slides both are 0.
+The torque tau results from the position and velocity loops (8.1) with a first-order lag of the current. The friction of
+a shaft at rest is a spring s0 with damping s1 (elastic bristles); both are 0 for a sliding shaft.
 
-Gears and drives of the three arms are alike. So the arms swing along the principal axes of A, A u = a u, each with its
-own inertia a in place of A above: an eigenproblem of three arms, then one of six states for each of its solutions.
+Gears and drives of the three arms are identical. Therefore the arms vibrate along the principal axes of A, A u = a u,
+each with its inertia a in place of A: an eigenproblem of three arms, then one of six states for each axis.
 """
 
 import math
@@ -23,55 +23,43 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-SLOWEST = math.tau  # [rad/s]: what turns more slowly is the robot that moves as a whole
-LEAST_SWINGING = 0.9  # damping ratio beyond which nothing overshoots that could be called a vibration
+SLOWEST = math.tau  # [rad/s]: slower poles belong to the motion of the whole robot
+LEAST_SWINGING = 0.9  # damping ratio above which the overshoot is negligible
+NO_MODE = 'there is no vibration at its end: set control.shaping_frequency_hz'
 
 
 @dataclass(frozen=True)
 class Mode:
-    """One vibration of the robot at a pose.
+    """One vibration mode of the robot at a pose."""
 
-    Attributes
-    ----------
-    frequency_hz, damping
-        Natural frequency [Hz] and damping ratio.
-    inertia_kg_m2
-        Of the arms in it, arm side, without rotors.
-    arms
-        How the arms take part: angles of length 1, shape (3,).
-    tcp_m_rad
-        How far the TCP swings, and where to, shape (3,).
-
-    """
-
-    frequency_hz: float
-    damping: float
-    inertia_kg_m2: float
-    arms: Floats
-    tcp_m_rad: Floats
+    frequency_hz: float  # natural frequency
+    damping: float  # damping ratio
+    inertia_kg_m2: float  # of the arms in this mode, arm side, without rotors
+    arms: Floats  # mode shape: arm angles, unit vector, shape (3,)
+    tcp_m_rad: Floats  # resulting TCP displacement, shape (3,)
 
 
 def vibration_modes(
     tcp_m: Floats, payload_kg: float, parameters: Parameters, sticking: float = 0.0
 ) -> list[Mode]:
-    """Return the vibrations of the robot at a place [m] with a payload [kg], the lowest first; at most three.
+    """Return the vibration modes of the robot at a position [m] with a payload [kg] by frequency; at most three.
 
     Parameters
     ----------
     tcp_m
-        Where it stands [m], shape (3,).
+        Position of the TCP [m], shape (3,).
     payload_kg
-        What it carries.
+        Carried payload [kg].
     parameters
-        Of the robot. Its gears are those that the controller knows of (``control.gear_stiffness_n_m_rad``), or else
-        those of ``rich``, as the data sheet has them, whether its effects are on or not.
+        The parameters of a robot. Its gear stiffness is that known to the controller
+        (``control.gear_stiffness_n_m_rad``), or else that of ``rich`` (data sheet), whether its effects are on or not.
     sticking
-        Share of the bristles' stiffness that holds the shafts: 0 of shafts that slide, 1 of shafts that stand.
+        Share of the bristle stiffness that holds the shafts: 0 for sliding shafts, 1 for shafts at rest.
 
     Raises
     ------
     UnreachableError
-        The arms cannot reach the place.
+        The position is out of reach.
 
     """
     theta = kinematics.inverse(tcp_m, parameters.kinematics)
@@ -83,7 +71,7 @@ def vibration_modes(
     for inertia, arms in zip(values.tolist(), vectors.T, strict=True):
         poles = np.linalg.eigvals(_state_matrix(inertia, parameters, sticking))
         swings = poles[(poles.imag > SLOWEST) & (-poles.real < LEAST_SWINGING * np.abs(poles))]
-        if len(swings):  # the highest are those of rotors and current loops
+        if len(swings):  # the highest ones belong to rotors and current loops
             lowest = complex(swings[np.argmin(np.abs(swings))])
             size = abs(lowest)
             found.append(Mode(size / math.tau, -lowest.real / size, inertia, arms, jacobian @ arms))
@@ -99,7 +87,7 @@ def _state_matrix(inertia: float, parameters: Parameters, sticking: float) -> Fl
     s0 = sticking * rich.break_away_torque_n_m / rich.presliding_rad * ratio**2
     s1 = math.sqrt(s0 * rotor)
     lag = max(parameters.torque_dead_time_s, drive.current_period_s)
-    # of the speed error [rad/s, motor side] by theta_m and by thetadot_m
+    # derivatives of the speed error [rad/s, motor side] by theta_m and thetadot_m
     by_angle, by_rate = -drive.position_gain_rad_s_rad * ratio, -ratio
     gain = ratio * parameters.motor.torque_constant_n_m_a / lag
     proportional, integral = gain * drive.velocity_gain_a_s_rad, gain * drive.velocity_integral_gain_a_rad
@@ -116,19 +104,19 @@ def _state_matrix(inertia: float, parameters: Parameters, sticking: float) -> Fl
 
 
 def mean_modes(tcp_m: Floats, payload_kg: float, parameters: Parameters) -> list[tuple[float, float]]:
-    """Return frequency [Hz] and damping ratio of every vibration at a place, the lowest first.
+    """Return frequency [Hz] and damping ratio of all modes at a position by frequency.
 
-    The friction of a shaft that stops slides at first and sticks in the end: both count half. Arguments are those of
+    The friction of a stopping shaft first slides and finally sticks; the mean of both is used. Parameters are those of
     ``vibration_modes``.
     """
     found: dict[float, list[tuple[float, float]]] = {}
     for sticking in (0.0, 1.0):
-        for mode in vibration_modes(
-            tcp_m, payload_kg, parameters, sticking
-        ):  # each direction has its own inertia
-            found.setdefault(mode.inertia_kg_m2, []).append((mode.frequency_hz, mode.damping))
+        for mode in vibration_modes(tcp_m, payload_kg, parameters, sticking):
+            found.setdefault(mode.inertia_kg_m2, []).append(
+                (mode.frequency_hz, mode.damping)
+            )  # one inertia per mode
     if not found:
-        raise ProgramError('nothing swings where it ends: tell control.shaping_frequency_hz')
+        raise ProgramError(NO_MODE)
     means = (np.mean(both, axis=0).tolist() for both in found.values())
     return sorted((frequency, damping) for frequency, damping in means)
 
@@ -136,32 +124,32 @@ def mean_modes(tcp_m: Floats, payload_kg: float, parameters: Parameters) -> list
 def excited_mode(
     tcp_m: Floats, directions: Floats, payload_kg: float, parameters: Parameters
 ) -> tuple[float, float]:
-    """Return frequency [Hz] and damping ratio of the vibration that a move excites most where it stops.
+    """Return frequency [Hz] and damping ratio of the mode that a move excites most at its end.
 
-    The friction of a shaft that stops slides at first and sticks in the end: both count half.
+    The friction of a stopping shaft first slides and finally sticks; the mean of both is used.
 
     Parameters
     ----------
     tcp_m
-        Where the TCP stops [m], shape (3,).
+        Final position of the TCP [m], shape (3,).
     directions
-        Of its path, shape (n, 3): what is excited on the way swings at the end as well.
+        Directions of the path, shape (n, 3): vibrations excited during the move persist at its end.
     payload_kg
-        What it carries.
+        Carried payload [kg].
     parameters
-        Of the robot, as for ``vibration_modes``.
+        The parameters of a robot, as for ``vibration_modes``.
 
     Raises
     ------
     ProgramError
-        Nothing swings there.
+        There is no vibration mode.
 
     """
     theta = kinematics.inverse(tcp_m, parameters.kinematics)
     arms = np.linalg.solve(kinematics.jacobian(theta, tcp_m, parameters.kinematics), directions.T)
 
     def swing(mode: Mode) -> float:
-        """How far the TCP swings when it is stopped from the worst direction: the twist of a gear goes by a / c."""
+        """Return the relative TCP amplitude after a stop from the worst direction; the gear twist is prop. to a / c."""
         ways = (mode.arms @ arms) * float(np.linalg.norm(mode.tcp_m_rad))
         return float(np.abs(ways).max()) * mode.inertia_kg_m2
 
@@ -169,7 +157,7 @@ def excited_mode(
     for sticking in (0.0, 1.0):
         modes = vibration_modes(tcp_m, payload_kg, parameters, sticking)
         if not modes:
-            raise ProgramError('nothing swings where it ends: tell control.shaping_frequency_hz')
+            raise ProgramError(NO_MODE)
         worst = max(modes, key=swing)
         found.append((worst.frequency_hz, worst.damping))
     frequency, damping = np.mean(found, axis=0).tolist()

@@ -1,17 +1,17 @@
-"""The virtual master: distance along the path over time, rest to rest within speed, acceleration and jerk (6, 6.1).
+"""The virtual master: distance along the path over time, from rest to rest within its limits (6, 6.1).
 
 Arguments of the kernels here:
 
 ``time``, ``times``
-    Time after the start of a move [s], and several of them, shape (n,).
+    Time since the start of a move [s], and several of them, shape (n,).
 ``phases``
     Phases, shape (n, 5): time [s], distance [m], speed [m/s], acceleration [m/s^2], jerk [m/s^3].
 ``first``, ``count``
-    Number of the first phase of a move, and how many it has.
+    Number of the first phase of a move, and its number of phases.
 ``distances``
     Distances [m], increasing, shape (n,).
 ``out``
-    Takes the results, one for each time or distance, shape (n, ...).
+    Receives the results, one for each time or distance, shape (n, ...).
 """
 
 import math
@@ -25,14 +25,14 @@ from delta3_pacdrive.motion import profiles
 from delta3_pacdrive.numerics.kernel import kernel, row_at
 from delta3_pacdrive.numerics.types import Floats
 
-# time [s], s [m], speed [m/s], acceleration [m/s^2] at the start of a phase; its jerk [m/s^3]
+# time [s], distance [m], speed [m/s], acceleration [m/s^2] at the start of a phase, and its jerk [m/s^3]
 PHASE_COLUMNS = 5
-BACK_M_S = 1e-9  # rounding of a speed that never turns back
-COMPARED = 64  # places at which phases are compared
+BACK_M_S = 1e-9  # rounding tolerance for backward motion
+COMPARED = 64  # positions at which two masters are compared
 
 
 def plan_master(length_m: float, speed_max: float, acceleration_max: float, jerk_max: float) -> Floats:
-    """Time-optimal phases of constant jerk over ``length_m``, shape (n, 5); the last row is the end, at rest.
+    """Return time-optimal phases of constant jerk over ``length_m``, shape (n, 5); the last row is the end, at rest.
 
     An infinite ``jerk_max`` gives constant-acceleration phases.
 
@@ -58,10 +58,10 @@ def _from_rest_to_rest(length_m: float, speed_max: float, acceleration_max: floa
     return rows
 
 
-def way_to_rest(
+def phases_to_rest(
     distance: float, speed: float, acceleration: float, acceleration_max: float, jerk_max: float
 ) -> Floats:
-    """Phases (n, 5) that bring a master to rest as quickly as its limits allow."""
+    """Return the phases (n, 5) that stop a master as quickly as its limits allow."""
     if speed <= 0.0 and acceleration == 0.0:
         return np.array([[0.0, distance, 0.0, 0.0, 0.0]])
     start = (distance, max(speed, 0.0), acceleration if math.isfinite(jerk_max) else 0.0)
@@ -71,7 +71,7 @@ def way_to_rest(
 
 
 def remainder(phases: Floats, time: float, override: float) -> Floats:
-    """Phases of a master from a time on, at an override, their times from 0 on."""
+    """Return the remaining phases of a master from a time on, at an override, in time from 0 on."""
     row = max(int(np.searchsorted(phases[:, 0], time, side='right')) - 1, 0)
     ahead = phases[row:].copy()
     if row < len(phases) - 1:
@@ -85,19 +85,19 @@ def remainder(phases: Floats, time: float, override: float) -> Floats:
 
 
 def rest(duration_s: float) -> Floats:
-    """Phases of a master that stands for ``duration_s``."""
+    """Return the phases of a master at rest for ``duration_s``."""
     return np.array([[0.0] * 5, [duration_s, 0.0, 0.0, 0.0, 0.0]])
 
 
 def end_acceleration(phases: Floats) -> float:
-    """Acceleration with which a master reaches its end."""
+    """Return the final acceleration of a master."""
     time, _, _, acceleration, jerk = phases[-2]
     return float(acceleration + jerk * (phases[-1, 0] - time))
 
 
 @kernel
 def master_at(time, phases, first, count):
-    """Master position, speed and acceleration at a time after the start of a move; at rest after its end."""
+    """Master position, speed and acceleration at a time since the start of a move; at rest after its end."""
     last = first + count - 1
     n = row_at(time, phases, first, last)
     t = time - phases[n, 0]
@@ -119,7 +119,7 @@ def _sample(times, phases, out):
 
 
 def sample_master(times_s: ArrayLike, phases: Floats) -> Floats:
-    """Master position, speed, acceleration and jerk at times of shape (n,): shape (n, 4)."""
+    """Return distance, speed, acceleration and jerk of a master at times of shape (n,): shape (n, 4)."""
     times = np.ascontiguousarray(times_s, dtype=np.float64)
     out = np.empty((len(times), 4))
     _sample(times, phases, out)
@@ -144,7 +144,7 @@ def _sample_at_distances(distances, phases, out):
         low, high = 0.0, phases[n + 1, 0] - phases[n, 0]
         way = phases[n + 1, 1] - phases[n, 1]
         t = high * (s - phases[n, 1]) / way if way > 0.0 else 0.0
-        # Newton's steps, and halvings where they would leave the bracket
+        # Newton steps, with bisection where they would leave the bracket
         for _ in range(60):
             error = phases[n, 1] + t * (phases[n, 2] + t * (a / 2.0 + t * j / 6.0)) - s
             if error < 0.0:
@@ -168,7 +168,7 @@ def _sample_at_distances(distances, phases, out):
 
 
 def master_at_distances(distances_m: ArrayLike, phases: Floats) -> Floats:
-    """Time and master (distance, speed, acceleration, jerk) where it passes distances in rising order: shape (n, 5)."""
+    """Return time, distance, speed, acceleration and jerk of a master at increasing distances: shape (n, 5)."""
     distances = np.ascontiguousarray(distances_m, dtype=np.float64)
     out = np.empty((len(distances), 5))
     _sample_at_distances(distances, phases, out)
@@ -176,7 +176,7 @@ def master_at_distances(distances_m: ArrayLike, phases: Floats) -> Floats:
 
 
 def extremes(phases: Floats) -> tuple[Floats, Floats]:
-    """Times [s] at which the acceleration of each phase passes through zero, or its begin or end, and speeds there."""
+    """Return times [s] and speeds at the zero of the acceleration of each phase, or at the nearer end of the phase."""
     t, _, v, a, j = phases[:-1].T
     with np.errstate(divide='ignore', invalid='ignore'):
         turn = np.clip(np.where(j != 0.0, -a / j, 0.0), 0.0, np.diff(phases[:, 0]))
@@ -184,12 +184,12 @@ def extremes(phases: Floats) -> tuple[Floats, Floats]:
 
 
 def slowest(phases: Floats) -> float:
-    """Smallest speed: where a phase ends, or where its acceleration passes through zero."""
+    """Return the lowest speed, at the end of a phase or where its acceleration is zero."""
     return float(extremes(phases)[1].min(initial=float(phases[:, 2].min())))
 
 
-def speeds_beside(phases: Floats, others: Floats) -> tuple[Floats, Floats] | None:
-    """Speeds of a master at places on its way, and those of another at the same places; None if it turns back."""
+def compared_speeds(phases: Floats, others: Floats) -> tuple[Floats, Floats] | None:
+    """Return speeds of a master and of another one at the same positions; None if the master runs backwards."""
     if slowest(phases) < -BACK_M_S:
         return None
     s, v, _, _ = sample_master(np.linspace(0.0, phases[-1, 0], COMPARED), phases)[:-1].T

@@ -13,7 +13,7 @@ from delta3_pacdrive.motion.move import Move
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import Plan
 from delta3_pacdrive.motion.program import JointPoint, Joints, Program
-from delta3_pacdrive.motion.resume import resume, way_back
+from delta3_pacdrive.motion.resume import resume, return_plan
 from thoroughness import examples
 
 GEAR, CYCLE_S = 32.0, 1e-3
@@ -153,7 +153,7 @@ def test_after_a_fault_the_rest_of_a_trajectory_is_driven_from_where_it_was_left
     timeline.start(0)
     timeline.change(timeline.stop(500))
     at = timeline.plan.move(0).sample([timeline.at(timeline.end_cycle).distance_m])[0, 0]
-    left = way_back(timeline, at + np.array([0.0, 0.0, -2e-3]), robot)
+    left = return_plan(timeline, at + np.array([0.0, 0.0, -2e-3]), robot)
     assert len(left) == 2
     assert left.move(1).start_m() == pytest.approx(at, abs=1e-9)
     assert left.end_m() == pytest.approx(kinematics.forward(np.array(points[-1].angles_rad), robot), abs=1e-9)

@@ -74,7 +74,7 @@ SPOILT = [
     ([-1.0, 1.6, 0.0], 'the override of an order is 1.6'),
     ([-1.0, 1.0, 3.0], 'names a move that does not exist'),
     ([-1.0, 1.0, -1.0], 'names a move that does not exist'),
-    ([-1.0, 1.0, 0.0, 0.0], 'begins 111.803 mm away'),
+    ([-1.0, 1.0, 0.0, 0.0], 'starts 111.803 mm away'),
 ]
 
 

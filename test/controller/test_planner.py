@@ -237,7 +237,7 @@ def test_caps_hold_for_every_move_of_a_program_and_cubics_take_none(robot) -> No
     cubic = 'moves: [{cubic: {to_m: [0.1, 0.0, -0.75], duration_s: 1.0}}]'
     refused = work(replace(job, text=cubic), robot, lambda *_: None)
     assert refused.reason is not None
-    assert 'takes no cap' in refused.reason.sentence
+    assert 'its speed cannot be limited' in refused.reason.sentence
 
 
 def test_a_job_that_is_given_up_says_so(robot) -> None:
@@ -294,7 +294,7 @@ def test_a_program_behind_others_in_the_queue_has_to_start_where_they_end(client
     client.plan()
     reason, _ = client.answer()
     if '0.02' in start:
-        assert 'starts at (0.1, 0.02, -0.75) m, but the robot stands at (0.1, 0.05, -0.75) m' in str(reason)
+        assert 'starts at (0.1, 0.02, -0.75) m, but the robot is at (0.1, 0.05, -0.75) m' in str(reason)
     else:
         assert reason is None
 

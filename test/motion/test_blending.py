@@ -130,7 +130,7 @@ def test_a_move_of_one_micrometre_is_driven_or_refused_on_either_side_of_the_thr
     try:
         planned = plan(robot, [tiny, dwell(0.01), tiny, to(0.1, 0.0, -0.75), tiny]).plan
     except ProgramError as error:
-        assert 'the robot already stands at' in str(error)  # noqa: PT017
+        assert 'the robot is already at' in str(error)  # noqa: PT017
     else:
         moves = [move for move in planned.moves if move.kind == MoveKind.LINE]
         assert len(moves) == 4

@@ -15,7 +15,7 @@ from delta3_pacdrive.motion.execution import MotionProfile, Timeline
 from delta3_pacdrive.motion.move import MoveKind
 from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.resume import resume
-from delta3_pacdrive.motion.virtual_master import master_at_distances, sample_master, slowest, way_to_rest
+from delta3_pacdrive.motion.virtual_master import master_at_distances, phases_to_rest, sample_master, slowest
 from delta3_pacdrive.sercos.bus_time import NEVER
 from thoroughness import examples
 
@@ -247,7 +247,7 @@ def test_the_place_is_a_place_of_the_path_whatever_the_motion_profile(plan):
     [(1.0, 0.0, 500.0), (1.0, 12.0, 500.0), (0.3, -12.0, 500.0), (0.01, 3.0, 500.0), (1.0, 0.0, math.inf)],
 )
 def test_a_stop_ends_at_rest_and_never_turns_back(speed, acceleration, jerk):
-    table = way_to_rest(0.5, speed, acceleration, 12.0, jerk)
+    table = phases_to_rest(0.5, speed, acceleration, 12.0, jerk)
     assert table[-1, 2:].tolist() == [0.0, 0.0, 0.0]
     assert table[0, :3].tolist() == pytest.approx([0.0, 0.5, speed])
     assert (np.diff(table[:, 1]) >= -ROUNDING).all()

@@ -130,16 +130,16 @@ def test_a_plan_that_would_let_the_tcp_jump_is_refused(robot: Any) -> None:
 def test_moves_that_begin_elsewhere_or_are_too_many_are_refused(robot: Any) -> None:
     drive = Drive(robot, FIRST)
     more = drive.planned.plan
-    with pytest.raises(ProgramError, match='away from the end of the one before'):
+    with pytest.raises(ProgramError, match='away from the end of the previous one'):
         drive.planned.plan.extended(0, 1, more)
-    with pytest.raises(ProgramError, match='cannot stay'):
+    with pytest.raises(ProgramError, match='cannot be kept'):
         drive.planned.plan.extended(0, 2, more)
     many = program_planner.plan(
         Program('many', tuple(Dwell(0.01 + 1e-6 * n) for n in range(EXTENDED_MOVES_MAX))),
         (0.1, 0.0, -0.75),
         robot,
     )
-    with pytest.raises(ProgramError, match='takes more moves only while'):
+    with pytest.raises(ProgramError, match='can be extended only while'):
         drive.planned.plan.extended(0, 1, many.plan)
 
 

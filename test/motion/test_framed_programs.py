@@ -256,8 +256,8 @@ MISTAKES = [
     ('frames: {a: {yaw_deg: .inf}}', "1:13: frames.a: frame 'a': its angles must be finite"),
     ('frames: {a: {parent: b}, b: {}}', "1:22: frames.a.parent: unknown frame 'b', the frames are: 'base'"),
     ('frames: {a: {parent: a}}', "1:22: frames.a.parent: unknown frame 'a'"),
-    ('frames: {base: {}}', "1:10: frames: 'base' has a meaning of its own, no frame can be called so"),
-    ('frames: {place: {}}', "1:10: frames: 'place' has a meaning of its own"),
+    ('frames: {base: {}}', "1:10: frames: 'base' is a reserved name, choose another one for the frame"),
+    ('frames: {place: {}}', "1:10: frames: 'place' is a reserved name"),
     ('frames: {a: {taught_m: [[0, 0, 0], [0, 0, 1]]}}', '1:24: frames.a.taught_m must be 3 points: the origin, one'),
     (
         'frames: {a: {taught_m: [[0, 0, 0], [0, 0, 1], [0, 0, 2]]}}',
@@ -265,7 +265,7 @@ MISTAKES = [
     ),
     (
         'frames: {a: {taught_m: [[0, 0, 0], [0, 0, 1], [0, 1, 0]], yaw_deg: 3}}',
-        '1:13: frames.a: a frame that is taught tells its axes: leave out yaw_rad',
+        '1:13: frames.a: taught_m defines origin and axes of the frame: remove yaw_rad',
     ),
     ('frames: [a]', '1:9: frames must be a mapping'),
     ('frame: tabel', "1:8: frame: unknown frame 'tabel', the frames are: 'base'"),
@@ -297,7 +297,7 @@ MISTAKES = [
         "1:61: patterns.a.order is 'snail', but must be one of rows, snake: did you mean snake?",
     ),
     ('points: {a: {frame: box, at_m: [0, 0, 0]}}', "1:21: points.a.frame: unknown frame 'box'"),
-    ('points: {a: {at_m: [0, 0, 0], by_m: [0, 0, 0]}}', '1:13: points.a: at_m is a place by itself, it goes with'),
+    ('points: {a: {at_m: [0, 0, 0], by_m: [0, 0, 0]}}', '1:13: points.a: at_m is a complete position: remove'),
 ]  # fmt: skip
 
 
@@ -311,7 +311,7 @@ STATEMENTS = [
     ('move_l: {to_m: [0, 0, 0], tool: cupp}', "tool: unknown tool 'cupp', the tools are: 'cup', 'hook': did you"),
     (
         'move_l: {to_m: [0, 0, 0], tool: cup}',
-        "tool: 'cup' weighs 0.2 kg, but the robot carries a tool of 0 kg, that of the head of the program, to its end",
+        "tool: 'cup' weighs 0.2 kg, but the robot carries a tool of 0 kg, given in the head of the program",
     ),
     ('dwell: {time_s: 1, frame: table}', "dwell: unknown key 'frame', expected one of time_s"),
     ('output: {name: gripper, value: true, tool: cup}', "output: unknown key 'tool'"),
@@ -323,17 +323,17 @@ STATEMENTS = [
     ('for_each: {place_of: tary, moves: [{dwell: {time_s: 1}}]}', "place_of: unknown pattern 'tary', the patterns are"),
     ('for_each: {place_of: tray}', 'for_each: missing key moves'),
     ('for_each: {place_of: tray, moves: []}', 'for_each.moves must be a list of at least one move'),
-    ('for_each: {place_of: {}, moves: [{dwell: {time_s: 1}}]}', 'for_each.place_of names no pattern'),
+    ('for_each: {place_of: {}, moves: [{dwell: {time_s: 1}}]}', 'for_each.place_of does not name a pattern'),
     ('for_each: {place_of: tray, first: 4, moves: [{dwell: {time_s: 1}}]}', 'first is 4, but must be a whole number'),
     (
         'for_each: {place_of: {a: tray, b: stack}, moves: [{dwell: {time_s: 1}}]}',
-        'patterns that go together must have as many places: tray has 4, stack has 3',
+        'patterns of one loop must have the same number of places: tray has 4, stack has 3',
     ),
     (
         'for_each: {place_of: {a: tray, b: box}, moves: [{move_l: {to_m: [0, 0, 0]}}]}',
-        'moves[0].move_l.to_m: say at which place, frame: a or frame: b',
+        'moves[0].move_l.to_m: give the place, frame: a or frame: b',
     ),
-    ('for_each: {place_of: {table: tray}, moves: [{dwell: {time_s: 1}}]}', "'table' has a meaning of its own"),
+    ('for_each: {place_of: {table: tray}, moves: [{dwell: {time_s: 1}}]}', "'table' is a reserved name"),
     (
         'for_each: {place_of: tray, moves: [{for_each: {place_of: tray, moves: []}}]}',
         "moves[0]: unknown key 'for_each', expected one of move_l",

@@ -107,11 +107,11 @@ def later():
     ('fields', 'sentence'),
     [
         (faster(), r'a plan of 0\.\d+ s \(probe\), not of 0'),
-        (elsewhere(), r'another plan \(probe\): 0\.\d+ s after its start it is somewhere else'),
+        (elsewhere(), r'another plan \(probe\): 0\.\d+ s after its start its position differs'),
         (parted(), r'a plan of 2 moves \(probe\), not of 3'),
         (later(), r'another plan \(probe\): its move 1 is another one'),
         (heavier(0.6), 'other payloads: 0.5 kg in move 1, here 0.6 kg'),
-        (released(0.2), 'other payloads: these change elsewhere on the way'),
+        (released(0.2), 'other payloads: these change at other positions'),
     ],
     ids=['speed', 'path', 'more moves', 'another order', 'payload', 'payload on the way'],
 )
@@ -143,7 +143,9 @@ def test_what_is_no_such_file_is_refused(learned, tmp_path):
     text.write_text('torques')
     np.savez(trace, time_s=np.zeros(3))
     for path in (text, trace):
-        with pytest.raises(LearnedError, match='holds no learned torques: delta3 learn writes such files'):
+        with pytest.raises(
+            LearnedError, match='does not contain learned torques: delta3 learn writes such files'
+        ):
             torques_file.load(path)
 
 
@@ -177,7 +179,9 @@ def spoilt(learned, tmp_path):
     ids=['text', 'complex', 'no table', 'no places', 'list', 'number', 'deep', 'name', 'parameters'],
 )
 def test_a_file_that_holds_something_else_is_refused(changes, spoilt):
-    with pytest.raises(LearnedError, match='holds no learned torques: delta3 learn writes such files'):
+    with pytest.raises(
+        LearnedError, match='does not contain learned torques: delta3 learn writes such files'
+    ):
         torques_file.load(spoilt(**changes))
 
 
@@ -194,7 +198,7 @@ def test_a_file_that_holds_something_else_is_refused(changes, spoilt):
     ids=['no moves', 'table of kinds', 'starts', 'nan', 'few places', 'row of changes'],
 )
 def test_a_file_that_does_not_tell_its_plan_is_refused(changes, spoilt):
-    with pytest.raises(LearnedError, match='does not tell which plan its torques are for'):
+    with pytest.raises(LearnedError, match='does not specify the plan of its torques'):
         torques_file.load(spoilt(**changes))
 
 
@@ -202,7 +206,7 @@ def test_a_file_that_does_not_tell_its_plan_is_refused(changes, spoilt):
 def test_a_file_that_was_cut_is_refused(length, learned, tmp_path):
     path = torques_file.save(learned, tmp_path / 'learned.npz')
     path.write_bytes(path.read_bytes()[:length])
-    with pytest.raises(LearnedError, match='holds no learned torques'):
+    with pytest.raises(LearnedError, match='does not contain learned torques'):
         torques_file.load(path)
 
 
@@ -222,7 +226,11 @@ def test_a_full_disk_leaves_the_file_that_was_there(learned, tmp_path, monkeypat
 
 @pytest.mark.parametrize(
     ('torques', 'sentence'),
-    [(np.zeros((4, 2)), 'shape'), (np.zeros((0, 3)), 'shape'), (np.full((4, 3), np.nan), 'no number')],
+    [
+        (np.zeros((4, 2)), 'shape'),
+        (np.zeros((0, 3)), 'shape'),
+        (np.full((4, 3), np.nan), 'not a finite number'),
+    ],
     ids=['two axes', 'nothing', 'nan'],
 )
 def test_torques_that_no_motor_could_follow_are_refused(torques, sentence, learned, tmp_path):

@@ -354,7 +354,7 @@ def test_a_weight_that_alone_overheats_a_motor_is_refused(robot):
     for moves in ([dwell(1.0)], [to(0.0, 0.0, -0.8, speed_m_s=0.01)]):
         sentence = refusal(plan, weak, moves, name='x')
         assert re.match(
-            r'program "x": the weight alone asks for an rms current of 0.[\d]+ A, the limit is 0.1 A$',
+            r'program "x": the weight alone requires an rms current of 0.[\d]+ A, the limit is 0.1 A$',
             sentence,
         )
 

@@ -201,7 +201,7 @@ def test_an_override_switches_at_the_same_place(robot):
         ),
         (
             [dwell(0.1), output(before_s=0.2), to(*A)],
-            'moves[1].output: 0.2 s before the end of the dwell before it lies before its start, it takes 0.1 s',
+            'moves[1].output: 0.2 s before the end of the previous dwell is before its start, it takes 0.1 s',
         ),
         (
             [TURN, output(before_s=0.5)],

@@ -155,7 +155,7 @@ def moved(row, index, by):
         (lambda row: np.append(row, 0.0), 'does not fit its header'),
         (lambda row: spoilt(row, PHASES + 5, -0.1), 'times or distances do not increase'),
         (lambda row: moved(row, PHASES, 0.001), 'does not start at 0'),
-        (lambda row: spoilt(row, 7, 0.0), 'cannot be stopped'),
+        (lambda row: spoilt(row, 7, 0.0), 'its stop acceleration is not positive'),
         (lambda row: spoilt(row, PHASES + 1, 1e-3), 'its master jumps'),
         (lambda row: spoilt(row, PHASES + 2, 0.1), 'not at rest at both ends'),
         (lambda row: spoilt(row, PHASES + 7 * 5 + 2, 0.1), 'not at rest at both ends'),
@@ -165,9 +165,9 @@ def moved(row, index, by):
         (lambda row: moved(row, PHASES + 3 * 5 + 3, 0.01), 'its master jumps'),
         (lambda row: moved(row, PHASES + 7 * 5 + 1, 1e-5), 'its master jumps'),
         (lambda row: spoilt(row, PHASES + 8 * 5, 0.1), 'does not start at 0'),
-        (lambda row: spoilt(row, EVENTS, 0.3), 'its events are out of order'),
-        (lambda row: spoilt(row, EVENTS + 1, float(len(EVENT_NAMES))), 'for an unknown output'),
-        (lambda row: spoilt(row, EVENTS + 1, -2.0), 'for an unknown output'),
+        (lambda row: spoilt(row, EVENTS, 0.3), 'its events are not in order of distance'),
+        (lambda row: spoilt(row, EVENTS + 1, float(len(EVENT_NAMES))), 'name an unknown output'),
+        (lambda row: spoilt(row, EVENTS + 1, -2.0), 'name an unknown output'),
     ],
 )
 def test_a_malformed_plan_message_is_refused_with_a_reason(spoil, reason):
@@ -356,8 +356,8 @@ def builder(*moves):
 
 def test_moves_that_do_not_begin_where_the_last_one_ends_are_no_plan():
     there, elsewhere = straight(HOME, INSIDE), straight((0.4, 0.0, -0.8), HOME)
-    with pytest.raises(ProgramError, match=r'move 1 of the plan begins 100\.000 mm away'):
+    with pytest.raises(ProgramError, match=r'move 1 of the plan starts 100\.000 mm away'):
         builder(there, elsewhere).require_joined([0, 1])
-    with pytest.raises(ProgramError, match='move 2 of the plan begins'):
+    with pytest.raises(ProgramError, match='move 2 of the plan starts'):
         builder(there, straight(INSIDE, HOME)).require_joined([0, 1, 1])
     builder(there, straight(INSIDE, HOME)).require_joined([0, 1, 0, 1])

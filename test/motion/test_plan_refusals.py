@@ -135,11 +135,11 @@ def test_no_program_starts_outside_the_workspace_by_itself(robot):
 
 
 def test_a_move_to_where_the_robot_stands_is_refused(robot):
-    assert refusal(plan, robot, [to(*HOME)]) == 'moves[0].move_l: the robot already stands at (0, 0, -0.75) m'
-    assert 'moves[1].move_l: the robot already stands' in refusal(
+    assert refusal(plan, robot, [to(*HOME)]) == 'moves[0].move_l: the robot is already at (0, 0, -0.75) m'
+    assert 'moves[1].move_l: the robot is already at' in refusal(
         plan, robot, [to(0, 0, -0.8), to(0, 0, -0.8)]
     )
-    assert 'moves[0].move_l: the robot already stands' in refusal(plan, robot, [to(0, 0, -0.8)], repeat=2)
+    assert 'moves[0].move_l: the robot is already at' in refusal(plan, robot, [to(0, 0, -0.8)], repeat=2)
 
 
 def test_refusals_of_curves_name_the_statement(robot):

@@ -220,12 +220,12 @@ def test_rest_to_rest_has_the_bits_of_ruckig(jerk):
 def test_a_state_that_must_exceed_a_limit_is_rejected(jerk):
     rest, limits = (1.0, 0.0, 0.0), (1.0, 10.0, jerk)
     profiles.between((0.0, 1.0, 0.0), rest, limits)
-    with pytest.raises(ProgramError, match=r'no way from 1\.01 m/s'):
+    with pytest.raises(ProgramError, match=r'no profile from 1\.01 m/s'):
         profiles.between((0.0, 1.01, 0.0), rest, limits)
 
 
 def test_an_acceleration_that_leads_beyond_the_speed_is_rejected():
-    with pytest.raises(ProgramError, match=r'no way from 0 m/s, 0 m/s2 to 0\.99 m/s, -10 m/s2'):
+    with pytest.raises(ProgramError, match=r'no profile from 0 m/s, 0 m/s2 to 0\.99 m/s, -10 m/s2'):
         profiles.between((0.0, 0.0, 0.0), (1.0, 0.99, -10.0), (1.0, 10.0, 500.0))
 
 

@@ -23,7 +23,7 @@ def test_a_robot_that_stands_elsewhere_is_named_with_its_distance(robot):
         plan, robot, [to(0, 0, -0.8)], position=(0.0, 0.02, -0.75), start_m=[0, 0, -0.75], name='a'
     )
     assert sentence == (
-        'program "a" starts at (0, 0, -0.75) m, but the robot stands at (0, 0.02, -0.75) m, 20.0 mm away'
+        'program "a" starts at (0, 0, -0.75) m, but the robot is at (0, 0.02, -0.75) m, 20.0 mm away'
     )
     planned = plan(robot, [to(0, 0, -0.8)], position=(0.0, 0.0009, -0.75), start_m=[0, 0, -0.75])
     assert planned.plan.start_m().tolist() == [0.0, 0.0009, -0.75]
@@ -198,7 +198,7 @@ def test_events_are_in_order_of_their_places_and_the_last_one_decides_the_payloa
 @pytest.mark.parametrize(
     ('moves', 'reason'),
     [
-        ([output()], 'an output needs a move or a dwell before it or after it'),
+        ([output()], 'an output needs a move or a dwell before or after it'),
         (
             [to(0, 0, -0.8), output(before_m=0.06)],
             'moves[0].move_l: an output 0.06 m before its end would be before',
@@ -218,7 +218,7 @@ def test_events_are_in_order_of_their_places_and_the_last_one_decides_the_payloa
                 output(),
                 {'cubic': {'to_m': [0, 0, -0.75], 'duration_s': 1.0}},
             ],
-            'moves[1].output: an output cannot stand between the cubics of a sequence',
+            'moves[1].output: an output cannot be between the cubics of a sequence',
         ),
     ],
 )

@@ -118,7 +118,7 @@ def test_a_point_is_told_from_one_above_it_and_from_none_below(load, refused):
         ('moves: [{move_l: {to_deg: [0, 0, -800]}}]', "1:19: moves[0].move_l: unknown key 'to_deg'"),
         (
             'points: {a: [0, 0, -0.8]}\npoints_mm: {a: [0, 0, -800]}\nmoves: [{move_l: {to_m: a}}]',
-            "2:13: points_mm: there is a point 'a' already",
+            "2:13: points_mm: the point 'a' already exists",
         ),
         (
             'payload_kg: 0.0\npayload_mm: 1\nmoves: [{dwell: {time_s: 1}}]',

@@ -9,7 +9,7 @@ from delta3_pacdrive.motion import program_planner
 from delta3_pacdrive.motion.execution import Timeline
 from delta3_pacdrive.motion.move import Move, MoveKind
 from delta3_pacdrive.motion.plan import Plan, PlanBuilder
-from delta3_pacdrive.motion.resume import go_over, left_of_plan, resume
+from delta3_pacdrive.motion.resume import join_move, remaining_plan, resume
 from delta3_pacdrive.motion.virtual_master import master_at_distances, sample_master
 
 CYCLE_S = 1e-3
@@ -50,7 +50,7 @@ CASES = [(number, share) for number in range(5) for share in (0.0, 0.2, 0.4)]
 @pytest.mark.parametrize(('number', 'share'), CASES)
 def test_what_is_left_is_the_rest_of_the_move_and_every_move_after_it(number, share, plan):
     timeline = stopped(plan, number, share)
-    here, moves = left_of_plan(timeline)
+    here, moves = remaining_plan(timeline)
     now = timeline.at(timeline.end_cycle)
     assert now.number == number
     assert len(moves) == len(plan) - number
@@ -82,7 +82,7 @@ def test_the_rest_of_a_move_begins_at_rest_where_a_hard_stop_takes_whole_cycles(
     timeline = Timeline(plan, CYCLE_S)
     timeline.start(0)
     timeline.change(timeline.stop(cycle, robot.motion.fault_stop_acceleration_m_s2))
-    _, (left,) = left_of_plan(timeline)
+    _, (left,) = remaining_plan(timeline)
     assert left.master[0, 2:4].tolist() == [0.0, 0.0]
     Move.from_array(left.to_array(0, 1))  # as the transformation task reads it
 
@@ -91,7 +91,7 @@ def test_the_rest_of_a_move_begins_at_rest_where_a_hard_stop_takes_whole_cycles(
 def test_outputs_that_were_switched_are_not_switched_again_and_all_others_are(share, plan):
     timeline = stopped(plan, 0, share)
     place = timeline.at(timeline.end_cycle).distance_m
-    _, moves = left_of_plan(timeline)
+    _, moves = remaining_plan(timeline)
     own = plan.move(0).events
     assert len(own) == 2
     assert moves[0].events.tolist() == own[own[:, 0] > place].tolist()
@@ -99,7 +99,7 @@ def test_outputs_that_were_switched_are_not_switched_again_and_all_others_are(sh
 
 
 def test_the_cases_of_the_outputs_lie_on_both_sides_of_one(plan):
-    counts = {len(left_of_plan(stopped(plan, 0, share))[1][0].events) for share in (0.1, 0.4, 0.5)}
+    counts = {len(remaining_plan(stopped(plan, 0, share))[1][0].events) for share in (0.1, 0.4, 0.5)}
     assert counts == {1, 2}
 
 
@@ -107,15 +107,15 @@ def test_at_its_end_nothing_is_left(plan):
     timeline = Timeline(plan, CYCLE_S)
     timeline.start(0)
     with pytest.raises(ProgramError, match='can only be restarted'):
-        left_of_plan(timeline)
+        remaining_plan(timeline)
     timeline.change(timeline.stop(timeline.end_cycle))
     with pytest.raises(ProgramError, match='at its end'):
-        left_of_plan(timeline)
+        remaining_plan(timeline)
 
 
 def test_a_plan_that_is_left_is_driven_to_the_same_end(plan):
     timeline = stopped(plan, 1, 0.4)
-    here, moves = left_of_plan(timeline)
+    here, moves = remaining_plan(timeline)
     again = Timeline(Plan.of(moves), CYCLE_S)
     again.start(0)
     last = again.at(again.end_cycle)
@@ -178,7 +178,7 @@ def test_an_override_counts_at_once_in_a_long_sequence_of_corners(cycle, overrid
 def test_a_long_sequence_of_corners_goes_over_to_a_longer_one(cycle, corners, driven):
     """Its speeds are not quite those of the other: they are planned over another length."""
     longer, length_m = corners[1].move(0), driven.plan.move(0).length_m
-    table = go_over(driven, cycle, longer, length_m - 0.005)
+    table = join_move(driven, cycle, longer, length_m - 0.005)
     assert table is not None
     assert table[-1, 1] == pytest.approx(longer.length_m)
 
@@ -203,7 +203,7 @@ def test_between_moves_of_two_accelerations_the_robot_speeds_up_and_slows_down_w
     timeline, later = Timeline(line(0.1, before, robot), CYCLE_S), line(0.3, after, robot).move(0)
     timeline.start(0)
     for cycle in cycles:
-        table = go_over(timeline, cycle, later, 0.35)
+        table = join_move(timeline, cycle, later, 0.35)
         driven = sample_master(np.arange(0.0, table[-1, 0], CYCLE_S), table)[:, 2]
         assert driven.max() <= 3.0 + 1e-6
         # the end of the longer move is planned with its own limit

@@ -129,7 +129,7 @@ def test_an_angle_in_a_tilted_frame_is_refused(machine):
 def test_a_tool_that_works_beside_the_axis_is_not_turned(machine):
     tools = {'cup': {'offset_m': [0.02, 0.0, -0.06]}}
     sentence = refusal([{'move_l': {'to_m': THERE, 'turn_deg': 10}}], machine, tools=tools)
-    assert "tool 'cup' works 20 mm beside the axis that would turn it" in sentence
+    assert "tool 'cup' works 20 mm off the axis that would turn it" in sentence
     below = {'cup': {'offset_m': [0.0, 0.0, -0.06]}}
     assert turned_deg(plan([{'turn': {'to_deg': 10}}], machine, tools=below)) == [(0.0, 10.0)]
 
@@ -331,10 +331,10 @@ def test_the_tool_stays_between_its_limits(machine):
     assert 'the tool would turn to 400 deg, the limits are -360 and 360 deg' in sentence
     sentence = refusal([{'turn': {'to_deg': -361}}], machine)
     assert 'the tool would turn to -361 deg, the limits are -360 and 360 deg' in sentence
-    assert 'the tool already stands at 0 deg' in refusal([{'turn': {'to_rad': 1e-7}}], machine)
+    assert 'the tool is already at 0 deg' in refusal([{'turn': {'to_rad': 1e-7}}], machine)
     sentence = refusal([{'turn': {'to_deg': 0}}], machine, start_turn_deg=500)
     assert 'starts with its tool at 500 deg, the limits are -360 and 360 deg' in sentence
-    assert 'the tool already stands at 0 deg' in refusal([{'turn': {'to_deg': 0}}], machine)
+    assert 'the tool is already at 0 deg' in refusal([{'turn': {'to_deg': 0}}], machine)
 
 
 def test_a_robot_without_a_rotary_axis_refuses_to_turn_by_name(robot):
@@ -350,7 +350,7 @@ def test_a_robot_without_a_rotary_axis_refuses_to_turn_by_name(robot):
 def test_a_program_that_starts_with_the_tool_elsewhere_is_refused(machine):
     document = {'start_m': START, 'start_turn_deg': 30, 'moves': [{'turn': {'to_deg': 0}}]}
     program = programs.parse(document, machine.motion)
-    with pytest.raises(ProgramError, match='starts with its tool at 30 deg, but it stands at 90 deg'):
+    with pytest.raises(ProgramError, match='starts with its tool at 30 deg, but its angle is 90 deg'):
         program_planner.plan(program, START, machine, turn_rad=math.radians(90.0))
 
 
@@ -390,7 +390,7 @@ def test_a_move_with_a_turn_is_a_row_of_its_own_version_and_comes_back_as_it_was
         (lambda row: row.__setitem__(10, 0), 'has 0 pieces of a turn'),
         (lambda row: row.__setitem__(10, 4), 'does not fit its header'),
         (lambda row: row.__setitem__(-6, 7.0), 'the tool jumps by'),
-        (lambda row: row.__setitem__(-35, 0.01), 'its turn does not begin at 0'),
+        (lambda row: row.__setitem__(-35, 0.01), 'its turn does not start at 0'),
     ],
 )
 def test_a_spoilt_turn_is_refused(change, reason, machine):
@@ -403,7 +403,7 @@ def test_a_spoilt_turn_is_refused(change, reason, machine):
 def test_a_plan_says_of_all_moves_where_the_tool_is_or_of_none(machine):
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine).plan.moves[0]
     plain = plan([{'move_l': {'to_m': THERE}}], machine).plan.moves[0]
-    with pytest.raises(ProgramError, match='move 1 of the plan says no angle of the tool'):
+    with pytest.raises(ProgramError, match='move 1 of the plan has no angle of the tool'):
         Plan.of([turning, plain])
 
 
@@ -425,5 +425,5 @@ def test_moves_that_follow_with_the_tool_elsewhere_are_refused(machine):
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine).plan
     back = {'moves': [{'move_l': {'to_m': START, 'turn_deg': 0}}]}
     other = program_planner.plan(programs.parse(back, machine.motion), THERE, machine, turn_rad=1.0).plan
-    with pytest.raises(ProgramError, match=r'begin with the tool 32\.7 deg away'):
+    with pytest.raises(ProgramError, match=r'start with the tool 32\.7 deg away'):
         turning.extended(0, 1, other)

@@ -406,9 +406,7 @@ def test_an_override_counts_from_when_it_was_answered(cell: Cell, graph: Any) ->
 def test_a_program_is_begun_in_the_middle_after_the_robot_has_gone_there(cell: Cell, graph: Any) -> None:
     operator, task = cell.anna, cell.task
     operator.take_control('Anna')
-    with pytest.raises(
-        RefusedError, match=r'starts at \(0.1, 0, -0.8\) m, but the robot stands at .* mm away'
-    ):
+    with pytest.raises(RefusedError, match=r'starts at \(0.1, 0, -0.8\) m, but the robot is at .* mm away'):
         operator.send_program(SQUARE, Adaptation(first=1))
     assert ': 3 moves, ' in operator.send_program(SQUARE, Adaptation(first=1, approach_m_s=0.25))
     operator.call('start')

@@ -278,7 +278,7 @@ ORDERS = [
     ([1e15, 1.0, 0.0], 'an order starts in bus cycle 1e+15'),
     ([1e300, 1.0, 0.0], 'an order starts in bus cycle 1e+300'),
     ([-7.0, 1.0, 0.0], 'an order starts in bus cycle -7'),
-    ([-1.0, 1.0, 0.0, 0.0], 'move 1 of the plan begins 200.000 mm away'),
+    ([-1.0, 1.0, 0.0, 0.0], 'move 1 of the plan starts 200.000 mm away'),
 ]
 
 

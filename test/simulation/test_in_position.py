@@ -117,7 +117,7 @@ def test_of_a_whole_program_every_exact_stop_waits_and_no_blend(robot):
 
 def test_a_blend_cannot_wait(robot):
     moves = [to(0.1, 0.0, -0.8, blend_m=0.02, in_position=True), to(0.1, 0.1, -0.8)]
-    assert 'moves[0].move_l.in_position: a blend does not stop' in refusal(parse, robot, moves)
+    assert 'moves[0].move_l.in_position: the robot does not stop at a blend' in refusal(parse, robot, moves)
     with pytest.raises(ProgramError, match='in_position'):
         parse(robot, [to(0.1, 0.0, -0.8, in_position='yes')])
 
