@@ -67,7 +67,7 @@ class RobotMonitor(Node):
 
     def _on_progress(self, message: String) -> None:
         progress = read_progress(message.data)
-        if progress is not None and self._present.takes(progress):
+        if progress is not None and self._present.accepts(progress):
             self.progress = progress
 
     def _on_queue(self, message: String) -> None:

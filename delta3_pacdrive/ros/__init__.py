@@ -1,9 +1,9 @@
-"""The robot on ROS 2: its nodes, and what turns messages into the values of the core and back."""
+"""ROS 2 interface of the robot: nodes, clients, and conversion between messages and core types."""
 
 import sys
 from typing import Any
 
-# Every message class loads the generator that made it, with a grammar and its parser: a tenth of what a
-# command takes to start. It is there for builds, and the classes do without it where it cannot be loaded.
+# Importing a message class imports its generator with a grammar and parser, which takes a tenth of the start-up time of
+# a command. Only builds need the generator; message classes work without it.
 _modules: dict[str, Any] = sys.modules
 _modules.setdefault('rosidl_generator_py.generate_py_impl', None)

@@ -1,4 +1,4 @@
-"""Announcement of bus participants, ``sercos/participants``: who is there, and what they were configured with."""
+"""Announcements of bus participants on ``sercos/participants``: identity, session and configuration."""
 
 import json
 import secrets
@@ -24,14 +24,7 @@ INSTANCE_DIGITS = 8
 
 
 class Participant:
-    """A participant announces itself, for latecomers as well.
-
-    Attributes
-    ----------
-    instance
-        Eight hexadecimal digits, others after each start.
-
-    """
+    """A bus participant that announces itself, also on request of nodes that start later."""
 
     def __init__(
         self, node: Node, name: str, parameters: Parameters, inputs: Sequence[str] = (), belts: str = '[]'
@@ -39,7 +32,7 @@ class Participant:
         self._publisher = interfaces.PARTICIPANTS.publisher(node)
         self._name, self._inputs = name, json.dumps(list(inputs))
         self._belts, self._identity = belts, Identity.of(parameters)
-        self.instance = secrets.token_hex(INSTANCE_DIGITS // 2)
+        self.instance = secrets.token_hex(INSTANCE_DIGITS // 2)  # differs after each start
 
     def announce(
         self,
@@ -48,7 +41,7 @@ class Participant:
         links: tuple[str, ...] = (),
         bus_cycle: int = 0,
     ) -> None:
-        """Publish the identity in a session, the partners linked in it and the bus time that is over [cycles]."""
+        """Publish the identity, the session, the linked partners and the bus time that has passed [cycles]."""
         facts = asdict(self._identity) | {'links': ' '.join(links), 'bus_cycle': str(bus_cycle)}
         facts |= {'session': session.decode(), 'inputs': self._inputs, 'belts': self._belts}
         message = DiagnosticStatus(name=self._name, message=str(occasion), hardware_id=self.instance)
@@ -57,20 +50,20 @@ class Participant:
 
 
 def read_announcement(message: DiagnosticStatus, names: Sequence[str] = PARTICIPANTS) -> Announcement:
-    """Read what ``Participant`` has published, one of these or a planner; raises TelegramError."""
+    """Parse an announcement of one of ``names`` or of a planner; raises TelegramError."""
     facts = {item.key: item.value for item in message.values}
     links, bus_cycle, session = (facts.pop(key, '') for key in ('links', 'bus_cycle', 'session'))
     inputs, belts = _inputs(message.name, facts.pop('inputs', '[]')), facts.pop('belts', '[]')
     _require_belts(message.name, belts)
     if message.name not in (*names, UNIT_ROBOT) or facts.keys() != {f.name for f in fields(Identity)}:
-        raise TelegramError(f'{shown(message.name)} announces itself without what the bus asks for')
+        raise TelegramError(f'{shown(message.name)} announces itself without the required identity')
     if not bus_cycle.isdecimal() or len(bus_cycle) > CYCLE_DIGITS_MAX:
-        raise TelegramError(f'{shown(message.name)} announces bus cycle {shown(bus_cycle)}')
+        raise TelegramError(f'{shown(message.name)} announces bus cycle {shown(bus_cycle)}, not a number')
     try:
         occasion = Occasion(message.message)
     except ValueError:
         raise TelegramError(
-            f'{shown(message.name)} announces itself for no known reason: {shown(message.message)}'
+            f'{shown(message.name)} announces itself for an unknown reason: {shown(message.message)}'
         ) from None
     return Announcement(
         message.name,
@@ -85,25 +78,25 @@ def read_announcement(message: DiagnosticStatus, names: Sequence[str] = PARTICIP
     )
 
 
-def _require_belts(who: str, text: str) -> None:
-    """Raise TelegramError for what says nothing of belts."""
+def _require_belts(sender: str, text: str) -> None:
+    """Raise TelegramError unless ``text`` describes valid belts."""
     try:
         known = len(read_belts(text)) <= CELL_BELTS
     except ValueError:
         known = False
     if not known:
-        raise TelegramError(f'{shown(who)} announces belts {shown(text)}')
+        raise TelegramError(f'{shown(sender)} announces invalid belts {shown(text)}')
 
 
-def _inputs(who: str, text: str) -> tuple[str, ...]:
-    """Return the names of inputs; raises TelegramError."""
+def _inputs(sender: str, text: str) -> tuple[str, ...]:
+    """Return the names of the inputs; raises TelegramError."""
     try:
         names = json.loads(text)
     except (ValueError, RecursionError):
         names = None
     known = isinstance(names, list) and len(names) <= CELL_INPUTS and all(map(_is_name, names))
     if not known or len(set(names)) < len(names):
-        raise TelegramError(f'{shown(who)} announces inputs {shown(text)}')
+        raise TelegramError(f'{shown(sender)} announces invalid inputs {shown(text)}')
     return tuple(names)
 
 
@@ -117,7 +110,7 @@ def receive_announcements(
     refuse: Callable[[str], None],
     names: Sequence[str] = PARTICIPANTS,
 ) -> None:
-    """Subscribe to the announcements of all participants, who have these names."""
+    """Subscribe to the announcements of the participants with these names."""
     interfaces.PARTICIPANTS.bounded_subscription(
         node, lambda message: take(read_announcement(message, names)), refuse=refuse
     )

@@ -1,4 +1,4 @@
-"""The master's end of ``sercos/at/axisN``: takes AT off the wire and refuses what is none of its session."""
+"""Reception of ``sercos/at/axisN`` by the master: decodes AT and rejects telegrams of other sessions."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -16,29 +16,18 @@ from delta3_pacdrive.sercos.telegrams import NO_SESSION, parse_at_frame
 
 
 class AtReceiver:
-    """The master reads here what the drives answer.
+    """Receives the drives' feedback for the master.
 
     Parameters
     ----------
-    node
-        Subscribes.
-    cycles
-        Bus time.
     polled
-        Whether telegrams are read by ``poll`` alone; else they come by themselves, as soon as they are there.
+        Whether only ``poll`` reads telegrams; otherwise each is handled on arrival.
     statistics
-        Counts what is refused.
+        Counts rejected telegrams.
     receive
-        Called with number of the axis, bus cycle, content and time of arrival [ns], 0 if nobody knows it.
+        Called with axis index, bus cycle, content and time of arrival [ns], 0 if unknown.
     receive_greeting
-        Called before cyclic operation, with number of the axis and content.
-    drives
-        Names of the drives on the bus.
-
-    Attributes
-    ----------
-    session
-        Of the bus; without one nothing is taken.
+        Called before cyclic operation, with axis index and content.
 
     """
 
@@ -52,7 +41,7 @@ class AtReceiver:
         receive_greeting: Callable[[int, Content], None],
         drives: Sequence[str] = DRIVES,
     ) -> None:
-        self.session = NO_SESSION
+        self.session = NO_SESSION  # without a session no telegram is accepted
         self._cycles, self._statistics = cycles, statistics
         self._receive, self._receive_greeting = receive, receive_greeting
         self._log = node.get_logger()
@@ -61,14 +50,14 @@ class AtReceiver:
         self._takes: list[Callable[[], Taken | None]] = []
         for index, axis in enumerate(drives):
             if polled:
-                # The clock drives the task, so that an answer need not wake it: it is read at the next tick.
+                # The clock triggers the task, so an AT need not wake it: it is read at the next tick.
                 self._takes.append(AT.polled_subscription(node, axis))
             else:
                 callback = partial(self._on_at, index, received_ns=0)
                 AT.subscription(node, callback, axis, raw=True)
 
     def poll(self, due: Callable[[int], bool]) -> None:
-        """Read what has come, from each axis as long as anything is due."""
+        """Read telegrams of each axis while ``due`` returns True for it."""
         for index, take in enumerate(self._takes):
             while due(index):
                 taken = take()
@@ -92,6 +81,6 @@ class AtReceiver:
             self._receive_greeting(index, (values, status, service))
 
     def refuse(self, reason: str) -> None:
-        """Count a telegram that is none, and say so."""
+        """Count and log a rejected telegram."""
         self._statistics.refused += 1
         self._log.warning(reason, throttle_duration_sec=1.0)

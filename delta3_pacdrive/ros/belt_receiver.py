@@ -1,6 +1,6 @@
-"""The master's end of ``sercos/at/belts``: takes counts and parts off the wire and refuses what is none of its session.
+"""Reception of ``sercos/at/belts`` by the master: decodes counts and parts and rejects other sessions' messages.
 
-A message without parts has one fixed layout, as all telegrams; one with parts has six efforts more for each of them.
+A message without parts has a fixed layout like every telegram; each part adds six efforts.
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 COUNT_MAX = 2.0**53
-EVENT = 6  # numbers of a part: belt, type (-1: the light barrier has latched it), count, along, across, angle
+EVENT = 6  # numbers per part: belt, type (-1: latched by the light barrier), count, along, across, angle
 
 
 class BeltReceiver(CellReceiver):
-    """The master reads here what the belts are in each bus cycle."""
+    """Receives the state of the belts for the master, in every bus cycle."""
 
     topic = BELTS
-    _belts: tuple[BeltAxes, ...] = ()  # that the codec is made for
+    _belts: tuple[BeltAxes, ...] = ()  # for which the codec was built
 
     def _expected(self) -> int:
         return self._controller.cycles.belts.expected
@@ -61,7 +61,7 @@ class BeltReceiver(CellReceiver):
             belt, kind, count, along, across, angle = events[at : at + EVENT]
             types = self._belts[int(belt)].types if 0 <= belt < n else ()
             if not 0 <= belt < n or not -1 <= kind < len(types):
-                raise TelegramError(f'a part is of type {kind:g} on belt {belt:g}')
+                raise TelegramError(f'part has invalid type {kind:g} on belt {belt:g}')
             if kind < 0:
                 latched[int(belt)].append(int(count))
             else:
@@ -76,20 +76,20 @@ class BeltReceiver(CellReceiver):
         try:
             message = deserialize_message(data, JointState)
         except (RuntimeError, ValueError) as error:
-            raise TelegramError('a telegram is no JointState') from error
+            raise TelegramError('telegram is not a valid JointState') from error
         names, n = [belt.name for belt in self._belts], len(self._belts)
         lengths = len(message.position), len(message.velocity), len(message.effort) % EVENT
         if list(message.name) != names or lengths != (n, n, 0):
-            raise TelegramError(f'a telegram names {list(message.name)!r:.80}, expected {names}')
+            raise TelegramError(f'telegram names {list(message.name)!r:.80}, expected {names}')
         values = [*message.position, *message.velocity]
         if not all(abs(value) < COUNT_MAX for value in (*values, *message.effort)):
-            raise TelegramError('a number is out of its range, or none')
+            raise TelegramError('telegram contains a value that is out of range or not a number')
         head = message.header
         return head.stamp.sec, head.stamp.nanosec, head.frame_id.encode(), values, list(message.effort)
 
 
 def parts_of(belts: Sequence[BeltAxes], readings: Sequence[BeltReading]) -> list[float]:
-    """Return the efforts of a message: what the belts tell of parts in a bus cycle."""
+    """Return the efforts of a message: the latched and sighted parts of a bus cycle."""
     efforts: list[float] = []
     for n, (belt, reading) in enumerate(zip(belts, readings, strict=True)):
         for count in reading.latched:

@@ -1,4 +1,4 @@
-"""Codecs of the cyclic messages of this package, and messages that carry no numbers."""
+"""Codecs of the cyclic messages, and the phase message."""
 
 from collections.abc import Callable
 
@@ -22,14 +22,14 @@ TYPES: dict[str, type] = {
 
 
 def codec(telegram: Telegram, limit: float = IMPOSSIBLE) -> TelegramCodec:
-    """Return the codec of a telegram, which takes messages from any client."""
+    """Return the codec of a telegram; messages of any client library are accepted."""
     kind = TYPES[telegram.type]
 
     def parse(data: bytes) -> Message:
         try:
             message = deserialize_message(data, kind)
         except (RuntimeError, ValueError) as error:
-            raise TelegramError(f'a telegram is no {kind.__name__}') from error
+            raise TelegramError(f'telegram is not a valid {kind.__name__}') from error
         header = message.header
         head = header.stamp.sec, header.stamp.nanosec, header.frame_id.encode()
         if isinstance(message, JointState):
@@ -41,12 +41,12 @@ def codec(telegram: Telegram, limit: float = IMPOSSIBLE) -> TelegramCodec:
 
 
 def raw_publish(publisher: Publisher) -> Callable[[bytes], None]:
-    """Return the call that publishes a serialised message, without the tests that ``publish`` makes every time."""
+    """Return a function that publishes serialised messages without the checks of ``publish``."""
     return publisher.handle.publish_raw  # type: ignore[no-any-return]
 
 
 def phase_message(phase: Phase, session: bytes, stamp: tuple[int, int]) -> Header:
-    """Announcement of a communication phase: in CP4 the stamp is the bus time at which cyclic operation begins."""
+    """Return the message of a communication phase; in CP4 the stamp is the start of cyclic operation [bus time]."""
     message = Header(frame_id=telegrams.phase_text(phase, session))
     message.stamp.sec, message.stamp.nanosec = stamp
     return message

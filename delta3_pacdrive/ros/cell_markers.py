@@ -1,4 +1,4 @@
-"""The cell around the robot as RViz markers: belts with their windows, boxes, supplies, sensors, and the parts."""
+"""RViz markers of the cell: belts with windows, boxes, supplies, sensors and parts."""
 
 from collections.abc import Sequence
 
@@ -10,10 +10,10 @@ from delta3_pacdrive.ros.robot_markers import marker_of, point_of
 from delta3_pacdrive.scene.parts import Colour
 from delta3_pacdrive.view.values import CellInstant
 
-THINGS_MAX, PARTS_MAX = 400, 400  # that are shown
+THINGS_MAX, PARTS_MAX = 400, 400  # maximum number of markers
 SLAB_M, AREA_M = 0.012, 0.002  # thickness of a belt below its surface, and of areas
 PART: Colour = (0.78, 0.44, 0.12, 1.0)
-# colour, and height above the surface [m], as areas may lie above one another
+# colour, and height above the surface [m]: areas may overlap
 AREAS: dict[Kind, tuple[Colour, float]] = {
     Kind.BELT: ((0.24, 0.26, 0.31, 1.0), -0.5 * SLAB_M),
     Kind.WINDOW: ((0.18, 0.62, 0.36, 0.35), 0.001),
@@ -26,20 +26,20 @@ AREAS: dict[Kind, tuple[Colour, float]] = {
 
 
 class CellMarkers:
-    """The markers of one cell; methods return those that have to be published."""
+    """The markers of one cell; methods return the markers to publish."""
 
     def __init__(self) -> None:
-        self._still: set[tuple[str, int]] = set()  # that are shown
+        self._still: set[tuple[str, int]] = set()  # published fixtures
         self._parts: set[tuple[str, int]] = set()
 
     def still(self, things: Sequence[Thing]) -> list[Marker]:
-        """Return what stands there, and what takes away things that are there no more."""
+        """Return markers of the fixtures, and deletions of removed ones."""
         found = [_thing(number, thing) for number, thing in enumerate(things[:THINGS_MAX])]
         gone, self._still = _gone(self._still, found)
         return [*gone, *found]
 
     def parts(self, now: CellInstant | None) -> list[Marker]:
-        """Return the newest parts where they are, and what takes away parts that are gone."""
+        """Return markers of the newest parts, and deletions of removed ones."""
         found = []
         for part in () if now is None else now.parts[-PARTS_MAX:]:
             x, y, z = part.at_m
@@ -63,7 +63,7 @@ def _thing(number: int, thing: Thing) -> Marker:
 def _lay(
     marker: Marker, at_m: tuple[float, float, float], angle_rad: float, size_m: tuple[float, float, float]
 ) -> None:
-    """Give a marker its middle, its angle about the vertical, and its size."""
+    """Set centre, rotation about the vertical and size of a marker."""
     marker.pose.position = point_of(at_m)
     q = marker.pose.orientation
     q.x, q.y, q.z, q.w = Rotation.from_euler('z', angle_rad).as_quat().tolist()
@@ -71,7 +71,7 @@ def _lay(
 
 
 def _gone(shown: set[tuple[str, int]], now: Sequence[Marker]) -> tuple[list[Marker], set[tuple[str, int]]]:
-    """Return what takes away markers that are shown no more, and those that are shown now."""
+    """Return the deletions of markers that are no longer shown, and the keys of the current ones."""
     names = {(marker.ns, marker.id) for marker in now}
     gone = [marker_of(name, number, Marker.CUBE, PART) for name, number in sorted(shown - names)]
     for marker in gone:

@@ -1,6 +1,6 @@
-"""What a robot tells of its cell, as the page shows it.
+"""State of the cell from its topics, for the page.
 
-Nothing wakes the process: what has come is looked at when a picture is due, of the belts and inputs only the newest.
+Subscriptions are polled when a picture is due; of belts and inputs only the newest message is used.
 """
 
 import json
@@ -23,26 +23,14 @@ from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.view.cell_now import CellNow
 from delta3_pacdrive.view.values import CellInstant, InputFacts, Point
 
-TEXT_BYTES_MAX = 4 * 1024 * 1024  # of a scene, or of what has happened to parts in a bus cycle
-AT_ONCE = 50  # messages about parts that are read for one picture: who joins late gets a thousand
-LOOK_S = 1.0  # between two looks at who is there, and which inputs were set from outside
+TEXT_BYTES_MAX = 4 * 1024 * 1024  # of a scene, or of the part events of a bus cycle
+AT_ONCE = 50  # part messages per picture: a late subscriber receives a thousand
+CHECK_S = 1.0  # between two checks for publishers and forced inputs
 UNANSWERED_S = 5.0
 
 
 class CellReader:
-    """What is known of the cell around a robot, from its topics, and from its service ``input``.
-
-    Parameters
-    ----------
-    node
-        Subscribes.
-
-    Attributes
-    ----------
-    now
-        The cell at the moment.
-
-    """
+    """Reads the cell of a robot from its topics and its service ``input``."""
 
     def __init__(self, node: PollingNode) -> None:
         self._node = node
@@ -54,7 +42,7 @@ class CellReader:
         self._values = interfaces.INPUTS.polled_subscription(node, profile=NEWEST)
         self._service = interfaces.INPUT.client(node)
         self._asked: Future | None = None
-        self._asked_s = self._looked_s = 0.0
+        self._asked_s = self._checked_s = 0.0
         self._inputs: dict[str, bool] = {}
         self._forced: frozenset[str] = frozenset()
 
@@ -64,14 +52,11 @@ class CellReader:
         return tuple(InputFacts(name, on, name in self._forced) for name, on in self._inputs.items())
 
     def at(self, time_s: float, tcp_m: Point, turn_rad: float = 0.0) -> CellInstant | None:
-        """Return what moves in the cell at a bus time [s], with the TCP at a place [m]; None without a cell.
-
-        ``turn_rad`` is the angle of the tool [rad].
-        """
+        """Return the moving objects at a bus time [s], TCP position [m] and tool angle [rad]; None without a cell."""
         return self.now.at(time_s, tcp_m, turn_rad) if self.now.things else None
 
     def read(self) -> None:
-        """Take in what has come since the last time."""
+        """Read all messages received since the last call."""
         while (taken := self._scenes()) is not None:
             self.now.take_scene(_text(taken[0]), _sent_ns(taken))
         for _ in range(AT_ONCE):
@@ -83,18 +68,18 @@ class CellReader:
             counts = dict(zip(belts.name, belts.position, strict=True))
             self.now.take_counts(stamp.sec + stamp.nanosec / NANOSECONDS, counts)
 
-    def look(self) -> None:
-        """Read the inputs, and once in a while who is there and what was set from outside."""
+    def update_inputs(self) -> None:
+        """Read the inputs; once a second check for a publisher and query the forced inputs."""
         values = _newest(self._values)
         if values is not None and _fits(values, CELL_INPUTS, 1.0):
             self._inputs = {
                 name: value > 0.0 for name, value in zip(values.name, values.position, strict=True)
             }
         now = time.monotonic()
-        if now - self._looked_s < LOOK_S:
+        if now - self._checked_s < CHECK_S:
             self._take_answer(now)
             return
-        self._looked_s = now
+        self._checked_s = now
         if not self._node.count_publishers(interfaces.SCENE.name):
             self.now.clear()
             self._inputs, self._forced = {}, frozenset()
@@ -108,7 +93,7 @@ class CellReader:
             return
         if asked.done():
             self._asked = None
-            # whoever offers a service of that name
+            # the service may belong to another program
             with suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError, RuntimeError):
                 told = json.loads(asked.result().message)['inputs']
                 self._forced = frozenset(name for name, one in told.items() if one['forced'] is True)
@@ -118,22 +103,22 @@ class CellReader:
 
 
 def _sent_ns(taken: Taken) -> int:
-    """When a message was sent [ns]."""
+    """Return the source timestamp of a message [ns]."""
     return taken[1]['source_timestamp']
 
 
 def _text(data: bytes) -> str:
-    """Return the text of a message, empty if it is none or too long a one."""
+    """Return the text of a message, empty if it is invalid or too long."""
     if len(data) > TEXT_BYTES_MAX:
         return ''
     try:
         return str(deserialize_message(data, String).data)
-    except (RuntimeError, ValueError):  # of a foreign writer
+    except (RuntimeError, ValueError):  # from a third-party writer
         return ''
 
 
 def _newest(take: Any) -> JointState | None:
-    """Return the newest of the messages that have come, None if there are none or it is no such message."""
+    """Return the newest received message, None if there is none or it is invalid."""
     newest = None
     while (taken := take()) is not None:
         newest = taken[0]
@@ -146,7 +131,7 @@ def _newest(take: Any) -> JointState | None:
 
 
 def _fits(message: JointState, names_max: int, value_max: float) -> bool:
-    """Whether a message has a number that may be for each of its names."""
+    """Whether a message has one value within the limit for each of its unique names."""
     names, values = message.name, message.position
     fits = 0 < len(names) == len(values) <= names_max and len(set(names)) == len(names)
     return fits and all(abs(value) <= value_max for value in values)

@@ -1,4 +1,4 @@
-"""The master's end of what the cell tells in each bus cycle: how telegrams of inputs and belts come off the wire."""
+"""Base of the receivers of cyclic cell telegrams (inputs and belts) on the master."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -12,25 +12,14 @@ from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
 
 
 class CellReceiver(ABC):
-    """The master reads here what one topic tells in each bus cycle.
+    """Receives one cyclic topic of the cell for the master.
 
     Parameters
     ----------
-    node
-        Subscribes.
-    clock
-        Bus time.
     polled
-        Whether telegrams are read by ``poll`` alone.
-    controller
-        Takes them.
+        Whether only ``poll`` reads telegrams; otherwise each is handled on arrival.
     refuse
-        Called with a sentence about what is no telegram of this robot.
-
-    Attributes
-    ----------
-    topic
-        That is read.
+        Called with the reason when a telegram is rejected.
 
     """
 
@@ -51,7 +40,7 @@ class CellReceiver(ABC):
             self.topic.subscription(node, self._on_message, raw=True)
 
     def poll(self) -> None:
-        """Read what has come, as long as anything is due."""
+        """Read telegrams until the current bus cycle is complete."""
         cycles = self._controller.cycles
         while self._take is not None and self._expected() < cycles.next_cycle:
             taken = self._take()
@@ -61,8 +50,8 @@ class CellReceiver(ABC):
 
     @abstractmethod
     def _expected(self) -> int:
-        """Return the bus cycle whose telegram comes next."""
+        """Return the bus cycle of the next expected telegram."""
 
     @abstractmethod
     def _on_message(self, data: bytes) -> None:
-        """Take a telegram, or refuse it."""
+        """Accept or reject a telegram."""

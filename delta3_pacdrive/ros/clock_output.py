@@ -1,4 +1,4 @@
-"""Bus time as ``/clock`` for tools with ``use_sim_time``: only while they listen, and nobody else tells the time."""
+"""Bus time on ``/clock`` for tools with ``use_sim_time``, published only with subscribers and no other publisher."""
 
 import time
 
@@ -8,33 +8,26 @@ from rosgraph_msgs.msg import Clock
 
 from delta3_pacdrive.ros.interfaces import CLOCK, VISUALIZATION
 
-SILENT_S = 1.0  # without bus time: another robot may tell its own
+SILENT_S = 1.0  # without bus time: another robot may then publish the clock
 
 
 class ClockOutput:
-    """The clock of one robot: it is there as long as there is bus time to be told.
-
-    Attributes
-    ----------
-    wanted
-        Whether somebody listens, and nobody else tells the time.
-
-    """
+    """The ``/clock`` publisher of one robot; it exists only while it has bus time to publish."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher: Publisher | None = None
-        self._told, self._told_s = (0, 0), 0.0
-        self.wanted = False
+        self._published, self._published_s = (0, 0), 0.0
+        self.wanted = False  # there are subscribers and no other publishers
 
-    def look(self) -> None:
-        """Find out whether it is wanted: call it now and then."""
-        self.wanted = self._node.count_subscribers(CLOCK.name) > 0 and self._may_tell()
-        if not self.wanted or time.monotonic() - self._told_s > SILENT_S:
+    def update(self) -> None:
+        """Check whether the clock is needed; call this periodically."""
+        self.wanted = self._node.count_subscribers(CLOCK.name) > 0 and self._may_publish()
+        if not self.wanted or time.monotonic() - self._published_s > SILENT_S:
             self._end()
 
-    def _may_tell(self) -> bool:
-        """Whether nobody else tells the time; of two robots that have begun at once the first by name goes on."""
+    def _may_publish(self) -> bool:
+        """Whether no other node publishes; of two robots that started together the first by name continues."""
         own = self._node.get_fully_qualified_name()
         clocks = self._node.get_publishers_info_by_topic(CLOCK.name)
         if any(info.node_name != VISUALIZATION for info in clocks):
@@ -42,12 +35,12 @@ class ClockOutput:
         others = {f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in clocks} - {own}
         return not others or (self._publisher is not None and own < min(others))
 
-    def tell(self, stamp: tuple[int, int]) -> None:
-        """Tell a bus time, unless it was told last."""
-        if not self.wanted or stamp == self._told:
+    def publish(self, stamp: tuple[int, int]) -> None:
+        """Publish a bus time, unless it equals the last one."""
+        if not self.wanted or stamp == self._published:
             return
         self._publisher = self._publisher or CLOCK.publisher(self._node)
-        self._told, self._told_s = stamp, time.monotonic()
+        self._published, self._published_s = stamp, time.monotonic()
         message = Clock()
         message.clock.sec, message.clock.nanosec = stamp
         self._publisher.publish(message)

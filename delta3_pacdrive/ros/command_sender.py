@@ -1,4 +1,4 @@
-"""The master's end of ``sercos/mdt``: commands of a cycle for all drives, and the frame that goes with them."""
+"""Transmission of ``sercos/mdt`` by the master: commands of a cycle for all drives in one frame."""
 
 from rclpy.node import Node
 
@@ -13,21 +13,14 @@ from delta3_pacdrive.sercos.words import CONTROL_OFF, Phase
 
 
 class CommandSender:
-    """The master commands its drives by it.
+    """Sends the MDT of the master.
 
     Parameters
     ----------
-    node
-        Publishes.
     torques
-        Whether it commands torques beside the shafts.
+        Whether an MDT contains torques in addition to positions.
     requests
-        What is asked of the drives through their service channels.
-
-    Attributes
-    ----------
-    publish
-        Sends an MDT, given as bytes.
+        Pending requests of the service channels.
 
     """
 
@@ -35,20 +28,20 @@ class CommandSender:
         self._requests = requests
         self._session = NO_SESSION
         self._last = b''
-        self._frames: dict[tuple[int, float, int], bytes] = {}  # without a word of the service channel
+        self._frames: dict[tuple[int, float, int], bytes] = {}  # without service channel words
         self._torques, self._count = torques, len(requests.drives)
         self._idle = (0,) * self._count
         self._codec = cdr.codec(telegrams.mdt(torques, requests.drives))
-        self.publish = cdr.raw_publish(MDT.publisher(node))
+        self.publish = cdr.raw_publish(MDT.publisher(node))  # takes an encoded MDT
 
     def begin(self, session: bytes) -> None:
-        """Send in a session from now on."""
+        """Start sending in a session."""
         self._session = session
         self._last = b''
         self._frames.clear()
 
     def greet(self, greeting: master.Greet) -> None:
-        """Greet the drives, outside of cyclic operation."""
+        """Greet the drives before cyclic operation."""
         words = self._requests.to_send()
         frame = telegrams.mdt_frame(greeting.phase, CONTROL_OFF, 0.0, greeting.session, words)
         self.publish(
@@ -77,6 +70,6 @@ class CommandSender:
         self.publish(self._last)
 
     def repeat(self) -> None:
-        """Send the MDT of the newest bus cycle again: while the bus waits for a script, the master is there."""
+        """Send the newest MDT again as a heartbeat while the bus waits for a script."""
         if self._last:
             self.publish(self._last)

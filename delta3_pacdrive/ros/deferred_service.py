@@ -1,4 +1,4 @@
-"""Services that are answered when what was asked for has happened, not when the callback returns."""
+"""Services that reply when the requested action has finished, not when the callback returns."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,19 +8,19 @@ from rclpy.service import Service
 
 from delta3_pacdrive.errors import Reason
 
-Tell = Callable[[Reason | None, str], None]  # why something was refused, or None and what has happened
+Respond = Callable[[Reason | None, str], None]  # reason of a rejection, or None and the result
 
 
 class _Pending:
-    """A response that is not there yet, or one that nobody has said where to send to yet; sent once."""
+    """A response that is sent once, as soon as both its content and its address are known."""
 
     def __init__(self, response: Any, send: Callable[[Any, Any], None]) -> None:
         self._response, self._send = response, send
         self._header: Any = None
         self._filled = False
 
-    def tell(self, reason: Reason | None, sentence: str) -> None:
-        """Fill the response; only the first answer counts."""
+    def respond(self, reason: Reason | None, sentence: str) -> None:
+        """Fill the response; later calls are ignored."""
         if self._filled:
             return
         self._filled = True
@@ -29,7 +29,7 @@ class _Pending:
         self._send_if_complete()
 
     def address(self, header: Any) -> None:
-        """Take note of whose request it answers."""
+        """Set the request header to which the response is sent."""
         self._header = header
         self._send_if_complete()
 
@@ -38,19 +38,19 @@ class _Pending:
             self._send(self._response, self._header)
 
 
-def create_deferred_service(node: Node, kind: Any, name: str, ask: Callable[[Any, Tell], None]) -> Service:
-    """Create a service whose callback gets the request and what answers it.
+def create_deferred_service(node: Node, kind: Any, name: str, ask: Callable[[Any, Respond], None]) -> Service:
+    """Create a service whose callback receives the request and a function that replies to it.
 
-    ``kind`` has a response with these two fields, as Trigger and SetBool have.
+    The response of ``kind`` has the fields ``success`` and ``message``, as in Trigger and SetBool.
     """
 
     def serve(request: Any, response: Any) -> _Pending:
         pending = _Pending(response, send)
-        ask(request, pending.tell)
+        ask(request, pending.respond)
         return pending
 
     service = node.create_service(kind, name, serve)
     send = service.send_response
-    # executors send what the callback returns by this method, with the header that says where to
+    # the executor passes the callback's return value and the request header to this method
     service.send_response = _Pending.address  # type: ignore[method-assign, assignment]
     return service

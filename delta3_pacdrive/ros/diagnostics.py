@@ -1,4 +1,4 @@
-"""``/diagnostics`` of a node: level, sentence, and facts by name."""
+"""``/diagnostics`` of a node: level, message and key-value pairs."""
 
 import json
 from typing import Any
@@ -11,14 +11,14 @@ from delta3_pacdrive.ros.publishers import Output
 
 
 class Health(Output):
-    """Publishes when it is told to; what is no text is told as JSON."""
+    """Publishes diagnostics on request; values other than text are encoded as JSON."""
 
     def __init__(self, node: Node, hardware_id: str = '') -> None:
         super().__init__(node, DIAGNOSTICS)
         self._node, self._hardware_id = node, hardware_id
 
     def send(self, level: bytes, sentence: str, facts: dict[str, Any]) -> None:
-        """Publish."""
+        """Publish one status."""
         status = DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name(),

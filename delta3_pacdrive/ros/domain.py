@@ -1,4 +1,4 @@
-"""ROS domain and namespace of a robot, checked without ROS: a wrong one is rejected before ROS is loaded."""
+"""ROS domain and namespace of a robot, validated before ROS is loaded."""
 
 import os
 import re
@@ -10,10 +10,10 @@ from contextlib import suppress
 from delta3_pacdrive.errors import RunError, shown
 
 VARIABLE = 'ROS_DOMAIN_ID'
-NAMESPACE_MAX = 245  # of the middleware
-DOMAIN_MAX = 232  # ports of the last one are the last that there are
-PREFIX_BYTES = 12  # of a global identifier: they are those of its participant
-# of RTPS (OMG DDSI-RTPS 2.3): ports of discovery, identifiers, and the last sequence number that 32 bits can hold
+NAMESPACE_MAX = 245  # limit of the middleware
+DOMAIN_MAX = 232  # with a higher number the ports would exceed 65535
+PREFIX_BYTES = 12  # of a GUID: the participant
+# RTPS (OMG DDSI-RTPS 2.3): discovery ports, entity identifiers, and the largest 32-bit sequence number
 DISCOVERY_PORT, DOMAIN_PORTS, PARTICIPANT_PORTS, PARTICIPANTS = 7410, 250, 2, 32
 HEADER = b'RTPS\x02\x03\x01\x0f'
 PARTICIPANT, ANNOUNCER = b'\0\0\x01\xc1', b'\0\x01\0\xc2'
@@ -24,7 +24,7 @@ DISPOSED_AND_UNREGISTERED = b'\0\0\0\x03'
 
 
 def number() -> int:
-    """Return the number of the domain; raises RunError if the environment asks for one that there cannot be."""
+    """Return the domain number; raises RunError if the environment requests an invalid one."""
     text = os.environ.get(VARIABLE, '')
     if text and not (text.isascii() and text.isdecimal() and int(text[:9]) <= DOMAIN_MAX):
         raise RunError(f'{VARIABLE} is {shown(text)}, but must be a whole number from 0 to {DOMAIN_MAX}')
@@ -32,12 +32,12 @@ def number() -> int:
 
 
 def check() -> None:
-    """Raise RunError if the environment asks for a domain that there cannot be."""
+    """Raise RunError if the environment requests an invalid domain."""
     number()
 
 
 def namespace(text: str) -> str:
-    """Return a namespace from the root on; raises RunError for one that ROS 2 does not allow."""
+    """Return the absolute form of a namespace; raises RunError if ROS 2 does not allow it."""
     absolute = '/' + text.strip('/')
     if absolute != '/' and not re.fullmatch('(/[A-Za-z_][A-Za-z0-9_]*)+', absolute):
         raise RunError(
@@ -46,13 +46,13 @@ def namespace(text: str) -> str:
         )
     if len(absolute) > NAMESPACE_MAX:
         raise RunError(
-            f'namespace {shown(text)} has {len(absolute)} characters, at most {NAMESPACE_MAX} are possible'
+            f'namespace {shown(text)} has {len(absolute)} characters, the limit is {NAMESPACE_MAX}'
         )
     return absolute
 
 
 def farewell(prefix: bytes) -> bytes:
-    """Return the RTPS message by which the participant with this identifier leaves its domain."""
+    """Return the RTPS message with which a participant leaves its domain."""
     qos = struct.pack('<HH', KEY_HASH, 16) + prefix + PARTICIPANT
     qos += struct.pack('<HH', STATUS_INFO, 4) + DISPOSED_AND_UNREGISTERED + struct.pack('<HH', END, 0)
     to_all, octets_to_qos = b'\0\0\0\0', 16
@@ -63,13 +63,13 @@ def farewell(prefix: bytes) -> bytes:
 
 
 def dispose(prefix: bytes, hosts: Sequence[str]) -> None:
-    """Let every participant on these hosts remove a participant whose process has died.
+    """Announce to all participants on these hosts that a participant has died.
 
-    A killed process cannot leave by itself: others would count its publishers until its lease expires.
+    A killed process cannot do so itself: others would count its publishers until its lease expires.
     """
     first = DISCOVERY_PORT + DOMAIN_PORTS * number()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         for host in hosts:
             for port in range(first, min(first + PARTICIPANT_PORTS * PARTICIPANTS, 65536), PARTICIPANT_PORTS):
-                with suppress(OSError):  # nobody listens at this port
+                with suppress(OSError):  # no participant listens at this port
                     link.sendto(farewell(prefix), (host, port))

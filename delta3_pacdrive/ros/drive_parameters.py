@@ -1,4 +1,4 @@
-"""ROS parameters of a drive that may change in cyclic operation: the values of its IDNs under their ROS names."""
+"""ROS parameters of a drive that can be changed in cyclic operation: its IDNs under their ROS names."""
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
@@ -15,16 +15,7 @@ WRITABLE = {row.sources[0]: idn for idn, row in TABLE.items() if Phase.CP4 in ro
 
 
 class DriveParameters:
-    """The parameters of one drive, as ROS sets them and as the register, which knows what is allowed, holds them.
-
-    Parameters
-    ----------
-    node, axis
-        The drive.
-    register
-        Its values by IDN.
-
-    """
+    """Keeps the ROS parameters of one drive consistent with its register, which validates every write."""
 
     def __init__(self, node: Node, axis: str, register: Register) -> None:
         self._node, self._axis, self._register = node, axis, register
@@ -32,12 +23,12 @@ class DriveParameters:
         node.add_on_set_parameters_callback(self._on_set)
 
     def accepted(self, given: list[Parameter]) -> list[Parameter] | Reason:
-        """Return what ROS may set, whole numbers as numbers, or why not: a refusal of the service channel."""
+        """Return the parameters with integers as floats, or the reason why the service channel rejects them."""
         read = [_as_float(parameter) for parameter in given]
         return next(filter(None, map(self._refusal, read)), read)
 
     def _refusal(self, parameter: Parameter) -> Reason | None:
-        """Say what forbids to set a parameter, whatever the others are; None if nothing, or if ROS can tell."""
+        """Return why a parameter cannot be set on its own; None if it can or if ROS checks it."""
         if not self._node.has_parameter(parameter.name):
             return Reason(Code.CONTENT, f'{self._axis} has no parameter {parameter.name}')
         idn = OF_PARAMETER.get(parameter.name)
@@ -58,14 +49,14 @@ class DriveParameters:
                     continue
                 answer = self._register.write(WRITABLE[parameter.name], float(parameter.value), Phase.CP4)
                 if answer.error:
-                    self._register.restore(before)  # all of them or none
+                    self._register.restore(before)  # all or none
                     return SetParametersResult(successful=False, reason=self._register.refusal)
         finally:
             self._setting = False
         return SetParametersResult(successful=True)
 
     def follow(self, parameters: Parameters, cycle: int) -> None:
-        """Keep the ROS parameters equal to those that were written in a bus cycle."""
+        """Update the ROS parameters to the values written in a bus cycle."""
         values = flatten(parameters)
         changed = [
             Parameter(name, value=values[name])

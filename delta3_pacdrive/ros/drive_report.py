@@ -1,4 +1,4 @@
-"""What people are told of a drive: its faults, whom it waits for, and ``/diagnostics`` once a second."""
+"""Reports of a drive: log of faults and missing partners, and ``/diagnostics`` once a second."""
 
 from typing import Any
 
@@ -12,21 +12,12 @@ from delta3_pacdrive.ros.diagnostics import Health
 from delta3_pacdrive.ros.drive_telegrams import DriveTelegrams
 from delta3_pacdrive.ros.robot_node import RobotNode
 
-HEALTH_EVERY = 4  # looks between two diagnostics
-PARTNERS = {'plant/motor_shafts': 'plant', 'sercos/mdt': 'transformation_task'}  # by what they publish
+HEALTH_EVERY = 4  # updates between two diagnostics
+PARTNERS = {'plant/motor_shafts': 'plant', 'sercos/mdt': 'transformation_task'}  # by published topic
 
 
 class DriveReport:
-    """The report says what has changed since the last look.
-
-    Parameters
-    ----------
-    node, axis
-        Of the drive.
-    bus_drive, telegrams
-        What is told of.
-
-    """
+    """Logs what has changed since the last update."""
 
     def __init__(self, node: RobotNode, axis: str, bus_drive: BusDrive, telegrams: DriveTelegrams) -> None:
         self._node, self._axis, self._bus_drive, self._telegrams = node, axis, bus_drive, telegrams
@@ -36,16 +27,16 @@ class DriveReport:
         self._waiting = ''
         self._looks = 0
 
-    def look(self) -> None:
-        """Tell what there is to tell."""
-        self._tell_fault(self._bus_drive.drive.fault)
+    def update(self) -> None:
+        """Log a change of fault or partners, and publish diagnostics if due."""
+        self._log_fault(self._bus_drive.drive.fault)
         self._looks += 1
         if self._looks % HEALTH_EVERY == 0 and self._health.wanted:
             self._send_health()
         if not self._bus_drive.slave.cyclic:
-            self._tell_missing()
+            self._log_missing()
 
-    def _tell_fault(self, fault: DriveFault) -> None:
+    def _log_fault(self, fault: DriveFault) -> None:
         if fault == self._fault:
             return
         self._fault = fault
@@ -54,15 +45,15 @@ class DriveReport:
         else:
             self._log.info(f'{self._axis}: fault cleared')
 
-    def _tell_missing(self) -> None:
-        missing = [who for topic, who in PARTNERS.items() if not self._node.count_publishers(topic)]
+    def _log_missing(self) -> None:
+        missing = [node for topic, node in PARTNERS.items() if not self._node.count_publishers(topic)]
         waiting = f'waiting for {missing[0]}' if missing else ''
         if waiting != self._waiting:
             self._waiting = waiting
-            self._log.info(f'{self._axis}: {waiting or "all partners are there"}')
+            self._log.info(f'{self._axis}: {waiting or "all partners are available"}')
 
     def facts(self) -> dict[str, Any]:
-        """What the drive says of itself, by SERCOS names."""
+        """Return the state of the drive by SERCOS names, with error counters."""
         counted = {
             'late_telegrams': self._bus_drive.clock.late,
             'refused_telegrams': self._telegrams.refused,

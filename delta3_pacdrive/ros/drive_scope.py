@@ -1,7 +1,7 @@
-"""The oscilloscope of a drive on the graph: armed by a request, it publishes samples until nobody asks any more.
+"""Server of a drive's oscilloscope: a request arms it, and it publishes samples until requests stop.
 
-Who asks repeats his request once a second. A drive serves one oscilloscope at a time: reading needs no control, but a
-second one is refused with the name of the first. While none is armed, nothing is added to the cycle.
+Clients repeat their request once a second. A drive serves one oscilloscope at a time and does not require control; it
+rejects a second client with the name of the first. An idle oscilloscope costs no time in the cycle.
 """
 
 import array
@@ -21,26 +21,26 @@ from delta3_pacdrive.ros.interfaces import SCOPE_ANSWER, SCOPE_REQUEST, SCOPE_SA
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.configuration_check import NO_TOOL_DRIVE, TOOL_DRIVE
 
-GIVEN_UP_S = 5.0  # without a request, after which an oscilloscope is disarmed
+GIVEN_UP_S = 5.0  # without a request before an oscilloscope is disarmed
 IDENTITY_MAX, NAME_MAX = 32, 100
 DECIMATION_MAX = 16_000
-TRIGGERS_MAX = 1  # channels beside those that are shown
+TRIGGERS_MAX = 1  # channels in addition to those shown
 REQUEST_BYTES_MAX = 8192
 
 
 @dataclass(frozen=True)
 class ScopeRequest:
-    """A request for samples of a drive; without channels it asks for none any more."""
+    """A request for samples of a drive; an empty list of channels ends it."""
 
     identity: str
     name: str
     channels: tuple[str, ...]
     decimation: int
-    axes: tuple[str, ...]  # whose drives are asked
+    axes: tuple[str, ...]  # of the requested drives
 
     @staticmethod
     def read(text: str, axis: str) -> 'ScopeRequest':
-        """Read what a request asks of an axis; raises TelegramError."""
+        """Parse the part of a request that concerns an axis; raises TelegramError."""
         try:
             document = json.loads(text)
             identity, name = document['scope'], document['name']
@@ -48,29 +48,20 @@ class ScopeRequest:
             channels = axes.get(axis, [])
             texts = [identity, name, *channels]
         except (ValueError, RecursionError, KeyError, TypeError, AttributeError):
-            raise TelegramError(f'{shown(text[:80])} is no request for an oscilloscope') from None
+            raise TelegramError(f'{shown(text[:80])} is not a valid oscilloscope request') from None
         if not all(isinstance(one, str) for one in texts) or not 0 < len(identity) <= IDENTITY_MAX:
-            raise TelegramError(
-                'a request for an oscilloscope needs texts for its identity, name and channels'
-            )
+            raise TelegramError('an oscilloscope request needs identity, name and channels as text')
         if type(decimation) is not int or not 1 <= decimation <= DECIMATION_MAX:
-            raise TelegramError(f'the decimation of an oscilloscope is a number up to {DECIMATION_MAX}')
+            raise TelegramError(
+                f'the decimation of an oscilloscope must be an integer up to {DECIMATION_MAX}'
+            )
         if len(channels) > SCOPE_CHANNELS_MAX + TRIGGERS_MAX:
             raise TelegramError(f'an oscilloscope shows at most {SCOPE_CHANNELS_MAX} channels')
         return ScopeRequest(identity, name[:NAME_MAX], tuple(channels), decimation, tuple(axes))
 
 
 class DriveScopeServer:
-    """The drive serves an oscilloscope.
-
-    Parameters
-    ----------
-    node, axis, bus_drive
-        The drive.
-    drives
-        Names of all drives of its robot.
-
-    """
+    """Serves the oscilloscope of one drive; ``drives`` names all drives of the robot."""
 
     def __init__(self, node: RobotNode, axis: str, bus_drive: BusDrive, drives: Sequence[str]) -> None:
         self._node, self._axis, self._bus_drive, self._drives = node, axis, bus_drive, drives
@@ -139,7 +130,7 @@ class DriveScopeServer:
         self._layout.dim[0].size, self._layout.dim[0].stride = rows, block.values.size
         self._samples.publish(Float64MultiArray(layout=self._layout, data=data))
 
-    def look(self) -> None:
-        """Give up an oscilloscope that nobody asks for any more."""
+    def update(self) -> None:
+        """Disarm the oscilloscope if its client has stopped sending requests."""
         if self._served is not None and time.monotonic() - self._asked_s > GIVEN_UP_S:
             self._disarm()

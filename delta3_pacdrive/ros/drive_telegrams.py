@@ -1,4 +1,4 @@
-"""The cyclic telegrams of one drive: commands and true shafts come in, answers and currents go out.
+"""Cyclic telegrams of one drive.
 
 In: ``sercos/mdt`` (commands), ``plant/motor_shafts`` (true shafts). Out: ``sercos/at/axisN`` (encoder, status),
 ``axisN/motor_current`` (I_eff of every current-loop period), ``axisN/phase_current`` (I1s, I2s, I3s, on request).
@@ -25,23 +25,7 @@ RESTING = int(Status.READY_FOR_POWER)  # status word before cyclic operation
 
 
 class DriveTelegrams:
-    """The telegrams are sent as the drive asks for it, and received once there is one: see ``receive_for``.
-
-    Parameters
-    ----------
-    node
-        Publishes and subscribes.
-    parameters, index
-        Of the robot; number of the axis, from 0 on.
-
-    Attributes
-    ----------
-    publish_at
-        Sends an AT, given as bytes.
-    refused
-        How many telegrams were.
-
-    """
+    """Sends the telegrams of a drive, and receives them after ``receive_for``; ``index`` of the axis is 0-based."""
 
     def __init__(self, node: RobotNode, parameters: Parameters, index: int) -> None:
         bus = parameters.bus
@@ -50,10 +34,10 @@ class DriveTelegrams:
         self._cycles, self._exchanges = Clock(bus.cycle_time_s), Clock(bus.exchange_period_s)
         self._samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
         self._bus_drive: BusDrive
-        self.refused = 0
+        self.refused = 0  # rejected telegrams
         self._greeted = False
-        self._frame = b''  # of the last MDT: it rarely changes
-        self._words = (0, 0, 0.0)  # its control word, word of the service channel and payload
+        self._frame = b''  # of the last MDT; rarely changes
+        self._words = (0, 0, 0.0)  # control word, service channel word and payload of that frame
         self._newest_current = b''
         self._current_frames: dict[tuple[bool, float], bytes] = {}
         self._torques = parameters.sends_torque  # whether an MDT commands them
@@ -61,18 +45,18 @@ class DriveTelegrams:
         self._at = cdr.codec(telegrams.at(self._axis))
         self._current = cdr.codec(telegrams.motor_current(self._axis, self._samples))
         self._shaft = cdr.codec(telegrams.shafts(drives))
-        self.publish_at = cdr.raw_publish(AT.publisher(node, self._axis))
+        self.publish_at = cdr.raw_publish(AT.publisher(node, self._axis))  # takes an encoded AT
         self._publish_current = cdr.raw_publish(MOTOR_CURRENT.publisher(node, self._axis))
         self._phases = Output(node, PHASE_CURRENT, self._axis)
 
     def receive_for(self, bus_drive: BusDrive) -> None:
-        """Receive for a drive from now on."""
+        """Start receiving for a drive."""
         self._bus_drive = bus_drive
         MDT.subscription(self._node, self._on_mdt, raw=True)
         MOTOR_SHAFTS.subscription(self._node, self._on_shafts, raw=True)
 
     def refuse(self, reason: str) -> None:
-        """Count and say that a telegram was refused."""
+        """Count and log a rejected telegram."""
         self.refused += 1
         self._node.get_logger().warning(reason, throttle_duration_sec=1.0)
 
@@ -82,11 +66,11 @@ class DriveTelegrams:
         return greeted
 
     def forget(self) -> None:
-        """Forget frames of the session before."""
+        """Clear the cached frames of the previous session."""
         self._frame = self._newest_current = b''
         self._current_frames.clear()
 
-    # what comes in ----------------------------------------------------------------------------------------------------
+    # reception --------------------------------------------------------------------------------------------------------
 
     def _on_mdt(self, data: bytes) -> None:
         bus_drive = self._bus_drive
@@ -136,7 +120,7 @@ class DriveTelegrams:
             frame = telegrams.current_frame(False, 0.0, session)
             self._publish_current(self._current.encode(ACYCLIC, frame, (0.0,) * self._samples))
 
-    # what goes out ----------------------------------------------------------------------------------------------------
+    # transmission -----------------------------------------------------------------------------------------------------
 
     def send_answer(self, cycle: int, status: int) -> None:
         """Send the AT of a bus cycle."""

@@ -1,21 +1,21 @@
-"""Values of drives by axis and IDN, through the service channel of a robot that is up."""
+"""Access to drive values by axis and IDN through the service channel of a running robot."""
 
 from typing import Protocol
 
 from delta3_pacdrive.controller.service_texts import value_in
 
 
-class Asks(Protocol):
-    """Who asks the drives, as an operator does."""
+class ServiceChannel(Protocol):
+    """A client of the service channel, such as an operator."""
 
     def drive(self, request: str) -> str:
-        """Return the sentence that a request is answered with; raises ProgramError if it is refused."""
+        """Return the reply to a request; raises ProgramError if it is rejected."""
 
 
 class DriveValues:
-    """The values are read and written one after the other; raises ProgramError where a drive refuses."""
+    """Reads and writes values one at a time; raises ProgramError if a drive rejects the access."""
 
-    def __init__(self, operator: Asks) -> None:
+    def __init__(self, operator: ServiceChannel) -> None:
         self._operator = operator
 
     def read(self, axis: str, idn: str) -> float:

@@ -1,11 +1,11 @@
-"""Injected faults on the graph: the transformation task accepts them, and every node carries out its own.
+"""Injected faults: the transformation task schedules them, and every node executes its own.
 
-Service of the transformation task: ``inject_fault`` (diagnostic_msgs/AddDiagnostics: the request is a fault in YAML, as
-in program files; the response says whether it is accepted, and for which bus cycle. Before it may
-stand a mark of the asker's own choice, "#3fa9 {fault: ...}": what is asked for again with the same mark is answered as
-before, and injected once: a response may be lost). Topic: ``faults/schedule``
-(String, JSON), from the transformation task to all nodes, one message for each accepted fault, with the session of the
-bus and its number in it: what is received a second time, or in another session, concerns nobody.
+Service ``inject_fault`` of the transformation task (diagnostic_msgs/AddDiagnostics): the request is a fault in YAML, as
+in program files; the response reports whether it is accepted, and from which bus cycle it applies. The request may
+start with a mark chosen by the client, "#3fa9 {fault: ...}": a repeated request with the same mark gets the same
+response and is injected once, because a response may be lost.
+Topic ``faults/schedule`` (String, JSON), from the transformation task to all nodes: one message per accepted fault,
+with the session of the bus and a serial number; nodes ignore repeated messages and other sessions.
 """
 
 import json
@@ -32,25 +32,18 @@ from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.sercos.configuration_check import TOOL_DRIVE
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
-LEAD_CYCLES = 60  # from acceptance to the earliest effect: every node knows of it by then
+LEAD_CYCLES = 60  # from acceptance to the earliest effect: by then every node has received the fault
 REQUEST_MAX = 10_000  # characters
-ANSWERS_MAX = 100  # that are kept for who asks again
+ANSWERS_MAX = 100  # kept for repeated requests
 
 
 class FaultInjection:
-    """The transformation task accepts faults by it, and tells all nodes.
-
-    Parameters
-    ----------
-    node, controller
-        Of the transformation task.
-
-    """
+    """Accepts faults in the transformation task and publishes them to all nodes."""
 
     def __init__(self, node: Node, controller: RobotController, cycle_time_s: float) -> None:
         self._node, self._controller, self._cycle_time_s = node, controller, cycle_time_s
         self.accepted = 0
-        self._answers: dict[str, tuple[bool, str]] = {}  # by the mark of the request, the oldest first
+        self._answers: dict[str, tuple[bool, str]] = {}  # by the mark of the request, oldest first
         self._schedule = FAULT_SCHEDULE.publisher(node)
         INJECT_FAULT.servers(node, self._on_request)
 
@@ -61,13 +54,13 @@ class FaultInjection:
         if mark not in self._answers:
             self._answers[mark] = self._answer(text)
         response.success, response.message = self._answers[mark]
-        self._answers.pop('', None)  # without a mark each request is one of its own
+        self._answers.pop('', None)  # a request without a mark is never a repetition
         if len(self._answers) > ANSWERS_MAX:
             del self._answers[next(iter(self._answers))]
         return response
 
     def _answer(self, text: str) -> tuple[bool, str]:
-        """Return (whether a fault is accepted, the sentence that says so or why not)."""
+        """Return whether a fault is accepted, and the confirmation or the reason of the rejection."""
         try:
             if len(text) > REQUEST_MAX:
                 raise ProgramError(f'the fault has {len(text)} characters, the limit is {REQUEST_MAX}')
@@ -83,7 +76,7 @@ class FaultInjection:
         return True, f'{fault.text} from bus cycle {scheduled.first} on'
 
     def check(self, faults: Sequence[Fault]) -> None:
-        """Refuse faults that cannot be carried out; raises ProgramError."""
+        """Raise ProgramError for faults that cannot be injected."""
         self._require_axes(faults)
         for fault in faults:
             if fault.kind in PROCESS_FAULTS and not node_process.is_separate():
@@ -93,7 +86,7 @@ class FaultInjection:
         require_axes(faults, rotary=TOOL_DRIVE in self._controller.services.drives)
 
     def inject(self, faults: Sequence[Fault], cycle: int) -> list[Scheduled]:
-        """Announce faults whose times count from a bus cycle; raises ProgramError."""
+        """Publish faults whose times are relative to a bus cycle; raises ProgramError."""
         self.check(faults)
         placed = [Scheduled.of(fault, cycle, self._cycle_time_s) for fault in faults]
         for scheduled in placed:
@@ -107,33 +100,28 @@ class FaultInjection:
 
 
 def read_schedule(text: str) -> tuple[str, Any, Scheduled]:
-    """Return (session, its number in it, fault) of a message of ``faults/schedule``; raises ProgramError."""
+    """Return session, serial number and fault of a message of ``faults/schedule``; raises ProgramError."""
     try:
         document = json.loads(text)
         if not isinstance(document, dict):
-            raise ProgramError(f'{shown(document)} is no fault')
+            raise ProgramError(f'{shown(document)} is not a valid fault')
         session, serial = document.pop('session', ''), document.pop('serial', 0)
         return session, serial, Scheduled.from_document(document)
     except (ValueError, RecursionError, OverflowError) as error:
-        raise ProgramError(f'no fault: {shown(str(error))}') from None
+        raise ProgramError(f'invalid fault: {shown(str(error))}') from None
 
 
 class Faults(Schedule):
-    """The faults of one node, as the master schedules them.
+    """The scheduled faults of one node.
 
     Parameters
     ----------
-    node, name
-        The node, and its name as a target of faults.
+    name
+        Name of the node as a target of faults.
     cycle
-        Returns the bus cycle that the node is in.
+        Returns the current bus cycle of the node.
     session
-        Returns the session that the node belongs to; without one no fault is for it.
-
-    Attributes
-    ----------
-    late
-        Faults that were received after their first cycle.
+        Returns the session of the node; without one all faults are ignored.
 
     """
 
@@ -143,7 +131,7 @@ class Faults(Schedule):
         super().__init__()
         self._node, self._name, self._cycle, self._session = node, name, cycle, session
         self._serials = Numbering()
-        self.late = 0
+        self.late = 0  # faults received after their first cycle
         FAULT_SCHEDULE.bounded_subscription(node, self._on_schedule, REQUEST_MAX)
 
     def _on_schedule(self, message: String) -> None:
@@ -152,19 +140,19 @@ class Faults(Schedule):
         if own == NO_SESSION.decode() or session != own:
             raise ProgramError(f'a fault of session {shown(session)} is not for {self._name}, in {own}')
         if not isinstance(serial, int) or not self._serials.is_new(own, serial):
-            raise ProgramError(f'fault {shown(serial)} of session {own} was heard before')
+            raise ProgramError(f'fault {shown(serial)} of session {own} was received before')
         if not applies_to(scheduled.fault, self._name):
             return
         if scheduled.first < self._cycle():
             self.late += 1
             self._node.get_logger().warning(
-                f'{self._name}: heard of {scheduled.fault.text} after bus cycle {scheduled.first}'
+                f'{self._name}: received {scheduled.fault.text} after bus cycle {scheduled.first}'
             )
         self.forget_telegrams_before(self._cycle() - LEAD_CYCLES)
         self.add(scheduled)
 
     def due(self, cycle: int) -> list[tuple[Fault, bool]]:
-        """Return what begins or ends by a cycle; a fault of this process happens at once."""
+        """Return the faults that begin or end by a cycle; faults of this process are executed here."""
         changes = super().due(cycle)
         for fault, begins in changes:
             self._node.get_logger().warning(

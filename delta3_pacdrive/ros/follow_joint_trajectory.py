@@ -1,8 +1,8 @@
-"""The action ``~/follow_joint_trajectory`` of the planner's node, as the joint_trajectory_controller offers it.
+"""The action ``~/follow_joint_trajectory`` of the planner's node, compatible with joint_trajectory_controller.
 
-A goal is the same request as a message on ``joint_trajectory``, with tolerances of its own; the same rules hold. It is
-accepted once it is planned, and rejected if the planner refuses it. Its result is sent when the robot takes the next
-one. The action is there where ``control_msgs`` is.
+A goal is handled like a message on ``joint_trajectory``, with its own tolerances. It is accepted once it is planned,
+and rejected if the planner rejects it. Its result is sent when the robot can take the next goal. The action is offered
+if ``control_msgs`` is installed.
 """
 
 import time
@@ -29,20 +29,20 @@ from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 NAME = '~/follow_joint_trajectory'
-# names of the error codes of a result; every other end is that of an invalid goal
+# error codes of a result; every other failure ends as an invalid goal
 SUCCESSFUL, INVALID_GOAL = 'SUCCESSFUL', 'INVALID_GOAL'
 ERROR_CODES: dict[Code | Arrival, str] = {
     Arrival.OFF_PATH: 'PATH_TOLERANCE_VIOLATED',
     Arrival.OFF_GOAL: 'GOAL_TOLERANCE_VIOLATED',
 }
-# fields of a goal that this robot has nothing for; older definitions lack some
-STOP_S = 5.0  # for the robot to come to rest after a goal that has failed
+# fields of a goal that this robot does not support; older definitions lack some
+STOP_S = 5.0  # for the robot to come to rest after a failed goal
 Answer = Callable[[bool], None]
 UNKNOWN = ('component_path_tolerance', 'component_goal_tolerance')
 
 
 def action_type() -> Any | None:
-    """Return the type of the action, None where ``control_msgs`` is not installed."""
+    """Return the type of the action, None if ``control_msgs`` is not installed."""
     try:
         from control_msgs.action import FollowJointTrajectory as Action
     except ImportError:
@@ -51,24 +51,17 @@ def action_type() -> Any | None:
 
 
 def error_code_of(code: Code | Arrival) -> str:
-    """Return the name of the error code with which a goal ends that was given up for a reason."""
+    """Return the name of the error code for the reason of a failure."""
     return ERROR_CODES.get(code, INVALID_GOAL)
 
 
 def trajectory_request(goal: Any, default: Tolerances) -> TrajectoryRequest:
-    """Return what a goal asks for.
-
-    Parameters
-    ----------
-    goal
-        Of the action.
-    default
-        Tolerances that count where the goal names none.
+    """Convert a goal to a request; ``default`` has the tolerances for fields that the goal leaves empty.
 
     Raises
     ------
     ProgramError
-        Names, sizes or numbers are none of a trajectory for this robot.
+        Names, sizes or numbers are not valid for this robot.
 
     """
     multi_dof = getattr(goal, 'multi_dof_trajectory', None)
@@ -79,7 +72,7 @@ def trajectory_request(goal: Any, default: Tolerances) -> TrajectoryRequest:
             raise ProgramError(f'{name} is not supported')
     request = joint_trajectory(goal.trajectory)
     if not request.points:
-        raise ProgramError('the trajectory has no points; who wants to stop cancels the goal')
+        raise ProgramError('the trajectory has no points; to stop, cancel the goal')
     time = goal.goal_time_tolerance
     tolerances = replace(
         default,
@@ -97,20 +90,20 @@ def _positions(asked: Any, default: tuple[float, float, float], what: str) -> tu
     for tolerance in asked:
         name = tolerance.name
         if name not in found:
-            raise ProgramError(f'{what} is of {shown(name)}, but the joints are {", ".join(DRIVES)}')
+            raise ProgramError(f'{what} names {shown(name)}, but the joints are {", ".join(DRIVES)}')
         for kind in ('velocity', 'acceleration'):
             value = getattr(tolerance, kind)
             if value not in (0.0, ERASED):
-                raise ProgramError(f'{what} of {name} has {kind} {value:g}, but only positions are watched')
+                raise ProgramError(f'{what} of {name} has {kind} {value:g}, but only positions are supported')
         found[name] = overridden(found[name], tolerance.position, f'{what} of {name}')
     first, second, third = found.values()
     return first, second, third
 
 
 class _DeferredServer(ActionServer):
-    """A server that accepts or rejects a goal, and ends it, when it is told to; there are no callbacks that wait.
+    """An action server that accepts, rejects and finishes goals on command, without blocking callbacks.
 
-    ``consider`` is called with a goal and with a function that answers it: whether it is accepted.
+    ``consider`` is called with a goal and with a function that accepts or rejects it.
     """
 
     def __init__(
@@ -126,62 +119,34 @@ class _DeferredServer(ActionServer):
             response = GoalResponse.ACCEPT if accepted else GoalResponse.REJECT
             self.register_goal_callback(lambda _: response)
             rest = super(_DeferredServer, self)._execute_goal_request(asked)
-            with suppress(StopIteration):  # nothing in it waits
+            with suppress(StopIteration):  # it never awaits
                 rest.send(None)
 
         self._consider(asked[1].goal, answer)
 
     def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
-        """Run a callback that was given for this goal; there is none for all."""
+        """Run the callback of this goal; there is no common one."""
         if execute_callback is not None:
             super().notify_execute(goal_handle, execute_callback)
 
     def end(self, handle: Any, result: Any) -> None:
-        """Send the result of a goal in its last state."""
+        """Send the result of a goal in its terminal state."""
         self.notify_execute(handle, lambda _: result)
 
 
 @dataclass
 class _Goal:
-    """A goal, its request, and how far both are.
-
-    Attributes
-    ----------
-    handle
-        None until the goal is accepted.
-    done
-        Whether the trajectory was driven to its end.
-    stopped
-        Whether its stop was asked for.
-    ending
-        Error code, sentence and latest time [s] of its result, which waits until the robot takes the next goal.
-
-    """
+    """A goal, its request and their states."""
 
     request: Request
-    handle: Any = None
-    done: bool = False
-    stopped: bool = False
-    ending: tuple[str, str, float] | None = None
+    handle: Any = None  # None until the goal is accepted
+    done: bool = False  # the trajectory was executed to its end
+    stopped: bool = False  # a stop was requested
+    ending: tuple[str, str, float] | None = None  # error code, message and latest time [s] of the result
 
 
 class FollowJointTrajectory:
-    """The action of one planner.
-
-    Parameters
-    ----------
-    node
-        Offers it.
-    action
-        Its type.
-    planner, operators
-        Of the same node.
-    tolerances
-        Those of goals that name none.
-    cycles
-        Clock of the bus.
-
-    """
+    """The action server of one planner; ``tolerances`` apply to goals that specify none."""
 
     def __init__(
         self,
@@ -196,7 +161,7 @@ class FollowJointTrajectory:
         self._planner, self._operators = planner, operators
         self._tolerances, self._cycles = tolerances, cycles
         self._goals: dict[str, _Goal] = {}  # by the identity of the request
-        self._told = -1  # newest bus cycle of the feedback
+        self._reported_cycle = -1  # newest bus cycle of the feedback
         self._server = _DeferredServer(
             node,
             action,
@@ -204,14 +169,14 @@ class FollowJointTrajectory:
             handle_accepted_callback=self._begin,
             cancel_callback=self._on_cancel,
         )
-        self._accepted: _Goal | None = None  # the one whose handle comes next
+        self._accepted: _Goal | None = None  # its handle is passed to ``_begin`` next
 
     def destroy(self) -> None:
-        """Take the action away."""
+        """Remove the action from the graph."""
         self._server.destroy()
 
     def _consider(self, goal: Any, answer: Answer) -> None:
-        """Pass a goal on; the planner decides whether it is accepted."""
+        """Pass a goal to the planner, which accepts or rejects it."""
         try:
             request = trajectory_request(goal, self._tolerances)
         except ProgramError as error:
@@ -235,7 +200,7 @@ class FollowJointTrajectory:
             self._accepted.handle, self._accepted = handle, None
 
     def report(self, report: RequestReport) -> None:
-        """Take what has become of a request."""
+        """Update the goal of a request with its reported state."""
         goal = self._goals.get(report.id)
         if goal is None:
             return
@@ -245,18 +210,18 @@ class FollowJointTrajectory:
             self._fail(goal, error_code_of(Code.of(report.code)), report.sentence)
 
     def settle(self, identity: str, arrival: Arrival, reason: Reason | None) -> None:
-        """Take whether the trajectory of a request has kept its tolerances."""
+        """Fail the goal of a request if its trajectory violated a tolerance."""
         goal = self._goals.get(identity)
         if goal is not None and reason is not None:
             self._fail(goal, error_code_of(arrival), reason.sentence)
 
     def _fail(self, goal: _Goal, error_code: str, sentence: str) -> None:
-        """Let a goal end with an error; the first one counts."""
+        """Mark a goal as failed; the first failure counts."""
         if goal.ending is None:
             goal.ending = error_code, sentence, time.monotonic() + STOP_S
 
-    def look(self) -> None:
-        """Tell how far a goal is, end those that are reached, stop those that are cancelled."""
+    def update(self) -> None:
+        """Publish feedback, finish goals that are reached, stop goals that are cancelled."""
         for identity, goal in list(self._goals.items()):
             if goal.handle is None:
                 continue
@@ -265,7 +230,7 @@ class FollowJointTrajectory:
                 if self._planner.is_at_rest or time.monotonic() > latest_s:
                     self._end(goal, error_code, sentence)
             elif goal.done and not self._planner.trajectory.settles(identity):
-                self._end(goal, SUCCESSFUL, 'the arms have come to the goal')
+                self._end(goal, SUCCESSFUL, 'the arms have reached the goal')
             elif goal.handle.is_cancel_requested:
                 self._stop(goal)
         running = next(
@@ -273,8 +238,8 @@ class FollowJointTrajectory:
             None,
         )
         followed = self._planner.trajectory.followed() if running is not None else None
-        if running is not None and followed is not None and followed.cycle > self._told:
-            self._told = followed.cycle
+        if running is not None and followed is not None and followed.cycle > self._reported_cycle:
+            self._reported_cycle = followed.cycle
             running.handle.publish_feedback(self._feedback(followed))
 
     def _feedback(self, followed: TrajectoryState) -> Any:
@@ -290,7 +255,7 @@ class FollowJointTrajectory:
     # cancel -----------------------------------------------------------------------------------------------------------
 
     def _on_cancel(self, handle: Any) -> Any:
-        """Let a goal be cancelled unless somebody else has control of the robot; the next look does it."""
+        """Accept a cancellation unless another client has control; ``update`` executes it."""
         try:
             self._planner.require_control(self._operators.request('trajectory', ''))
         except RefusedError as error:
@@ -299,7 +264,7 @@ class FollowJointTrajectory:
         return CancelResponse.ACCEPT
 
     def _stop(self, goal: _Goal) -> None:
-        """Stop a goal on its path, once."""
+        """Stop a goal on its path."""
         if goal.done:
             self._end(goal, SUCCESSFUL, 'cancelled at the end of the trajectory')
         elif not goal.stopped:
@@ -328,7 +293,7 @@ class FollowJointTrajectory:
 
 
 def _point(time_s: float, *rows: Any) -> JointTrajectoryPoint:
-    """Return angles, speeds and accelerations, as far as they are known, as a message."""
+    """Return a point with the given ones of positions, velocities and accelerations."""
     point = JointTrajectoryPoint()
     since = point.time_from_start
     since.sec, since.nanosec = divmod(round(time_s * NANOSECONDS), NANOSECONDS)

@@ -1,4 +1,4 @@
-"""The master's end of ``sercos/at/io``: takes inputs off the wire and refuses what is none of its session."""
+"""Reception of ``sercos/at/io`` by the master: decodes inputs and rejects telegrams of other sessions."""
 
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.ros import cdr
@@ -9,10 +9,10 @@ from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 
 class InputReceiver(CellReceiver):
-    """The master reads here what the inputs are in each bus cycle."""
+    """Receives the inputs for the master, in every bus cycle."""
 
     topic = INPUTS
-    _names: tuple[str, ...] = ()  # that the codec is made for
+    _names: tuple[str, ...] = ()  # for which the codec was built
 
     def _expected(self) -> int:
         return self._controller.cycles.inputs.expected

@@ -1,7 +1,7 @@
 """The table of interfaces: every topic and service of a robot.
 
-Publishers, subscriptions, the recorder, the check for a second writer and the table in the documentation come from it.
-Names are relative; a name with ``axisN`` stands for three topics, and for a fourth one where there is a rotary axis.
+Publishers, subscriptions, recorder, the check for a second writer and the documentation are derived from it. Names are
+relative; ``axisN`` represents three topics, or four with a rotary axis.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ from visualization_msgs.msg import MarkerArray
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
 from delta3_pacdrive.recording.carried import TELEGRAM_SIGNALS
 from delta3_pacdrive.ros import cdr, discovery, qos
-from delta3_pacdrive.ros.deferred_service import Tell, create_deferred_service
+from delta3_pacdrive.ros.deferred_service import Respond, create_deferred_service
 from delta3_pacdrive.ros.polling import PollingNode, Taken
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
@@ -39,35 +39,28 @@ TASK, PLANNER, DRIVE, PLANT = 'transformation_task', 'unit_robot', 'mc4_drive', 
 RECORDER, VISUALIZATION, OPERATOR = 'recorder', 'robot_visualization', 'operator'
 SCRIPT = 'script'
 EVERY_AXIS = 'axisN'
-TEXT_BYTES_MAX = 64 * 1024  # of an ordinary message; its reader may allow more
+TEXT_BYTES_MAX = 64 * 1024  # default size limit of a message
 PROGRAM_BYTES_MAX = 1024 * 1024
-REQUEST_BYTES_MAX = 2 * PROGRAM_BYTES_MAX  # of a request to the planner, in which characters may be escaped
+REQUEST_BYTES_MAX = 2 * PROGRAM_BYTES_MAX  # of a request to the planner, with escaped characters
 
 
 @dataclass(frozen=True)
 class Delivery:
-    """Messages of a topic reach their readers in this way, for this reason.
-
-    Attributes
-    ----------
-    publisher, subscription
-        What the writer offers, and what readers of the robot ask for.
-
-    """
+    """Quality of service of a topic, with its reason."""
 
     name: str
-    publisher: QoSProfile
-    subscription: QoSProfile
+    publisher: QoSProfile  # offered by the writer
+    subscription: QoSProfile  # requested by readers within the robot
     reason: str
 
     @property
     def robot(self) -> QoSProfile:
-        """What the robot asks for, from this machine or from others."""
+        """Profile of readers within the robot, on one host or several."""
         return qos.CYCLIC_FROM_AFAR if self is CYCLIC and discovery.exposure() else self.subscription
 
     @property
     def recorder(self) -> QoSProfile:
-        """What the recorder asks for."""
+        """Profile of the recorder."""
         if self is PLAN:
             return qos.PLAN_LATECOMER
         if self in (LATCHED, LATCHED_FROM_MANY, FACTS):
@@ -76,7 +69,7 @@ class Delivery:
 
     @property
     def view(self) -> QoSProfile:
-        """What those ask for who only look, and hold nobody up: what is too much for them is not drawn."""
+        """Profile of viewers, which may skip messages."""
         return qos.PLAN_SHOWN if self is PLAN else self.subscription
 
 
@@ -84,48 +77,49 @@ CYCLIC = Delivery(
     'cyclic',
     qos.CYCLIC_PUBLISHER,
     qos.CYCLIC_SUBSCRIPTION,
-    'Any client may ask for reliable delivery, and lag by as many cycles as the queue is deep. The robot itself asks '
-    'for best effort: on one machine the flow control of the bus (at most 16 outstanding cycles) keeps queues from '
-    "overflowing, so that acknowledgements, a third of the bus's processor time, buy nothing. A telegram that is lost "
-    'all the same is seen by its stamp, as on a real SERCOS bus, where cyclic telegrams are never repeated either. '
-    'Where the robot goes beyond one machine it asks for reliable delivery: what a network loses is repeated.',
+    'Any client may request reliable delivery, and lag by as many cycles as the queue is deep. The robot itself uses '
+    'best effort: on one host the flow control of the bus (at most 16 outstanding cycles) keeps queues from '
+    "overflowing, so acknowledgements would cost a third of the bus's processor time without benefit. A lost telegram "
+    'is detected by its stamp, as on a real SERCOS bus, where cyclic telegrams are never repeated either. '
+    'Across several hosts the robot uses reliable delivery, and telegrams lost by the network are repeated.',
 )
 CYCLIC_NEWEST = Delivery(
     'cyclic, newest', qos.CYCLIC_PUBLISHER, qos.NEWEST, 'The robot itself needs only the newest message.'
 )
-LATCHED = Delivery('latched', qos.LATCHED, qos.LATCHED, 'States and facts that latecomers need.')
+LATCHED = Delivery('latched', qos.LATCHED, qos.LATCHED, 'States and facts, also for late subscribers.')
 LATCHED_FROM_MANY = Delivery(
     'latched, many writers', qos.LATCHED, qos.LATCHED_FROM_MANY,
-    'The newest word of every participant, for latecomers as well.',
+    'The newest message of every participant, also for late subscribers.',
 )  # fmt: skip
 PLAN = Delivery(
     'plan', qos.PLAN_WRITER, qos.PLAN,
-    'Every move of a program comes at once and none may be missed. Recorders and views that join later get the newest '
-    'rows; the transformation task does not ask for them, since it must not take an old plan for a new one.',
+    'The moves of a program are published in one burst and none may be lost. Recorders and views that join later get '
+    'the newest rows; the transformation task does not request them, because it must not mistake an old plan for a new '
+    'one.',
 )  # fmt: skip
 CHANGE_OF_PLAN = Delivery(
     'change', qos.PLAN, qos.PLAN,
-    'No change of a motion profile may be missed; who joins later must not take an old one for new.',
+    'No change of a motion profile may be lost; a late subscriber must not mistake an old one for a new one.',
 )  # fmt: skip
 REQUEST = Delivery(
     'request', qos.REQUEST, qos.REQUEST,
-    'Requests of operators, in the order in which they were made, and the answers to them.',
+    'Requests of operators in their original order, and the replies.',
 )  # fmt: skip
 FAULTS = Delivery(
     'faults', qos.FAULTS, qos.FAULTS,
-    'No injected fault may be missed, however many a program holds; who joins later has nothing to do with them.',
+    'No injected fault may be lost, however many a program contains; late subscribers do not need them.',
 )  # fmt: skip
 FACTS = Delivery(
     'facts',
     qos.FACTS,
     qos.FACTS,
-    'What has happened, message by message, for who joins a little later as well.',
+    'Events, message by message, also for slightly late subscribers.',
 )
-REPORT = Delivery('report', qos.REPORT, qos.REPORT, 'Slow topics for people and tools.')
+REPORT = Delivery('report', qos.REPORT, qos.REPORT, 'Slow topics for users and tools.')
 SAMPLES = Delivery(
     'samples', qos.SAMPLES, qos.SAMPLES,
-    'Blocks of an oscilloscope, of which none may be missed; a drive waits for no reader, so one that lags by more '
-    'than the queue is deep loses some, counts them and refuses its record.',
+    'Blocks of an oscilloscope, of which none may be lost. A drive does not wait for readers: one that lags by more '
+    'than the queue is deep loses blocks, counts them and rejects its record.',
 )  # fmt: skip
 DELIVERIES = (
     CYCLIC,
@@ -144,77 +138,54 @@ DELIVERIES = (
 
 @dataclass(frozen=True)
 class Topic:
-    """A row of the table stands for one topic, or for one of each axis.
-
-    Attributes
-    ----------
-    name, type, delivery
-        Relative name, type of the messages, how they are delivered.
-    writers, readers
-        Names of nodes; recorder and operator are no readers that the robot needs.
-    content
-        What a message says.
-    rate
-        When messages come.
-    frame
-        Form of ``header.frame_id``, empty if it says nothing.
-    telegrams
-        Names and lengths of a message of fixed layout, for each axis.
-    one_writer
-        Whether a second writer keeps the bus in CP0.
-    recorded
-        Whether it is part of a recording.
-    answer
-        Field of ``controller.task_arrays.ANSWER`` that it tells in every cycle, empty if it tells none.
-
-    """
+    """A row of the table: one topic, or one per axis."""
 
     name: str
     type: type
     delivery: Delivery
-    writers: tuple[str, ...]
-    readers: tuple[str, ...]
+    writers: tuple[str, ...]  # names of nodes
+    readers: tuple[str, ...]  # that the robot requires: not recorder or operator
     content: str
     rate: str
-    frame: str = ''
-    telegrams: tuple[Telegram, ...] = ()
-    one_writer: bool = False
+    frame: str = ''  # format of ``header.frame_id``
+    telegrams: tuple[Telegram, ...] = ()  # fixed layout, per axis
+    one_writer: bool = False  # a second writer keeps the bus in CP0
     recorded: bool = False
-    answer: str = ''
+    answer: str = ''  # published field of ``controller.task_arrays.ANSWER``
 
     def of(self, axis: str = '') -> str:
-        """Return the name of the topic (of an axis)."""
+        """Return the name of the topic, or of that of an axis."""
         return self.name.replace(EVERY_AXIS, axis) if axis else self.name
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all topics for which this one stands, but for those that come with a rotary axis."""
+        """Names of all topics of this row without a rotary axis."""
         return tuple(self.of(axis) for axis in DRIVES) if EVERY_AXIS in self.name else (self.name,)
 
     def names_of(self, rotary: bool) -> tuple[str, ...]:
-        """Return the names of those topics of a robot with a rotary axis, or without one."""
+        """Return the names of all topics of this row on a robot with or without a rotary axis."""
         if EVERY_AXIS in self.name and rotary:
             return (*self.names, self.of(TOOL_DRIVE))
         return self.names if rotary or self.rate != ROTARY_RATE else ()
 
     @property
     def of_exchange(self) -> bool:
-        """Whether it comes once in an exchange between drives and plant."""
+        """Whether it is published once per exchange between drives and plant."""
         return self.rate == EXCHANGE
 
     @property
     def cyclic(self) -> bool:
-        """Whether a message of it comes in every bus cycle or exchange."""
+        """Whether it is published in every bus cycle or exchange."""
         return self.rate in (CYCLE, EXCHANGE, ROTARY_RATE)
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """Signals of a trace that it carries."""
+        """Signals of a trace that it contains."""
         return TELEGRAM_SIGNALS.get(self.telegrams[0], ()) if self.telegrams else ()
 
     @property
     def type_name(self) -> str:
-        """Name of the type, as the middleware has it."""
+        """ROS name of the message type."""
         return f'{self.type.__module__.split(".")[0]}/msg/{self.type.__name__}'
 
     def publisher(self, node: Node, axis: str = '', **options: Any) -> Publisher:
@@ -229,7 +200,7 @@ class Topic:
         raw: bool = False,
         profile: QoSProfile | None = None,
     ) -> Subscription:
-        """Create a subscription; ``raw`` gives the callback bytes."""
+        """Create a subscription; with ``raw`` the callback receives bytes."""
         return node.create_subscription(
             self.type, self.of(axis), callback, profile or self.delivery.robot, raw=raw
         )
@@ -242,9 +213,9 @@ class Topic:
         refuse: Callable[[str], None] | None = None,
         profile: QoSProfile | None = None,
     ) -> Subscription:
-        """Create a subscription; what is too large, or a Delta3Error that the callback raises, is said in one sentence.
+        """Create a subscription that rejects messages that are too large, invalid, or fail with a Delta3Error.
 
-        It goes to ``refuse``, or to the log, at most once a second.
+        The reason goes to ``refuse``, or to the log at most once a second.
         """
 
         def receive(data: bytes) -> None:
@@ -255,7 +226,7 @@ class Topic:
                     message = deserialize_message(data, self.type)
                 except (RuntimeError, ValueError, UnicodeDecodeError) as error:
                     raise TelegramError(
-                        f'a message is no {self.type.__name__}: {shown(str(error))}'
+                        f'a message is not a valid {self.type.__name__}: {shown(str(error))}'
                     ) from error
                 callback(message)
             except Delta3Error as error:
@@ -269,13 +240,13 @@ class Topic:
     def polled_subscription(
         self, node: PollingNode, axis: str = '', profile: QoSProfile | None = None
     ) -> Callable[[], Taken | None]:
-        """Create a subscription that nobody is woken by; the returned call takes the next serialised message."""
+        """Create a subscription that wakes no executor; the returned function takes the next serialised message."""
         return node.create_polled_subscription(self.type, self.of(axis), profile or self.delivery.robot)
 
 
 CYCLE, EXCHANGE, CHANGE, ASKED = 'every cycle', 'every exchange', 'on a change', 'on request'
 ROTARY_RATE = 'every cycle, if there is a rotary axis'
-JOINT_MOTION_RATE = 'every cycle, if the parameter `joint_motion` of the node asks for it'
+JOINT_MOTION_RATE = 'every cycle, if the parameter `joint_motion` of the node is true'
 _BASE = BASE_FRAME.decode()
 
 
@@ -287,7 +258,7 @@ def _telegram(
     recorded: bool = False,
     answer: str = '',
 ) -> Topic:
-    """Return a row of what the transformation task tells of every cycle."""
+    """Return the row of a telegram that the transformation task publishes in every cycle."""
     delivery, kind = CYCLIC_NEWEST if PLANNER in readers else CYCLIC, cdr.TYPES[telegram.type]
     row = Topic(telegram.topic, kind, delivery, (TASK,), readers, content, rate, _BASE, (telegram,))
     return replace(row, recorded=recorded, answer=answer)
@@ -303,7 +274,7 @@ PHASE = Topic(
 )
 PARTICIPANTS = Topic(
     'sercos/participants', DiagnosticStatus, LATCHED_FROM_MANY, (DRIVE, PLANT, PLANNER), (TASK,),
-    'who is there, since when, and with which parameters', CHANGE, recorded=True,
+    'identity, session and parameters of each participant', CHANGE, recorded=True,
 )
 MDT = Topic(
     'sercos/mdt', JointState, CYCLIC, (TASK,), (DRIVE, PLANT),
@@ -333,46 +304,46 @@ MOTOR_SHAFTS = Topic(
 )
 INPUTS = Topic(
     telegrams.INPUTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK, VISUALIZATION),
-    'I/O image: the inputs of a cell by name, sampled at the start of the cycle, 1 is on; the outputs of the MDT of a '
-    'cycle are there in the next one',
+    'I/O image: the inputs of a cell by name, sampled at the start of the cycle, 1 is on; outputs in the MDT of a '
+    'cycle take effect in the next one',
     'every cycle, if there is a cell with inputs', 'hhhh', one_writer=True, recorded=True,
 )
 BELTS = Topic(
     telegrams.BELTS_TOPIC, JointState, CYCLIC, (PLANT,), (TASK, VISUALIZATION),
-    'belts of a cell by name: as position the count of the encoder at the start of the cycle, as velocity how many '
-    'pictures the camera has taken; six efforts for each part that is told: number of the belt, of the type in the '
-    'cell file (-1: latched by the light barrier), count of that instant, place along and across [m], angle [rad]',
+    'belts of a cell by name: as position the encoder count at the start of the cycle, as velocity the number of '
+    'pictures taken by the camera; six efforts for each reported part: number of the belt, of the type in the cell '
+    'file (-1: latched by the light barrier), count at that instant, position along and across [m], angle [rad]',
     'every cycle, if there is a cell with belts', 'hhhh', one_writer=True, recorded=True,
 )
 PARTS = Topic(
     'cell/parts', String, FACTS, (PLANT,), (VISUALIZATION,),
-    'JSON: cycle, and what has happened in it to parts of a cell, with the numbers of the picks and places; misses',
+    'JSON: cycle, part events of a cell in it with the numbers of the picks and places, misses',
     CHANGE, recorded=True,
 )
 SCENE = Topic(
     'cell/scene', String, LATCHED, (PLANT,), (VISUALIZATION,),
-    'JSON: what stands around the robot, as level areas: belts with their windows, barriers and cameras, boxes, '
+    'JSON: the cell as level areas: belts with their windows, barriers and cameras, boxes, '
     'supplies, sensors',
     'at the start, if there is a cell', recorded=True,
 )
 SEEN = Topic(
     'cell/camera', PoseArray, REPORT, (PLANT,), (),
-    'parts that a camera of a belt has seen, as poses of the middle of their undersides, stamped with the time of the '
-    'picture', 'a picture with parts, while somebody listens', _BASE,
+    'parts in a picture of a belt camera, as poses of the centres of their undersides, stamped with the time of the '
+    'picture', 'a picture with parts, with subscribers only', _BASE,
 )
 SET_INPUT = Topic(
     'cell/set_input', KeyValue, REQUEST, (), (PLANT,),
-    'set an input of a cell: its name as key, `on`, `off` or `auto` as value; refused while a bag is played back',
+    'force an input of a cell: its name as key, `on`, `off` or `auto` as value; rejected while a bag is played back',
     ASKED,
 )
 PHASE_CURRENT = Topic(
     'axisN/phase_current', JointState, REPORT, (DRIVE,), (),
-    "phase currents I1s, I2s, I3s [A] at the cycle's start, as efforts", 'every cycle, while somebody listens',
+    "phase currents I1s, I2s, I3s [A] at the cycle's start, as efforts", 'every cycle, with subscribers only',
 )
 SERVICE_REQUEST = Topic(
     'sercos/service/request', String, REQUEST, (OPERATOR, SCRIPT), (TASK,),
-    '`axis1 read S-0-0104`, `axis1 write S-0-0104 70`; who begins with a mark (`#3fa9 axis1 read ...`) finds it at the '
-    'beginning of the answer',
+    '`axis1 read S-0-0104`, `axis1 write S-0-0104 70`; an optional leading mark (`#3fa9 axis1 read ...`) is repeated '
+    'in the reply',
     ASKED,
 )
 SERVICE_ANSWER = Topic(
@@ -380,18 +351,18 @@ SERVICE_ANSWER = Topic(
 )
 FAULT_SCHEDULE = Topic(
     'faults/schedule', String, FAULTS, (TASK,), (TASK, PLANNER, DRIVE, PLANT),
-    'JSON: injected faults with session, number, first cycle and the cycle in which they end', CHANGE, recorded=True,
+    'JSON: injected faults with session, number, first cycle and end cycle', CHANGE, recorded=True,
 )
 
 SCOPE_REQUEST = Topic(
     'scope/request', String, REQUEST, (), (DRIVE,),
-    'JSON: identity and name of an oscilloscope, its channels by axis, every how many periods of the current loop it '
-    'wants a sample; repeated every second, else it is given up. No control is needed',
+    'JSON: identity and name of an oscilloscope, its channels by axis, decimation of the current-loop periods; '
+    'must be repeated every second. No control is required',
     ASKED,
 )
 SCOPE_ANSWER = Topic(
     'scope/answer', String, REQUEST, (DRIVE,), (),
-    'JSON: identity of the oscilloscope, axis, whether it is armed, period of the current loop, why not', ASKED,
+    'JSON: identity of the oscilloscope, axis, whether it is armed, current-loop period, reason of a rejection', ASKED,
 )
 SCOPE_SAMPLES = Topic(
     'axisN/scope', Float64MultiArray, SAMPLES, (DRIVE,), (),
@@ -399,25 +370,25 @@ SCOPE_SAMPLES = Topic(
     'identity of the oscilloscope, names of the channels', 'every 8 cycles, while an oscilloscope is armed',
 )
 
-# what the robot does
+# motion
 FOLLOWING_ERROR = _telegram(
     telegrams.FOLLOWING_ERROR, 'following error of each arm [rad], dead time removed by linear extrapolation (7.3)',
     recorded=True, answer='following_error',
 )
 TCP_COMMAND = _telegram(
-    telegrams.TCP_COMMAND, 'TCP of the command [m]', (VISUALIZATION,), recorded=True, answer='tcp_command',
+    telegrams.TCP_COMMAND, 'commanded TCP [m]', (VISUALIZATION,), recorded=True, answer='tcp_command',
 )
 TCP_ACTUAL = _telegram(
     telegrams.TCP_ACTUAL, 'TCP by forward kinematics of the actual angles [m]', recorded=True, answer='tcp_actual',
 )
 TCP_ERROR = _telegram(
     telegrams.TCP_ERROR,
-    'Cartesian error [m], the set-point delay of 1.75 cycles removed; the raw error is command - actual',
+    'Cartesian error [m] without the set-point delay of 1.75 cycles; the raw error is command - actual',
     (VISUALIZATION,), recorded=True, answer='tcp_error',
 )
 TURN = _telegram(
     telegrams.TURN,
-    'angle of the tool [rad]: commanded, by the encoder of its motor, and its error, the set-point delay removed',
+    'angle of the tool [rad]: commanded, measured by its motor encoder, and the error without the set-point delay',
     (VISUALIZATION,), rate=ROTARY_RATE, recorded=True,
 )
 MASTER = _telegram(
@@ -425,19 +396,19 @@ MASTER = _telegram(
 )
 JOINT_MOTION = _telegram(
     telegrams.JOINT_MOTION,
-    'speeds [rad/s] of the arms and, as efforts, their accelerations [rad/s2] through the Jacobian from the TCP of the '
-    'command (4.12, 4.16); stamped with the cycle of which they are, told one cycle later',
+    'speeds [rad/s] of the arms and, as efforts, their accelerations [rad/s2] through the Jacobian at the commanded '
+    'TCP (4.12, 4.16); stamped with the cycle they belong to, published one cycle later',
     rate=JOINT_MOTION_RATE, recorded=True,
 )
 JACOBIAN = _telegram(
     telegrams.JACOBIAN,
-    'condition number of J, speed [m/s] and acceleration [m/s2] of the TCP of the command, with the same stamp',
+    'condition number of J, speed [m/s] and acceleration [m/s2] of the commanded TCP, with the same stamp',
     rate=JOINT_MOTION_RATE, recorded=True,
 )
 JOINT_STATES = _telegram(
     telegrams.JOINT_STATES,
-    'arm angles [rad], arm speeds [rad/s], arm torques (gear ratio times motor torque) [N m]; behind them, without '
-    'torques, the passive joints of the robot as the tree that `robot_description` says, and last, with its own, the '
+    'arm angles [rad], arm speeds [rad/s], arm torques (gear ratio times motor torque) [N m]; then, without '
+    'torques, the passive joints of the tree in `robot_description`, and last, with torque, the '
     'tool of a rotary axis (`axis4`)',
     (PLANNER, VISUALIZATION), '100 Hz', recorded=True,
 )
@@ -452,7 +423,7 @@ MOTION_STATE = Topic(
 )
 LOCATED = Topic(
     'motion/located', PointStamped, LATCHED, (TASK,), (),
-    'where the robot stands [m], when it can take a program', CHANGE, _BASE, recorded=True,
+    'TCP position [m], when the robot can take a program', CHANGE, _BASE, recorded=True,
 )
 PROGRESS = Topic(
     'motion/progress', String, REPORT, (TASK,), (),
@@ -467,33 +438,33 @@ DIAGNOSTICS = Topic(
 # task and planner
 MOTION_PLAN = Topic(
     'motion/plan', Float64MultiArray, PLAN, (PLANNER, SCRIPT), (TASK, VISUALIZATION),
-    'one message for each different move: header, phases of the master (t, s, v, a, jerk), pieces of the path '
-    '(s, coefficients of x, y, z up to the 5th power), events; then one with their order. Labels of plans and '
-    'motion profiles: kind, identity of the planner, session, number of the order',
+    'one message for each distinct move: header, phases of the master (t, s, v, a, jerk), path segments '
+    '(s, coefficients of x, y, z up to the 5th power), events; then one with the order of the moves. Labels of plans '
+    'and motion profiles: kind, identity of the planner, session, number of the order',
     ASKED, recorded=True,
 )
 MOTION_CHANGE = Topic(
     'motion/change', Float64MultiArray, CHANGE_OF_PLAN, (PLANNER, SCRIPT), (TASK,),
-    'motion profile that the planner asks for: override, resume', ASKED,
+    'motion profile requested by the planner: override, resume', ASKED,
 )
 PROFILE = Topic(
     'motion/course', Float64MultiArray, LATCHED, (TASK,), (PLANNER,),
-    'motion profile: what the master follows from which cycle on: start, stop, resume, override', CHANGE, recorded=True,
+    'motion profile of the master with its first cycle: start, stop, resume, override', CHANGE, recorded=True,
 )
 STATUS = Topic(
     'motion/status', String, LATCHED, (TASK,), (PLANNER, PLANT, VISUALIZATION),
-    'JSON: session, state, place, why no program could start, who has control', CHANGE, recorded=True,
+    'JSON: session, state, position, reason why no program can start, operator in control', CHANGE, recorded=True,
 )
 VERDICT = Topic(
-    'motion/verdict', String, REQUEST, (TASK,), (PLANNER,), 'JSON: what became of an order or a change', ASKED,
+    'motion/verdict', String, REQUEST, (TASK,), (PLANNER,), 'JSON: result of an order or a change', ASKED,
     recorded=True,
 )
 REFUSAL = Topic(
-    'motion/refusal', String, REQUEST, (TASK,), (), 'why a plan or a change of a foreign writer is refused', ASKED
+    'motion/refusal', String, REQUEST, (TASK,), (), 'why a plan or a change is rejected', ASKED
 )
 PLANNER_ALIVE = Topic(
     'unit_robot/alive', Header, REPORT, (PLANNER,), (TASK,),
-    'heartbeat: identity of the planner, the session that it knows of and the identifier (GID) of its publisher in the '
+    'heartbeat: identity of the planner, the session it knows and the identifier (GID) of its publisher in the '
     'frame, a number in `stamp.sec`', '5 Hz',
 )
 
@@ -507,13 +478,13 @@ ANSWER = Topic(
 )
 QUEUE = Topic(
     'unit_robot/queue', String, LATCHED, (PLANNER,), (),
-    'JSON: moves in the queue, their time, the override, what is being planned, why the newest request was refused, '
+    'JSON: moves in the queue, their duration, the override, planning progress, reason of the newest rejection '
     'as a sentence and a code', CHANGE, recorded=True,
 )
 REQUESTS = Topic(
     'unit_robot/requests', String, REQUEST, (PLANNER,), (),
-    'JSON: id of a request for moves, its state (planning, queued, running, done, refused, aborted), its statements, '
-    'how many of them are still to be driven; code and sentence of a refusal', CHANGE, recorded=True,
+    'JSON: id of a move request, its state (planning, queued, running, done, refused, aborted), its statements, '
+    'the number of remaining ones; code and sentence of a rejection', CHANGE, recorded=True,
 )
 MOVE_L = Topic(
     'unit_robot/move_l', PointStamped, REQUEST, (), (PLANNER,), 'straight move to a point [m]', ASKED, _BASE
@@ -529,34 +500,34 @@ PROGRAM = Topic(
 )
 JOINT_TRAJECTORY = Topic(
     'joint_trajectory', JointTrajectory, REQUEST, (), (PLANNER,),
-    'arm angles [rad] over time, followed at once; as the joint_trajectory_controller has it', ASKED,
+    'arm angles [rad] over time, executed immediately; as for joint_trajectory_controller', ASKED,
 )
 OVERRIDE = Topic('unit_robot/override', Float64, REQUEST, (), (PLANNER,), 'percent of the speed', ASKED)
 PLANNER_REQUEST = Topic(
     'unit_robot/request', String, REQUEST, (OPERATOR, SCRIPT), (PLANNER,),
-    'JSON: request of an operator who says who he is: program, move, trajectory, start, resume, clear, override, '
+    'JSON: request of an identified operator: program, move, trajectory, start, resume, clear, override, '
     'withdraw', ASKED,
 )
-PLANNER_REPLY = Topic('unit_robot/reply', String, REQUEST, (PLANNER,), (), 'JSON: the answer to it', ASKED)
+PLANNER_REPLY = Topic('unit_robot/reply', String, REQUEST, (PLANNER,), (), 'JSON: the reply', ASKED)
 SCRIPT_REQUEST = Topic(
     'script/request', String, REQUEST, (SCRIPT,), (TASK,),
-    'JSON: request of a script that has control: it begins, looks, waits for a condition, holds, ends', ASKED,
+    'JSON: request of a script in control: attach, look, wait for a condition, hold, leave', ASKED,
 )
 SCRIPT_REPLY = Topic(
-    'script/reply', String, REQUEST, (TASK,), (), 'JSON: the answer to it: what the script sees of a bus cycle', ASKED
+    'script/reply', String, REQUEST, (TASK,), (), 'JSON: the reply: state in a bus cycle', ASKED
 )
 CONTROL_REQUEST = Topic(
     'control/request', String, REQUEST, (OPERATOR, SCRIPT), (TASK,),
     'JSON: take control, take control over, release control, enable, disable, reset, hold, abort, emergency stop',
     ASKED,
 )
-CONTROL_REPLY = Topic('control/reply', String, REQUEST, (TASK,), (), 'JSON: the answer to it', ASKED)
+CONTROL_REPLY = Topic('control/reply', String, REQUEST, (TASK,), (), 'JSON: the reply', ASKED)
 CONTROL_ALIVE = Topic(
     'control/alive', Header, REPORT, (OPERATOR, SCRIPT), (TASK,),
-    'heartbeat of who has control: his identity in the frame, a number in `stamp.sec`', '5 Hz',
+    'heartbeat of the operator in control: its identity in the frame, a number in `stamp.sec`', '5 Hz',
 )
 CONTROL_OPERATOR = Topic(
-    'control/operator', String, LATCHED, (TASK,), (), 'the name of who has control; empty: nobody', CHANGE,
+    'control/operator', String, LATCHED, (TASK,), (), 'name of the operator in control, empty without one', CHANGE,
     recorded=True
 )
 
@@ -567,16 +538,16 @@ ROBOT_DESCRIPTION = Topic(
 )
 MARKERS = Topic(
     'markers', MarkerArray, REPORT, (VISUALIZATION,), (),
-    'the robot, its workspace, the path that is planned and that was travelled, the commanded TCP, the magnified error',
-    '20 Hz, while somebody listens', _BASE,
+    'the robot, its workspace, planned and travelled path, commanded TCP, magnified error',
+    '20 Hz, with subscribers only', _BASE,
 )
 CLOCK = Topic(
     '/clock', Clock, REPORT, (VISUALIZATION,), (), 'bus time, for tools with `use_sim_time`',
-    '100 Hz, while somebody listens and nobody else tells the time',
+    '100 Hz, with subscribers and without another publisher',
 )
 RECORDER_STATE = Topic(
     'recorder/state', String, LATCHED, (RECORDER,), (),
-    '`recording`, or `stopped: ` and why nothing is written any more', CHANGE,
+    '`recording`, or `stopped: ` and the reason', CHANGE,
 )
 # fmt: on
 
@@ -588,7 +559,7 @@ ONE_WRITER = tuple(name for topic in TOPICS if topic.one_writer for name in topi
 
 @dataclass(frozen=True)
 class Service:
-    """A row of the table stands for one service; who ``needs_control`` is refused while somebody else has it."""
+    """A row of the table: one service; with ``needs_control`` it is rejected while another client has control."""
 
     name: str
     type: type
@@ -598,24 +569,24 @@ class Service:
 
     @property
     def type_name(self) -> str:
-        """Name of the type, as the middleware has it."""
+        """ROS name of the service type."""
         return f'{self.type.__module__.split(".")[0]}/srv/{self.type.__name__}'
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names under which it is offered: its own, and the same under that of the node."""
+        """Names of the service: its own, and one below the name of the node."""
         return (self.name,) if '/' in self.name else (self.name, f'{self.node}/{self.name}')
 
     def servers(self, node: Node, serve: Callable[[Any, Any], Any]) -> list[Server]:
         """Create the servers, one for each name."""
         return [node.create_service(self.type, name, serve) for name in self._names_at(node)]
 
-    def deferred_servers(self, node: Node, ask: Callable[[Any, Tell], None]) -> list[Server]:
-        """Create servers that answer when what was asked for has happened."""
+    def deferred_servers(self, node: Node, ask: Callable[[Any, Respond], None]) -> list[Server]:
+        """Create servers that reply when the requested action has finished."""
         return [create_deferred_service(node, self.type, name, ask) for name in self._names_at(node)]
 
     def _names_at(self, node: Node) -> tuple[str, ...]:
-        """Names at a node, which may have been given another one."""
+        """Names at a node that may have been renamed."""
         return tuple(name.replace(f'{self.node}/', f'{node.get_name()}/') for name in self.names)
 
     def client(self, node: Node) -> Client:
@@ -623,36 +594,36 @@ class Service:
         return node.create_client(self.type, self.name)
 
 
-START = Service('start', Trigger, PLANNER, 'start what is in the queue', needs_control=True)
+START = Service('start', Trigger, PLANNER, 'start the queue', needs_control=True)
 MOVE = Service(
     'unit_robot/move',
     AddDiagnostics,
     PLANNER,
-    'drive a move, a list of moves or a program, written as YAML in `load_namespace`; the answer is JSON: id, code, '
+    'execute a move, a list of moves or a program, written as YAML in `load_namespace`; the reply is JSON: id, code, '
     'sentence',
     needs_control=True,
 )
-RESUME = Service('resume', Trigger, PLANNER, 'go on after a hold', needs_control=True)
+RESUME = Service('resume', Trigger, PLANNER, 'continue after a hold', needs_control=True)
 CLEAR = Service('clear', Trigger, PLANNER, 'empty the queue', needs_control=True)
 ENABLE = Service('enable', SetBool, TASK, 'torque on (needs control) or off (does not)', needs_control=True)
-RESET = Service('reset', Trigger, TASK, 'clear faults whose cause is gone', needs_control=True)
-HOLD = Service('hold', Trigger, TASK, 'stop on the path, to be resumed')
-ABORT = Service('abort', Trigger, TASK, 'stop on the path for good')
+RESET = Service('reset', Trigger, TASK, 'clear faults whose cause has been removed', needs_control=True)
+HOLD = Service('hold', Trigger, TASK, 'stop on the path; can be resumed')
+ABORT = Service('abort', Trigger, TASK, 'stop on the path; cannot be resumed')
 EMERGENCY_STOP = Service('emergency_stop', Trigger, TASK, 'stop on the path, then torque off')
 INPUT = Service(
     'input', AddDiagnostics, PLANT,
-    'set an input of a cell, written as YAML in `load_namespace`: `{name: part, value: true}`; `value: auto`: it tells '
-    'again what is true; nothing: the answer is JSON, inputs and outputs of the newest cycle',
+    'force an input of a cell, written as YAML in `load_namespace`: `{name: part, value: true}`; `value: auto` removes '
+    'the override; an empty request returns the inputs and outputs of the newest cycle as JSON',
 )  # fmt: skip
 INJECT_FAULT = Service(
     'inject_fault', AddDiagnostics, TASK,
-    'inject a fault, written as YAML in `load_namespace`; the answer is a sentence',
+    'inject a fault, written as YAML in `load_namespace`; the reply is a sentence',
 )  # fmt: skip
 SERVICES = tuple(item for item in list(vars().values()) if isinstance(item, Service))
 
 
 def read_heartbeat(message: Header) -> tuple[str, str, str]:
-    """Return the identity, the session and the publisher that a heartbeat of a planner names; empty for none."""
+    """Return identity, session and publisher in a planner's heartbeat; missing ones are empty."""
     words = [*message.frame_id.split(' '), '', '']
     return words[0], words[1], words[2]
 
@@ -664,7 +635,7 @@ def publishers_of(node: Node, topic: Topic) -> set[str]:
 
 
 def second_writer(node: Node) -> Reason | None:
-    """Say which topic of the bus has two writers, and who they are; None if none has."""
+    """Return which bus topic has two writers, and their names; None if there is none."""
     for name in ONE_WRITER:
         if node.count_publishers(name) > 1:
             writers = sorted(

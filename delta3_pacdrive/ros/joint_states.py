@@ -1,4 +1,4 @@
-"""Joint states as they come, of a robot with a rotary axis or without one."""
+"""Joint states of a robot with or without a rotary axis."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ Arms = tuple[float, ...]
 
 
 class JointStates(NamedTuple):
-    """Arm angles [rad], speeds [rad/s] and torques [N m] at a stamp; what is behind them is left out."""
+    """Arm angles [rad], speeds [rad/s] and torques [N m] at a stamp, without the rotary axis."""
 
     sec: int
     nanosec: int
@@ -22,13 +22,13 @@ class JointStates(NamedTuple):
 
 
 class JointStatesReader:
-    """The reader takes both layouts, and tries first that of the last message."""
+    """Decodes both layouts, trying the one of the last message first."""
 
     def __init__(self) -> None:
         self._codecs = [(cdr.codec(one), len(one.names)) for one in map(joint_states, (DRIVES, ALL_DRIVES))]
 
     def read(self, data: bytes) -> JointStates:
-        """Return what a message tells; raises TelegramError for joints of somebody else."""
+        """Decode a message; raises TelegramError for joints of another robot."""
         codec, count = self._codecs[0]
         try:
             sec, nanosec, frame, values = codec.decode(data)

@@ -1,4 +1,4 @@
-"""The message ``trajectory_msgs/JointTrajectory``, read as a request for the planner."""
+"""Conversion of ``trajectory_msgs/JointTrajectory`` to a request for the planner."""
 
 import math
 from typing import Any
@@ -11,17 +11,17 @@ from delta3_pacdrive.motion.program import ASKED_POINTS_MAX
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
-# fields of a point that may be empty, and how programs call them
+# optional fields of a point, and their names in programs
 OPTIONAL = {'velocities': 'speeds_rad_s', 'accelerations': 'accelerations_rad_s2'}
 
 
 def joint_trajectory(message: JointTrajectory) -> TrajectoryRequest:
-    """Return what a message asks for; its joints may be in any order.
+    """Convert a message, with its joints in any order, to a request.
 
     Raises
     ------
     ProgramError
-        Names, sizes or numbers are none of a trajectory for this robot.
+        Names, sizes or numbers are not valid for this robot.
 
     """
     stamp = message.header.stamp
@@ -46,7 +46,7 @@ def joint_trajectory(message: JointTrajectory) -> TrajectoryRequest:
             raise ProgramError(f'point {number}: time_from_start is {time:g} s, but must be at least 0')
         if time <= before:
             raise ProgramError(
-                f'point {number} is at {time:.9g} s, not behind point {number - 1} at {before:.9g} s'
+                f'point {number} is at {time:.9g} s, but must be later than point {number - 1} at {before:.9g} s'
             )
         before = time
         points.append({'time_s': time, **_values(point, number, order)})
@@ -69,7 +69,7 @@ def _values(point: JointTrajectoryPoint, number: int, order: list[int]) -> dict[
 
 def _sorted(values: Any, what: str, order: list[int]) -> list[float]:
     if len(values) != len(order):
-        raise ProgramError(f'{what} has {len(values)} values, but must have {len(order)}, one of each joint')
+        raise ProgramError(f'{what} has {len(values)} values, but must have {len(order)}, one per joint')
     for axis, n in enumerate(order):
         if not math.isfinite(values[n]):
             raise ProgramError(f'{what} of {DRIVES[axis]} is {values[n]}, but must be finite')

@@ -1,4 +1,4 @@
-"""Moves as messages of standard types, read as statements of a program."""
+"""Conversion of standard messages to move statements of a program."""
 
 from typing import Any
 
@@ -13,13 +13,13 @@ Statement = dict[str, Any]
 
 
 def move_l(message: PointStamped) -> Statement:
-    """Return the straight line to a point; raises ProgramError."""
+    """Return a straight line to a point; raises ProgramError."""
     _require_base(message.header.frame_id)
     return {'move_l': {'to_m': _point_of(message.point)}}
 
 
 def move_c(message: Path) -> Statement:
-    """Return the circle through two poses; raises ProgramError."""
+    """Return a circle through two poses; raises ProgramError."""
     points = _points_of(message)
     if len(points) != 2:
         raise ProgramError(f'move_c takes two poses, circle point and end, not {len(points)}')
@@ -27,7 +27,7 @@ def move_c(message: Path) -> Statement:
 
 
 def move_sb(message: Path) -> Statement:
-    """Return the spline through the poses of a path; raises ProgramError."""
+    """Return a spline through the poses of a path; raises ProgramError."""
     return {'move_sb': {'through_m': _points_of(message)}}
 
 
@@ -46,10 +46,10 @@ def _points_of(message: Path) -> list[list[float]]:
         raise ProgramError(f'the path has {len(message.poses)} poses, the limit is {SPLINE_POINTS_MAX}')
     points = []
     for number, pose in enumerate(message.poses):
-        if pose.header.frame_id:  # empty: that of the path
+        if pose.header.frame_id:  # empty: the frame of the path
             _require_base(pose.header.frame_id)
         turn = pose.pose.orientation
         if (turn.x, turn.y, turn.z) != (0.0, 0.0, 0.0):
-            raise ProgramError(f'poses[{number}] has an orientation, but the plate does not turn')
+            raise ProgramError(f'poses[{number}] has an orientation, but the plate cannot rotate')
         points.append(_point_of(pose.pose.position))
     return points

@@ -1,4 +1,4 @@
-"""The newest bus cycle that a node knows of which gets no cyclic telegrams."""
+"""Newest bus cycle for a node without cyclic telegrams."""
 
 from collections.abc import Callable
 
@@ -10,19 +10,13 @@ from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
-AHEAD_MAX = 5000  # cycles by which joint states may be newer than what is known: they belong to everybody
+AHEAD_MAX = 5000  # cycles; limits jumps, as any node may publish joint states
 
 
 class NewestCycle:
-    """The bus cycle of the newest joint states, which come every 10 ms of bus time.
+    """The bus cycle of the newest joint states, published every 10 ms of bus time.
 
-    Parameters
-    ----------
-    node
-        Polls the joint states.
-    known
-        Returns a cycle that is known from elsewhere.
-
+    ``known`` returns a cycle that is known from another source.
     """
 
     def __init__(self, node: PollingNode, cycles: Clock, known: Callable[[], int]) -> None:
@@ -37,10 +31,10 @@ class NewestCycle:
         self._newest = max(self._newest, known) if self._newest < known + AHEAD_MAX else known
         while (taken := self._take()) is not None:
             try:
-                told = self._reader.read(taken[0])
+                states = self._reader.read(taken[0])
             except TelegramError:
-                continue  # joints of somebody else: the topic belongs to everybody
-            cycle = self._cycles.count(told.sec, told.nanosec) if told.frame == BASE_FRAME else -1
+                continue  # joints of another robot on the same topic
+            cycle = self._cycles.count(states.sec, states.nanosec) if states.frame == BASE_FRAME else -1
             if cycle < known + AHEAD_MAX:
                 self._newest = max(self._newest, cycle)
         return self._newest

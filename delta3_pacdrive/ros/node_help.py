@@ -1,6 +1,6 @@
 """The ``--help`` of a node: its parameters, topics and services, from the tables that declare them.
 
-Nothing here joins a ROS domain.
+It does not join a ROS domain.
 """
 
 import dataclasses
@@ -13,7 +13,7 @@ from delta3_pacdrive.ros.interfaces import SERVICES, TOPICS
 from delta3_pacdrive.ros.parameters import OWN, PLANT, shows
 
 ABOUT = {
-    'unit_robot': 'The planner: takes moves and programs, plans, checks and starts them.',
+    'unit_robot': 'The planner: receives moves and programs, plans, checks and starts them.',
     'transformation_task': 'The cyclic part of the controller: SERCOS master and transformation task.',
     'mc4_drive': 'One MC-4 servo drive; the parameter axis selects which one.',
     'plant': 'The machine: motors, brakes, gears and the coupled arms, and the cell around them.',
@@ -35,7 +35,7 @@ def text(kind: str) -> str:
     paragraphs = [
         f'usage: ros2 run delta3_pacdrive {kind} [--ros-args ...]\n\n{ABOUT[kind]}',
         _parameters('parameters of the node', [_own(own) for own in (*OWN[kind], PLANT)]),
-        _parameters('parameters of the robot that the node shows', list(_of_robot(kind))),
+        _parameters('parameters of the robot that the node declares', list(_of_robot(kind))),
         'Set them with --ros-args -p NAME:=VALUE or --ros-args --params-file FILE; every node accepts all parameters\n'
         'of the robot. config/delta3.yaml has all of them.',
         _named('publishes', [_topic(topic) for topic in TOPICS if kind in topic.writers]),
@@ -62,7 +62,7 @@ def _of_robot(kind: str) -> Iterator[tuple[str, Any, str, str]]:
 
 
 def _range(kind: type, low: float, high: float) -> str:
-    """Return the closed range of a number, empty for what has none."""
+    """Return the closed range of a number, empty for other types."""
     if kind in (bool, str) or not (math.isfinite(low) or math.isfinite(high)):
         return ''
     if 0.0 < low < 1e-300:

@@ -1,4 +1,4 @@
-"""Start, spin and stop of a process of nodes."""
+"""Start, spinning and shutdown of a process of nodes."""
 
 import faulthandler
 import gc
@@ -24,59 +24,62 @@ from delta3_pacdrive.errors import Delta3Error, RunError, shown
 from delta3_pacdrive.ros import domain, preload
 from delta3_pacdrive.sercos.watchdog import Watchdog
 
-REJOIN_S, REJOIN_MAX_S = 20.0, 300.0  # without a word of a partner; doubled each time until it is heard
+REJOIN_S, REJOIN_MAX_S = (
+    20.0,
+    300.0,
+)  # silence of a partner before a rejoin; doubled after each unsuccessful one
 _separate = False
-_current: 'Process | None' = None  # that ``run`` spins
+_current: 'Process | None' = None  # the process that ``run`` spins
 _rejoins = _rejoins_in_vain = 0
 
 
 def is_separate() -> bool:
-    """Whether this process is that of a single node."""
+    """Whether this process runs a single node."""
     return _separate
 
 
 def rejoins() -> int:
-    """Return how many times the node of this process has left the domain and joined it anew."""
+    """Return how many times this process has left and rejoined the domain."""
     return _rejoins
 
 
 def is_rejoining() -> bool:
-    """Whether a node that is destroyed now will be made anew, as its process joins the domain again."""
+    """Whether nodes that are destroyed now are created anew, because the process rejoins the domain."""
     return _current is not None and _current.rejoins
 
 
 class PartnerWatch:
-    """Notices that a node hears nothing from a partner that it needs, and lets its process join the domain anew.
+    """Detects that a node receives nothing from a required partner, and makes its process rejoin the domain.
 
-    Processes that are alive may stay deaf to each other, as after a long lack of processor time; another participant,
-    with an identity that the others do not know yet, is heard again. Time in which the process itself does not run does
-    not count. A process of several nodes stays as it is.
+    Running processes may stop receiving from each other, for example after a long lack of processor time. A new
+    participant with an unknown identity is received again. Time in which the process itself does not run does not
+    count. A process of several nodes never rejoins.
 
     Parameters
     ----------
-    say
-        Called with a sentence when the process joins anew.
+    log
+        Called with a message when the process rejoins.
     period_s
-        Time between two looks [s].
+        Time between two updates [s].
     process
-        That joins anew; by default the one that ``run`` spins, if it has a single node.
+        The process that rejoins; by default the one that ``run`` spins, if it has a single node.
 
     """
 
     def __init__(
-        self, say: Callable[[str], object], period_s: float, process: 'Process | None' = None
+        self, log: Callable[[str], object], period_s: float, process: 'Process | None' = None
     ) -> None:
-        self._say, self._period_s, self._process = say, period_s, process
+        self._log, self._period_s, self._process = log, period_s, process
         self._silent: dict[str, Watchdog] = {}  # by partner
 
     def heard(self, partner: str) -> None:
-        """Note that a partner was heard."""
+        """Record that a message of a partner was received."""
         global _rejoins_in_vain  # noqa: PLW0603 (the node that counts on is another one)
         _rejoins_in_vain = 0
         self._silent.pop(partner, None)
 
-    def look(self, needed: Sequence[str], now_s: float) -> None:
-        """Look which of the partners that are needed now are silent for too long."""
+    def update(self, needed: Sequence[str], now_s: float) -> None:
+        """Rejoin the domain if a currently required partner has not been received for too long."""
         self._silent = {name: silent for name, silent in self._silent.items() if name in needed}
         process = self._process or (_current if _separate else None)
         patience_s = min(REJOIN_S * 2**_rejoins_in_vain, REJOIN_MAX_S)
@@ -85,22 +88,22 @@ class PartnerWatch:
                 self._silent[partner] = Watchdog(self._period_s)
                 self._silent[partner].received(now_s)
             elif self._silent[partner].silence_s(now_s) > patience_s and process and not process.rejoins:
-                self._say(f'no word of {partner} for {patience_s:g} s: leaves the domain and joins it anew')
+                self._log(f'no message from {partner} for {patience_s:g} s: rejoining the domain')
                 process.rejoin()
 
 
-SPIN_S = 0.1  # how long a signal may wait for the main thread
-LEAVE_S = 20.0  # for the nodes of a client to leave the graph
-NODES_LEAVE_S = 20.0  # for those of a robot
-BAG_LEAVE_S = 60.0  # for a recorder, which has a bag to complete
+SPIN_S = 0.1  # longest delay of a signal in the main thread
+LEAVE_S = 20.0  # timeout for the nodes of a client to leave the graph
+NODES_LEAVE_S = 20.0  # for the nodes of a robot
+BAG_LEAVE_S = 60.0  # for a recorder, which completes its bag
 
 
 class _Stop(Future):
-    """The future that ends a spin; a signal may complete it while the thread that it interrupts holds its lock."""
+    """The future that ends a spin; a signal handler may complete it while the interrupted thread holds its lock."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._lock = threading.RLock()  # type: ignore[assignment] # what is inherited is one that its holder waits for
+        self._lock = threading.RLock()  # type: ignore[assignment] # the inherited lock is not reentrant
 
 
 class Process:
@@ -114,35 +117,35 @@ class Process:
         self._nodes: list[Node] = []
 
     def stop(self, *_: Any) -> None:
-        """End ``spin``; also the signal handler."""
-        if not self._is_stopping:  # not done yet where another signal interrupts this one
+        """Make ``spin`` return; also used as signal handler."""
+        if not self._is_stopping:  # a second signal may interrupt this one
             self._is_stopping = True
             self._stop.set_result(None)
 
     def rejoin(self) -> None:
-        """End ``spin`` for another process of the same nodes to begin."""
+        """Make ``spin`` return so that another process object with the same nodes can start."""
         global _rejoins, _rejoins_in_vain
         _rejoins, _rejoins_in_vain = _rejoins + 1, _rejoins_in_vain + 1
         self.rejoins = True
         self.stop()
 
     def add(self, node: Node) -> None:
-        """Take a node in."""
+        """Add a node to the executor."""
         self._nodes.append(node)
         self._executor.add_node(node)
 
     def spin(self) -> None:
         """Run callbacks until ``stop``."""
-        # one call runs many callbacks: spin_once would return after each, which costs as much again
+        # one call runs many callbacks; spin_once would return after each, which doubles the cost
         while not self._stop.done():
             self._executor.spin_until_future_complete(self._stop, timeout_sec=SPIN_S)
 
     def spin_for(self, seconds: float) -> None:
-        """Run callbacks for a while."""
+        """Run callbacks for a time [s]."""
         self._executor.spin_until_future_complete(self._stop, timeout_sec=seconds)
 
     def close(self) -> None:
-        """Destroy the nodes; the last words of a node still reach the graph."""
+        """Destroy the nodes; messages that they publish on destruction still reach the graph."""
         for node in self._nodes:
             self._executor.remove_node(node)
             node.destroy_node()
@@ -150,10 +153,10 @@ class Process:
 
 
 def leave(process: Process | None, context: rclpy.Context | None = None, patience_s: float = LEAVE_S) -> None:
-    """Leave the graph for good in a bounded time.
+    """Leave the graph in a bounded time.
 
-    Fast DDS was seen to spin in there for ever, where neither signals nor threads of Python come to their turn: then
-    the process tells where it stands and ends with status 1. ``context`` is that of its nodes, if they have an own one.
+    Fast DDS has been observed to spin here forever without releasing the interpreter. After ``patience_s`` the process
+    therefore dumps its stack and exits with status 1. ``context`` is that of the nodes, if it is not the default.
     """
     faulthandler.dump_traceback_later(patience_s, exit=True)
     if process is not None:
@@ -163,12 +166,12 @@ def leave(process: Process | None, context: rclpy.Context | None = None, patienc
 
 
 def join(arguments: Sequence[str] | None = None, context: rclpy.Context | None = None) -> None:
-    """Join the ROS domain; signals remain with this process.
+    """Join the ROS domain; signal handling remains with this process.
 
     Raises
     ------
     RunError
-        ROS 2 cannot read the arguments or a parameter file, or cannot write its log.
+        The ROS arguments or a parameter file are invalid, or the log cannot be written.
 
     """
     with _rcl_errors('cannot join the ROS domain'):
@@ -177,11 +180,11 @@ def join(arguments: Sequence[str] | None = None, context: rclpy.Context | None =
 
 
 def require_ros_arguments() -> None:
-    """Raise RunError if the command line of a node has other words than ROS arguments, or some that are not valid."""
+    """Raise RunError if the command line of a node contains invalid or non-ROS arguments."""
     with _rcl_errors('the ROS arguments cannot be read'):
         if others := remove_ros_args(sys.argv)[1:]:
             raise RunError(
-                f'{shown(others[0])} is not a ROS argument (--ros-args ...), and a node takes no others; '
+                f'{shown(others[0])} is not a ROS argument (--ros-args ...), and a node accepts no others; '
                 '--help lists its parameters'
             )
 
@@ -192,7 +195,7 @@ def _rcl_errors(failed: str) -> Iterator[None]:
         yield
     except UnknownROSArgsError as error:
         raise RunError(f'{failed}: ROS 2 does not know {error}') from None
-    except RCLError as error:  # the reason, then files and lines of its own sources
+    except RCLError as error:  # reason, followed by source locations of rcl
         reason = re.sub(r', at [^ ]*:\d+', '', ' '.join(str(error).split()))
         reason = re.sub('^(Failed to parse ROS arguments|failed to initialize rcl): ', '', reason)
         raise RunError(f'{failed}: {reason}') from None
@@ -204,14 +207,14 @@ def run(
     prepare: Callable[[], None] = lambda: None,
     leave_s: float | None = None,
 ) -> int:
-    """Be the main function of a process: prepare, build the nodes, spin, clean up; return the exit status."""
-    global _separate, _current  # noqa: PLW0603 (facts about the process)
+    """Run the main function of a process: prepare, build the nodes, spin, clean up; return the exit status."""
+    global _separate, _current  # noqa: PLW0603 (state of the process)
     _separate = len(factories) == 1
     _current = None
-    asked_to_end = interrupts.Flag()
+    stop_requested = interrupts.Flag()
 
     def end(*_: Any) -> None:
-        asked_to_end.set()
+        stop_requested.set()
         if _current is not None:
             _current.stop()
 
@@ -220,22 +223,22 @@ def run(
         prepare()
         preload.know_modules()
         for stopping in interrupts.NUMBERS:
-            # a bring-up in the background, or under nohup, ignores signals but sends them to its children
+            # a background bring-up, or one under nohup, ignores SIGHUP but sends it to its children
             if stopping != signal.SIGHUP or signal.getsignal(stopping) is not signal.SIG_IGN:
                 signal.signal(stopping, end)
-        begins = not asked_to_end
+        begins = not stop_requested
         while begins:
             join(arguments)
             _current = process = Process()
             for factory in factories:
                 process.add(factory())
-            # long-lived objects need not be walked again by the collector in the middle of a cycle
+            # so that the collector does not walk long-lived objects in the middle of a cycle
             gc.collect()
             gc.freeze()
             memory.collect_often()
-            if not asked_to_end:
+            if not stop_requested:
                 process.spin()
-            # also if it was asked to end meanwhile: the next nodes complete the bags of these
+            # also when stopping: the next nodes complete the bags
             begins = process.rejoins
             if begins:
                 leave(process, patience_s=leave_s or NODES_LEAVE_S)
@@ -251,17 +254,17 @@ def run(
 
 
 def run_single(factory: Callable[[], Node]) -> int:
-    """Be the main function of a node that was started by itself; return the exit status.
+    """Run the main function of a separately started node; return the exit status.
 
-    The kernels are compiled, or loaded from the cache, before the node shows itself: in cyclic operation the bus would
-    take the silence of a drive that compiles for its end.
+    Kernels are compiled or loaded before the node joins the graph: in cyclic operation a drive that compiles would
+    miss telegrams and stop the bus.
     """
-    # an operator's process has no use for the robot's core
+    # imported here because an operator's process does not need the core
     from delta3_pacdrive import parameters, simulation
     from delta3_pacdrive.numerics.kernel import Lines
     from delta3_pacdrive.ros import discovery
 
-    # an exception would be lost where the compiler calls back; whatever the node is to leave behind comes later
+    # installed before compiling: an exception in a compiler callback would be lost
     interrupts.install()
 
     def prepare() -> None:
@@ -269,7 +272,7 @@ def run_single(factory: Callable[[], Node]) -> int:
         discovery.keep_to_this_machine()
         if exposure := discovery.exposure():
             print(f'note: {exposure}', file=sys.stderr)
-        # nodes started together compile once, not each for itself
+        # nodes started together compile once
         simulation.compile_kernels(show=Lines().show)
         simulation.precompile(parameters.load())
 

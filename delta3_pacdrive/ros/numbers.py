@@ -1,4 +1,4 @@
-"""Rows of numbers as messages, with a label that says what they are."""
+"""Labelled arrays of numbers as messages."""
 
 from array import array
 from typing import Any
@@ -16,6 +16,6 @@ def numbers(values: Any, label: str) -> Float64MultiArray:
 
 
 def row_of(message: Float64MultiArray) -> tuple[str, Any]:
-    """Return the label and the row of a message, as ``numbers`` has made it."""
+    """Return the label and the row of a message made by ``numbers``."""
     label = message.layout.dim[0].label if message.layout.dim else ''
     return label, np.frombuffer(message.data, dtype=np.float64)

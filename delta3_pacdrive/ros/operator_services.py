@@ -1,9 +1,9 @@
-"""What operators ask of the transformation task: control, enabling, stops, reset.
+"""Operator services of the transformation task: control, enabling, stops, reset.
 
-Services for every client: ``hold``, ``abort``, ``emergency_stop``, ``reset`` (Trigger), ``enable`` (SetBool). The same
-by requests that say who asks: ``control/request`` and ``control/reply`` (String, JSON), where control of the robot is
-taken and released, too; ``control/alive`` is the heartbeat of whoever has it, ``control/operator`` (String, latched)
-his name. Reading and stopping are free for all; who enables or resets needs control, if anybody has it.
+Services without an identity: ``hold``, ``abort``, ``emergency_stop``, ``reset`` (Trigger), ``enable`` (SetBool). The
+same requests with an identity: ``control/request`` and ``control/reply`` (String, JSON), which also take and release
+control. ``control/alive`` is the heartbeat of the operator in control, ``control/operator`` (String, latched) its name.
+Reading and stopping need no control; enabling and resetting do if an operator has control.
 """
 
 import time
@@ -20,7 +20,7 @@ from delta3_pacdrive.controller.motion_state import MotionState
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.ros import interfaces
-from delta3_pacdrive.ros.deferred_service import Tell
+from delta3_pacdrive.ros.deferred_service import Respond
 from delta3_pacdrive.ros.request_server import RequestServer
 from delta3_pacdrive.ros.robot_node import RobotNode
 
@@ -29,17 +29,13 @@ NEEDS_CONTROL = frozenset({ENABLE, RESET})
 
 
 class OperatorServices:
-    """Services of one transformation task.
+    """Operator services of one transformation task.
 
     Parameters
     ----------
-    node
-        Has the services.
-    controller
-        Of the same transformation task.
     changed
-        Called when the state has been asked to change: whatever it wants done has to be done.
-    told
+        Called after a request for a change of state, to execute the resulting actions.
+    control_changed
         Called when control has changed hands.
 
     """
@@ -49,9 +45,9 @@ class OperatorServices:
         node: RobotNode,
         controller: RobotController,
         changed: Callable[[], None],
-        told: Callable[[], None],
+        control_changed: Callable[[], None],
     ) -> None:
-        self._log, self._changed, self._told = node.get_logger(), changed, told
+        self._log, self._changed, self._control_changed = node.get_logger(), changed, control_changed
         self._state, self._control = state, control = controller.state, controller.control
         self._enabling = controller.enabling
         self._acts: dict[str, Callable[[], Reason | str]] = {
@@ -85,32 +81,32 @@ class OperatorServices:
             service.deferred_servers(node, partial(self._serve, action))
         interfaces.ENABLE.deferred_servers(node, self._on_enable)
 
-    def _serve(self, action: str, _: Trigger.Request, tell: Tell) -> None:
-        self._do('', action, '', tell)
+    def _serve(self, action: str, _: Trigger.Request, respond: Respond) -> None:
+        self._do('', action, '', respond)
 
-    def _on_enable(self, request: SetBool.Request, tell: Tell) -> None:
-        self._do('', ENABLE if request.data else messages.DISABLE, '', tell)
+    def _on_enable(self, request: SetBool.Request, respond: Respond) -> None:
+        self._do('', ENABLE if request.data else messages.DISABLE, '', respond)
 
     # control --------------------------------------------------------------------------------------------------------
 
     def _on_alive(self, message: Header) -> None:
         self._control.receive_heartbeat(message.frame_id, message.stamp.sec, time.monotonic())
 
-    def look(self) -> None:
-        """Look whether who has control is still there; else the robot stops on its path."""
+    def check_heartbeat(self) -> None:
+        """Hold the robot if the heartbeat of the operator in control has stopped."""
         lost = self._control.poll(time.monotonic())
         if lost is None:
             return
-        self._log.error(f'{lost.name} has control no longer: no word for too long')
+        self._log.error(f'{lost.name} has lost control: heartbeat timeout')
         if self._state.motion == MotionState.MOVING:
             self._state.hold()
             self._changed()
-        self._tell_control()
+        self._publish_control()
 
-    def _tell_control(self) -> None:
+    def _publish_control(self) -> None:
         operator = self._control.operator
         self._operator.publish(String(data=operator.name if operator else ''))
-        self._told()
+        self._control_changed()
 
     # requests -------------------------------------------------------------------------------------------------------
 
@@ -120,8 +116,8 @@ class OperatorServices:
 
         self._do(request.operator, request.action, request.text, reply)
 
-    def _do(self, operator: str, action: str, text: str, tell: Tell) -> None:
-        """Do what an operator (empty: without an identity) asks for, and answer him, now or later."""
+    def _do(self, operator: str, action: str, text: str, respond: Respond) -> None:
+        """Execute the request of an operator (empty: without an identity) and reply to it, now or later."""
         outcome: Reason | str | None = None
         if action in NEEDS_CONTROL:
             outcome = self._control.refusal(operator)
@@ -129,18 +125,18 @@ class OperatorServices:
             if action in (messages.TAKE, TAKE_OVER, RELEASE):
                 outcome = self._change_control(operator, action, text)
             elif action in (RESET, ENABLE):
-                outcome = (self._enabling.reset if action == RESET else self._enabling.enable)(tell)
+                outcome = (self._enabling.reset if action == RESET else self._enabling.enable)(respond)
             elif action in self._acts:
                 outcome = self._acts[action]()
             else:
                 outcome = Reason(Code.CONTENT, f'there is no action {shown(action)}')
         self._changed()
-        self._told()  # before the answer: who acts on it finds everybody informed
+        self._control_changed()  # before the reply, so that all clients see the new state first
         if isinstance(outcome, Reason):
             self._log.info(f'{action} refused: {outcome}')
-            tell(outcome, '')
+            respond(outcome, '')
         elif outcome is not None:
-            tell(None, outcome)
+            respond(None, outcome)
 
     def _change_control(self, identity: str, action: str, name: str) -> Reason | str:
         if action == RELEASE:
@@ -150,5 +146,5 @@ class OperatorServices:
             reason = self._control.take(operator, action == TAKE_OVER, time.monotonic())
         if reason is not None:
             return reason
-        self._tell_control()
+        self._publish_control()
         return 'control released' if action == RELEASE else f'{name} has control'

@@ -1,4 +1,4 @@
-"""Wishes of people who look at the page: each is asked of the robot, and its answer is told on the page."""
+"""Commands from the web page: sends each to the robot and shows the reply."""
 
 import json
 import time
@@ -31,113 +31,93 @@ from delta3_pacdrive.view.jog import (
     parse,
 )
 from delta3_pacdrive.view.page import Page
-from delta3_pacdrive.view.values import Wish
+from delta3_pacdrive.view.values import UiCommand
 
-SETS_OFF = ('start', 'resume')
-CLEARED_S = 1.0  # until a queue that was cleared is told to be empty
-STANDS_S = 3.0  # for a robot that has accepted a stop to come to rest
-NEWS = 2  # times it has to tell how it is after that: the first may have been on its way
+STARTS = ('start', 'resume')
+CLEARED_S = 1.0  # timeout for the report of an empty queue after a clear
+STANDSTILL_S = 3.0  # timeout for a robot to come to rest after it has accepted a stop
+REPORTS = 2  # reports to wait for after a stop: the first may have been sent before it
 IN_MOTION = ('moving', 'stopping')
 NAME = 'delta3 view'
 
 
-class PageWishes:
-    """The wishes of one page.
-
-    Parameters
-    ----------
-    page
-        Where people wish, and are answered.
-    robot
-        What is known of the robot, and who operates it.
-    jog
-        The buttons that move the robot while they are held.
-
-    Attributes
-    ----------
-    jog_speed_m_s
-        How fast they move it [m/s].
-    moving_s
-        When something was last asked for that may move the robot.
-    urgent
-        Whether what is waited for must not be interrupted.
-
-    """
+class PageCommands:
+    """Executes the commands of one page."""
 
     def __init__(self, page: Page, robot: RobotReader, jog: Jog) -> None:
         self._page, self._robot, self._jog = page, robot, jog
         self._operator = robot.operator
         self.jog_speed_m_s = 0.05
-        self.moving_s = time.monotonic()
-        self.urgent = False
-        self._stops: set[str] = set()  # that are asked for now
+        self.moving_s = time.monotonic()  # time of the last command that may move the robot
+        self.urgent = False  # the current wait must not be interrupted
+        self._stops: set[str] = set()  # pending stop requests
 
-    def carry_out(self, wish: Wish) -> None:
-        """Carry a wish out and tell the answer; raises RunInterruptedError if a signal asks for the end meanwhile."""
+    def execute(self, command: UiCommand) -> None:
+        """Execute a command and show the reply; raises RunInterruptedError if a signal arrives meanwhile."""
         try:
-            sentence = self._done(wish)
+            sentence = self._execute(command)
         except RunInterruptedError:
             raise
         except Delta3Error as error:
-            if wish.action == 'jog':
-                self._fail_jog(int(wish.text), error)
-            elif wish.action == 'override':
+            if command.action == 'jog':
+                self._fail_jog(int(command.text), error)
+            elif command.action == 'override':
                 self.show_override()
-            self._page.tell(str(error), refused=True)
+            self._page.report(str(error), refused=True)
             return
         if sentence:
-            self._page.tell(sentence)
+            self._page.report(sentence)
 
-    def stop(self, wish: Wish) -> None:
-        """Stop the robot, in the middle of whatever else is being waited for, and show what it answers."""
-        if wish.action in self._stops:  # asked for, and not answered yet
+    def stop(self, command: UiCommand) -> None:
+        """Stop the robot, even during another blocking request, and show the reply."""
+        if command.action in self._stops:  # already pending
             return
         try:
-            self._ask_for_stop(wish.action)
+            self._ask_for_stop(command.action)
         except (RunError, ProgramError) as error:
-            self._page.tell(str(error), refused=True)
+            self._page.report(str(error), refused=True)
 
     def _ask_for_stop(self, action: str) -> None:
-        """Ask for a stop, and show that it was accepted."""
+        """Request a stop and show that it was accepted."""
         self._stops.add(action)
         try:
-            self._page.tell(self._uninterrupted(action))
+            self._page.report(self._uninterrupted(action))
         finally:
             self._stops.remove(action)
 
     def stop_jog(self) -> None:
-        """Stop what was set off by a button, and wait until the robot stands: who holds the button moves it again.
+        """Stop a jog motion and wait for standstill; while the button is held, the jog then starts again.
 
-        Without an answer it is asked for again while the robot may move.
+        Without a reply the stop is requested again while the robot may move.
         """
-        if 'abort' in self._stops:  # of somebody else, and nobody knows whether it is answered
-            self._jog.unheard()
+        if 'abort' in self._stops:  # pending from another command, with unknown outcome
+            self._jog.unconfirmed()
             return
         try:
-            with suppress(ProgramError):  # it stands already
+            with suppress(ProgramError):  # already at rest
                 self._ask_for_stop('abort')
-                self._wait_until_it_stands()
+                self._wait_for_standstill()
         except RunError as error:
-            self._page.tell(str(error), refused=True)
-            if self._robot.here and self._operator.progress['state'] in IN_MOTION:
-                self._jog.unheard()
+            self._page.report(str(error), refused=True)
+            if self._robot.available and self._operator.progress['state'] in IN_MOTION:
+                self._jog.unconfirmed()
                 return
         self._jog.stopped(time.monotonic())
 
-    def _wait_until_it_stands(self) -> None:
-        """Wait for a robot that has accepted a stop; whose motion goes on is somebody else's, or nobody tells."""
+    def _wait_for_standstill(self) -> None:
+        """Wait for standstill after an accepted stop; a timeout is ignored (other motion, or no reports)."""
         seen = [self._operator.progress]
 
-        def stands() -> bool:
+        def is_at_rest() -> bool:
             if self._operator.progress is not seen[-1]:
                 seen.append(self._operator.progress)
-            return len(seen) > NEWS and self._operator.progress['state'] not in IN_MOTION
+            return len(seen) > REPORTS and self._operator.progress['state'] not in IN_MOTION
 
         with suppress(RunError):
-            self._operator.wait_until(stands, 'word of a robot that stands', STANDS_S)
+            self._operator.wait_until(is_at_rest, 'report of standstill', STANDSTILL_S)
 
     def _uninterrupted(self, action: str) -> str:
-        """Ask for something whose outcome has to be known, even if a signal asks for the end meanwhile."""
+        """Send a request whose outcome must be known, even if a signal arrives meanwhile."""
         before, self.urgent = self.urgent, True
         try:
             return self._operator.call(action)
@@ -145,7 +125,7 @@ class PageWishes:
             self.urgent = before
 
     def _fail_jog(self, number: int, error: Delta3Error) -> None:
-        """Take note that a press came to nothing, or that nobody knows what came of it."""
+        """Record that a jog request was rejected, or that its outcome is unknown."""
         silent = isinstance(error, RefusedError) and error.reason.code is Code.SILENT
         if silent or isinstance(error, RunError):
             self._jog.lost(number)
@@ -153,42 +133,42 @@ class PageWishes:
             self._jog.refused(number)
 
     def show_override(self) -> None:
-        """Let the slider stand where the robot's override is, whatever was asked for."""
+        """Set the slider to the robot's actual override."""
         if self._page.controls is not None:
             self._page.controls.show_override()
 
-    def _done(self, wish: Wish) -> str:
-        """Carry a wish out; return the answer."""
-        operator, text = self._operator, wish.text
-        if wish.action == 'inject':
+    def _execute(self, command: UiCommand) -> str:
+        """Execute a command; return the reply."""
+        operator, text = self._operator, command.text
+        if command.action == 'inject':
             return operator.inject(text)
-        if wish.action == 'input':
+        if command.action == 'input':
             return operator.input(text)
-        if wish.action == 'teach':
+        if command.action == 'teach':
             return self._teach(text)
-        if wish.action == 'forget':
-            return self._forget()
-        if wish.action == 'jog' and not self._jog.wants(int(text)):
+        if command.action == 'forget':
+            return self._clear_points()
+        if command.action == 'jog' and not self._jog.is_pending(int(text)):
             return ''
         if not operator.in_control:
-            operator.take_control(NAME, wish.by_force)
+            operator.take_control(NAME, command.by_force)
         self.moving_s = time.monotonic()
-        if wish.action == 'packaged':
+        if command.action == 'packaged':
             return operator.send_program(self._packaged(text))
-        if wish.action == 'program':
+        if command.action == 'program':
             return operator.send_program(text)
-        if wish.action == 'override':
+        if command.action == 'override':
             return operator.override(float(text))
-        if wish.action == 'step':
+        if command.action == 'step':
             return self._step(text)
-        if wish.action == 'jog':
-            return self._set_jog_off(int(text))
-        if wish.action in SETS_OFF:
-            return self._uninterrupted(wish.action)
-        return operator.call(wish.action)
+        if command.action == 'jog':
+            return self._start_jog(int(text))
+        if command.action in STARTS:
+            return self._uninterrupted(command.action)
+        return operator.call(command.action)
 
     def _packaged(self, name: str) -> str:
-        if name not in program_names():  # a page may ask for anything
+        if name not in program_names():  # the page may send any text
             raise ProgramError(f'there is no packaged program {shown(name)}')
         try:
             return program_file.find(name).read_text(encoding='utf-8')
@@ -196,7 +176,7 @@ class PageWishes:
             raise ProgramError(f'the program {name} cannot be read: {error.strerror}') from None
 
     def _send_line(self, to: Any, speed_m_s: float) -> None:
-        """Send a slow straight line that ends softly wherever it is stopped."""
+        """Send a slow straight line with a soft stop."""
         queue = self._operator.queue
         if queue is not None and queue.moves:
             raise ProgramError(f'{counted(queue.moves, "move")} in the queue: clear it before you jog')
@@ -213,38 +193,38 @@ class PageWishes:
         self._send_line({'by_m': way.tolist()}, 1e-3 * speed)
         return self._start_line()
 
-    def _set_jog_off(self, number: int) -> str:
-        """Set off for the edge of the workspace; whoever lets the button go stops that on the way."""
+    def _start_jog(self, number: int) -> str:
+        """Start a motion to the edge of the workspace; releasing the button stops it."""
         jog = self._jog
-        to = edge(self._place(), jog.direction, self._robot.parameters.kinematics)
+        to = edge(self._tcp(), jog.direction, self._robot.parameters.kinematics)
         self._send_line(to.tolist(), self.jog_speed_m_s)
         if not jog.start(number):
-            self._take_line_back()
+            self._remove_line()
             return ''
         sentence = self._start_line()
         jog.accepted(number)
         return sentence
 
     def _start_line(self) -> str:
-        """Start a line that was sent; one that is refused does not stay in the queue for whoever starts next."""
+        """Start the line; if the start is rejected, remove the line from the queue."""
         try:
             return self._uninterrupted('start')
         except ProgramError:
-            self._take_line_back()
+            self._remove_line()
             raise
 
-    def _take_line_back(self) -> None:
+    def _remove_line(self) -> None:
         with suppress(Delta3Error):
             self._uninterrupted('clear')
-            self._operator.wait_until(self._queue_is_empty, 'word of an empty queue', CLEARED_S)
+            self._operator.wait_until(self._queue_is_empty, 'report of an empty queue', CLEARED_S)
 
     def _queue_is_empty(self) -> bool:
         queue = self._operator.queue
         return queue is None or not queue.moves
 
-    def _place(self) -> Floats:
-        """Return where the robot stands [m]; raises RunError if it is not there."""
-        if not self._robot.here:
+    def _tcp(self) -> Floats:
+        """Return the TCP position [m]; raises RunError without a robot."""
+        if not self._robot.available:
             raise RunError('there is no robot')
         place = np.array(self._operator.progress['tcp_m'], dtype=np.float64)
         if not np.isfinite(place).all():
@@ -256,12 +236,12 @@ class PageWishes:
     def _teach(self, name: str) -> str:
         if not name.strip() or not name.isprintable():
             raise ProgramError('a point needs a name')
-        x, y, z = self._place().tolist()
+        x, y, z = self._tcp().tolist()
         if self._page.controls is not None:
             self._page.controls.teach(name.strip(), (x, y, z))
         return f'{name.strip()} is at {millimetres((x, y, z))}'
 
-    def _forget(self) -> str:
+    def _clear_points(self) -> str:
         if self._page.controls is not None:
-            self._page.controls.forget()
-        return 'all points are forgotten'
+            self._page.controls.clear_points()
+        return 'all points are deleted'

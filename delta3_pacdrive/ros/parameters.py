@@ -1,4 +1,4 @@
-"""The core's parameters as ROS parameters: same names, same rules, with descriptors."""
+"""The core's parameters as ROS parameters with the same names, rules and descriptions."""
 
 import dataclasses
 import math
@@ -33,18 +33,18 @@ SHOWN = {
     'recorder': (),
     'robot_visualization': ('kinematics', *GEAR, 'dynamics.payload_mass_kg'),
 }  # fmt: skip
-"""Groups of parameters, and single ones, that each node shows as its own; all of them count for all nodes."""
+"""Parameter groups and single parameters that each node declares; every node accepts all parameters."""
 _OF_RCLPY = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
 
 
 def descriptor(
     description: str, low: float, high: float, kind: type, writable: bool = False
 ) -> ParameterDescriptor:
-    """Describe a parameter, fixed at start-up unless ``writable``; a closed range where ROS can express it."""
+    """Return a descriptor, read-only unless ``writable``, with a closed range if ROS can express it."""
     result = ParameterDescriptor(description=description, read_only=not writable)
     bounded = math.isfinite(low) and math.isfinite(high)
     if bounded and kind is float:
-        # people read 0 for the smallest positive number; the core refuses 0 all the same
+        # shown as 0 instead of the smallest positive number; the core still rejects 0
         least = 0.0 if 0.0 < low < 1e-300 else low
         result.floating_point_range = [FloatingPointRange(from_value=least, to_value=high, step=0.0)]
     elif bounded and kind is int:
@@ -53,13 +53,13 @@ def descriptor(
 
 
 class Own(NamedTuple):
-    """A parameter that a node has besides those of the robot."""
+    """A parameter of a node in addition to those of the robot."""
 
     name: str
     default: Any
     description: str
     low: float = 0.0
-    high: float = 0.0  # equal to ``low``: a text
+    high: float = 0.0  # equal to ``low`` for texts
 
     @property
     def entry(self) -> tuple[str, Any, ParameterDescriptor]:
@@ -73,7 +73,7 @@ OWN: dict[str, tuple[Own, ...]] = {
     'unit_robot': (
         Own('program', '', 'program file, or the name of a packaged program; empty: none'),
         Own('first_statement', 0, 'statement of the program with which it begins', 0, MOVES_MAX),
-        # as the joint_trajectory_controller names them
+        # named as in joint_trajectory_controller
         *(
             Own(
                 f'constraints.{axis}.{name}', 0.0, f'limit of the arm error {where} [rad]; 0: no limit',
@@ -99,12 +99,12 @@ OWN: dict[str, tuple[Own, ...]] = {
             'stay in CP3 until a program is loaded, so that it starts at motion.start_cycle', 0, 1,
         ),
         Own('joint_motion', False, 'also publish joint_motion and jacobian in every cycle', 0, 1),
-        Own('learned', '', 'file of learned torques, for the program that they belong to; empty: none'),
+        Own('learned', '', 'file of learned torques, for the program they were learned with; empty: none'),
         Own(
             'script_cycle', -1,
-            'bus cycle on whose answers a script begins; without a clock the bus waits for it', -1, 2**53,
+            'bus cycle in which a script begins to decide; without a clock the bus waits for it', -1, 2**53,
         ),
-        Own('shared_clock', '', 'file of the bus clock that several robots share; empty: a clock of its own'),
+        Own('shared_clock', '', 'file of the bus clock shared by several robots; empty: a separate clock'),
         Own('clock_member', 0, 'number of this robot on that clock', 0, 9),
     ),
     'mc4_drive': (Own('axis', 0, 'number of the axis: 1 to 3, or 4 for a rotary axis', 0, len(ALL_DRIVES)),),
@@ -123,11 +123,11 @@ OWN: dict[str, tuple[Own, ...]] = {
         Own('error_magnification', 100.0, 'factor by which the line of the TCP error is magnified', 1.0, 1e4),
     ),
 }  # fmt: skip
-"""Parameters that each node has besides those of the robot."""
+"""Parameters of each node in addition to those of the robot."""
 
 
 def declare_own(node: Node, kind: str) -> dict[str, Any]:
-    """Declare what a node has besides the robot; return the values. Raises ParameterError for a wrong type or value."""
+    """Declare a node's own parameters; return their values. Raises ParameterError for a wrong type or value."""
     entries = [own.entry for own in OWN[kind]]
     return dict(zip((name for name, _, _ in entries), _declare_all(node, entries), strict=True))
 
@@ -141,13 +141,13 @@ def _declare_all(node: Node, entries: list[Any]) -> list[Any]:
 
 
 def overrides(robot: core.Parameters, values: dict[str, Any]) -> list[Parameter]:
-    """Return what makes a node take the parameters of a robot, and values of its own beside them."""
+    """Return parameter overrides with the parameters of a robot and additional values."""
     flat = core.flatten(robot) | values
     return [Parameter(key, value=list(v) if isinstance(v, tuple) else v) for key, v in flat.items()]
 
 
 def shows(kind: str, name: str) -> bool:
-    """Whether a node of a kind shows a parameter of the robot."""
+    """Whether nodes of a kind declare a parameter of the robot."""
     return name in SHOWN[kind] or name.partition('.')[0] in SHOWN[kind]
 
 
@@ -157,12 +157,10 @@ def declare_robot(
     writable: frozenset[str] = frozenset(),
     own: Callable[[core.Parameters], core.Parameters] | None = None,
 ) -> core.Parameters:
-    """Read every parameter of the robot and return them checked; also refuses overrides that nobody declared.
+    """Read and validate every parameter of the robot; raises ParameterError for unknown overrides.
 
-    The node shows those of its kind, with the values that ``own`` returns if it has some of its own. ``writable``
-    names those that may be set while it runs.
-
-    Call it after the node's own parameters are declared.
+    The node declares those of its kind, with the values returned by ``own`` if they differ for this node. ``writable``
+    names those that can be set at run time. Call this after the node's own parameters are declared.
     """
     defaults = core.flatten(core.load())
     name = node.get_fully_qualified_name()
@@ -175,7 +173,7 @@ def declare_robot(
             default = defaults[key]
             of_type = f.type if f.type in (int, float, bool, str) else list
             low, high = f.metadata.get('low', 0.0), f.metadata.get('high', 0.0)
-            # what is read only cannot be hidden again
+            # a read-only parameter cannot be undeclared
             changeable = key in writable or not shows(kind, key) or own is not None
             info = descriptor(f.metadata['description'], low, high, of_type, changeable)
             entries.append((key, list(default) if of_type is list else default, info))
@@ -194,9 +192,9 @@ def declare_robot(
 
 
 def _show_own(node: Node, own: core.Parameters, entries: list[Any], writable: frozenset[str]) -> None:
-    """Show other values than those that the robot has told the node.
+    """Declare the node's parameters with values that differ from those of the robot.
 
-    What cannot be written has its range from the arms, and is shown without one.
+    Read-only parameters lose their range, which applies to the arms.
     """
     values = core.flatten(own)
     shown: list[Any] = []
@@ -204,6 +202,6 @@ def _show_own(node: Node, own: core.Parameters, entries: list[Any], writable: fr
         node.undeclare_parameter(key)
         fixed = ParameterDescriptor(description=info.description, read_only=True)
         value = values[key]
-        told = list(value) if isinstance(value, tuple) else value
-        shown.append((key, told, info if key in writable else fixed))
+        allowed = list(value) if isinstance(value, tuple) else value
+        shown.append((key, allowed, info if key in writable else fixed))
     node.declare_parameters('', shown, ignore_override=True)

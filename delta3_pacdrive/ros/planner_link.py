@@ -1,10 +1,9 @@
-"""The transformation task's link to the planner: plans and motion profiles in, verdicts and status out.
+"""Link of the transformation task to the planner: receives plans and motion profiles, publishes verdicts and status.
 
-In: ``motion/plan`` (moves, faults and the order that ends them), ``motion/change`` (motion profiles),
-``unit_robot/alive`` (heartbeat of the planner: its identity, the session that it knows of and its publisher; numbered
-in ``stamp.sec``). Out: ``motion/status`` (latched, JSON: all that the planner has to know), ``motion/verdict`` (JSON:
-what became of an order or of a change), ``motion/refusal`` (the same for people, if it was refused),
-``motion/course`` (latched: the profile of the master).
+In: ``motion/plan`` (moves, faults, and the order that ends them), ``motion/change`` (motion profiles),
+``unit_robot/alive`` (heartbeat of the planner: its identity, the session it knows and its publisher; numbered in
+``stamp.sec``). Out: ``motion/status`` (latched, JSON: everything the planner needs), ``motion/verdict`` (JSON: result
+of an order or change), ``motion/refusal`` (text of a rejection), ``motion/course`` (latched: profile of the master).
 """
 
 import time
@@ -18,29 +17,18 @@ from delta3_pacdrive.ros import interfaces
 from delta3_pacdrive.ros.numbers import numbers, row_of
 from delta3_pacdrive.ros.robot_node import RobotNode
 
-SLICE_S, SLICE_EVERY_S = 0.5e-3, 2e-3  # time that checking a plan may take, and how often
+SLICE_S, SLICE_EVERY_S = 0.5e-3, 2e-3  # time slice for checking a plan, and its period
 ROW_BYTES_MAX = 16 * 1024 * 1024
 STATUS_EVERY = 500  # checked rows
 
 
 class PlannerLink:
-    """Link of one transformation task.
-
-    Parameters
-    ----------
-    node
-        Publishes and subscribes.
-    controller
-        Decides.
-    changed
-        Called when the state of the robot may have changed: what that asks for has to be done.
-
-    """
+    """Link of one transformation task; ``changed`` is called when the state of the robot may have changed."""
 
     def __init__(self, node: RobotNode, controller: RobotController, changed: Callable[[], None]) -> None:
         self._log, self._controller, self._orders = node.get_logger(), controller, controller.orders
         self._changed = changed
-        self._told = 0  # checked rows in the last status
+        self._reported = 0  # checked rows in the last status
         self._status = interfaces.STATUS.publisher(node)
         self._verdicts = interfaces.VERDICT.publisher(node)
         self._refusals = interfaces.REFUSAL.publisher(node)
@@ -57,17 +45,17 @@ class PlannerLink:
         planner, session, _ = interfaces.read_heartbeat(message)
         if self._orders.receive_heartbeat(planner, session, message.stamp.sec, time.monotonic()):
             self._log.info(f'planner {planner}')
-            self.tell_status()
+            self.publish_status()
 
-    def tell_status(self) -> None:
-        """Publish all that the planner has to know."""
-        self._told = self._orders.checked
+    def publish_status(self) -> None:
+        """Publish the status for the planner."""
+        self._reported = self._orders.checked
         controller = self._controller
         status = self._orders.status(controller.bus.phase.name, controller.next_cycle)
         self._status.publish(String(data=status.to_json()))
 
-    def tell_profile(self, profile: MotionProfile) -> None:
-        """Publish what the master follows."""
+    def publish_profile(self, profile: MotionProfile) -> None:
+        """Publish the profile that the master follows."""
         self._profile.publish(numbers(profile.to_array(), self._orders.profile_label()))
 
     def _on_row(self, message: Float64MultiArray) -> None:
@@ -77,24 +65,24 @@ class PlannerLink:
             self._slices.reset()
 
     def _check_rows(self) -> None:
-        """Check rows of a plan for a slice of time."""
+        """Check rows of a plan for one time slice."""
         end = time.monotonic() + SLICE_S
         while self._orders.waiting and time.monotonic() < end:
             self._orders.check_row()
         if not self._orders.waiting:
             self._slices.cancel()
-        if self._orders.checked >= self._told + STATUS_EVERY:
-            self.tell_status()
+        if self._orders.checked >= self._reported + STATUS_EVERY:
+            self.publish_status()
         self._changed()
-        self.tell_verdicts()
+        self.publish_verdicts()
 
     def _on_profile(self, message: Float64MultiArray) -> None:
         self._orders.take_profile(*row_of(message))
         self._changed()
-        self.tell_verdicts()
+        self.publish_verdicts()
 
-    def tell_verdicts(self) -> None:
-        """Publish what became of orders and changes."""
+    def publish_verdicts(self) -> None:
+        """Publish the results of orders and changes."""
         verdicts, self._orders.verdicts = self._orders.verdicts, []
         for what, verdict in verdicts:
             self._verdicts.publish(String(data=verdict.to_json()))
@@ -106,6 +94,6 @@ class PlannerLink:
         self._refusals.publish(String(data=sentence))
 
     def _refuse_foreign(self, sentence: str) -> None:
-        """Say that something was refused that is nobody's order; in the log at most once a second."""
+        """Report a message that is not a valid order; logged at most once a second."""
         self._log.error(f'refused: {sentence}', throttle_duration_sec=1.0)
         self._refusals.publish(String(data=f'refused: {sentence}'))

@@ -1,4 +1,4 @@
-"""What the planner wants done, carried out on the graph and in the planning thread.
+"""Execution of the planner's actions on the graph and in the planning thread.
 
 Out: ``motion/plan``, ``motion/change``, ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error).
 """
@@ -21,16 +21,14 @@ from delta3_pacdrive.ros.planning_thread import PlanningThread
 
 
 class PlannerOutputs:
-    """The outputs carry out the actions of one planner.
+    """Executes the actions of one planner.
 
     Parameters
     ----------
-    node
-        Publishes.
-    planner, thread, operators, trajectories
-        Of the same node; the last one only where its action is there.
+    trajectories
+        The trajectory action, None if it is not offered.
     origin
-        Returns the label of a row of numbers, from its kind and the number of the order.
+        Returns the label of an array from its kind and the number of the order.
 
     """
 
@@ -51,7 +49,7 @@ class PlannerOutputs:
         self._change = interfaces.MOTION_CHANGE.publisher(node)
 
     def carry_out(self) -> None:
-        """Do what the planner has decided."""
+        """Execute all pending actions."""
         actions, self._planner.actions = self._planner.actions, []
         for action in actions:
             match action:
@@ -79,17 +77,17 @@ class PlannerOutputs:
                 case planner_actions.Mirrored(state):
                     self._state.publish(String(data=str(state)))
         if actions:
-            self._operators.tell_queue()
+            self._operators.publish_queue()
 
     def _numbered(self, kind: str, number: int, values: Any) -> Float64MultiArray:
         return numbers(values, self._origin(kind, number).label())
 
     def send_rows(self) -> None:
-        """Send what is left of a plan, no more of it than the transformation task can take at once."""
+        """Send the remaining rows of a plan, limited to what the transformation task can buffer."""
         status = self._planner.status
         for row in self._rows.due(status.checked if status else 0):
             self._plan.publish(self._numbered(*row))
 
-    def forget_rows(self) -> None:
-        """Send no more of a plan of the session before."""
+    def discard_rows(self) -> None:
+        """Discard unsent rows of the previous session."""
         self._rows.clear()

@@ -1,13 +1,13 @@
-"""What operators ask of the planner: programs, moves, start, resume, clear, override; and what they are answered.
+"""Operator services of the planner: programs, moves, start, resume, clear, override, and their replies.
 
 In: ``unit_robot/program`` (String: YAML, or the name of a packaged program), ``unit_robot/move_l`` (PointStamped),
 ``unit_robot/move_c`` (Path: circle point, end), ``unit_robot/move_sb`` (Path of at most 100 poses),
-``joint_trajectory`` (JointTrajectory: arm angles over time, followed at once),
-``unit_robot/override`` (Float64, percent), and ``unit_robot/request`` (String, JSON: the same, of operators who say who
-they are). Out: ``unit_robot/answer`` (latched: one sentence for each request), ``unit_robot/reply`` (JSON: the answer
-to a request), ``unit_robot/queue`` (latched, JSON: what is in it, the override, what is being planned, why
-the newest request was refused), ``unit_robot/requests`` (JSON: what becomes of the moves of each request). Services:
-``start``, ``resume``, ``clear``, and ``unit_robot/move`` (moves in YAML, answered with an id).
+``joint_trajectory`` (JointTrajectory: arm angles over time, executed immediately), ``unit_robot/override`` (Float64,
+percent), and ``unit_robot/request`` (String, JSON: the same with the identity of the operator). Out:
+``unit_robot/answer`` (latched: one sentence for each request), ``unit_robot/reply`` (JSON: reply to a request),
+``unit_robot/queue`` (latched, JSON: content of the queue, override, planning progress, reason of the newest rejection),
+``unit_robot/requests`` (JSON: states of the moves of each request). Services: ``start``, ``resume``, ``clear``, and
+``unit_robot/move`` (moves in YAML; the reply contains an id).
 """
 
 import json
@@ -27,25 +27,23 @@ from delta3_pacdrive.controller.request_service import FOR_MOVES
 from delta3_pacdrive.controller.request_tracker import Phase
 from delta3_pacdrive.errors import Code, Reason
 from delta3_pacdrive.ros import interfaces, move_messages
-from delta3_pacdrive.ros.deferred_service import Tell
+from delta3_pacdrive.ros.deferred_service import Respond
 from delta3_pacdrive.ros.joint_trajectory import joint_trajectory
 from delta3_pacdrive.ros.request_server import RequestServer
 from delta3_pacdrive.ros.robot_node import RobotNode
 
 
 class PlannerServices:
-    """Services of one planner.
+    """Operator services of one planner.
 
     Parameters
     ----------
-    node
-        Has the services.
-    planner, identity
-        Decides, and what it is known by.
+    identity
+        Of the planner.
     progress
-        Says how far the planning is, empty while nothing is planned.
+        Returns the planning progress, empty while nothing is planned.
     changed
-        Called when the planner was asked for something: whatever it wants done has to be done.
+        Called after each request, to execute the resulting actions.
 
     """
 
@@ -59,11 +57,11 @@ class PlannerServices:
     ) -> None:
         self._log, self._planner, self._identity = node.get_logger(), planner, identity
         self._progress, self._changed = progress, changed
-        # by the identity of the request: it, what is called with its answer, and as which it is answered by topic
-        self._asked: dict[int, tuple[Request, Tell | None, Request | None]] = {}
+        # by the identity of the request: request, callback of its reply, and the received request to reply to by topic
+        self._asked: dict[int, tuple[Request, Respond | None, Request | None]] = {}
         self._anonymous = 0  # requests of clients without an identity
         self._refusal: Reason | None = None  # of the newest request
-        self._told_queue = ''
+        self._published_queue = ''
         self._answer = interfaces.ANSWER.publisher(node)
         self._queue = interfaces.QUEUE.publisher(node)
         self._server = RequestServer(
@@ -95,43 +93,45 @@ class PlannerServices:
 
     # requests ---------------------------------------------------------------------------------------------------------
 
-    def _ask(self, action: str, text: str = '', tell: Tell | None = None) -> None:
-        """Pass on the request of a client that has no identity."""
-        self.pass_on(self.request(action, text), tell)
+    def _ask(self, action: str, text: str = '', respond: Respond | None = None) -> None:
+        """Pass a request of a client without identity to the planner."""
+        self.pass_on(self.request(action, text), respond)
 
     def _ask_openly(self, action: str, text: str) -> None:
-        """Pass on what came on a topic, unless it may come from a bag that is played back."""
+        """Pass on a request received by topic, unless a bag may be playing."""
         reason = self._planner.played_back(time.monotonic())
         if reason is None:
             self._ask(action, text)
         elif action in FOR_MOVES:
             self.refuse_moves(reason)
         else:
-            self._say(reason, '')
+            self._publish_answer(reason, '')
 
     def request(self, action: str, text: str = '') -> Request:
-        """Return the request of a client that has no identity."""
+        """Return a new request for a client without identity."""
         self._anonymous += 1
         return Request(self._identity, '', self._anonymous, 0, action, text)
 
-    def pass_on(self, request: Request, tell: Tell | None = None, received: Request | None = None) -> None:
-        """Pass on a request; ``tell`` is called with its answer, and the reply goes to the one that was received."""
-        self._asked[id(request)] = request, tell, received
+    def pass_on(
+        self, request: Request, respond: Respond | None = None, received: Request | None = None
+    ) -> None:
+        """Pass on a request; ``respond`` is called with the result, and ``received`` gets the reply."""
+        self._asked[id(request)] = request, respond, received
         self._planner.ask(request, time.monotonic())
         self._changed()
 
-    def _serve(self, action: str, _: Trigger.Request, tell: Tell) -> None:
-        self._ask(action, tell=tell)
+    def _serve(self, action: str, _: Trigger.Request, respond: Respond) -> None:
+        self._ask(action, respond=respond)
 
-    def _move(self, request: AddDiagnostics.Request, tell: Tell) -> None:
-        """Pass on moves whose answer tells by which id they are known."""
+    def _move(self, request: AddDiagnostics.Request, respond: Respond) -> None:
+        """Pass on moves; the reply contains the id of the request."""
         text = request.load_namespace
         asked = self.request('move', text)
 
         def answer(reason: Reason | None, sentence: str) -> None:
-            code, said = (str(reason.code), reason.sentence) if reason else ('', sentence)
-            told = json.dumps({'id': asked.identity, 'code': code, 'sentence': said})
-            tell(reason and replace(reason, sentence=told), told)
+            code, text = (str(reason.code), reason.sentence) if reason else ('', sentence)
+            document = json.dumps({'id': asked.identity, 'code': code, 'sentence': text})
+            respond(reason and replace(reason, sentence=document), document)
 
         if len(text.encode()) > interfaces.PROGRAM_BYTES_MAX:
             size = f'the request has {len(text.encode())} bytes, the limit is {interfaces.PROGRAM_BYTES_MAX}'
@@ -151,7 +151,7 @@ class PlannerServices:
                 request, Reason(Code.CONTENT, 'a withdrawal needs the identity of its operator'), ''
             )
             return
-        if not request.operator:  # others may count from 1 as well
+        if not request.operator:  # numbers of different clients may coincide
             self._anonymous += 1
             own = replace(request, receiver=self._identity, number=self._anonymous)
         self.pass_on(own, received=request)
@@ -159,16 +159,16 @@ class PlannerServices:
     # answers ----------------------------------------------------------------------------------------------------------
 
     def reply(self, request: Request, reason: Reason | None, sentence: str) -> None:
-        """Answer a request, with the reason if it is refused."""
-        _, tell, received = self._asked.pop(id(request), (request, None, None))
-        if tell is not None:
-            tell(reason, sentence)
+        """Reply to a request, with the reason if it is rejected."""
+        _, respond, received = self._asked.pop(id(request), (request, None, None))
+        if respond is not None:
+            respond(reason, sentence)
         if received is not None:
             self._server.reply(received, reason, sentence)
-        self._say(reason, sentence)
+        self._publish_answer(reason, sentence)
 
-    def _say(self, reason: Reason | None, sentence: str) -> None:
-        """Say to everybody what became of the newest request."""
+    def _publish_answer(self, reason: Reason | None, sentence: str) -> None:
+        """Publish the result of the newest request on ``unit_robot/answer``."""
         self._refusal = reason
         if reason is None:
             self._log.info(sentence)
@@ -176,48 +176,48 @@ class PlannerServices:
         else:
             self._log.error(reason.sentence)
             self._answer.publish(String(data=f'refused: {reason.sentence}'))
-        self.tell_queue()
+        self.publish_queue()
 
     def report(self, report: RequestReport) -> None:
-        """Tell what has become of the moves of a request."""
+        """Publish the state of the moves of a request."""
         self._requests.publish(String(data=report.to_json()))
 
     def _refuse(self, sentence: str) -> None:
-        self._say(Reason(Code.CONTENT, sentence), '')
+        self._publish_answer(Reason(Code.CONTENT, sentence), '')
 
     def refuse_moves(self, why: str | Reason) -> None:
-        """Publish that a request for moves, which the planner has not seen, is refused."""
+        """Publish the rejection of a move request that was not passed to the planner."""
         reason = why if isinstance(why, Reason) else Reason(Code.CONTENT, why)
         identity = self.request('move').identity
         self.report(RequestReport(identity, Phase.REFUSED, 0, 0, str(reason.code), reason.sentence))
-        self._say(reason, '')
+        self._publish_answer(reason, '')
 
     def _refuse_request(self, sentence: str) -> None:
-        self._told_queue = ''  # who asks may have heard the queue of another planner
+        self._published_queue = ''  # publish again: the client may have received the queue of another planner
         self._refuse(sentence)
 
-    def tell_progress(self) -> None:
-        """Tell those who wait that their requests are being worked on, and how far."""
-        self.tell_queue()
+    def report_progress(self) -> None:
+        """Report to waiting clients that their requests are in progress."""
+        self.publish_queue()
         sentence = self._progress() or 'waiting'
         for _, _, received in list(self._asked.values()):
             if received is not None:
                 self._server.reply(received, None, sentence, done=False)
 
-    def tell_queue(self) -> None:
-        """Tell what is in the queue, if that has changed."""
+    def publish_queue(self) -> None:
+        """Publish the queue if it has changed."""
         moves, duration = self._planner.queue
         refusal = self._refusal
         report = QueueReport(
-            self._identity,
-            moves,
-            duration,
-            self._planner.override,
-            self._progress(),
-            refusal.sentence if refusal else '',
-            str(refusal.code) if refusal else '',
+            identity=self._identity,
+            moves=moves,
+            duration_s=duration,
+            override=self._planner.override,
+            working=self._progress(),
+            refusal=refusal.sentence if refusal else '',
+            refusal_code=str(refusal.code) if refusal else '',
         )
         text = report.to_json()
-        if text != self._told_queue:
-            self._told_queue = text
+        if text != self._published_queue:
+            self._published_queue = text
             self._queue.publish(String(data=text))

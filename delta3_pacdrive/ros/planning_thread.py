@@ -1,4 +1,4 @@
-"""Planning beside the thread that must answer: one job at a time, with its progress, until it is done or given up."""
+"""Planning in a background thread: one job at a time, with progress and cancellation."""
 
 import queue
 import threading
@@ -10,13 +10,13 @@ from delta3_pacdrive.errors import Code, Reason, shown
 from delta3_pacdrive.motion.output_names import OWN, OutputNames
 from delta3_pacdrive.parameters import Parameters
 
-JOIN_S = 2.0  # that a job may take to notice that it is given up
+JOIN_S = 2.0  # timeout for a cancelled job to end
 
 
 class PlanningThread:
-    """A thread that does jobs; its results are fetched, and ``log`` is told of what should not have happened.
+    """A thread that executes planning jobs; unexpected exceptions go to ``log``.
 
-    ``outputs`` are those that programs may name.
+    ``outputs`` are the output names that programs may use.
     """
 
     def __init__(
@@ -25,23 +25,23 @@ class PlanningThread:
         self._robot, self._log, self._outputs = parameters, log, outputs
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._results: queue.SimpleQueue[Result] = queue.SimpleQueue()
-        self._given_up = 0  # newest job that is
-        self._state = (0, 0, 0)  # number of the job, statements done and of all
+        self._given_up = 0  # newest cancelled job
+        self._state = (0, 0, 0)  # number of the job, planned statements, all statements
         self._newest = self._fetched = 0  # numbers of jobs
         self._thread = threading.Thread(target=self._run, name='planning', daemon=True)
         self._thread.start()
 
     def begin(self, job: Job) -> None:
-        """Do a job behind those that are under way."""
+        """Queue a job."""
         self._newest = job.number
         self._jobs.put(job)
 
     def cancel(self, number: int) -> None:
-        """Give a job up."""
+        """Cancel all jobs up to a number."""
         self._given_up = max(self._given_up, number)
 
     def results(self) -> Iterator[Result]:
-        """Return what has been done since the last call."""
+        """Yield the results since the last call."""
         while not self._results.empty():
             result = self._results.get()
             self._fetched = result.number
@@ -49,16 +49,16 @@ class PlanningThread:
 
     @property
     def busy(self) -> bool:
-        """Whether the result of a job is still to come."""
+        """Whether the result of a job is pending."""
         return self._fetched < self._newest
 
     def progress(self) -> str:
-        """Say how far a job is that is under way, empty if none is."""
+        """Return the progress of the current job, empty if there is none."""
         number, done, total = self._state
         return f'planning move {done + 1} of {total}' if number > self._given_up and total else ''
 
     def close(self) -> None:
-        """Give everything up and end."""
+        """Cancel all jobs and end the thread."""
         self.cancel(self._newest)
         self._jobs.put(None)
         self._thread.join(JOIN_S)
@@ -69,12 +69,12 @@ class PlanningThread:
 
             def note(done: int, total: int, number: int = number) -> None:
                 if number <= self._given_up:
-                    raise CancelledError('the planning was given up')
+                    raise CancelledError('planning was cancelled')
                 self._state = (number, done, total)
 
             try:
                 result = work(job, self._robot, note, self._outputs)
-            except Exception as error:  # noqa: BLE001 (no program, whoever sends it, ends the planner)
+            except Exception as error:  # noqa: BLE001 (no program may terminate the planner)
                 self._log(traceback.format_exc())
                 sentence = f'{type(error).__name__}: {shown(str(error))}'
                 result = Result(number, None, None, Reason(Code.CONTENT, sentence))

@@ -1,8 +1,8 @@
-"""The cell of the plant node on the graph: its inputs, the log of its parts, and inputs that are set from outside.
+"""The cell of the plant node: inputs, belts, part events, camera pictures, and forced inputs.
 
-In: ``sercos/mdt`` (outputs). Out, in every cycle: ``sercos/at/io`` (inputs), ``sercos/at/belts`` (counts, parts). And
-``cell/parts`` and ``cell/scene`` (JSON), and ``cell/camera``: poses of parts in pictures.
-Service: ``input``; the same by topic: ``cell/set_input``.
+In: ``sercos/mdt`` (outputs), ``cell/set_input``. Out, in every cycle: ``sercos/at/io`` (inputs), ``sercos/at/belts``
+(counts, parts); on events: ``cell/parts`` and ``cell/scene`` (JSON), ``cell/camera`` (poses of parts in a picture).
+Service: ``input``.
 """
 
 import json
@@ -42,31 +42,11 @@ from delta3_pacdrive.simulation.belts import axes_of, readings
 
 REQUEST_MAX = 10_000  # characters
 AUTO = 'auto'
-VALUES = {'on': True, 'off': False, AUTO: None}  # of a message
+VALUES = {'on': True, 'off': False, AUTO: None}  # in a message
 
 
 class PlantCell:
-    """What stands around the robot takes part in the graph.
-
-    Parameters
-    ----------
-    node
-        Of the plant.
-    path, start_cycle
-        Cell file, and bus cycle from which its times count.
-    parameters
-        Of the robot.
-
-    Attributes
-    ----------
-    around
-        The cell on the bus.
-    inputs
-        Names of its inputs.
-    belts
-        What is announced of its belts.
-
-    """
+    """Connects the cell around the robot to the graph; its times count from ``start_cycle``."""
 
     def __init__(self, node: RobotNode, path: str, start_cycle: int, parameters: Parameters) -> None:
         self._node, self._clock = node, Clock(parameters.bus.cycle_time_s)
@@ -75,12 +55,12 @@ class PlantCell:
         self._world = World(cell, parameters.bus.cycle_time_s, start)
         self.around = BusWorld(self._world, self, cell.output_names)
         self.inputs, self._axes = cell.input_names, axes_of(cell)
-        self.belts = belts_text(self._axes)
+        self.belts = belts_text(self._axes)  # as announced
         self._bus_plant: BusPlant
-        self._frame = b''  # of the last MDT: it rarely changes
+        self._frame = b''  # of the last MDT; rarely changes
         self._outputs = 0
         self._mdt = cdr.codec(telegrams.mdt(parameters.sends_torque, drives_of(parameters)))
-        self._codec = cdr.codec(telegrams.inputs(self.inputs or ('',)))  # without inputs nothing is sent
+        self._codec = cdr.codec(telegrams.inputs(self.inputs or ('',)))  # unused without inputs
         self._publish = cdr.raw_publish(INPUTS.publisher(node))
         names = [belt.name for belt in self._axes]
         self._belts_codec = cdr.codec(telegrams.belts(names or ('',)))
@@ -90,7 +70,7 @@ class PlantCell:
         self._scene.publish(String(data=json.dumps(self._world.scene)))
 
     def receive_for(self, bus_plant: BusPlant) -> None:
-        """Receive for a plant from now on."""
+        """Start receiving for a plant."""
         self._bus_plant = bus_plant
         MDT.subscription(self._node, self._on_mdt, raw=True)
 
@@ -110,10 +90,10 @@ class PlantCell:
             self._bus_plant.clock.take_outputs(cycle, self._outputs)
 
     def forget(self) -> None:
-        """Forget frames of the session before."""
+        """Clear the cached frame of the previous session."""
         self._frame = b''
 
-    # what the cell does -----------------------------------------------------------------------------------------------
+    # transmission -----------------------------------------------------------------------------------------------------
 
     def send_inputs(self, cycle: int, inputs: Mapping[str, bool]) -> None:
         """Send the inputs of a bus cycle."""
@@ -121,13 +101,13 @@ class PlantCell:
         self._publish(self._codec.encode(self._clock.stamp(cycle), self._bus_plant.slave.session, values))
 
     def send_belts(self, cycle: int) -> None:
-        """Send what the belts tell in a bus cycle."""
-        told = readings(self._world)
-        counts, pictures = [float(one.count) for one in told], [float(one.pictures) for one in told]
+        """Send counts and parts of the belts in a bus cycle."""
+        found = readings(self._world)
+        counts, pictures = [float(one.count) for one in found], [float(one.pictures) for one in found]
         stamp, session = self._clock.stamp(cycle), self._bus_plant.slave.session
-        parts = parts_of(self._axes, told)
+        parts = parts_of(self._axes, found)
         if parts and self._seen.wanted:
-            self._tell_seen(told)
+            self._publish_pictures(found)
         if not parts:
             self._publish_belts(self._belts_codec.encode(stamp, session, counts + pictures))
             return
@@ -138,9 +118,9 @@ class PlantCell:
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         self._publish_belts(serialize_message(message))
 
-    def _tell_seen(self, told: Sequence[BeltReading]) -> None:
-        """Tell what cameras have seen, under the time of their pictures."""
-        for belt, reading in zip(self._axes, told, strict=True):
+    def _publish_pictures(self, found: Sequence[BeltReading]) -> None:
+        """Publish the poses of the parts in camera pictures, stamped with the time of the picture."""
+        for belt, reading in zip(self._axes, found, strict=True):
             if not reading.sighted:
                 continue
             message = PoseArray()
@@ -160,18 +140,10 @@ class PlantCell:
 
 
 class InputRequests:
-    """Inputs are read, and set from outside, by requests to the plant, and by a topic.
+    """Reads and forces inputs by a service and a topic of the plant; ``around`` is None without a cell.
 
-    The topic is open to everybody, a player of bags too: as long as a status is heard that is not of this robot, what
-    comes there is refused.
-
-    Parameters
-    ----------
-    node
-        Of the plant.
-    around
-        The cell on the bus; None: there is none.
-
+    The topic has no sender identity and may come from a bag. It is rejected while the status of another robot is
+    received.
     """
 
     def __init__(self, node: RobotNode, around: BusWorld | None) -> None:
@@ -186,14 +158,15 @@ class InputRequests:
         self._task.take(Status.from_json(message.data), time.monotonic())
 
     def _on_set_input(self, message: KeyValue) -> None:
-        """Set an input as a message tells that anybody may have sent."""
+        """Force an input as requested by a message."""
         try:
             reason = self._task.played_back(time.monotonic())
             if reason is not None:
                 raise RefusedError(reason)
             if message.value not in VALUES:
-                told = f'{shown(message.value)}, but must be on, off or auto'
-                raise ProgramError(f'the value of input {shown(message.key)} is {told}')
+                raise ProgramError(
+                    f'the value of input {shown(message.key)} is {shown(message.value)}, but must be on, off or auto'
+                )
             self._set(message.key, VALUES[message.value])
         except Delta3Error as error:
             self._refuse(str(error))
@@ -223,7 +196,7 @@ class InputRequests:
         return self._set(*read_request(yaml_file.parse(text, 'the request', ProgramError)))
 
     def _set(self, name: str, value: bool | None) -> str:
-        """Set an input; return the sentence about it, or raise Delta3Error."""
+        """Force an input; return the confirmation, or raise Delta3Error."""
         around = self._around
         if around is None:
             raise ProgramError('this robot has no inputs: bring it up with --cell')

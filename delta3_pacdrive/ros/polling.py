@@ -1,6 +1,6 @@
-"""Nodes that read cyclic topics when they have time, instead of being woken by every message.
+"""Nodes that poll cyclic topics instead of being woken by every message.
 
-A wake-up and a callback cost several times as much as taking a message that is already there.
+A wake-up and a callback cost several times as much as taking a message that has already arrived.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,11 +11,11 @@ from rclpy.subscription import Subscription
 
 from delta3_pacdrive.ros.robot_node import RobotNode
 
-Taken = tuple[bytes, dict[str, int]]  # the serialised message, and its info with received_timestamp [ns]
+Taken = tuple[bytes, dict[str, int]]  # serialised message, and its info with received_timestamp [ns]
 
 
 class PollingNode(RobotNode):
-    """A node some of whose subscriptions the executor does not see."""
+    """A node with subscriptions that are hidden from the executor."""
 
     def __init__(self, name: str, **node_options: Any) -> None:
         self._polled: dict[Callable[[], Taken | None], Subscription] = {}
@@ -23,13 +23,13 @@ class PollingNode(RobotNode):
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions that the executor looks after."""
+        """Subscriptions served by the executor."""
         return iter([item for item in super().subscriptions if item not in self._polled.values()])
 
     def create_polled_subscription(
         self, message_type: Any, topic: str, qos: QoSProfile
     ) -> Callable[[], Taken | None]:
-        """Subscribe; the returned call takes the next serialised message, or None if there is none."""
+        """Subscribe; the returned function takes the next serialised message, or None."""
         subscription = self.create_subscription(message_type, topic, _unused, qos, raw=True)
 
         def take() -> Taken | None:
@@ -42,9 +42,9 @@ class PollingNode(RobotNode):
         return take
 
     def destroy_polled_subscription(self, take: Callable[[], Taken | None]) -> None:
-        """Subscribe no longer; ``take`` is what ``create_polled_subscription`` returned."""
+        """Destroy the subscription of a ``take`` returned by ``create_polled_subscription``."""
         self.destroy_subscription(self._polled.pop(take))
 
 
 def _unused(_: bytes) -> None:
-    """Stand in for the callback that a subscription must have."""
+    """Required callback of a polled subscription; never called."""

@@ -1,4 +1,4 @@
-"""What each process of nodes needs and would load for itself, which takes it longer than a bus cycle."""
+"""Preloading of slow imports and look-ups that would otherwise take longer than a bus cycle in each process."""
 
 import inspect
 import sys
@@ -9,7 +9,7 @@ from type_description_interfaces.srv import GetTypeDescription
 
 from delta3_pacdrive.ros.interfaces import SERVICES, TOPICS
 
-LOGGING = 'rclpy', 'delta3_pacdrive.ros'  # packages from which a line may be logged
+LOGGING = 'rclpy', 'delta3_pacdrive.ros'  # packages that log
 OF_EVERY_NODE = (
     msg.ParameterEvent,
     srv.DescribeParameters,
@@ -23,17 +23,17 @@ OF_EVERY_NODE = (
 
 
 def load_type_support() -> None:
-    """Load what turns messages of all types of the robot into bytes, once for all processes that are forked later."""
+    """Load the type support of all messages and services, once before processes are forked."""
     topics, services = ({item.type for item in rows} for rows in (TOPICS, SERVICES))
     for interface in (*OF_EVERY_NODE, *topics, *services):
         check_for_type_support(interface)
 
 
 def know_modules() -> None:
-    """Tell ``inspect`` which module each file is that may log a line.
+    """Register the modules that log in the cache of ``inspect``.
 
-    A logger of rclpy looks for the file and line that it is called from. For a file that is not known yet ``inspect``
-    walks all modules: some 50 ms for the first line of a process, which are 50 bus cycles where it is logged in one.
+    A logger of rclpy determines file and line of its caller. For an unknown file ``inspect`` walks all modules, which
+    takes some 50 ms (50 bus cycles) for the first log line of a process.
     """
     for name, module in tuple(sys.modules.items()):
         file = getattr(module, '__file__', None)

@@ -1,4 +1,4 @@
-"""The transformation task's reports for people and tools: ``motion/progress`` and ``/diagnostics``."""
+"""Reports of the transformation task: ``motion/progress`` and ``/diagnostics``."""
 
 import json
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from delta3_pacdrive.ros.publishers import Output
 
 Facts = Callable[[], dict[str, Any]]
 DIAGNOSTICS_S = 1.0
-# what ``motion/progress`` tells at least
+# required fields of ``motion/progress``
 _TEXTS = (
     'session', 'phase', 'waiting', 'fault', 'fault_code', 'fault_source', 'state', 'operator', 'operator_identity',
     'unlearned',
@@ -30,12 +30,12 @@ _TYPES: dict[str, tuple[type, ...]] = (
     dict.fromkeys(_TEXTS, (str,))
     | dict.fromkeys(_FLAGS, (bool,))
     | dict.fromkeys(_NUMBERS, (int, float))
-    | {'remaining_s': (int, float, type(None))}  # a robot that is held does not know it
+    | {'remaining_s': (int, float, type(None))}  # unknown while the robot is held
 )
 
 
 def read_progress(text: str) -> dict[str, Any] | None:
-    """Read a report of ``motion/progress``; None if it is none, whoever may have published it."""
+    """Parse a report of ``motion/progress``; None if it is invalid."""
     try:
         facts = json.loads(text)
     except (ValueError, RecursionError):
@@ -45,17 +45,17 @@ def read_progress(text: str) -> dict[str, Any] | None:
     if not {'tcp_m', 'remaining_s'} <= facts.keys():
         return None
     place = facts['tcp_m']
-    if place is None:  # it was not measured yet
+    if place is None:  # not measured yet
         place = [0.0] * 3
     if not isinstance(place, list) or len(place) != 3 or not all(isinstance(x, (int, float)) for x in place):
         return None
-    # JSON as Python reads it knows Infinity; where the arms close no chain the place, and it alone, is nan
+    # Python's JSON accepts Infinity; only the position may be nan, if forward kinematics has no solution
     if any(abs(x) > NUMBER_MAX for x in place):
         return None
     missing = facts.get('missing')
     if not isinstance(missing, list) or not all(isinstance(name, str) for name in missing):
         return None
-    turned = facts.get('turn_rad', 0.0)  # there is one only where there is a rotary axis
+    turned = facts.get('turn_rad', 0.0)  # present with a rotary axis only
     if not isinstance(turned, (int, float)) or not abs(turned) < NUMBER_MAX:
         return None
     numbers = (facts.get(key) for key in (*_NUMBERS, 'remaining_s'))
@@ -65,16 +65,14 @@ def read_progress(text: str) -> dict[str, Any] | None:
 
 
 class ProgressReport:
-    """The report is published when it is told to be.
+    """Publishes progress on request, and diagnostics once a second.
 
     Parameters
     ----------
-    node
-        Publishes.
     period_s
-        Time between two reports [s]; diagnostics come once a second.
+        Time between two reports [s].
     progress, statistics
-        Return the facts of the present state, and of all that was so far.
+        Return the present state, and totals since the start.
 
     """
 
@@ -86,7 +84,7 @@ class ProgressReport:
         self._reports = 0
 
     def publish(self) -> None:
-        """Publish to those who listen; statistics go with the end of a program and with a fault."""
+        """Publish to subscribers; statistics are included after the end of a program and with a fault."""
         if self._progress.wanted:
             facts = self._facts()
             if facts['finished'] or facts['fault']:

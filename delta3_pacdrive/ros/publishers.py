@@ -1,4 +1,4 @@
-"""Topics that cost next to nothing while nobody listens."""
+"""Publishers that cost almost nothing without subscribers."""
 
 from rclpy.event_handler import PublisherEventCallbacks, QoSPublisherMatchedInfo
 from rclpy.node import Node
@@ -9,23 +9,12 @@ from delta3_pacdrive.sercos.telegrams import BASE_FRAME, Telegram
 
 
 class Output:
-    """The publisher knows whether somebody listens; the middleware tells when that changes.
-
-    Attributes
-    ----------
-    wanted
-        Whether there is a subscription.
-    topic
-        The topic.
-    publish
-        Publishes a message object.
-
-    """
+    """A publisher that tracks, by events of the middleware, whether it has subscribers (``wanted``)."""
 
     def __init__(self, node: Node, topic: Topic, axis: str = '') -> None:
         self.wanted, self.topic = False, topic
-        told = PublisherEventCallbacks(matched=self._on_matched)
-        self.publisher = topic.publisher(node, axis, event_callbacks=told)
+        events = PublisherEventCallbacks(matched=self._on_matched)
+        self.publisher = topic.publisher(node, axis, event_callbacks=events)
         self.publish = self.publisher.publish
 
     def _on_matched(self, info: QoSPublisherMatchedInfo) -> None:
@@ -33,7 +22,7 @@ class Output:
 
 
 class TelegramOutput(Output):
-    """The output has a fixed layout and is packed only if somebody listens."""
+    """An output of fixed layout, encoded only if there are subscribers."""
 
     def __init__(self, node: Node, topic: Topic, telegram: Telegram | None = None) -> None:
         super().__init__(node, topic)
@@ -41,6 +30,6 @@ class TelegramOutput(Output):
         self._publish_raw = cdr.raw_publish(self.publisher)
 
     def send(self, stamp: tuple[int, int], values: list[float]) -> None:
-        """Publish values under a stamp, if anybody listens."""
+        """Publish values under a stamp if there are subscribers."""
         if self.wanted:
             self._publish_raw(self._encode(stamp, BASE_FRAME, values))

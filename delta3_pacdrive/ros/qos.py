@@ -1,15 +1,15 @@
-"""Profiles of quality of service; ``interfaces`` says which topic has which, and why."""
+"""Quality of service profiles; ``interfaces`` assigns them to topics and gives the reasons."""
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 CYCLIC_PUBLISHER = QoSProfile(depth=256)
 CYCLIC_SUBSCRIPTION = QoSProfile(depth=64, reliability=ReliabilityPolicy.BEST_EFFORT)
-# where a network may lose packets: without a message of the exchange no bus cycle would ever come to its end
+# for networks that may lose packets: without one message of the exchange a bus cycle would never be complete
 CYCLIC_FROM_AFAR = QoSProfile(depth=64)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LATCHED_FROM_MANY = QoSProfile(depth=16, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLAN = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1)
-# Rows of the newest plans are kept, more of them than are ever under way (UNCHECKED_MAX in controller/plan_rows).
+# Keeps the rows of the newest plans, more than can be pending (UNCHECKED_MAX in controller/plan_rows).
 PLAN_WRITER = QoSProfile(depth=2000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PLAN_LATECOMER = QoSProfile(
     history=HistoryPolicy.KEEP_ALL, depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -21,15 +21,15 @@ FACTS = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 REPORT = QoSProfile(depth=10)
 
-# Two seconds of an oscilloscope: nothing is lost while a reader is held up for less, and no drive ever waits for one.
+# Two seconds of an oscilloscope: a shorter delay of a reader loses nothing, and no drive ever waits for a reader.
 SAMPLES = QoSProfile(depth=256)
 
-# What a recorder reads: best effort as well, since repeats would come in bursts that a recorder that lags could absorb
-# even less; its queue is deep, and it counts what is missing.
+# Recorder: best effort, because a late recorder cannot absorb bursts of repeated messages either. Its queue is deep,
+# and it counts missing messages.
 RECORDER = QoSProfile(depth=4000, reliability=ReliabilityPolicy.BEST_EFFORT)
-# Changes of a state in quick succession, such as outputs: each counts, not the newest alone.
+# State changes in quick succession, such as outputs: every one is recorded, not only the newest.
 LATCHED_RECORDER = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-# What watches every telegram of a robot without a clock, 9000 cycles a second, and takes a gap for a fault of the bus:
-# it may be held up for seconds.
+# For a process that checks every telegram of a robot without a clock (9000 cycles a second) and takes a gap for a bus
+# fault: it may be delayed for seconds.
 WATCHER = QoSProfile(depth=40_000, reliability=ReliabilityPolicy.BEST_EFFORT)

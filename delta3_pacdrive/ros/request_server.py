@@ -1,4 +1,4 @@
-"""Requests of operators: each of one with an identity is served once, and its answer repeated if it was lost."""
+"""Server of operator requests: executes each identified request once, and repeats the reply if it was lost."""
 
 import time
 from collections.abc import Callable, Container
@@ -13,22 +13,18 @@ from delta3_pacdrive.ros.robot_node import RobotNode
 
 
 class RequestServer:
-    """The requests to one receiver.
+    """Receives the requests of one request topic.
 
     Parameters
     ----------
-    node
-        Has the topics.
-    requests, replies
-        The topics.
     receiver
-        Returns whom a request must be meant for; one for somebody else may come out of a recording.
+        Returns the expected receiver; requests for others may come from a recording.
     serve
         Called with each new request.
     changes
         Returns how often control of the robot has changed hands.
     refuse
-        Called with a sentence about what is no request to this receiver; the log by default.
+        Called with the reason when a message is rejected; the log by default.
     always
         Actions that are served even if there are too many operators.
 
@@ -64,14 +60,14 @@ class RequestServer:
         if request.receiver != self._receiver():
             self._publish(refuse_recording(request))
             raise TelegramError(f'a request to {shown(request.receiver)}, which is not here')
-        # requests without an operator cannot be told apart
+        # requests without an operator cannot be distinguished
         if not request.operator or self._is_new(request):
             self._serve(request)
         elif (last := self._received.reply(request)) is not None:
             self._publish(last)
 
     def _is_new(self, request: Request) -> bool:
-        """Whether a request is received for the first time; one that is refused has its reply then."""
+        """Whether a request is received for the first time; publishes the reply if it is rejected."""
         try:
             return self._received.receive(request, time.monotonic())
         except RefusedError as error:
@@ -81,7 +77,7 @@ class RequestServer:
             return False
 
     def reply(self, request: Request, reason: Reason | None, sentence: str, done: bool = True) -> None:
-        """Publish what became of a request, or how far it is."""
+        """Publish the result of a request, or its progress if not ``done``."""
         reply = self._reply(request, reason, sentence, done)
         self._publish(reply)
         if done:

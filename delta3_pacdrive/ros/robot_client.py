@@ -1,4 +1,4 @@
-"""Node of an operator: asks UnitRobot and the transformation task, and waits for what they answer."""
+"""Node of an operator: sends requests to the planner and the transformation task and waits for the replies."""
 
 import math
 import os
@@ -35,47 +35,29 @@ from delta3_pacdrive.ros.present_robot import PresentRobot
 from delta3_pacdrive.ros.progress_report import read_progress
 
 LOOK_S = 0.02
-PATIENCE_S = 10.0  # without a word
-AGAIN_S = 1.0  # after which a request is made again: it, or its answer, may have been lost
-WITHDRAWAL_S = 1.0  # for the answer to a withdrawal
+PATIENCE_S = 10.0  # timeout without any reply
+AGAIN_S = 1.0  # before a request is repeated: it, or its reply, may have been lost
+WITHDRAWAL_S = 1.0  # timeout for the reply to a withdrawal
 ALIVE_S = 0.2
 NAME_MAX = 90
-OF_THE_BUS = ('control', 'script')  # who is asked in a session of the bus
-# what is asked of the transformation task, and how it calls that; the rest is asked of the planner
-OF_THE_TASK = messages.STOPS | {messages.ENABLE: messages.ENABLE, messages.RESET: messages.RESET}
+BUS_RECEIVERS = ('control', 'script')  # receivers that are identified by the bus session
+# action by service name for requests to the transformation task; all others go to the planner
+TASK_ACTIONS = messages.STOPS | {messages.ENABLE: messages.ENABLE, messages.RESET: messages.RESET}
 
 
 @dataclass
 class _Awaited:
-    """What has come of a request so far: the last word of whoever works on it, when that came, and the reply."""
+    """State of a request: when it was last heard of, its progress, and its reply."""
 
     received_s: float
-    said: str = ''
+    progress: str = ''
     reply: Reply | None = None
 
 
 class OperatorNode(PollingNode):
-    """Client of one robot; every wait is bounded. Who spins may ask for a stop while something else is waited for.
+    """Client of one robot. Every wait is bounded; ``spin_for`` may send a stop during another request.
 
-    Attributes
-    ----------
-    progress, progress_s
-        The newest ``motion/progress``, and when it came [s].
-    queue
-        The newest ``unit_robot/queue``.
-    state, state_changes
-        The newest ``motion/state``, and how many there were; while a recording is played back, those of the progress.
-    identity
-        What this operator is known by.
-    in_control
-        Whether he has control of the robot, as far as he knows.
-    present
-        Which reports come from the robot that is up.
-    interruptible
-        Whether a signal that asks for the end ends his waiting.
-    show
-        Called with a sentence that tells how far a request is that takes long.
-
+    ``state`` is the newest ``motion/state``; while a recording is played back, it is taken from the progress.
     """
 
     def __init__(
@@ -83,12 +65,12 @@ class OperatorNode(PollingNode):
     ) -> None:
         super().__init__(name, **node_options)
         self.spin_for = spin_for
-        self.show: Callable[[str], None] = lambda _: None
+        self.show: Callable[[str], None] = lambda _: None  # called with the progress of a long request
         self.identity = secrets.token_hex(8)
-        self.in_control = False
-        self.interruptible = True
-        self.progress: dict[str, Any] = {}
-        self.progress_s = time.monotonic()
+        self.in_control = False  # as far as this client knows
+        self.interruptible = True  # a signal ends a wait
+        self.progress: dict[str, Any] = {}  # newest motion/progress
+        self.progress_s = time.monotonic()  # when it arrived
         self.queue: QueueReport | None = None
         self.state = ''
         self.state_changes = 0
@@ -111,17 +93,17 @@ class OperatorNode(PollingNode):
         self._request = interfaces.SERVICE_REQUEST.publisher(self)
         self._service_answers: dict[str, str] = {}  # by the mark of the request
         interfaces.SERVICE_ANSWER.subscription(self, self._on_service_answer)
-        self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
-        self.create_timer(ALIVE_S, self._beat)
+        self.create_timer(LOOK_S, lambda: None)  # the executor needs a timer to keep its waits short
+        self.create_timer(ALIVE_S, self._send_heartbeat)
 
     def _on_progress(self, message: String) -> None:
         progress = read_progress(message.data)
-        if progress is None or not self.present.takes(progress):
+        if progress is None or not self.present.accepts(progress):
             return
         self.progress, self.progress_s = progress, time.monotonic()
         before, self._alone = self._alone, self.present.is_alone
-        if not (before and self._alone):  # some motion/state may be missing
-            self._see(progress['state'])
+        if not (before and self._alone):  # a motion/state may have been missed
+            self._set_state(progress['state'])
         if self.progress['control'] >= self._control and self.progress['operator_identity'] != self.identity:
             self.in_control = False
 
@@ -137,11 +119,11 @@ class OperatorNode(PollingNode):
 
     def _on_state(self, message: String) -> None:
         if self.present.is_alone:
-            self._see(message.data)
-        else:  # of a recording, or of a robot not discovered completely: the next report decides
+            self._set_state(message.data)
+        else:  # from a recording, or discovery is incomplete: the next report decides
             self._alone = False
 
-    def _see(self, state: str) -> None:
+    def _set_state(self, state: str) -> None:
         self.state_changes += state != self.state
         self.state = state
 
@@ -157,9 +139,9 @@ class OperatorNode(PollingNode):
         if reply.done:
             awaited.reply = reply
         else:
-            awaited.said = reply.sentence
+            awaited.progress = reply.sentence
 
-    def _beat(self) -> None:
+    def _send_heartbeat(self) -> None:
         if self.in_control:
             self._beats += 1
             message = Header(frame_id=self.identity)
@@ -167,7 +149,7 @@ class OperatorNode(PollingNode):
             self._alive.publish(message)
 
     def wait_until(self, condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> None:
-        """Spin until a condition holds; raises RunError after a while."""
+        """Spin until a condition is met; raises RunError after a timeout [s]."""
         deadline = time.monotonic() + patience_s
         while not condition():
             if time.monotonic() > deadline:
@@ -179,19 +161,19 @@ class OperatorNode(PollingNode):
     # requests ---------------------------------------------------------------------------------------------------------
 
     def ask(self, whom: str, action: str, text: str = '', adaptation: Adaptation = AS_IT_IS) -> str:
-        """Ask ``unit_robot`` or ``control`` for something; return the sentence that it is answered with.
+        """Send a request to ``unit_robot`` or ``control``; return the reply.
 
-        A request that takes longer reports its progress. One that is not answered in time, or is interrupted, is
-        withdrawn from the planner; the error says whether it may still be carried out.
+        A long request reports its progress. If it times out or is interrupted, it is withdrawn from the planner; the
+        error message states whether it may still be executed.
 
         Raises
         ------
         RefusedError
-            It was refused.
+            The request was rejected.
         ProgramError
             It is too large.
         RunError
-            There was no answer.
+            There was no reply.
 
         """
         try:
@@ -202,16 +184,16 @@ class OperatorNode(PollingNode):
         return self._ask_once(whom, action, text, adaptation)
 
     def _receiver(self, whom: str) -> str:
-        """Return whom a request is meant for, empty as long as he has not said who he is."""
-        if whom in OF_THE_BUS:
+        """Return the identity of the receiver, empty until it is known."""
+        if whom in BUS_RECEIVERS:
             return str(self.progress.get('session', ''))
         return self.queue.identity if self.queue else ''
 
-    def _forget(self, whom: str, receiver: str) -> None:
-        """Forget a receiver who is not there any more, unless another one has said meanwhile who he is."""
+    def _clear_receiver(self, whom: str, receiver: str) -> None:
+        """Clear the identity of a receiver that has gone, unless a new one is known already."""
         if self._receiver(whom) != receiver:
             return
-        if whom in OF_THE_BUS:
+        if whom in BUS_RECEIVERS:
             self.progress = {}
         else:
             self.queue = None
@@ -237,41 +219,41 @@ class OperatorNode(PollingNode):
                 f'the request has {len(message.data)} bytes, the limit is {interfaces.REQUEST_BYTES_MAX}'
             )
         asked = time.monotonic()
-        # before it is published: another thread may hear the reply
+        # before publishing: another thread may receive the reply
         awaited = self._awaited[request.number] = _Awaited(asked)
-        said = ''
+        progress = ''
         try:
             publisher.publish(message)
             while awaited.reply is None:
                 now = time.monotonic()
                 if now - awaited.received_s > PATIENCE_S:
                     raise RunError(
-                        f'no answer of {whom} to "{action}" within {PATIENCE_S:g} s: is a robot up in namespace '
+                        f'no reply of {whom} to "{action}" within {PATIENCE_S:g} s: is a robot up in namespace '
                         f'{self.get_namespace()}?'
                     )
                 if now - asked > AGAIN_S and awaited.received_s < asked + AGAIN_S:
                     publisher.publish(message)
                     asked = now
-                if awaited.said != said:
-                    said = awaited.said
-                    self.show(said)
+                if awaited.progress != progress:
+                    progress = awaited.progress
+                    self.show(progress)
                 self.spin_for(LOOK_S)
         except (RunError, KeyboardInterrupt) as error:
-            raise type(error)(f'{error}{self._take_back(whom, request)}') from None
+            raise type(error)(f'{error}{self._withdraw(whom, request)}') from None
         finally:
             del self._awaited[request.number]
         reply = awaited.reply
         self._control = max(self._control, reply.control)
         if reply.reason is not None:
-            if reply.reason.code == Code.FOREIGN:  # planner or bus have started anew
-                self._forget(whom, receiver)
+            if reply.reason.code == Code.FOREIGN:  # planner or bus have restarted
+                self._clear_receiver(whom, receiver)
             raise RefusedError(reply.reason)
         return reply.sentence
 
-    def _take_back(self, whom: str, request: Request) -> str:
-        """Withdraw a request; return what has to be added to the error: empty if nothing is left of it."""
-        if whom != 'unit_robot':  # the transformation task does at once what it is asked for
-            return f'; "{request.action}" may still be carried out'
+    def _withdraw(self, whom: str, request: Request) -> str:
+        """Withdraw a request; return a suffix for the error message, empty if the withdrawal succeeded."""
+        if whom != 'unit_robot':  # the transformation task executes requests immediately
+            return f'; "{request.action}" may still be executed'
         self._numbers += 1
         withdrawal = Request(
             request.receiver, self.identity, self._numbers, 0, 'withdraw', str(request.number)
@@ -287,19 +269,19 @@ class OperatorNode(PollingNode):
             del self._awaited[withdrawal.number]
         reply = awaited.reply
         if reply is None:
-            return f'; "{request.action}" may still be carried out, as its withdrawal was not answered either'
+            return f'; "{request.action}" may still be executed: its withdrawal was not confirmed'
         return '' if reply.accepted else f'; {reply.sentence}'
 
     def take_control(self, name: str, by_force: bool = False) -> str:
-        """Take control of the robot and keep it until it is released; raises RefusedError if it cannot be had."""
+        """Take control of the robot until it is released; raises RefusedError if another operator has it."""
         who = f'{name}, process {os.getpid()} on {socket.gethostname()}'[:NAME_MAX]
-        told = self.ask('control', messages.TAKE_OVER if by_force else messages.TAKE, who)
+        sentence = self.ask('control', messages.TAKE_OVER if by_force else messages.TAKE, who)
         self.in_control = True
-        self._beat()
-        return told
+        self._send_heartbeat()
+        return sentence
 
     def release_control(self) -> None:
-        """Give control up; what is under way goes on."""
+        """Release control; motion continues."""
         if self.in_control:
             self.in_control = False
             self.ask('control', messages.RELEASE)
@@ -309,11 +291,11 @@ class OperatorNode(PollingNode):
         return self.ask('unit_robot', 'program', text, adaptation)
 
     def start_program(self, text: str, adaptation: Adaptation = AS_IT_IS) -> str:
-        """Append a program to the queue and start the queue; if that is refused the queue is as before."""
+        """Append a program to the queue and start it; if the start is rejected, the queue is unchanged."""
         return self.ask('unit_robot', 'start', text, adaptation)
 
     def move(self, text: str, adaptation: Adaptation = AS_IT_IS) -> str:
-        """Drive moves in YAML, or a packaged program; behind those that are driven, if the robot moves or is held."""
+        """Execute moves in YAML or a packaged program, appended to the current motion if the robot moves or is held."""
         return self.ask('unit_robot', 'move', text, adaptation)
 
     def override(self, percent: float) -> str:
@@ -321,9 +303,9 @@ class OperatorNode(PollingNode):
         return self.ask('unit_robot', 'override', repr(percent))
 
     def call(self, name: str) -> str:
-        """Ask for what a service of that name does, or for ``disable``; raises RefusedError if it is refused."""
-        if name in OF_THE_TASK:
-            return self.ask('control', OF_THE_TASK[name])
+        """Call the action of a service, or ``disable``; raises RefusedError if it is rejected."""
+        if name in TASK_ACTIONS:
+            return self.ask('control', TASK_ACTIONS[name])
         return self.ask('unit_robot', name)
 
     def enable(self, on: bool) -> str:
@@ -332,33 +314,33 @@ class OperatorNode(PollingNode):
 
     @property
     def reaches_drives(self) -> bool:
-        """Whether somebody takes requests to the drives and answers."""
+        """Whether a transformation task accepts requests to the drives and replies."""
         listening = self._request.get_subscription_count()
         return bool(listening and self.count_publishers('sercos/service/answer'))
 
     def drive(self, request: str) -> str:
-        """Ask a drive through its service channel ("axis1 read S-0-0104"); raises ProgramError if it refuses."""
+        """Send a request to a service channel ("axis1 read S-0-0104"); raises ProgramError if it is rejected."""
         self.wait_until(lambda: self.reaches_drives, 'transformation task')
-        mark = f'#{secrets.token_hex(4)}'  # others ask as well, and everybody receives every answer
+        mark = f'#{secrets.token_hex(4)}'  # every client receives every answer
         self._service_answers.clear()
         self._request.publish(String(data=f'{mark} {request}'))
-        self.wait_until(lambda: mark in self._service_answers, 'answer of the service channel')
+        self.wait_until(lambda: mark in self._service_answers, 'reply of the service channel')
         accepted, sentence = parse_answer(self._service_answers[mark])
         if not accepted:
             raise ProgramError(sentence)
         return sentence
 
     def inject(self, fault: str) -> str:
-        """Inject a fault, in YAML as in program files; raises ProgramError if it is refused."""
-        # marked: however often it is asked for, the fault is injected once
+        """Inject a fault, in YAML as in program files; raises ProgramError if it is rejected."""
+        # the mark makes repeated requests idempotent
         return self._call(self._inject, f'#{secrets.token_hex(4)} {fault}')
 
     def input(self, request: str = '') -> str:
-        """Set an input, ``{name: part, value: true}`` in YAML, or ask for all of them; raises ProgramError."""
+        """Force an input, ``{name: part, value: true}`` in YAML, or list all inputs; raises ProgramError."""
         return self._call(self._input, request)
 
     def _call(self, client: Client, text: str) -> str:
-        """Call a service until it answers: what it answers a client that it has just met may be lost."""
+        """Call a service repeatedly until it replies: replies to a newly discovered client may be lost."""
         self.wait_until(client.service_is_ready, f'service {client.srv_name}')
         calls: list[Future] = []
         asked = -math.inf
@@ -370,7 +352,7 @@ class OperatorNode(PollingNode):
                 asked = time.monotonic()
             return next((call for call in calls if call.done()), None)
 
-        self.wait_until(answered, f'answer of service {client.srv_name}')
+        self.wait_until(answered, f'reply of service {client.srv_name}')
         response = next(call for call in calls if call.done()).result()
         if not response.success:
             raise ProgramError(response.message)
@@ -379,9 +361,9 @@ class OperatorNode(PollingNode):
 
 @contextmanager
 def operating(namespace: str) -> Iterator[OperatorNode]:
-    """Be an operator of the robot in a namespace, in a process that does nothing else with ROS.
+    """Create an operator of the robot in a namespace, in a process without other ROS nodes.
 
-    A signal that asks for the end raises RunInterruptedError where the operator waits, once; he can still act after it.
+    A signal raises RunInterruptedError once where the operator waits; the operator can be used after it.
     """
     absolute = domain.namespace(namespace)
     discovery.keep_to_this_machine()

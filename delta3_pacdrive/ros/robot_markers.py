@@ -1,6 +1,6 @@
-"""The robot as markers for RViz and Foxglove: its parts, its workspace, paths, the commanded TCP, and the error.
+"""RViz and Foxglove markers of the robot: its parts, workspace, paths, commanded TCP and TCP error.
 
-Every marker is in the frame ``base``, so that neither transforms nor a model of the robot are needed to see it.
+All markers are in the frame ``base``, so neither transforms nor a robot model are required.
 """
 
 import math
@@ -26,12 +26,12 @@ TRAVELLED: Colour = (0.15, 0.70, 0.35, 0.9)
 COMMAND: Colour = (0.25, 0.55, 0.90, 0.5)
 ERROR: Colour = (0.90, 0.15, 0.15, 1.0)
 LINE_M, ERROR_LINE_M, COMMAND_M = 0.003, 0.006, 0.03
-POINT_M = 2e-3  # least distance between two points of a line
-POINTS_MAX = 2000  # of a line; the path that was travelled loses its oldest ones
+POINT_M = 2e-3  # minimum distance between two points of a line
+POINTS_MAX = 2000  # per line; the travelled path discards its oldest points
 
 
 class _Group:
-    """Solids that are placed together."""
+    """Solids that are posed together."""
 
     def __init__(self, chosen: Iterable[Part]) -> None:
         rows = [(part, number, shape) for part in chosen for number, shape in enumerate(part.shapes)]
@@ -41,7 +41,7 @@ class _Group:
         self.markers = [_solid(part, number, shape) for part, number, shape in rows]
 
     def placed(self, theta: ArrayLike, turn_rad: float, parameters: Parameters) -> list[Marker]:
-        """Return the markers at arm angles and with the tool at an angle [rad]; none where no chain closes."""
+        """Return the markers at arm angles and a tool angle [rad]; none if forward kinematics has no solution."""
         there = poses(theta, parameters, turn_rad, unreachable='nan')
         turned, places = there.quaternion[self._parts], there.position[self._parts]
         if not np.isfinite(places).all():
@@ -58,16 +58,7 @@ class _Group:
 
 
 class RobotMarkers:
-    """The markers of one robot; methods return those that have to be published.
-
-    Parameters
-    ----------
-    parameters
-        Of the robot.
-    error_magnification
-        By which the line of the TCP error is longer than the error.
-
-    """
+    """The markers of one robot; methods return the markers to publish."""
 
     def __init__(self, parameters: Parameters, error_magnification: float) -> None:
         self._parameters, self._magnification = parameters, error_magnification
@@ -80,10 +71,10 @@ class RobotMarkers:
         self._last = np.full(3, math.inf)
         self.carry(parameters.dynamics.payload_mass_kg)
 
-    # what has happened ------------------------------------------------------------------------------------------------
+    # inputs -----------------------------------------------------------------------------------------------------------
 
     def carry(self, payload_kg: float) -> list[Marker]:
-        """Carry this payload [kg] from now on; returns what takes away the markers of one that was put down."""
+        """Set the payload [kg]; returns the deletions of the previous one."""
         before = self._payload.markers if self._payload else []
         carried = [part for part in parts(self._parameters, payload_kg) if part.name == 'payload']
         self._payload = _Group(carried) if carried else None
@@ -92,33 +83,33 @@ class RobotMarkers:
         return [] if carried else before
 
     def plan(self, points_m: Floats) -> None:
-        """Show another path that is planned [m], shape (n, 3)."""
+        """Set the planned path [m], shape (n, 3)."""
         self._planned = points_m[:: max(1, math.ceil(len(points_m) / POINTS_MAX))]
 
     def travel(self, tcp_m: Floats) -> None:
-        """Add a place [m], shape (3,), to the path that was travelled."""
+        """Append a position [m], shape (3,), to the travelled path."""
         if np.isfinite(tcp_m).all() and not np.linalg.norm(tcp_m - self._last) < POINT_M:
             self._last = tcp_m
             self._travelled.append(point_of(tcp_m))
 
-    # what is shown ----------------------------------------------------------------------------------------------------
+    # markers ----------------------------------------------------------------------------------------------------------
 
     def still(self) -> list[Marker]:
-        """Return what changes seldom: base, motors, workspace, and the path that is planned."""
+        """Return base, motors, workspace and planned path, which rarely change."""
         planned = _line('path_planned', [point_of(place) for place in self._planned], PLANNED, LINE_M)
-        # what does not move is at the same place for all arm angles
+        # fixed parts have the same pose for all arm angles
         return [*self._still.placed(np.zeros(3), 0.0, self._parameters), planned]
 
     def robot(self, theta: Floats, turn_rad: float = 0.0) -> list[Marker]:
-        """Return the parts that move, for arm angles [rad], shape (3,), and the angle of the tool of a rotary axis.
+        """Return the moving parts at arm angles [rad], shape (3,), and a tool angle [rad].
 
-        There are none for angles that close no chain.
+        The list is empty if forward kinematics has no solution.
         """
         groups = [self._moving, self._payload] if self._payload else [self._moving]
         return [marker for group in groups for marker in group.placed(theta, turn_rad, self._parameters)]
 
     def travelled(self) -> list[Marker]:
-        """Return the path that was travelled."""
+        """Return the travelled path."""
         return [_line('path_travelled', list(self._travelled), TRAVELLED, LINE_M)]
 
     def error(self, tcp_m: Floats, command_m: Floats, error_m: Floats) -> list[Marker]:
@@ -141,7 +132,7 @@ def _solid(part: Part, number: int, shape: Shape) -> Marker:
             width = 2.0 * shape.radius_m
             kind, scale = Marker.SPHERE, (width, width, width)
         case _:
-            raise TypeError(f'there is no marker of a {shape.kind}')
+            raise TypeError(f'there is no marker for a {shape.kind}')
     marker = marker_of(part.name, number, kind, part.colour)
     marker.scale.x, marker.scale.y, marker.scale.z = scale
     return marker
@@ -149,7 +140,7 @@ def _solid(part: Part, number: int, shape: Shape) -> Marker:
 
 def _line(name: str, points: list[Point], colour: Colour, width_m: float) -> Marker:
     marker = marker_of(name, 0, Marker.LINE_STRIP, colour)
-    # RViz warns of a line of a single point
+    # RViz warns about a line of a single point
     marker.action = Marker.ADD if len(points) > 1 else Marker.DELETE
     marker.points = points
     marker.scale.x = width_m
@@ -160,12 +151,12 @@ def marker_of(name: str, number: int, kind: int, colour: Colour) -> Marker:
     """Return a marker in the frame ``base``."""
     red, green, blue, opacity = colour
     marker = Marker(ns=name, id=number, type=kind, color=ColorRGBA(r=red, g=green, b=blue, a=opacity))
-    marker.header.frame_id = BASE_FRAME.decode()  # its stamp stays 0: whatever time it is
+    marker.header.frame_id = BASE_FRAME.decode()  # with stamp 0 the newest transform applies
     marker.pose.orientation.w = 1.0
     return marker
 
 
 def point_of(place: Sequence[float] | Floats) -> Point:
-    """Return a place as messages have it."""
+    """Return a position as a message."""
     x, y, z = place
     return Point(x=float(x), y=float(y), z=float(z))

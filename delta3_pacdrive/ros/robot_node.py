@@ -1,4 +1,4 @@
-"""What all nodes of a robot have in common: timers without simulation time, and parameters that load from a dump."""
+"""Base of all nodes of a robot: timers without simulation time, and parameters that load from a dump."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -14,24 +14,17 @@ Type = Parameter.Type
 
 
 class RobotNode(Node):
-    """A node whose timers run on the steady clock, whatever ``use_sim_time`` and ``/clock`` say.
+    """A node whose timers use the steady clock, independent of ``use_sim_time`` and ``/clock``."""
 
-    Attributes
-    ----------
-    is_deaf
-        Whether it receives no messages any more.
-
-    """
-
-    is_deaf = False
+    is_deaf = False  # receives no messages
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Subscriptions that the executor looks after."""
+        """Subscriptions served by the executor."""
         return iter(()) if self.is_deaf else super().subscriptions
 
     def deafen(self) -> None:
-        """Receive no messages any more, as a participant that others have lost; timers and services go on."""
+        """Stop receiving messages, to emulate a participant that others have lost; timers and services continue."""
         self.is_deaf = True
         if self.executor is not None:
             self.executor.wake()
@@ -44,12 +37,12 @@ class RobotNode(Node):
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Any:
-        """Create a timer, on the steady clock unless another one is named."""
+        """Create a timer, on the steady clock by default."""
         clock = clock or Clock(clock_type=ClockType.STEADY_TIME)
         return super().create_timer(timer_period_sec, callback, callback_group, clock, autostart)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Set what a ROS service asks for, all or nothing; a read-only parameter may be set to its present value."""
+        """Set parameters, all or none; a read-only parameter may be set to its present value."""
         asked = [self._as_declared(one) for one in parameter_list]
         changed = [one for one in asked if not self._keeps(one)]
         if not changed:
@@ -60,11 +53,11 @@ class RobotNode(Node):
         return result
 
     def set_changed(self, changed: list[Parameter]) -> SetParametersResult:
-        """Set parameters of which none is read only with this very value."""
+        """Set parameters that differ from their present values or are writable."""
         return super().set_parameters_atomically(changed)
 
     def _as_declared(self, given: Parameter) -> Parameter:
-        """Return a number that ``ros2 param`` has sent as a text: YAML 1.1 takes 1e-05 for one."""
+        """Convert a number that ``ros2 param`` has sent as text: YAML 1.1 takes 1e-05 for text."""
         kind = self.get_parameter(given.name).type_ if self.has_parameter(given.name) else None
         try:
             if kind is Type.DOUBLE and given.type_ is Type.STRING:
@@ -75,7 +68,7 @@ class RobotNode(Node):
                 )
                 return Parameter(given.name, kind, [float(text) for text in texts])
         except ValueError:
-            pass  # its type is wrong, as rclpy will find
+            pass  # rclpy will report the wrong type
         return given
 
     def _keeps(self, given: Parameter) -> bool:
@@ -87,7 +80,7 @@ class RobotNode(Node):
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Whether two values of a type are equal, element by element; NaN equals NaN."""
+    """Whether two values of a type are equal element by element; NaN equals NaN."""
     if isinstance(one, (str, bytes)) or not isinstance(one, Sequence):
         return bool(one == other or (one != one and other != other))
     return len(one) == len(other) and all(map(_same, one, other))

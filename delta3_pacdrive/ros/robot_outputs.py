@@ -1,7 +1,7 @@
-"""What the state of the robot wants told and done, carried out on the graph.
+"""Execution of the robot state's actions on the graph.
 
-Out, latched: ``motion/state`` (idle, moving, stopping, stopped, error), ``motion/located`` (where the robot stands,
-when it can take a program), ``outputs`` (digital outputs and payload, stamped with the cycle of the change).
+Out, latched: ``motion/state`` (idle, moving, stopping, stopped, error), ``motion/located`` (TCP position, when the
+robot can take a program), ``outputs`` (digital outputs and payload, stamped with the cycle of the change).
 """
 
 from collections.abc import Callable
@@ -26,18 +26,7 @@ from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
 
 class RobotOutputs:
-    """The outputs carry out the actions of one transformation task.
-
-    Parameters
-    ----------
-    node
-        Publishes.
-    controller, faults, planner
-        Of the same transformation task.
-    cycles
-        Bus time.
-
-    """
+    """Executes the actions of one transformation task."""
 
     def __init__(
         self,
@@ -53,37 +42,37 @@ class RobotOutputs:
         self._located = interfaces.LOCATED.publisher(node)
         self._outputs = interfaces.OUTPUTS.publisher(node)
         self._states.publish(String(data=str(self._state.motion)))
-        self._ways: dict[type, Callable[[Any], object]] = {
+        self._handlers: dict[type, Callable[[Any], object]] = {
             robot_actions.Entered: lambda action: self._states.publish(String(data=str(action.state))),
-            robot_actions.Followed: lambda action: planner.tell_profile(action.profile),
-            Located: self._tell_place,
-            Switched: self._tell_outputs,
+            robot_actions.Followed: lambda action: planner.publish_profile(action.profile),
+            Located: self._publish_position,
+            Switched: self._publish_outputs,
             AccessRequested: self._ask,
             robot_actions.Injected: lambda action: faults.inject(action.faults, action.cycle),
             robot_actions.Replied: lambda action: action.request(action.reason, action.sentence),
-            Logged: self._say,
+            Logged: self._log_message,
         }
 
     def carry_out(self) -> None:
-        """Do what is due, and what comes of it."""
-        told = False
+        """Execute all pending actions and those that follow from them."""
+        changed = False
         while self._state.actions:
             actions, self._state.actions = self._state.actions, []
             for action in actions:
-                self._ways[type(action)](action)
-                told = told or not isinstance(action, Switched)
-        if told:
-            self._planner.tell_status()
-            self._planner.tell_verdicts()
+                self._handlers[type(action)](action)
+                changed = changed or not isinstance(action, Switched)
+        if changed:
+            self._planner.publish_status()
+            self._planner.publish_verdicts()
 
-    def _tell_place(self, action: Located) -> None:
+    def _publish_position(self, action: Located) -> None:
         message = PointStamped()
         message.header.frame_id = BASE_FRAME.decode()
         message.header.stamp.sec, message.header.stamp.nanosec = self._cycles.stamp(action.cycle)
         message.point.x, message.point.y, message.point.z = (float(value) for value in action.tcp_m)
         self._located.publish(message)
 
-    def _tell_outputs(self, action: Switched) -> None:
+    def _publish_outputs(self, action: Switched) -> None:
         message = JointState(name=[*OUTPUTS, 'payload_kg'])
         message.header.stamp.sec, message.header.stamp.nanosec = self._cycles.stamp(action.cycle)
         bits = self._task.outputs
@@ -100,7 +89,7 @@ class RobotOutputs:
         except TelegramError:
             action.done(action.index, Answer(action.access.idn, ServiceError.NOT_OPEN))
 
-    def _say(self, action: Logged) -> None:
+    def _log_message(self, action: Logged) -> None:
         if action.error:
             self._log.error(action.sentence)
         else:

@@ -1,8 +1,7 @@
-"""What a robot tells of itself, as the page shows it.
+"""State of a robot from its topics, for the page.
 
-It is read from what the robot tells anyway: joint states (100 Hz), reports and states; and cyclic topics, following
-error, TCP error and the turn of the tool, of which only the newest message is looked at when a picture is due. Nothing
-of it wakes the process a thousand times a second.
+Joint states arrive at 100 Hz, reports and states less often. Of the cyclic topics (following error, TCP error, rotation
+of the tool) only the newest message is read when a picture is due, so nothing wakes the process in every cycle.
 """
 
 import json
@@ -31,34 +30,23 @@ from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.polling import Taken
 from delta3_pacdrive.ros.qos import NEWEST
 from delta3_pacdrive.ros.robot_client import OperatorNode
-from delta3_pacdrive.ros.told_parameters import ToldParameters
+from delta3_pacdrive.ros.told_parameters import RemoteParameters
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
 from delta3_pacdrive.view.values import DriveFacts, Facts, Instant, TurnInstant
 
-SILENT_S = 2.0  # without a report, after which no robot is there
+SILENT_S = 2.0  # without a report before the robot counts as gone
 OVERLOAD = 'overload_s'
 
 
 class RobotReader:
-    """What is known of a robot, from its topics.
-
-    Attributes
-    ----------
-    parameters
-        Of the robot, as far as they are known.
-    planned
-        The path that is driven.
-    cell
-        What stands around it.
-
-    """
+    """The state of a robot, read from its topics."""
 
     def __init__(self, operator: OperatorNode, parameters: Parameters) -> None:
         self.operator = operator
-        self.parameters = parameters
+        self.parameters = parameters  # newest known ones
         self.planned = PlannedPath(parameters.kinematics)
         self._joints = interfaces.JOINT_STATES.polled_subscription(operator, profile=NEWEST)
         self._lags = interfaces.FOLLOWING_ERROR.polled_subscription(operator, profile=NEWEST)
@@ -77,24 +65,24 @@ class RobotReader:
         plan = interfaces.MOTION_PLAN
         plan.subscription(operator, self._on_plan, raw=True, profile=plan.delivery.view)
         interfaces.STATUS.subscription(operator, self._on_status)
-        self._told = ToldParameters(operator)
-        self._controller = ''  # until the robot has told its parameters
+        self._remote = RemoteParameters(operator)
+        self._controller = ''  # unknown until the robot has published its parameters
         self._asked_in = ''  # session
 
     @property
-    def here(self) -> bool:
-        """Whether the robot has said something lately."""
+    def available(self) -> bool:
+        """Whether a report of the robot was received recently."""
         return bool(self.operator.progress) and time.monotonic() - self.operator.progress_s < SILENT_S
 
     def instant(self) -> Instant | None:
-        """Return the newest joint states, None if there are no new ones."""
+        """Return the state of the newest joint states, None if there are no new ones."""
         found = None
         self._lag = _newest(self._lags, self._lag_codec, self._lag)
         self._error = _newest(self._errors, self._error_codec, self._error)
         self._turn = _newest(self._turns, self._turn_codec, self._turn)
         self.cell.read()
         while (taken := self._joints()) is not None:
-            with suppress(TelegramError):  # joints of somebody else: the topic belongs to everybody
+            with suppress(TelegramError):  # joints of another robot on the same topic
                 found = self._joint_reader.read(taken[0])
         if found is None:
             return None
@@ -102,24 +90,24 @@ class RobotReader:
         torque = effort / self.parameters.dynamics.gear_ratio
         time_s = found.sec + found.nanosec / NANOSECONDS
         tcp = kinematics.forward(theta, self.parameters, unreachable='nan')
-        there = bool(np.isfinite(tcp).all())
+        solved = bool(np.isfinite(tcp).all())
         x, y, z = tcp.tolist()
         turn = TurnInstant(self._turn[1], self._turn[2]) if self.parameters.rotary.present else None
         turn_rad = 0.0 if turn is None else turn.angle_rad
         return Instant(
             time_s, theta, self._lag, torque,
             torque / self.parameters.motor.torque_constant_n_m_a, self._overload,
-            float(np.linalg.norm(kinematics.jacobian(theta, tcp, self.parameters) @ speed)) if there else 0.0,
-            error_m=self._error, cell=self.cell.at(time_s, (x, y, z), turn_rad) if there else None, turn=turn,
+            float(np.linalg.norm(kinematics.jacobian(theta, tcp, self.parameters) @ speed)) if solved else 0.0,
+            error_m=self._error, cell=self.cell.at(time_s, (x, y, z), turn_rad) if solved else None, turn=turn,
         )  # fmt: skip
 
     def facts(self) -> Facts:
-        """Return what there is to read."""
-        self.cell.look()
+        """Return the facts for the readout."""
+        self.cell.update_inputs()
         p, queue = self.operator.progress, self.operator.queue
-        if not self.here:
+        if not self.available:
             where = self.operator.get_namespace()
-            return Facts(waiting=f'no word of a robot in namespace {where}')
+            return Facts(waiting=f'no report from a robot in namespace {where}')
         return Facts(
             state=p['state'],
             enabled=p['enabled'],
@@ -152,7 +140,7 @@ class RobotReader:
             if number == status.name or number not in ('1', '2', '3'):
                 continue
             facts = {item.key: item.value for item in status.values}
-            # anybody may publish there
+            # values may come from any publisher
             with suppress(ValueError, TypeError, RecursionError):
                 warnings = tuple(str(text) for text in json.loads(facts.get('warnings', '[]')))
                 overload_s = float(facts.get(OVERLOAD, 0.0))
@@ -162,7 +150,7 @@ class RobotReader:
                     self._overload[index] = overload_s / self.parameters.drive.overload_time_s
 
     def _on_plan(self, data: bytes) -> None:
-        with suppress(Delta3Error, RuntimeError, ValueError, UnicodeDecodeError):  # a foreign writer
+        with suppress(Delta3Error, RuntimeError, ValueError, UnicodeDecodeError):  # from a third-party writer
             self.planned.take(*row_of(deserialize_message(data, Float64MultiArray)))
 
     def _on_status(self, message: String) -> None:
@@ -171,13 +159,13 @@ class RobotReader:
             if status.session == self.operator.present.session:
                 self.planned.update(status)
 
-    def learn(self) -> bool:
-        """Ask for the parameters of the robot once in each session; whether others than before are known now."""
-        session = str(self.operator.progress.get('session', '')) if self.here else ''
-        if session and session != self._asked_in and self._told.ready:
+    def update_parameters(self) -> bool:
+        """Request the parameters of the robot once per session; return whether they have changed."""
+        session = str(self.operator.progress.get('session', '')) if self.available else ''
+        if session and session != self._asked_in and self._remote.ready:
             self._asked_in = session
-            self._told.ask()
-        if (found := self._told.take()) is None:
+            self._remote.ask()
+        if (found := self._remote.take()) is None:
             return False
         before, self.parameters = self.parameters, found
         self._controller = found.controller
@@ -186,13 +174,13 @@ class RobotReader:
 
 
 def _newest(take: Callable[[], Taken | None], codec: TelegramCodec, before: Floats) -> Floats:
-    """Return the three numbers of the newest message that has come, those of before if none is of this telegram."""
+    """Return the three numbers of the newest valid message, or ``before``."""
     while (taken := take()) is not None:
         with suppress(TelegramError):
             before = np.array(codec.decode(taken[0])[3])
     return before
 
 
-def _payload(told_kg: float) -> float:
-    """Return a payload that a robot may carry [kg], whatever is told."""
-    return min(max(told_kg, 0.0), core.PAYLOAD_MAX_KG)
+def _payload(reported_kg: float) -> float:
+    """Limit a reported payload to the permitted range [kg]."""
+    return min(max(reported_kg, 0.0), core.PAYLOAD_MAX_KG)

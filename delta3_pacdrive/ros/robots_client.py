@@ -1,4 +1,4 @@
-"""Operators of all robots that are up: each robot has one, in a thread of its own, and all are asked at once."""
+"""Operators of all running robots, one thread per robot, so that all are served concurrently."""
 
 import os
 import threading
@@ -15,17 +15,17 @@ from delta3_pacdrive.errors import Delta3Error, RunError, RunInterruptedError
 from delta3_pacdrive.ros import discovery, domain, node_process
 from delta3_pacdrive.ros.robot_client import LOOK_S, OperatorNode
 
-SETTLED_S = 1.5  # without a robot that was not known before, after which all are
-FIRST_S = 5.0  # for the first
-LEAVE_S = 1.0  # for an operator who is interrupted
-TASK = 'transformation_task'  # a robot is where this node is
+SETTLED_S = 1.5  # without a new robot before discovery ends
+FIRST_S = 5.0  # timeout for the first robot
+LEAVE_S = 1.0  # timeout for an interrupted operator to end
+TASK = 'transformation_task'  # every robot has one node of this name
 
 Answered = TypeVar('Answered')
 
 
 @dataclass
 class Outcome(Generic[Answered]):
-    """What has come of a robot that was asked: its answer, or why there is none."""
+    """The result of one robot: its answer, or an error message."""
 
     namespace: str
     answer: Answered | None = None
@@ -33,16 +33,16 @@ class Outcome(Generic[Answered]):
 
 
 def ask_all(act: Callable[[OperatorNode], Answered], prefix: str = '/') -> list[Outcome[Answered]]:
-    """Find all robots of the domain, or those below a namespace; an operator acts on each as soon as it is found.
+    """Find all robots of the domain, or those below a namespace, and call ``act`` for each as soon as it is found.
 
-    Nobody waits for another robot: one that does not answer keeps no other from being asked.
+    A robot that does not respond does not delay the others.
 
     Raises
     ------
     RunError
         There is none.
     RunInterruptedError
-        A signal asked for the end.
+        A signal ended the search.
 
     """
     below = domain.namespace(prefix)
@@ -60,7 +60,7 @@ def find_all(prefix: str = '/') -> list[str]:
     RunError
         There is none.
     RunInterruptedError
-        A signal asked for the end.
+        A signal ended the search.
 
     """
     below = domain.namespace(prefix)
@@ -80,7 +80,7 @@ def find_all(prefix: str = '/') -> list[str]:
 
 @contextmanager
 def _finder() -> Iterator[tuple[node_process.Process, Node, interrupts.Flag]]:
-    """Hold a node that looks for robots, who spins it, and whether a signal has asked for the end."""
+    """Provide the process, the node and the signal flag of a search for robots."""
     discovery.keep_to_this_machine()
     asked = interrupts.Flag()
     with interrupts.answered_by(asked.set):
@@ -88,7 +88,7 @@ def _finder() -> Iterator[tuple[node_process.Process, Node, interrupts.Flag]]:
         process = node_process.Process()
         try:
             finder = Node('find_robots')
-            finder.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
+            finder.create_timer(LOOK_S, lambda: None)  # the executor needs a timer to keep its waits short
             process.add(finder)
             yield process, finder, asked
         finally:
@@ -116,7 +116,7 @@ def _ask_found(
         process.spin_for(LOOK_S)
         if asked:
             interrupted.set()
-            for thread in threads:  # each takes back what it has asked for
+            for thread in threads:  # each withdraws its request
                 thread.join(LEAVE_S)
             raise RunInterruptedError(interrupts.sentence(interrupts.asked()))
         for namespace in sorted(_robots(finder, below) - outcomes.keys()):
@@ -135,7 +135,7 @@ def _robots(finder: Node, below: str) -> set[str]:
 
 
 def _waiting(interrupted: threading.Event) -> Callable[[float], None]:
-    """Return how an operator waits: the main thread is who spins."""
+    """Return the wait function of an operator whose node is spun by the main thread."""
 
     def wait(seconds: float) -> None:
         if interrupted.wait(seconds):

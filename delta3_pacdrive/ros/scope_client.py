@@ -1,4 +1,4 @@
-"""The client of oscilloscopes: it arms drives of a running robot, takes their samples, and says what it waits for."""
+"""Client of oscilloscopes: arms the drives of a running robot and receives their samples."""
 
 from __future__ import annotations
 
@@ -28,11 +28,14 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.ros.robot_client import OperatorNode
 
-AGAIN_S = 1.0  # after which a request is repeated
-SILENT_S = 10.0  # without samples, after which a drive is taken for gone
+AGAIN_S = 1.0  # period of the request
+SILENT_S = 10.0  # without samples before a drive counts as gone
 LOOK_S = 0.02
 PARTING_S = 0.1
-NO_DRIVES, NO_ANSWER = 'drives with an oscilloscope', 'answer of the oscilloscope'  # what is waited for
+NO_DRIVES, NO_ANSWER = (
+    'drives with an oscilloscope',
+    'answer of the oscilloscope',
+)  # for messages "no ... within"
 
 
 class ScopeClient:
@@ -40,14 +43,10 @@ class ScopeClient:
 
     Parameters
     ----------
-    operator
-        Takes part in the graph.
-    setting
-        What is recorded.
     take
         Called with each record.
     requests
-        Publishes what is asked; who has several clients, one after the other, gives all of them the same.
+        Publisher of the requests; consecutive clients must share it.
 
     """
 
@@ -107,44 +106,44 @@ class ScopeClient:
         self._asked_s = time.monotonic()
 
     def record(self, timeout_s: float, show: Callable[[str], None] = lambda _: None) -> Acquisition:
-        """Record until everything is there that was asked for; return how it went.
+        """Record as specified by the setting; return the acquisition.
 
         Raises
         ------
         ProgramError
-            A drive refuses.
+            A drive rejects the request.
         RunError
-            There is no robot, it has ended, its trigger never came, or samples were lost.
+            There is no robot, it has ended, the trigger did not fire, or samples were lost.
         RunInterruptedError
-            Interrupted, before there was a record.
+            A signal arrived before the first record.
 
         """
         try:
             acquisition = self.arm(timeout_s)
             self.follow(acquisition, timeout_s, show)
         finally:
-            self.part()
+            self.disarm()
         return acquisition
 
-    def part(self) -> None:
-        """Let the drives run without oscilloscope again."""
+    def disarm(self) -> None:
+        """Disarm the drives."""
         self._operator.interruptible = False
         self._ask(arm=False)
         self._operator.spin_for(PARTING_S)
 
-    def leave(self) -> None:
-        """Do the same without a wait, in a process that goes on: nothing is listened to any more."""
+    def detach(self) -> None:
+        """Disarm the drives without waiting, and unsubscribe, in a process that continues."""
         self._ask(arm=False)
         for subscription in self._subscriptions:
             self._operator.destroy_subscription(subscription)
 
-    # who has other things to do meanwhile calls these again and again -------------------------------------------------
+    # to be called repeatedly by a process with other tasks ------------------------------------------------------------
 
     @property
     def reaches_drives(self) -> bool:
-        """Whether all drives of the arms listen, and those of them that are asked have an oscilloscope.
+        """Whether all arm drives are discovered, and the requested ones have an oscilloscope.
 
-        They know whether there is one of a rotary axis; that one is asked again until it answers.
+        Only the drives know whether there is a rotary axis; its drive is asked until it replies.
         """
         axes = (axis for number, axis in enumerate(DRIVES) if number in self._setting.axes)
         return self._requests.get_subscription_count() >= len(DRIVES) and all(
@@ -152,12 +151,12 @@ class ScopeClient:
         )
 
     def armed(self) -> Acquisition | None:
-        """Ask the drives; return what takes their samples, None as long as one has not answered.
+        """Request samples; return the acquisition as soon as all drives have replied, else None.
 
         Raises
         ------
         ProgramError
-            A drive refuses.
+            A drive rejects the request.
 
         """
         if time.monotonic() - self._asked_s > AGAIN_S:
@@ -173,8 +172,8 @@ class ScopeClient:
         self._heard_s = dict.fromkeys(self._setting.axes, time.monotonic())
         return Acquisition(setting, self._take)
 
-    def take_in(self, acquisition: Acquisition) -> None:
-        """Give an acquisition the samples that have come; raises RunError if they are lost, or do not come at all."""
+    def receive_samples(self, acquisition: Acquisition) -> None:
+        """Add received samples to an acquisition; raises RunError if samples are lost or missing."""
         while self._blocks and not acquisition.done:
             acquisition.add(*self._blocks.popleft())
         now = time.monotonic()
@@ -183,14 +182,14 @@ class ScopeClient:
         for axis, heard_s in self._heard_s.items():
             if now - heard_s > SILENT_S:
                 raise RunError(
-                    f'{ALL_DRIVES[axis]} has told nothing for {SILENT_S:g} s while {awaited(acquisition)}: is its '
+                    f'{ALL_DRIVES[axis]} has sent no samples for {SILENT_S:g} s while {awaited(acquisition)}: is its '
                     'robot still up, and in cyclic operation?'
                 )
 
-    # who has nothing else to do waits ---------------------------------------------------------------------------------
+    # blocking calls ---------------------------------------------------------------------------------------------------
 
     def arm(self, timeout_s: float) -> Acquisition:
-        """Arm the drives; return what takes their samples. Raises ProgramError or RunError."""
+        """Arm the drives; return the acquisition. Raises ProgramError or RunError."""
         self._operator.wait_until(lambda: self.reaches_drives, NO_DRIVES, timeout_s)
         found: list[Acquisition] = []
 
@@ -204,7 +203,7 @@ class ScopeClient:
     def follow(
         self, acquisition: Acquisition, timeout_s: float, show: Callable[[str], None] = lambda _: None
     ) -> None:
-        """Take samples until everything is there that was asked for; raises RunError."""
+        """Receive samples until the acquisition is complete; raises RunError."""
         trigger, begun_s = acquisition.setting.trigger, time.monotonic()
         self._heard_s = dict.fromkeys(self._setting.axes, begun_s)
         show(f'waiting for {trigger.sentence}' if trigger else 'recording')
@@ -217,15 +216,15 @@ class ScopeClient:
                     raise RunInterruptedError(f'{error} while {awaited(acquisition)}') from None
                 acquisition.finish()
                 return
-            self.take_in(acquisition)
+            self.receive_samples(acquisition)
             now = time.monotonic()
             if acquisition.records != records:
                 records, begun_s = acquisition.records, now
             if not acquisition.triggered and now - begun_s > timeout_s:
-                raise RunError(f'the trigger never came: {awaited(acquisition)} for {timeout_s:g} s')
+                raise RunError(f'the trigger did not fire: {awaited(acquisition)} for {timeout_s:g} s')
 
 
 def awaited(acquisition: Acquisition) -> str:
-    """Return what went on meanwhile, for a sentence."""
+    """Return the current activity, for a message."""
     trigger = acquisition.setting.trigger
     return f'{trigger.sentence} was awaited' if trigger else 'it was recorded'

@@ -1,6 +1,6 @@
-"""Node of a script: has control of a robot, and lets bus cycles go by as the script asks.
+"""Node of a script: has control of a robot and advances bus cycles on request of the script.
 
-Somebody else spins it: a thread of its own, or the main thread of a bring-up. The script waits for what that hears.
+It is spun by a separate thread, or by the main thread of a bring-up; the script waits for the received messages.
 """
 
 import json
@@ -38,36 +38,29 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import discovery, domain, interfaces, node_process
 from delta3_pacdrive.ros.numbers import numbers
 from delta3_pacdrive.ros.robot_client import LOOK_S, PATIENCE_S, OperatorNode
-from delta3_pacdrive.ros.told_parameters import ToldParameters
+from delta3_pacdrive.ros.told_parameters import RemoteParameters
 
-READY_S = 30.0  # for a robot that comes up
+READY_S = 30.0  # timeout for a robot to become ready
 
 
 class ScriptNode(OperatorNode):
-    """Client of one robot that a script moves.
-
-    Attributes
-    ----------
-    stopped
-        Whether somebody has asked the script to stop: then waiting raises KeyboardInterrupt.
-
-    """
+    """Client of a robot that is moved by a script."""
 
     def __init__(self, **node_options: Any) -> None:
         self._news = threading.Condition()
         super().__init__(self._wait_for_news, interfaces.SCRIPT, **node_options)
-        self.stopped = False
-        self._orders = 0  # and changes
-        self._driven = 0  # number of the newest order that is driven
+        self.stopped = False  # a wait then raises KeyboardInterrupt
+        self._orders = 0  # number of orders and changes
+        self._driven = 0  # number of the newest executed order
         self._verdicts: dict[int, Verdict] = {}
         self._requests['script'] = interfaces.SCRIPT_REQUEST.publisher(self)
         interfaces.SCRIPT_REPLY.subscription(self, self._on_reply)
         self._plan = interfaces.MOTION_PLAN.publisher(self)
         self._change = interfaces.MOTION_CHANGE.publisher(self)
         interfaces.VERDICT.subscription(self, self._on_verdict)
-        self._told = ToldParameters(self)
+        self._remote = RemoteParameters(self)
 
-    # what is heard ----------------------------------------------------------------------------------------------------
+    # subscriptions ----------------------------------------------------------------------------------------------------
 
     def _on_reply(self, message: String) -> None:
         super()._on_reply(message)
@@ -91,37 +84,37 @@ class ScriptNode(OperatorNode):
             self._news.wait(seconds)
 
     def stop(self) -> None:
-        """Ask the script to stop: where it waits for the robot, or as soon as it does."""
+        """Stop the script in its current or next wait for the robot."""
         self.stopped = True
         self._notify()
 
-    # what is asked ----------------------------------------------------------------------------------------------------
+    # requests ---------------------------------------------------------------------------------------------------------
 
     def parameters(self) -> Parameters:
-        """Return the parameters that the robot tells; raises RunError."""
-        self.wait_until(lambda: self._told.ready, 'parameters')
-        self._told.ask()
+        """Return the parameters published by the robot; raises RunError."""
+        self.wait_until(lambda: self._remote.ready, 'parameters')
+        self._remote.ask()
         found: list[Parameters] = []
 
-        def told() -> bool:
-            taken = self._told.take()
+        def received() -> bool:
+            taken = self._remote.take()
             if taken is not None:
                 found.append(taken)
             return bool(found)
 
-        self.wait_until(told, 'parameters')
+        self.wait_until(received, 'parameters')
         return found[0]
 
     def outputs(self) -> OutputNames:
-        """Return the outputs that the cell of the robot names; without a cell the robot's own."""
+        """Return the outputs named by the robot's cell; without a cell the default ones."""
         try:
-            told = json.loads(self.input())
+            facts = json.loads(self.input())
         except ProgramError:
             return OWN
-        return {name: NamedOutput(**one) for name, one in told['output_names'].items()}
+        return {name: NamedOutput(**one) for name, one in facts['output_names'].items()}
 
     def attach(self, patience_s: float = READY_S) -> dict[str, Any]:
-        """Begin to decide, as soon as the robot can be moved; raises RefusedError."""
+        """Attach the script to the robot as soon as it can be moved; raises RefusedError."""
         deadline = time.monotonic() + patience_s
         while True:
             try:
@@ -137,49 +130,49 @@ class ScriptNode(OperatorNode):
         return dict(found)
 
     def look(self) -> dict[str, Any]:
-        """Return what is seen of the newest bus cycle."""
+        """Return the state in the newest bus cycle."""
         return self._facts(LOOK)
 
     def wait(self, condition: WaitCondition) -> dict[str, Any]:
-        """Let the bus go on until a condition is met or given up; return what is seen then."""
+        """Run the bus until a condition is met or times out; return the state then."""
         return self._facts(WAIT, condition_text(condition))
 
     def hold(self, cycle: int) -> dict[str, Any]:
-        """Let the bus go on to a cycle, and stop the robot on its path from there on."""
+        """Run the bus to a cycle, then stop the robot on its path."""
         return self._facts(HOLD, str(cycle))
 
     def get_on(self, order: TrackOrder) -> None:
-        """Say which belt is meant by the next event of the plan that gets on one."""
+        """Specify the belt for the next event of the plan that synchronises to one."""
         self.ask('script', GET_ON, json.dumps(order.to_document()))
 
     def get_on_again(self, cycle: int) -> None:
-        """Get on the belt again after a hold, or leave it, from a bus cycle on."""
+        """Synchronise to the belt again after a hold, or leave it, from a bus cycle."""
         self.ask('script', GET_ON_AGAIN, str(cycle))
 
     def abandon(self, cycle: int) -> dict[str, Any]:
-        """Let the bus go on to a cycle, stop from there on, forget moves and belt; return what is seen at rest."""
+        """Run the bus to a cycle, abort motion and belt tracking, and return the state at rest."""
         return self._facts(ABANDON, str(cycle))
 
     def end(self) -> None:
-        """End the script, and give control back."""
+        """Detach the script, and release control."""
         with suppress(RunError, RefusedError):
             self.ask('script', LEAVE)
         self.leave_robot()
 
     def leave_robot(self) -> None:
-        """Give control back without an end of the script: a robot that still drives stops on its path."""
+        """Release control without detaching: a moving robot stops on its path."""
         with suppress(RunError, RefusedError):
             self.release_control()
 
     # orders -----------------------------------------------------------------------------------------------------------
 
     def start(self, plan: Plan, cycle: int, override: float, exact: bool) -> int:
-        """Let a plan start in a bus cycle, or as soon as it can if that may be later; return in which one it does."""
+        """Start a plan in a bus cycle, or later unless ``exact``; return its first cycle."""
         row = (float(cycle), override, *plan.tables.order.tolist())
         return self._order(plan, row, EXACT if exact else ORDER)
 
     def extend(self, extension: Extension) -> int:
-        """Let moves follow those that are driven; return the bus cycle from which on they are known."""
+        """Append moves to the current motion; return the bus cycle in which they become known."""
         return self._order(extension.more, extension.row(self._driven).tolist(), EXTEND)
 
     def _order(self, plan: Plan, row: Sequence[float], kind: str) -> int:
@@ -193,7 +186,7 @@ class ScriptNode(OperatorNode):
         return effect
 
     def change(self, profile: MotionProfile) -> int:
-        """Go over to another motion profile; return the bus cycle from which on it is followed."""
+        """Switch to another motion profile; return its first bus cycle."""
         self._orders += 1
         self._change.publish(self._numbered(PROFILE, self._orders, profile.to_array()))
         return self._verdict(self._orders)
@@ -212,16 +205,16 @@ class ScriptNode(OperatorNode):
 
 @contextmanager
 def scripting(namespace: str) -> Iterator[ScriptNode]:
-    """Be a script of the robot in a namespace: a thread listens to the robot while the script runs.
+    """Create a script node for the robot in a namespace, spun by a thread while the script runs.
 
-    What else the process does with ROS, such as another script, is not touched.
+    It has a separate ROS context, so several scripts may share a process.
     """
     absolute = domain.namespace(namespace)
     discovery.keep_to_this_machine()
     context = rclpy.Context()
     node_process.join(context=context)
     process = node_process.Process(context)
-    # of two nodes of one name in a process, rcl would have one tell /rosout for both, and warn
+    # two nodes of one name in a process would share a publisher of /rosout, and rcl would warn
     node = ScriptNode(namespace=absolute, context=context, enable_rosout=False)
     process.add(node)
     listener = threading.Thread(target=process.spin, name='script listener', daemon=True)

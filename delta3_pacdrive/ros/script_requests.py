@@ -1,4 +1,4 @@
-"""The transformation task's end of scripts: ``script/request`` in, ``script/reply`` out (String, JSON)."""
+"""Script requests to the transformation task: ``script/request`` in, ``script/reply`` out (String, JSON)."""
 
 from collections.abc import Callable
 
@@ -13,18 +13,7 @@ REQUEST_BYTES_MAX = 4096
 
 
 class ScriptRequests:
-    """Requests of the scripts of one transformation task.
-
-    Parameters
-    ----------
-    node
-        Has the topics.
-    controller
-        Decides.
-    changed
-        Called when the state of the robot may have changed: whatever that asks for has to be done.
-
-    """
+    """Receives the script requests of one transformation task; ``changed`` executes the resulting actions."""
 
     def __init__(self, node: RobotNode, controller: RobotController, changed: Callable[[], None]) -> None:
         self._scripts, self._changed = controller.scripts, changed

@@ -1,4 +1,4 @@
-"""What the transformation task publishes of every cycle, packed only for those who listen."""
+"""Cyclic topics of the transformation task, encoded only for subscribers."""
 
 import math
 
@@ -24,30 +24,30 @@ AT_EASE = [0.0] * (len(JOINTS) - ARMS)  # torques of the passive joints
 
 
 class JointMotionOutputs:
-    """The outputs tell joint motion through the Jacobian, of each cycle when the next one is known."""
+    """Publishes joint motion through the Jacobian, one cycle late because it needs the next command."""
 
     def __init__(self, node: Node, parameters: Parameters) -> None:
         self._motion = JointMotion(parameters)
         self._joints = TelegramOutput(node, interfaces.JOINT_MOTION)
         self._jacobian = TelegramOutput(node, interfaces.JACOBIAN)
-        self._stamp = ACYCLIC  # of the cycle before
+        self._stamp = ACYCLIC  # of the previous cycle
 
     def send(self, cycle: int, stamp: tuple[int, int], place: Floats) -> None:
-        """Take the TCP of the command in a cycle; publish what that says of the one before."""
+        """Add the commanded TCP of a cycle, and publish the joint motion of the previous one."""
         known, before, self._stamp = self._motion.take(cycle, place), self._stamp, stamp
         if not known or not (self._joints.wanted or self._jacobian.wanted):
             return
-        told = self._motion.signals()
-        numbers = told['joint_speed'] + told['joint_acceleration']
+        motion = self._motion.signals()
+        numbers = motion['joint_speed'] + motion['joint_acceleration']
         if math.isfinite(sum(numbers)):
             self._joints.send(before, numbers)
-            self._jacobian.send(before, told['jacobian'])
+            self._jacobian.send(before, motion['jacobian'])
 
 
 class TaskOutputs:
-    """The task tells what the answers of a cycle give (``interfaces.ANSWER_TOPICS``), joint states, the master.
+    """Publishes the results of each cycle (``interfaces.ANSWER_TOPICS``), joint states and the master.
 
-    Joint motion through the Jacobian is computed only if it is asked for.
+    Joint motion through the Jacobian is optional.
     """
 
     def __init__(
@@ -71,22 +71,22 @@ class TaskOutputs:
         self._joint_states_every = max(1, round(JOINT_STATES_S / parameters.bus.cycle_time_s))
 
     def greet(self) -> None:
-        """Publish once outside cyclic operation, of a robot that was located: a recorder misses nothing from then on.
+        """Publish all topics once before cyclic operation, so that recorders discover them.
 
-        The robot stands where it is commanded to be; all errors and the master are zero.
+        The robot is at its commanded position; all errors and the master are zero.
         """
         if not self._state.located:
             return
         for output, values in self._answers:
-            place = output.topic in (interfaces.TCP_ACTUAL, interfaces.TCP_COMMAND)
-            output.send(ACYCLIC, self._state.tcp_m.tolist() if place else [0.0] * len(values))
+            is_position = output.topic in (interfaces.TCP_ACTUAL, interfaces.TCP_COMMAND)
+            output.send(ACYCLIC, self._state.tcp_m.tolist() if is_position else [0.0] * len(values))
         self.master.send(ACYCLIC, [0.0] * 3)
         if self._turn is not None and self._turning is not None:
             angle_rad = self._turning.angle_rad
             self._turn.send(ACYCLIC, [angle_rad, angle_rad, 0.0])
 
     def send(self, cycle: int, stamp: tuple[int, int]) -> None:
-        """Publish what the answers of a cycle say."""
+        """Publish the results of a cycle."""
         for output, values in self._answers:
             if output.wanted:
                 output.send(stamp, values.tolist())
@@ -95,7 +95,7 @@ class TaskOutputs:
         if self._through_jacobian is not None:
             self._through_jacobian.send(cycle, stamp, self._tcp_command)
         if self._joint_states.wanted and cycle % self._joint_states_every == 0:
-            # of the joints that are shown: arms and tool, behind the gears
+            # at the joints: arms and tool at the output side of their gears
             torques = self._axes.torques.tolist()
             arms = [torque * self._ratio for torque in torques[:ARMS]]
             angle = [] if self._turning is None else [self._turning.feedback[1]]
@@ -105,11 +105,11 @@ class TaskOutputs:
             self._joint_states.send(stamp, [*positions, *angle, *rates, *speed, *arms, *AT_EASE, *tool])
 
     def _joint_motion(self) -> list[list[float]]:
-        """Return positions and speeds of all joints of the robot as a tree, but for the tool."""
+        """Return positions and speeds of all joints of the tree except the tool."""
         self._rates[0] = [speed / self._ratio for speed in self._axes.speeds[:ARMS]]
         tree_joints(self._theta.reshape(1, 3), self._rates, self._tree, self._geometry)
         if math.isnan(self._tree[0, 0, -1]):
-            # the motors stand where the arms cannot be, which is a fault; readers of joint states take no nan
+            # forward kinematics has no solution, which is a fault; joint states must not contain nan
             self._tree[0, :, 3:] = 0.0
         motion: list[list[float]] = self._tree[0].tolist()
         return motion

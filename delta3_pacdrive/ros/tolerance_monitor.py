@@ -1,4 +1,4 @@
-"""The tolerances of trajectories as parameters of the planner's node, and the joint states beside them."""
+"""Monitoring of trajectory tolerances from joint states."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,11 +17,11 @@ from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.bus_time import Clock
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
-QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)  # between two looks
+QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)  # between two updates
 
 
 def tolerances_of(own: Mapping[str, float]) -> Tolerances:
-    """Return the tolerances that the parameters of the planner's node describe."""
+    """Return the tolerances set by the parameters of the planner's node."""
 
     def each(name: str) -> tuple[float, float, float]:
         first, second, third = (own[f'constraints.{axis}.{name}'] for axis in DRIVES)
@@ -32,7 +32,7 @@ def tolerances_of(own: Mapping[str, float]) -> Tolerances:
 
 
 class ToleranceMonitor:
-    """The monitor tells a planner where the arms are; it listens from the start on, or when there is a tolerance."""
+    """Passes joint states to the planner; it subscribes at the start, or with the first tolerance."""
 
     def __init__(self, node: PollingNode, listens: bool, cycles: Clock, planner: Planner) -> None:
         self._node, self._cycles, self._planner = node, cycles, planner
@@ -44,15 +44,15 @@ class ToleranceMonitor:
     def _listen(self) -> None:
         self._take = interfaces.JOINT_STATES.polled_subscription(self._node, profile=QUEUE)
 
-    def look(self) -> None:
-        """Tell the planner what has come."""
+    def update(self) -> None:
+        """Pass received joint states to the planner."""
         if self._take is None and self._planner.trajectory.needs_positions:
             self._listen()
         while self._take is not None and (taken := self._take()) is not None:
             try:
-                told = self._reader.read(taken[0])
+                joints = self._reader.read(taken[0])
             except TelegramError:
-                continue  # joints of somebody else: the topic belongs to everybody
-            if told.frame == telegrams.BASE_FRAME and told.sec >= 0:
-                cycle = self._cycles.count(told.sec, told.nanosec)
-                self._planner.trajectory.observe(cycle, np.array(told.angles), np.array(told.speeds))
+                continue  # joints of another robot on the same topic
+            if joints.frame == telegrams.BASE_FRAME and joints.sec >= 0:
+                cycle = self._cycles.count(joints.sec, joints.nanosec)
+                self._planner.trajectory.observe(cycle, np.array(joints.angles), np.array(joints.speeds))

@@ -1,7 +1,7 @@
-"""Messages that browsers may send to the page: their schema, and the values that each kind of control takes.
+"""Schema of the messages that browsers may send to the page, and the valid values of each kind of control.
 
-viser sets whatever attribute of a control a browser names. Here a message has a value only, of the type, within the
-limits and among the options of its control.
+viser sets any attribute of a control that a browser names. Here a message contains a value only, which must have the
+type, the range and the options of its control.
 """
 
 import math
@@ -12,7 +12,7 @@ import viser
 
 from delta3_pacdrive.errors import shown
 
-PART_BYTES = 512 * 1024  # of a file, as the client of viser sends it
+PART_BYTES = 512 * 1024  # of a file, as sent by the client of viser
 TEXT_MAX, NAME_MAX, UUID_MAX = 4096, 255, 64
 
 Uuid = Annotated[str, msgspec.Meta(max_length=UUID_MAX)]
@@ -24,7 +24,7 @@ class _Message(msgspec.Struct, tag_field='type', forbid_unknown_fields=True):
 
 
 class Camera(_Message, tag='ViewerCameraMessage'):
-    """Where a browser looks from; only its own camera follows."""
+    """Camera of a browser; no other browser is affected."""
 
     wxyz: tuple[float, float, float, float]
     position: Three
@@ -56,7 +56,7 @@ class Hold(_Message, tag='GuiButtonHoldMessage'):
 
 
 class Start(_Message, tag='FileTransferStartUpload'):
-    """A file will follow in parts."""
+    """Announcement of a file that follows in parts."""
 
     source_component_uuid: Uuid
     transfer_uuid: Uuid
@@ -79,7 +79,7 @@ DECODER = msgspec.msgpack.Decoder(Camera | Update | Hold | Start | Part)
 
 
 class RejectedError(Exception):
-    """A message is rejected; ``fatal``: no browser sends such a message, so its connection is closed."""
+    """A message is rejected; ``fatal``: it cannot come from a browser, and its connection is closed."""
 
     def __init__(self, reason: str, fatal: bool = False) -> None:
         super().__init__(reason)
@@ -87,7 +87,7 @@ class RejectedError(Exception):
 
 
 def decoded(raw: bytes) -> 'Camera | Update | Hold | Start | Part':
-    """Return a message; raises RejectedError if it is not exactly as one of the schemas."""
+    """Return a message; raises RejectedError unless it matches a schema exactly."""
     try:
         return DECODER.decode(raw)  # type: ignore[no-any-return]
     except (msgspec.MsgspecError, RecursionError, ValueError) as error:
@@ -95,19 +95,19 @@ def decoded(raw: bytes) -> 'Camera | Update | Hold | Start | Part':
 
 
 def checked(handle: Any, value: Any) -> Any:
-    """Return the value that a control takes from a browser.
+    """Return a value after validation against its control.
 
     Parameters
     ----------
     handle
         Of the control.
     value
-        As the browser sends it.
+        As sent by the browser.
 
     Raises
     ------
     RejectedError
-        The control takes no such value, or its kind takes none at all.
+        The value is invalid, or the control accepts none.
 
     """
     if isinstance(handle, viser.GuiButtonHandle):
@@ -130,7 +130,7 @@ def checked(handle: Any, value: Any) -> Any:
 
 
 def _number(handle: Any, value: Any, tolerance: float) -> float:
-    """Return a number within the limits of its control; one that is beyond them by a tolerance becomes the limit."""
+    """Return a number within the limits of its control; values within a tolerance outside are clamped."""
     low = -math.inf if handle.min is None else handle.min
     high = math.inf if handle.max is None else handle.max
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):

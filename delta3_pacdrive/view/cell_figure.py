@@ -1,4 +1,4 @@
-"""The cell around the robot in three dimensions: what stands there, belts that move, and the parts."""
+"""The cell around the robot in 3D: fixtures, moving belts and parts."""
 
 import math
 from collections.abc import Sequence
@@ -13,16 +13,16 @@ from delta3_pacdrive.view.figure import about_zy, mesh_of
 from delta3_pacdrive.view.values import PARTS_MAX, CellInstant, PartPlace
 
 ROOT = '/cell'
-THINGS_MAX = 400  # that are drawn: a browser gets slow with more
+THINGS_MAX = 400  # drawn; more would slow down browsers
 SLAB_M = 0.012  # thickness of a belt, below its surface
-AREA_M = 0.001  # of an area on it
-MARKS_M, MARKS_MAX = 0.1, 500  # between two marks of a belt, about, and how many it has
+AREA_M = 0.001  # thickness of an area on it
+MARKS_M, MARKS_MAX = 0.1, 500  # approximate distance of the marks on a belt, and their maximum number
 EDGE, MARK = 2.5, 1.5  # pixels
-FIRST_PARTS = 16  # that there is room for; then four times as many
-GONE_M = 1e-6  # size of a box that stands for no part
+FIRST_PARTS = 16  # initial capacity; grows by a factor of four
+GONE_M = 1e-6  # size of an unused box
 
 BELT, MARKS = (60, 66, 78), (150, 156, 168)
-# colour, opacity and height above the surface of a belt [m]; areas may lie above one another
+# colour, opacity and height above the surface of a belt [m]; areas may overlap
 AREAS = {
     Kind.WINDOW: ((47, 158, 91), 0.28, 0.001),
     Kind.CAMERA: ((112, 72, 232), 0.30, 0.002),
@@ -43,7 +43,7 @@ _CUBE = (
 
 
 class _Belt:
-    """A belt: a slab, and marks on it that go with its surface."""
+    """A slab with marks that move with its surface."""
 
     def __init__(self, scene: Any, path: str, belt: Thing) -> None:
         self._shift_m = 0.0
@@ -55,7 +55,7 @@ class _Belt:
             path, BELT, (length, width, SLAB_M), position=(x, y, z - 0.5 * SLAB_M),
             wxyz=about_zy(belt.angle_rad, 0.0), cast_shadow=False,
         )  # fmt: skip
-        points = np.zeros((count, 2, 3), dtype=np.float32)  # seen from the middle of the slab
+        points = np.zeros((count, 2, 3), dtype=np.float32)  # relative to the centre of the slab
         points[:, :, 0] = (np.arange(count) * self._pitch_m - 0.5 * length)[:, None]
         points[:, :, 1] = [-0.5 * width, 0.5 * width]
         self._marks = scene.add_line_segments(
@@ -66,7 +66,7 @@ class _Belt:
         return (self._shift_m, 0.0, 0.5 * SLAB_M + 0.5 * AREA_M)
 
     def move(self, way_m: float) -> None:
-        """Let the marks be where the surface is that has gone so far."""
+        """Move the marks with the surface, which has travelled this distance."""
         shift = way_m % self._pitch_m if self._pitch_m > 0.0 else 0.0
         if shift != self._shift_m:
             self._shift_m = shift
@@ -74,7 +74,7 @@ class _Belt:
 
 
 class _Parts:
-    """All parts are one batch of boxes in the browser: a message for a picture, however many of them move."""
+    """All parts as one batch of boxes: one message per picture for any number of parts."""
 
     def __init__(self, scene: Any) -> None:
         self._scene = scene
@@ -84,7 +84,7 @@ class _Parts:
         self._last: dict[str, Floats] = {}
 
     def place(self, parts: Sequence[PartPlace]) -> None:
-        """Put the parts where they are, at most the newest ``PARTS_MAX``."""
+        """Pose the newest ``PARTS_MAX`` parts."""
         parts = parts[-PARTS_MAX:]
         if len(parts) > self._room:
             self._grow(parts)
@@ -96,7 +96,7 @@ class _Parts:
                 setattr(self._handle, name, rows)
 
     def _grow(self, parts: Sequence[PartPlace]) -> None:
-        """Make room for more boxes; a browser may lose colours that are told right behind those of a new batch."""
+        """Increase the capacity; colours sent right after a new batch may be lost in a browser."""
         self._room = max(self._room, FIRST_PARTS)
         while self._room < len(parts):
             self._room *= 4
@@ -107,7 +107,7 @@ class _Parts:
         )  # fmt: skip
 
     def _rows(self, parts: Sequence[PartPlace]) -> dict[str, Any]:
-        """Return what the browser is told of boxes, a row for each."""
+        """Return the attributes of the batch, one row per box."""
         n = len(parts)
         positions, scales = (
             np.zeros((self._room, 3), np.float32),
@@ -134,16 +134,7 @@ class _Parts:
 
 
 class CellFigure:
-    """A cell in a scene.
-
-    Parameters
-    ----------
-    scene
-        Of the viser server.
-    things
-        What stands in the cell.
-
-    """
+    """A cell in a viser scene."""
 
     def __init__(self, scene: Any, things: Sequence[Thing]) -> None:
         self._scene = scene
@@ -197,18 +188,18 @@ class CellFigure:
         )  # fmt: skip
 
     def place(self, instant: CellInstant) -> None:
-        """Put belts and parts where they are."""
+        """Update belts and parts."""
         for name, way_m in instant.ways_m.items():
             if name in self._belts and math.isfinite(way_m):
                 self._belts[name].move(way_m)
         self._parts.place(instant.parts)
 
     def show(self, visible: bool, labels: bool) -> None:
-        """Let it be seen, and the names in it, or not."""
+        """Show or hide the cell and its labels."""
         self._root.visible = visible
         for label in self._labels:
             label.visible = visible and labels
 
     def remove(self) -> None:
-        """Take it away."""
+        """Remove the cell from the scene."""
         self._root.remove()

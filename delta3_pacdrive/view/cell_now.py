@@ -1,4 +1,4 @@
-"""The cell around a robot that is up, from what is told of it: where every part is at a moment."""
+"""State of the cell around a running robot from its messages: the pose of every part at an instant."""
 
 import json
 import math
@@ -18,7 +18,7 @@ from delta3_pacdrive.view.values import PARTS_MAX, CellInstant, PartPlace, Point
 
 @dataclass(frozen=True)
 class _Present:
-    """A part that is there: as its stay has begun, since when it is told so [ns], and its stay."""
+    """A part in the cell: its pose at the start of its stay, the time of that message [ns], and the stay."""
 
     place: PartPlace
     told_ns: int
@@ -26,27 +26,18 @@ class _Present:
 
 
 class CellNow:
-    """What is known of a cell at the moment. What is no message of a cell changes nothing.
-
-    Attributes
-    ----------
-    things
-        What stands in it.
-    changes
-        How often that has changed.
-
-    """
+    """The current state of a cell; invalid messages are ignored."""
 
     def __init__(self) -> None:
         self.things: tuple[Thing, ...] = ()
-        self.changes = 0
+        self.changes = 0  # of ``things``
         self._belts: dict[str, Thing] = {}
-        self._parts: dict[int, _Present] = {}  # by number, in the order in which they were told last
+        self._parts: dict[int, _Present] = {}  # by number, in the order of their newest messages
         self._before: tuple[float, dict[str, float]] = (-math.inf, {})  # bus time [s], counts
         self._newest = self._before
 
     def clear(self) -> None:
-        """Forget the cell: it is not there any more."""
+        """Remove everything: the cell has gone."""
         self._parts.clear()
         self._use(())
 
@@ -57,29 +48,29 @@ class CellNow:
         self._belts = {thing.name: thing for thing in things if thing.kind is Kind.BELT}
 
     def take_scene(self, text: str, told_ns: int = 0) -> None:
-        """Take a message of ``cell/scene``; parts that were told of before it are of a cell that is gone."""
+        """Process a message of ``cell/scene``; parts of earlier messages belong to a previous cell."""
         with suppress(TelegramError, ValueError, RecursionError):
             self._use(tuple(cell_scene.read(json.loads(text))))
             self._parts = {n: one for n, one in self._parts.items() if one.told_ns >= told_ns}
 
     def take_parts(self, text: str, told_ns: int = 0) -> None:
-        """Take a message of ``cell/parts``."""
+        """Process a message of ``cell/parts``."""
         with suppress(TelegramError):
-            for number, told in read_message(text).parts.items():
+            for number, document in read_message(text).parts.items():
                 self._parts.pop(number, None)
-                present = _present(told, told_ns)
+                present = _present(document, told_ns)
                 if present is not None:
                     self._parts[number] = present
             while len(self._parts) > PARTS_MAX:
                 del self._parts[next(iter(self._parts))]
 
     def take_counts(self, time_s: float, counts: Mapping[str, float]) -> None:
-        """Take what the encoders of the belts count at a bus time [s]."""
+        """Process the encoder counts of the belts at a bus time [s]."""
         if time_s != self._newest[0]:
             self._before, self._newest = self._newest, (time_s, dict(counts))
 
     def at(self, time_s: float, tcp_m: Point, turn_rad: float = 0.0) -> CellInstant:
-        """Return what there is to be drawn at a bus time [s], with the TCP at a place [m] and the tool at an angle."""
+        """Return the moving objects at a bus time [s], for a TCP position [m] and a tool angle [rad]."""
         counts = {name: self._count(name, time_s) for name in self._belts if name in self._newest[1]}
         ways = {
             name: count / self._belts[name].increments_per_m
@@ -93,7 +84,7 @@ class CellNow:
         return name in self._belts and self._belts[name].increments_per_m > 0.0
 
     def _count(self, name: str, time_s: float) -> float:
-        """Return the count of a belt at a time between the last two times that it was told, or at the nearer one."""
+        """Return the count of a belt at a time, interpolated between the last two messages and limited to them."""
         (before_s, before), (newest_s, newest) = self._before, self._newest
         if name not in before or not before_s < newest_s:
             return newest[name]
@@ -111,19 +102,21 @@ class CellNow:
         return replace(one.place, at_m=place, angle_rad=angle_rad(stay, turn_rad))
 
 
-def _present(told: dict[str, Any], told_ns: int) -> _Present | None:
-    """Return a part from its document, None if it is not there, or nowhere near."""
-    if not told['stays']:
+def _present(document: dict[str, Any], told_ns: int) -> _Present | None:
+    """Return a part from its document, None if it has gone or is out of range."""
+    if not document['stays']:
         return None
-    last = told['stays'][-1]
+    last = document['stays'][-1]
     x, y, z = last['at_m']
-    length, width, height = told['size_m']
+    length, width, height = document['size_m']
     near = (
         max(map(abs, (x, y, z))) <= REACH_MAX_M
-        and 0.0 < min(told['size_m']) <= max(told['size_m']) <= REACH_MAX_M
+        and 0.0 < min(document['size_m']) <= max(document['size_m']) <= REACH_MAX_M
     )
     if last['how'] == How.GONE or not near:
         return None
     stay = Stay(**last | {'how': How(last['how']), 'at_m': (x, y, z)})
-    place = PartPlace(told['number'], told['type'], (length, width, height), (x, y, z), stay.angle_rad)
+    place = PartPlace(
+        document['number'], document['type'], (length, width, height), (x, y, z), stay.angle_rad
+    )
     return _Present(place, told_ns, stay)

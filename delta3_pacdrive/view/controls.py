@@ -1,6 +1,6 @@
-"""The controls of the page: what can be asked of a robot that is up.
+"""The controls of the page for a running robot.
 
-Every click becomes a ``Wish``; who carries them out, and answers, is not known here.
+Every click becomes a ``UiCommand``; it is executed elsewhere.
 """
 
 import json
@@ -13,15 +13,15 @@ from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.faults.fault import KINDS, NODES
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.input_rows import InputRows
-from delta3_pacdrive.view.jog import BEATS_HZ, DIRECTIONS
-from delta3_pacdrive.view.values import Facts, Wish
+from delta3_pacdrive.view.jog import DIRECTIONS, HEARTBEAT_HZ
+from delta3_pacdrive.view.values import Facts, UiCommand
 
 PROGRAM_BYTES_MAX = 1024 * 1024
 STEPS_MM = ('0.1', '1', '5', '10', '50')
 JOG_MM_S, JOG_MAX_MM_S = 50, 250
 OVERRIDE_MIN, OVERRIDE_MAX = 1, 150
-ANSWERS = 3  # sentences that stay to be read
-FAULT_S = 0.5  # that an injected fault lasts, unless told
+ANSWERS = 3  # replies shown
+FAULT_S = 0.5  # default duration of an injected fault
 
 
 class Controls:
@@ -29,20 +29,18 @@ class Controls:
 
     Parameters
     ----------
-    gui
-        Of the viser server.
-    wish
-        Takes what is asked for.
+    send
+        Called with each command.
     drives
-        Of the robot, by name.
+        Names of the robot's drives.
 
     """
 
-    def __init__(self, gui: Any, wish: Callable[[Wish], None], drives: Sequence[str]) -> None:
-        self._gui, self._take, self._drives = gui, wish, tuple(drives)
+    def __init__(self, gui: Any, send: Callable[[UiCommand], None], drives: Sequence[str]) -> None:
+        self._gui, self._send, self._drives = gui, send, tuple(drives)
         self._points: dict[str, tuple[float, float, float]] = {}
-        self._said: list[tuple[str, bool]] = []
-        self._telling = Lock()  # what is wrong with a file is told by a thread of the page
+        self._replies: list[tuple[str, bool]] = []
+        self._lock = Lock()  # a thread of the page reports invalid files
         self._override_shown = 1.0
         stop = gui.add_button('EMERGENCY STOP', color='red', icon='hand-stop')
         stop.on_click(lambda _: self._ask('emergency_stop'))
@@ -61,7 +59,7 @@ class Controls:
         self._answers = gui.add_html('')
 
     def _ask(self, action: str, text: str = '') -> None:
-        self._take(Wish(action, text, self._by_force.value))
+        self._send(UiCommand(action, text, self._by_force.value))
 
     def _row(self, name: str, *words: str) -> None:
         row = self._gui.add_button_group(name, words)
@@ -80,22 +78,22 @@ class Controls:
         )
         self._override.on_update(self._set_override)
         self._by_force = gui.add_checkbox(
-            'take control over', False, hint='take control of the robot even if somebody else has it'
+            'take control over', False, hint='take control of the robot even if another operator has it'
         )
 
     def _load(self, file: Any) -> None:
         if len(file.content) > PROGRAM_BYTES_MAX:
-            self.tell(f'{file.name} has {len(file.content)} bytes, the limit is {PROGRAM_BYTES_MAX}', True)
+            self.report(f'{file.name} has {len(file.content)} bytes, the limit is {PROGRAM_BYTES_MAX}', True)
             return
         try:
             text = file.content.decode('utf-8')
         except UnicodeDecodeError:
-            self.tell(f'{file.name} is no text in UTF-8', True)
+            self.report(f'{file.name} is not a valid UTF-8 text', True)
             return
         self._ask('program', text)
 
     def _set_override(self, event: Any) -> None:
-        # what the robot tells moves the slider as well, and is no wish
+        # updates by the robot have no client and are not commands
         if event.client is not None:
             self._ask('override', repr(float(self._override.value)))
 
@@ -109,9 +107,9 @@ class Controls:
         )
         for direction in DIRECTIONS:
             button = gui.add_button(
-                f'hold {direction}', hint='moves while it is held, to the edge of the workspace'
+                f'hold {direction}', hint='moves while held, to the edge of the workspace'
             )
-            button.on_hold(self._beat(direction), callback_hz=BEATS_HZ)
+            button.on_hold(self._beat(direction), callback_hz=HEARTBEAT_HZ)
 
     def _beat(self, direction: str) -> Callable[[Any], Any]:
         async def beat(_: Any) -> None:
@@ -125,16 +123,16 @@ class Controls:
         gui.add_button('Teach this point', icon='map-pin').on_click(
             lambda _: self._ask('teach', self._name.value)
         )
-        gui.add_button('Forget all points', icon='trash').on_click(lambda _: self._ask('forget'))
+        gui.add_button('Delete all points', icon='trash').on_click(lambda _: self._ask('forget'))
         self._taught = gui.add_html('')
 
-    def forget(self) -> None:
-        """Forget all points."""
+    def clear_points(self) -> None:
+        """Delete all points."""
         self._points.clear()
         self._taught.content = ''
 
     def teach(self, name: str, place_m: tuple[float, float, float]) -> None:
-        """Keep a point by its name, and show all of them as a program file has them."""
+        """Store a point, and show all points in the format of a program file."""
         self._points[name] = place_m
         lines = [
             f'  {json.dumps(key)}: [{x:.6f}, {y:.6f}, {z:.6f}]' for key, (x, y, z) in self._points.items()
@@ -160,12 +158,12 @@ class Controls:
         self._show_kind()
 
     def use(self, drives: Sequence[str]) -> None:
-        """Offer faults of the drives of another robot."""
+        """Set the drives of the robot."""
         self._drives = tuple(drives)
         self._show_kind()
 
     def _show_kind(self) -> None:
-        """Show what belongs to the fault that is chosen."""
+        """Show the fields of the selected fault."""
         kind = KINDS[self._kind.value]
         nodes = tuple(dict.fromkeys((*NODES, *self._drives)))
         choices = {'axis': self._drives, 'node': nodes}.get(str(kind.target), ())
@@ -192,20 +190,20 @@ class Controls:
             fault['for_s'] = self._lasts.value
         self._ask('inject', json.dumps(fault))
 
-    # what comes back --------------------------------------------------------------------------------------------------
+    # replies ----------------------------------------------------------------------------------------------------------
 
-    def tell(self, sentence: str, refused: bool) -> None:
-        """Show the answer to a wish."""
-        with self._telling:
-            self._said = [*self._said[1 - ANSWERS :], (sentence, refused)]
-            self._answers.content = readout.answers(self._said)
+    def report(self, sentence: str, refused: bool) -> None:
+        """Show the reply to a command."""
+        with self._lock:
+            self._replies = [*self._replies[1 - ANSWERS :], (sentence, refused)]
+            self._answers.content = readout.answers(self._replies)
 
     def show_override(self) -> None:
-        """Let the slider go where the override of the robot is, with the next facts."""
+        """Set the slider to the robot's override with the next facts."""
         self._override_shown = math.nan
 
     def show(self, facts: Facts) -> None:
-        """Let the slider follow the override, whoever has set it, and show the inputs of a robot that is there."""
+        """Update the slider and the inputs of an available robot."""
         if facts.state:
             self._inputs.show(facts.inputs)
         if facts.state and facts.override != self._override_shown:

@@ -1,4 +1,4 @@
-"""The robot in three dimensions: meshes of its parts in a scene of viser, and where they are."""
+"""The robot in 3D: meshes of its parts in a viser scene, and their poses."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from delta3_pacdrive.scene.parts import ARMS, Part, Sizes, parts
 from delta3_pacdrive.scene.poses import frames, poses
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
 
-SECTIONS, SUBDIVISIONS = 24, 2  # of cylinders and balls
+SECTIONS, SUBDIVISIONS = 24, 2  # of cylinders and spheres
 RING_POINTS = 96
 LINE, THIN_LINE = 3.0, 1.5  # pixels
 GHOST_OPACITY = 0.35
@@ -25,7 +25,7 @@ _WXYZ = [3, 0, 1, 2]
 
 
 def mesh_of(shapes: Sequence[Shape]) -> tuple[Floats, Any]:
-    """Return vertices (n, 3) [m] and faces (m, 3) of all shapes of a part together."""
+    """Return vertices (n, 3) [m] and faces (m, 3) of all shapes of a part."""
     import trimesh
 
     solids = []
@@ -38,7 +38,7 @@ def mesh_of(shapes: Sequence[Shape]) -> tuple[Floats, Any]:
             case Sphere():
                 solid = trimesh.creation.icosphere(SUBDIVISIONS, shape.radius_m)
             case _:
-                raise TypeError(f'there is no mesh of a {shape.kind}')
+                raise TypeError(f'there is no mesh for a {shape.kind}')
         place = trimesh.transformations.quaternion_matrix([shape.quaternion[n] for n in _WXYZ])
         place[:3, 3] = shape.position_m
         solid.apply_transform(place)
@@ -48,7 +48,7 @@ def mesh_of(shapes: Sequence[Shape]) -> tuple[Floats, Any]:
 
 
 def segments(points: Floats) -> Floats:
-    """Return the pieces (n - 1, 2, 3) of a line through points (n, 3), and one piece of no length for less than two."""
+    """Return the segments (n - 1, 2, 3) of a polyline (n, 3), or one of length zero for fewer than two points."""
     if len(points) < 2:
         return np.zeros((1, 2, 3))
     return np.stack([points[:-1], points[1:]], axis=1)
@@ -73,7 +73,7 @@ def about_yz(y_rad: float, z_rad: float) -> tuple[float, float, float, float]:
 
 
 class _Body:
-    """Arms, rods and plate of one robot, in its colours or as a ghost; rods hang on their arms as the real ones do."""
+    """Arms, rods and plate of one robot, in its colours or as a ghost; rods are children of their arms."""
 
     def __init__(
         self,
@@ -120,13 +120,13 @@ class _Body:
         )
 
     def carry(self, name: str, part: Part) -> Any:
-        """Hang a part on the plate, or on the tool that turns below it."""
+        """Attach a part to the plate, or to the tool that rotates below it."""
         return self._mesh(f'{self._hand}/{name}', part, np.zeros(3))
 
     def place(self, joints_rad: Floats, tcp_m: Floats, turn_rad: float) -> None:
-        """Turn all joints (order of ``scene.joints``), move the plate, and turn the tool if a rotary axis does.
+        """Set all joint angles (order of ``scene.joints``), the plate position and the tool angle.
 
-        Arms that reach nowhere are not seen.
+        Arms are hidden if they cannot reach the plate.
         """
         self._plate.visible = True
         self._plate.position = tcp_m
@@ -148,22 +148,13 @@ class _Body:
                 rod.wxyz = about_yz(*angles[3 + 2 * n : 5 + 2 * n])
 
     def hide(self) -> None:
-        """Let nothing of it be seen."""
+        """Hide it."""
         for handle in (self._plate, *self._arms, *self._bar):
             handle.visible = False
 
 
 class Figure:
-    """The robot, its ghost, its workspace and its paths in a scene.
-
-    Parameters
-    ----------
-    scene
-        Of the viser server.
-    parameters
-        Of the robot.
-
-    """
+    """The robot, its ghost, its workspace and its paths in a scene."""
 
     def __init__(self, scene: Any, parameters: Parameters) -> None:
         self._scene, self._parameters = scene, parameters
@@ -171,7 +162,7 @@ class Figure:
         self._payload: Any = None
         named = {part.name: part for part in parts(parameters, 1.0)}
         hip, _ = frames(parameters)
-        self._stand(named, hip)
+        self._add_fixed(named, hip)
         self.body = _Body(scene, 'robot', named, parameters, None)
         self.ghost = _Body(scene, 'ghost', named, parameters, BLUE)
         self.ghost.hide()
@@ -184,8 +175,8 @@ class Figure:
         self.error = scene.add_line_segments('/error', nothing, RED, thickness=LINE, **line)
         self._mark(hip)
 
-    def _stand(self, named: dict[str, Part], hip: Floats) -> None:
-        """Put what never moves where it stands."""
+    def _add_fixed(self, named: dict[str, Part], hip: Floats) -> None:
+        """Add the fixed parts, the workspace and the floor."""
         scene, k = self._scene, self._parameters.kinematics
         where = poses(np.zeros(3), self._parameters, unreachable='nan')
         for name in ('base', *(name for name in named if name.startswith('motor'))):
@@ -227,7 +218,7 @@ class Figure:
         )  # fmt: skip
 
     def _mark(self, hip: Floats) -> None:
-        """Write the names of the axes, and mark where a fault would be."""
+        """Add the labels of the axes, and the markers of faults."""
         k = self._parameters.kinematics
         radius = 0.2 * k.upper_arm_length_m
         outward = hip / np.linalg.norm(hip, axis=1, keepdims=True)
@@ -245,8 +236,8 @@ class Figure:
                 position=(0.0, 0.0, length),
             )
         ]
-        for name, way in (('x', (1.2, 0.0, 0.0)), ('y', (0.0, 1.2, 0.0)), ('z', (0.0, 0.0, 1.2))):
-            place = length * np.array(way)
+        for name, direction in (('x', (1.2, 0.0, 0.0)), ('y', (0.0, 1.2, 0.0)), ('z', (0.0, 0.0, 1.2))):
+            place = length * np.array(direction)
             self.axes.append(
                 self._scene.add_label(f'/labels/base/{name}', name, position=place, anchor='center-center')
             )
@@ -276,12 +267,12 @@ class Figure:
         ghost_m: Floats | None,
         turns_rad: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Put the robot and its ghost where they are, for arm angles, and the TCPs and the tools' angles of both."""
+        """Pose the robot and its ghost, for given arm angles, TCPs and tool angles."""
         angles = np.asarray(theta_rad, dtype=np.float64)[None]
         if ghost_m is not None:
-            beside = kinematics.inverse(ghost_m, self._parameters, unreachable='nan')
-            angles = np.stack([angles[0], beside])
-        # angles of a ghost that no arms reach are no numbers; its plate is seen alone
+            ghost_rad = kinematics.inverse(ghost_m, self._parameters, unreachable='nan')
+            angles = np.stack([angles[0], ghost_rad])
+        # if the arms cannot reach the ghost, only its plate is visible
         known = np.isfinite(angles).all(axis=1, keepdims=True)
         turned = joints(np.where(known, angles, 0.0), self._parameters, unreachable='nan')
         turned = np.where(known, turned, np.nan)
@@ -295,7 +286,7 @@ class Figure:
         self.error.points = np.stack([tcp_m, ghost_m])[None].astype(np.float32)
 
     def carry(self, payload_kg: float) -> None:
-        """Show what the robot has gripped."""
+        """Set the gripped payload."""
         if payload_kg == self._payload_kg:
             return
         self._payload_kg = payload_kg
@@ -307,7 +298,7 @@ class Figure:
             self._payload = self.body.carry('payload', named['payload'])
 
     def alarm(self, sources: Sequence[str], sentence: str, lit: bool) -> None:
-        """Flash where a fault is, with its sentence; without a sentence nothing flashes."""
+        """Flash the source of a fault, with its message; an empty message clears it."""
         known = [source for source in sources if source in self._alarms] or ['robot']
         for name, handle in self._alarms.items():
             handle.visible = bool(sentence) and lit and name in known

@@ -1,12 +1,12 @@
-"""The ghost of the robot: it stands off by what the TCP and the tool are off, magnified."""
+"""The ghost of the robot: a second figure, displaced by the magnified error of TCP and tool."""
 
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.view.values import Instant
 
-FAR_M, FAR_RAD = 0.4, 1.5  # a ghost goes no further away, however much its error is magnified
-NEAR_M, NEAR_RAD = 5e-4, 0.02  # nearer it would only tint the robot
+FAR_M, FAR_RAD = 0.4, 1.5  # maximum displacement, whatever the magnification
+NEAR_M, NEAR_RAD = 5e-4, 0.02  # minimum displacement: a nearer ghost would only tint the robot
 COMMAND, TRUE = 'command', 'true'
 KINDS = (COMMAND, TRUE, 'none')
 
@@ -14,16 +14,16 @@ KINDS = (COMMAND, TRUE, 'none')
 def ghost_of(
     instant: Instant, tcp_m: Floats, error_m: Floats, kind: str, magnification: float
 ) -> tuple[Floats, float] | None:
-    """Return the TCP of the ghost [m], shape (3,), and the angle of its tool [rad]; None: there is nothing to see.
+    """Return TCP [m], shape (3,), and tool angle [rad] of the ghost; None if there is no visible error.
 
     Parameters
     ----------
     instant
-        What is known of the robot.
+        State of the robot.
     tcp_m, error_m
-        Its TCP, and the error of that: command minus actual [m], shape (3,).
+        Its TCP, and the TCP error, command minus actual [m], shape (3,).
     kind
-        One of ``KINDS``: what the ghost is.
+        One of ``KINDS``: the pose that the ghost shows.
     magnification
         Of the error.
 

@@ -1,4 +1,4 @@
-"""The inputs of a cell on the page: a tab with their values, and what sets them from outside."""
+"""The inputs of a cell on the page: a tab with their states and buttons that force them."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -11,17 +11,9 @@ VALUES = {'on': True, 'off': False, 'auto': 'auto'}
 
 
 class InputRows:
-    """A tab with a row for each input. Without inputs there is none.
+    """A tab with a row for each input; without inputs there is no tab.
 
-    Parameters
-    ----------
-    gui
-        Of the viser server.
-    tabs
-        Where the tab is added.
-    ask
-        Takes a request for an input, as the service ``input`` has it.
-
+    ``ask`` sends a request to the service ``input``.
     """
 
     def __init__(self, gui: Any, tabs: Any, ask: Callable[[str], None]) -> None:
@@ -30,7 +22,7 @@ class InputRows:
         self._shown: dict[str, tuple[InputFacts, Any]] = {}
 
     def show(self, inputs: Sequence[InputFacts]) -> None:
-        """Show the values of inputs; others than before have rows of their own."""
+        """Update the states of the inputs; rebuild the rows if the inputs have changed."""
         if [one.name for one in inputs] != list(self._shown):
             self._rebuild(inputs)
         for one in inputs:
@@ -57,7 +49,7 @@ class InputRows:
     def _asks(self, name: str) -> Callable[[Any], None]:
         def ask(event: Any) -> None:
             word = event.target.value
-            if word in VALUES:  # a page may say anything
+            if word in VALUES:  # a browser may send any value
                 self._ask(json.dumps({'name': name, 'value': VALUES[word]}))
 
         return ask

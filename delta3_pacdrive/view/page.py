@@ -1,6 +1,6 @@
-"""The page: a viser server with the robot in three dimensions, what there is to read, plots and controls.
+"""The page: a viser server with the robot in 3D, a readout, plots and controls.
 
-It is fed with plain values and gives wishes back; it neither knows of ROS nor of recordings.
+It displays plain values and returns UI commands; it depends neither on ROS nor on recordings.
 """
 
 import contextlib
@@ -26,40 +26,26 @@ from delta3_pacdrive.view.history import History
 from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, Plots, rows_of
 from delta3_pacdrive.view.scope_panel import ScopePanel
 from delta3_pacdrive.view.serving import Place
-from delta3_pacdrive.view.values import Facts, Instant, Wish
+from delta3_pacdrive.view.values import Facts, Instant, UiCommand
 
 PICTURES_HZ = 30.2
-READ_S, PLOT_S = 0.2, 0.4  # between two updates of what is read, and of plots and the path travelled
+READ_S, PLOT_S = 0.2, 0.4  # refresh periods of the readout, and of plots and travelled path
 FLASH_S = 0.5
-HISTORY_S = 30.0  # of the path travelled; plots show as much at most
+HISTORY_S = 30.0  # of the travelled path; maximum window of the plots
 MAGNIFIED = ('1', '2', '5', '10', '20', '50', '100', '200', '500', '1000')
-NOTIFICATIONS_HZ, NOTIFICATIONS_BURST = 1.0, 5.0  # to all browsers
-WINDOWS_S = ('2', '5', '10', '30')  # that plots show
+NOTIFICATIONS_HZ, NOTIFICATIONS_BURST = 1.0, 5.0  # for all browsers together
+WINDOWS_S = ('2', '5', '10', '30')  # of the plots
 
 
 class Page:
-    """One page, for any number of browsers.
+    """One page for any number of browsers.
 
     Parameters
     ----------
-    parameters
-        Of the robot.
-    place
-        Where it is served.
     title
-        Above everything that is read.
+        Heading above the readout.
     more
-        Whether there is more to be added before browsers are let in by ``open``.
-
-    Attributes
-    ----------
-    url
-        Where the page is.
-    wishes
-        What was asked for and not yet carried out, the oldest first.
-    rows
-        Returns what is plotted of the last seconds, the path travelled among it, as ``plots.rows_of`` has it; by
-        default what was shown.
+        Whether more elements are added before ``open`` admits browsers.
 
     """
 
@@ -68,13 +54,13 @@ class Page:
 
         thread_safe_events.use_in_viser()
         self._guard = page_guard.Guard(
-            place.host, PROGRAM_BYTES_MAX, lambda why: self.tell(why, refused=True)
+            place.host, PROGRAM_BYTES_MAX, lambda why: self.report(why, refused=True)
         )
         self._notifications = page_guard.Bucket(NOTIFICATIONS_HZ, NOTIFICATIONS_BURST)
-        with contextlib.redirect_stdout(io.StringIO()):  # it greets
+        with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
             self.server: Any = self._guard.serve(title, place.listener)
         self.url, self._place = place.url, place
-        self.wishes: deque[Wish] = deque()
+        self.commands: deque[UiCommand] = deque()  # pending, oldest first
         self.controls: Controls | None = None
         self.scope: ScopePanel | None = None
         self._things: tuple[Thing, ...] = ()
@@ -82,6 +68,7 @@ class Page:
         self._tcp_m: Floats | None = None
         self._instant: Instant | None = None
         self._history = History(round(HISTORY_S * PICTURES_HZ), COLUMNS)
+        # returns the plotted rows of the last seconds, including the travelled path, as ``plots.rows_of`` does
         self.rows: Callable[[float], Floats] = self._history.last
         self._read_s = self._plot_s = 0.0
         self._facts = Facts()
@@ -89,7 +76,7 @@ class Page:
         gui = self.server.gui
         gui.configure_theme(control_width='large', show_logo=False, show_share_button=False, brand_color=BLUE)
         gui.main_panel.dock_right()
-        # buttons stand above everything that grows and shrinks: nothing moves them away from under a finger
+        # buttons are above all elements of variable size, so that they never move under a finger
         self.top = gui.add_folder(None)
         self._status = gui.add_html('')
         self._bars = gui.add_html('')
@@ -102,18 +89,18 @@ class Page:
             self.open()
 
     def open(self) -> None:
-        """Let browsers in, as what is added before their eyes takes them longer than all of it at once."""
+        """Admit browsers; elements added before this are sent in one batch, which is faster."""
         self._place.hand_over()
         self._guard.begin()
 
     def _aim(self, client: Any) -> None:
-        """Let the robot stand in the upper half of a phone, whose lower half is covered by what is read."""
+        """On a phone, whose lower half shows the readout, move the robot into the upper half."""
         if client.camera.image_width < client.camera.image_height:
             client.camera.position = self._size_m * np.array([1.7, -2.65, 0.1])
             client.camera.look_at = self._size_m * np.array([0.0, 0.0, -1.08])
 
     def use(self, parameters: Parameters) -> None:
-        """Show a robot with these parameters."""
+        """Display a robot with these parameters."""
         self._parameters = parameters
         for panel in (self.controls, self.scope):
             if panel is not None:
@@ -128,17 +115,17 @@ class Page:
         camera.fov = np.radians(45.0)
         scene.reset()
         scene.set_up_direction('+z')
-        # shadows cost as much as all the rest where there is no graphics processor
+        # without a GPU, shadows cost as much as everything else
         scene.configure_default_lights(cast_shadow=False)
         self._figure = Figure(scene, parameters)
-        home = np.array(parameters.motion.home_m)  # until it is known where the robot is
+        home = np.array(parameters.motion.home_m)  # until the pose is known
         self._figure.place(kinematics.inverse(home, parameters), home, None)
-        self._cell = None  # it has gone with the rest
-        self.forget()
-        self.stand(self._things)
+        self._cell = None  # removed by the reset
+        self.clear_history()
+        self.show_cell(self._things)
 
-    def stand(self, things: Sequence[Thing]) -> None:
-        """Show what stands around the robot; nothing: it has no cell."""
+    def show_cell(self, things: Sequence[Thing]) -> None:
+        """Display the cell; an empty sequence removes it."""
         self._things = tuple(things)
         if self._cell is not None:
             self._cell.remove()
@@ -147,7 +134,7 @@ class Page:
         self._apply_looks()
 
     def _add_looks(self, gui: Any) -> None:
-        """Add what everybody may choose, however the robot moves."""
+        """Add the display options."""
         with gui.add_folder('Look', expand_by_default=False):
             self._ghost = gui.add_dropdown('ghost', KINDS, hint='what stands beside the actual pose')
             self._magnified = gui.add_dropdown('error x', MAGNIFIED, initial_value='100')
@@ -170,7 +157,7 @@ class Page:
             handle.visible = boxes['labels'].value
         if self._cell is not None:
             self._cell.show(boxes['cell'].value, boxes['labels'].value)
-        if self._window.value in WINDOWS_S:  # a page may say anything
+        if self._window.value in WINDOWS_S:  # a browser may send any value
             self._seconds = float(self._window.value)
         if self._magnified.value in MAGNIFIED:
             self._magnification = float(self._magnified.value)
@@ -180,62 +167,62 @@ class Page:
         )  # fmt: skip
 
     def darken(self, dark: bool) -> None:
-        """Let the page be dark, or light."""
+        """Select the dark or the light theme."""
         self._dark.value = dark
 
     def add_controls(self) -> None:
-        """Let people ask for something: ``wishes`` fills."""
+        """Add the controls; they append to ``commands``."""
         with self.top:
-            self.controls = Controls(self.server.gui, self.wishes.append, drives_of(self._parameters))
+            self.controls = Controls(self.server.gui, self.commands.append, drives_of(self._parameters))
 
     def add_scope(self) -> None:
-        """Let people look into the drives: ``wishes`` fills."""
+        """Add the oscilloscope; it appends to ``commands``."""
         with self.middle:
-            self.scope = ScopePanel(self.server.gui, self.wishes.append, drives_of(self._parameters))
+            self.scope = ScopePanel(self.server.gui, self.commands.append, drives_of(self._parameters))
 
-    def stand_still(self) -> None:
-        """Show nothing that only a robot that moves has: no plots, no bars, no ghost, no paths."""
+    def hide_motion(self) -> None:
+        """Hide everything that concerns motion: plots, bars, ghost and paths."""
         self._plots.hide()
         paths = (self._boxes[name] for name in ('planned path', 'travelled path'))
         for handle in (self._bars, self._ghost, self._magnified, self._window, *paths):
             handle.visible = False
 
     def wait(self, sentence: str) -> None:
-        """Say for what the page waits, until there is something to read."""
+        """Show what the page is waiting for until the first facts arrive."""
         self._facts = Facts(waiting=sentence)
         self._write()
 
     def note(self, sentence: str) -> None:
-        """Show a sentence for good."""
+        """Add a permanent note."""
         with self.middle:
             self.server.gui.add_markdown(sentence)
 
     @property
     def watched(self) -> bool:
-        """Whether a browser has the page open."""
+        """Whether a browser is connected."""
         return bool(self.server.get_clients())
 
-    # what is shown ----------------------------------------------------------------------------------------------------
+    # display ----------------------------------------------------------------------------------------------------------
 
-    def forget(self) -> None:
-        """Begin the plots and the path travelled anew."""
+    def clear_history(self) -> None:
+        """Clear the plots and the travelled path."""
         self._history.clear()
 
-    def plan(self, points_m: Floats) -> None:
-        """Show the path that is planned, shape (n, 3)."""
+    def show_path(self, points_m: Floats) -> None:
+        """Display the planned path, shape (n, 3)."""
         self._figure.planned.points = segments(points_m).astype(np.float32)
 
     def show(self, instant: Instant) -> None:
-        """Show the robot at an instant."""
+        """Display the robot at an instant."""
         (row,) = rows_of(
-            np.array([instant.time_s]),
-            instant.theta_rad[None],
-            instant.lag_rad[None],
-            instant.torque_n_m[None],
-            instant.current_a[None],
-            np.array([instant.speed_m_s]),
-            instant.error_m[None],
-            self._parameters,
+            time_s=np.array([instant.time_s]),
+            theta_rad=instant.theta_rad[None],
+            lag_rad=instant.lag_rad[None],
+            torque_n_m=instant.torque_n_m[None],
+            current_a=instant.current_a[None],
+            speed_m_s=np.array([instant.speed_m_s]),
+            error_m=instant.error_m[None],
+            parameters=self._parameters,
         )
         if not np.isfinite(row).all():
             return
@@ -248,8 +235,8 @@ class Page:
         with self.server.atomic():
             angle = 0.0 if instant.turn is None else instant.turn.angle_rad
             ghost = ghost_of(instant, tcp, error, self._ghost.value, self._magnification)
-            there, beside = (None, angle) if ghost is None else ghost
-            self._figure.place(instant.theta_rad, tcp, there, (angle, beside))
+            ghost_m, ghost_rad = (None, angle) if ghost is None else ghost
+            self._figure.place(instant.theta_rad, tcp, ghost_m, (angle, ghost_rad))
             if self._cell is not None and instant.cell is not None:
                 self._cell.place(instant.cell)
             if now - self._read_s >= READ_S:
@@ -262,14 +249,14 @@ class Page:
                 self._figure.travelled.points = segments(1e-3 * rows[:, TCP]).astype(np.float32)
                 if len(rows):
                     self._plots.draw(rows[np.searchsorted(rows[:, 0], rows[-1, 0] - self._seconds) :])
-        self.server.flush()  # else a picture waits for viser's window, twice 1/60 s: 28 of 30 would be sent
+        self.server.flush()  # otherwise a picture waits for viser's window of 2/60 s, and 28 of 30 are sent
 
     def read(self, facts: Facts) -> None:
-        """Show what there is to read, and flash where a fault is."""
+        """Update the readout, and flash at the source of a fault."""
         self._facts = facts
         if not self.watched:
             return
-        self._read_s = now = time.monotonic()  # the next picture has nothing to add
+        self._read_s = now = time.monotonic()  # the next picture need not update it
         self._write()
         self._figure.carry(facts.payload_kg or 0.0)
         self._flash(now)
@@ -285,24 +272,24 @@ class Page:
     def _flash(self, now: float) -> None:
         self._figure.alarm(self._facts.sources, self._facts.fault, int(now / FLASH_S) % 2 == 0)
 
-    def tell(self, sentence: str, refused: bool = False) -> None:
-        """Answer a wish; what is refused is also shown where nobody overlooks it."""
+    def report(self, sentence: str, refused: bool = False) -> None:
+        """Show the reply to a command; rejections also as a notification."""
         if self.controls is not None:
-            self.controls.tell(sentence, refused)
+            self.controls.report(sentence, refused)
         self._notify(sentence, refused)
 
-    def tell_of_scope(self, sentence: str, refused: bool = False) -> None:
-        """Say how it goes with the oscilloscope, in the same way."""
+    def report_scope(self, sentence: str, refused: bool = False) -> None:
+        """Show the state of the oscilloscope; rejections also as a notification."""
         if self.scope is not None:
-            self.scope.tell(sentence, refused)
+            self.scope.report(sentence, refused)
         self._notify(sentence, refused)
 
     def _notify(self, sentence: str, refused: bool) -> None:
-        if refused and self._notifications.take():  # the answers below the buttons show all of them
+        if refused and self._notifications.take():  # the panel lists all replies
             for client in self.server.get_clients().values():
                 client.add_notification('Refused', sentence, color='red', auto_close_seconds=8.0)
 
     def close(self) -> None:
-        """Serve nobody any more."""
+        """Stop the server."""
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()

@@ -1,8 +1,8 @@
-"""Guard of the page: which connections the server accepts, and which messages of browsers reach viser.
+"""Guard of the page: accepts connections and validates the messages of browsers before they reach viser.
 
 viser trusts its clients: any of them may set any attribute of a control, such as its callbacks, open a tunnel to the
-Internet, or upload without limit. So every message is decoded here with a strict schema, its value is checked against
-the control that it is for, and only what passed is handed on, encoded anew.
+Internet, or upload without limit. Every message is therefore decoded with a strict schema, its value is validated
+against its control, and only valid messages are re-encoded and passed on.
 """
 
 import asyncio
@@ -35,34 +35,25 @@ from delta3_pacdrive.view.browser_messages import (
 )
 from delta3_pacdrive.view.serving import IS_THERE, START_S, is_foreign, own_names
 
-CLIENTS_MAX, PENDING_MAX = 32, 32  # browsers, and connections that have not asked for anything yet
+CLIENTS_MAX, PENDING_MAX = 32, 32  # browsers, and connections without a request
 CONNECTS_HZ, CONNECTS_BURST = 10.0, 50.0
-MESSAGES_HZ, MESSAGES_BURST = 150.0, 300.0  # of a browser: camera 50, slider 20 and held button 20 a second
-CONTROL_HZ, CONTROL_BURST = 2.0, 20.0  # pings and pongs; a browser only answers those of the server
-FRAGMENTS_MAX = 64  # of a message; browsers send parts of files in a few
+MESSAGES_HZ, MESSAGES_BURST = 150.0, 300.0  # per browser: camera 50, slider 20 and held button 20 Hz
+CONTROL_HZ, CONTROL_BURST = 2.0, 20.0  # pings and pongs; a browser only replies to those of the server
+FRAGMENTS_MAX = 64  # per message; browsers send parts of files in a few
 MESSAGE_BYTES = 16 * 1024  # of any other message
-UPLOADS_HZ, UPLOADS_BURST = 0.2, 10.0  # of all browsers; viser keeps what it has acknowledged
-CLOSE_S = 1.0  # for a browser to confirm the end of its connection
-QUEUE = 2  # frames that a connection holds before it reads no further
-REJECTED_MAX = 50  # messages, after which a connection is closed
+UPLOADS_HZ, UPLOADS_BURST = 0.2, 10.0  # all browsers together; viser keeps what it has acknowledged
+CLOSE_S = 1.0  # timeout for a browser to confirm the end of its connection
+QUEUE = 2  # buffered frames of a connection
+REJECTED_MAX = 50  # messages before a connection is closed
 LINES_HZ, LINES_BURST = 0.2, 10.0  # of the log
 PROTOCOL = re.compile(r'viser-v[0-9.]{1,20}')
 LOG = logging.getLogger(__name__)
-# a browser that leaves before it has asked for anything is no news
+# a browser that disconnects before its first request is not logged
 LOG.addFilter(lambda record: record.getMessage() != 'opening handshake failed')
 
 
 class Bucket:
-    """A limit of frequency that allows bursts.
-
-    Parameters
-    ----------
-    rate_hz, burst
-        Tokens that come in each second, and how many it holds.
-    clock
-        Returns the time [s].
-
-    """
+    """A token bucket: limits a rate but allows bursts."""
 
     def __init__(self, rate_hz: float, burst: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._rate_hz, self._burst, self._clock = rate_hz, burst, clock
@@ -74,7 +65,7 @@ class Bucket:
         self._then_s = now_s
 
     def take(self) -> bool:
-        """Take a token if there is one."""
+        """Take a token if one is available."""
         self._fill()
         if self._tokens < 1.0:
             return False
@@ -82,7 +73,7 @@ class Bucket:
         return True
 
     def delay_s(self) -> float:
-        """Take a token, of the future if there is none; return the time until it comes [s]."""
+        """Take a token, possibly a future one; return the time until it is available [s]."""
         self._fill()
         self._tokens -= 1.0
         return max(0.0, -self._tokens / self._rate_hz)
@@ -92,7 +83,7 @@ class Bucket:
 
 
 class _Connection(ServerConnection):  # type: ignore[misc]
-    """A connection of which only checked messages can be read, no faster than a browser sends them."""
+    """A connection that yields only valid messages, at a limited rate."""
 
     def __init__(self, guard: 'Guard', *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
@@ -100,8 +91,8 @@ class _Connection(ServerConnection):  # type: ignore[misc]
         self._messages = Bucket(MESSAGES_HZ, MESSAGES_BURST)
         self._controls = Bucket(CONTROL_HZ, CONTROL_BURST)
         self._fragments = self._rejected = 0
-        self.upload: Start | None = None  # that is under way
-        self.parts: dict[int, int] = {}  # of it, and their sizes
+        self.upload: Start | None = None  # in progress
+        self.parts: dict[int, int] = {}  # sizes of its received parts
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
@@ -112,7 +103,7 @@ class _Connection(ServerConnection):  # type: ignore[misc]
         self._guard.leave(self)
 
     def process_event(self, event: Any) -> None:
-        """Abort a connection that sends endless fragments, or pings that it does not read the answers of."""
+        """Abort a connection that sends too many fragments, pings or pongs."""
         opcode = getattr(event, 'opcode', None)
         if opcode in (Opcode.PING, Opcode.PONG):
             bad = not self._controls.take()
@@ -126,7 +117,7 @@ class _Connection(ServerConnection):  # type: ignore[misc]
         super().process_event(event)
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """Return the next message that passed; a connection with too many that did not is closed."""
+        """Return the next valid message; close the connection after too many invalid ones."""
         while True:
             raw = await super().recv(decode)
             if (delay_s := self._messages.delay_s()) > 0.0:
@@ -140,15 +131,15 @@ class _Connection(ServerConnection):  # type: ignore[misc]
                     await self.close(1008, 'message rejected')
 
     def recv_streaming(self, decode: bool | None = None) -> Any:
-        """Reject: fragments cannot be checked."""
+        """Not supported: fragments cannot be validated."""
         raise NotImplementedError
 
 
 class _Server(viser.ViserServer):  # type: ignore[misc]
-    """The server of viser without its tunnel to the Internet."""
+    """A viser server without the tunnel to the Internet."""
 
     def request_share_url(self, verbose: bool = True) -> None:
-        """Open no tunnel."""
+        """Do nothing."""
 
 
 class Guard:
@@ -157,11 +148,11 @@ class Guard:
     Parameters
     ----------
     host
-        Where the page is served.
+        Address of the page.
     upload_bytes
-        Largest file that a browser may upload.
+        Size limit of an uploaded file.
     refuse
-        Shows a sentence about an upload that is refused.
+        Displays the reason when an upload is rejected.
 
     """
 
@@ -177,12 +168,12 @@ class Guard:
         self._server: Any = None
 
     def serve(self, label: str, listener: socket.socket) -> Any:
-        """Return a server of viser that serves this guard's connections, as soon as ``begin`` is called.
+        """Return a viser server for guarded connections; it listens after ``begin``.
 
         Raises
         ------
         RunError
-            The guard does not fit the installed viser or websockets.
+            The guard is not compatible with the installed viser or websockets.
 
         """
         server: Any = importlib.import_module('websockets.asyncio.server')
@@ -217,7 +208,7 @@ class Guard:
 
         server.serve = serve
         try:
-            # the listener is ours; should viser make one itself, then only for this machine, and not for long
+            # viser must use our listener; should it open its own, then for this host only and briefly
             self._server = _Server(
                 host='127.0.0.1', port=listener.getsockname()[1], label=label, verbose=False
             )
@@ -229,17 +220,17 @@ class Guard:
         return self._server
 
     def begin(self) -> None:
-        """Listen from now on."""
+        """Start listening."""
         if self._begin is not None:
             self._begin()
             self._begin = None
 
     def controls(self) -> Any:
-        """Return the controls of the page, by number; None if this viser keeps them elsewhere."""
+        """Return the controls of the page by UUID, None if this version of viser stores them differently."""
         return getattr(self._server.gui, '_gui_input_handle_from_uuid', None)
 
     def log(self, sentence: str) -> None:
-        """Log a line, unless there were too many of late."""
+        """Log a line, unless the rate limit is exceeded."""
         if not self._lines.take():
             self._unsaid += 1
             return
@@ -250,33 +241,33 @@ class Guard:
     # connections ------------------------------------------------------------------------------------------------------
 
     def enter(self, connection: _Connection) -> None:
-        """Note a connection that has not asked for anything yet; of too many the oldest has to go."""
+        """Register a connection without a request; above the limit abort the oldest."""
         self._pending[connection] = None
         if len(self._pending) > PENDING_MAX:
             next(iter(self._pending)).transport.abort()
 
     def leave(self, connection: _Connection) -> None:
-        """Note that a connection is closed."""
+        """Unregister a closed connection."""
         self._pending.pop(connection, None)
         self._clients.discard(connection)
 
     def _judged(self, answer: Any, connection: Any, request: Any) -> Any:
-        """Answer the request of a new connection, None if it becomes one of a browser."""
+        """Respond to the request of a new connection, None to accept it as a browser."""
         headers = request.headers
         one = {
             name: headers.get_all(name) for name in ('Origin', 'Host', 'Upgrade', 'Sec-WebSocket-Protocol')
         }
         origin = ','.join(one['Origin']) if one['Origin'] else None
         if is_foreign(origin, ','.join(one['Host']), self._host, self._names):
-            return connection.respond(http.HTTPStatus.FORBIDDEN, 'this page is not for other pages\n')
+            return connection.respond(http.HTTPStatus.FORBIDDEN, 'requests of other pages are forbidden\n')
         if request.path == IS_THERE:
             return connection.respond(http.HTTPStatus.OK, '')
         if one['Upgrade'] != ['websocket']:
             return answer(connection, request)
         if not PROTOCOL.fullmatch(','.join(one['Sec-WebSocket-Protocol'])):  # viser prints it
-            return connection.respond(http.HTTPStatus.BAD_REQUEST, 'this page speaks the protocol of viser\n')
+            return connection.respond(http.HTTPStatus.BAD_REQUEST, 'this page uses the protocol of viser\n')
         if len(self._clients) >= CLIENTS_MAX or not self._connects.take():
-            self.log(f'a browser was turned away: {len(self._clients)} of {CLIENTS_MAX} are connected')
+            self.log(f'a browser was rejected: {len(self._clients)} of {CLIENTS_MAX} are connected')
             return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, 'too many browsers\n')
         self._pending.pop(connection, None)
         self._clients.add(connection)
@@ -285,7 +276,7 @@ class Guard:
     # messages ---------------------------------------------------------------------------------------------------------
 
     def passed(self, raw: Any, connection: _Connection) -> bytes:
-        """Return a message, encoded anew, that may reach viser; raises RejectedError."""
+        """Validate a message and return it re-encoded; raises RejectedError."""
         if not isinstance(raw, bytes) or (len(raw) > MESSAGE_BYTES and connection.upload is None):
             raise RejectedError(f'it is a text or has more than {MESSAGE_BYTES} bytes', fatal=True)
         message = decoded(raw)
@@ -300,13 +291,13 @@ class Guard:
 
     def _handle(self, uuid: str) -> Any:
         if (found := self.controls().get(uuid)) is None:
-            raise RejectedError('it is for a control that is not there')
+            raise RejectedError('it is for an unknown control')
         return found
 
     def _start(self, start: Start, connection: _Connection) -> None:
-        """Note that a file follows; raises RejectedError if none is expected, or not one of this size."""
+        """Register the start of an upload; raises RejectedError if it is unexpected or too large."""
         if not isinstance(self._handle(start.source_component_uuid), viser.GuiUploadButtonHandle):
-            raise RejectedError('it is an upload for a control that takes none')
+            raise RejectedError('it is an upload for a control that accepts none')
         if not self._uploads.take():
             raise RejectedError('it is one of too many uploads')
         if start.size_bytes > self._upload_bytes:
@@ -317,19 +308,19 @@ class Guard:
         if connection.upload is not None:
             raise RejectedError('it is a second upload before the first one is complete')
         if start.part_count != -(-start.size_bytes // PART_BYTES):
-            raise RejectedError(f'{start.size_bytes} bytes do not come in {start.part_count} parts')
+            raise RejectedError(f'{start.size_bytes} bytes do not fit {start.part_count} parts')
         if any(start.transfer_uuid == other.upload.transfer_uuid for other in self._clients if other.upload):
-            raise RejectedError('it is an upload with the number of another one')
+            raise RejectedError('it is an upload with the identifier of another one')
         connection.upload, connection.parts = (start, {}) if start.part_count else (None, {})
 
     def _end_upload(self, start: Start) -> None:
-        """Let the browser that sends a file believe that all of it has arrived: its button waits for that."""
+        """Acknowledge a whole rejected upload, because the browser's button waits for that."""
         size = start.size_bytes
         acknowledged = FileTransferPartAck(start.source_component_uuid, start.transfer_uuid, size, size)
         self._server._websock_server.queue_message(acknowledged)
 
     def _take(self, part: Part, connection: _Connection) -> None:
-        """Note a part of a file; raises RejectedError if it was not announced."""
+        """Register a part of an upload; raises RejectedError if it was not announced."""
         start, parts = connection.upload, connection.parts
         announced = start is not None and (part.transfer_uuid, part.source_component_uuid) == (
             start.transfer_uuid,
@@ -346,4 +337,4 @@ class Guard:
 
 def _misfit() -> RunError:
     versions = ' and '.join(f'{name} {metadata.version(name)}' for name in ('viser', 'websockets'))
-    return RunError(f'the page is not served, as its guard does not fit {versions}')
+    return RunError(f'the page is not served: its guard is not compatible with {versions}')

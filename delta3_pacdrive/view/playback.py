@@ -1,4 +1,4 @@
-"""A recording on the page: a slider over its time, at speeds from 0.01 to 4."""
+"""Playback of a recording on the page, with a time slider and speeds from 0.01 to 4."""
 
 import time
 from bisect import bisect_right
@@ -31,18 +31,18 @@ from delta3_pacdrive.view.values import (
 )
 
 PICTURE_S = 1.0 / PICTURES_HZ
-UNDER_WAY_S = 3.0  # to a page that draws slowly, at most
+UNDER_WAY_S = 3.0  # maximum latency of a page that draws slowly
 SPEEDS = (0.01, 0.02, 0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 WORDS = tuple(f'{value:g}' for value in SPEEDS)
 STEPS = ('-1', '+1')  # cycles
-SLIDER_S = 0.1  # between two updates of the slider while it plays
+SLIDER_S = 0.1  # update period of the slider during playback
 PLAN_POINTS = 2000
-ROWS_MAX = 1500  # of plots: more than there are pixels
+ROWS_MAX = 1500  # of plots: more than pixels
 NEEDED = ('motor_position',)
 
 
 class Clock:
-    """The time that is shown [s]: it runs at a speed, stands, is set, and begins again where the recording ends."""
+    """The displayed time [s]: it runs at a speed, pauses, can be set, and optionally repeats at the end."""
 
     def __init__(self, first_s: float, last_s: float) -> None:
         self.first_s, self.last_s = first_s, last_s
@@ -50,7 +50,7 @@ class Clock:
         self.playing = self.again = True
 
     def advance(self, seconds: float) -> None:
-        """Let it run for a time of the wall clock [s]."""
+        """Advance by an elapsed wall-clock time [s]."""
         if not self.playing:
             return
         self.time_s += self.speed * seconds
@@ -60,28 +60,23 @@ class Clock:
         self.playing = self.again
 
     def play(self) -> None:
-        """Go on, from the begin if it stands at the end."""
+        """Continue, or restart at the end."""
         if self.time_s >= self.last_s:
             self.time_s = self.first_s
         self.playing = True
 
     def seek(self, time_s: float) -> None:
-        """Show another time."""
-        self.time_s = max(self.first_s, min(self.last_s, time_s))  # nan is the end
+        """Set the time."""
+        self.time_s = max(self.first_s, min(self.last_s, time_s))  # nan becomes the end
 
 
 class Film:
-    """A run gives instants by their time, and what there is to read.
-
-    Parameters
-    ----------
-    run
-        A recording, or a program that was simulated.
+    """Instants and facts of a recorded or simulated run, by time.
 
     Raises
     ------
     TraceError
-        It has no positions of the motors.
+        The run has no motor positions.
 
     """
 
@@ -104,46 +99,53 @@ class Film:
         if len(self.time_s) > 1:
             self._speed = np.linalg.norm(np.gradient(self._tcp, self.time_s, axis=0), axis=1)
         nominal, limit = robot.motor.nominal_current_a, robot.drive.overload_time_s
-        # the drives' monitoring takes all samples of a cycle
+        # the drives monitor all samples of a cycle
         load = trace.signals.get('current_rms', self._current)
         self._error = error_of(trace.signals, self._tcp, self._theta + self._lag, robot)
         self._overload = overload_of(load / nominal, run.period_s) / limit
         torque = robot.motor.torque_constant_n_m_a * self._current
         self._rows = rows_of(
-            self.time_s, self._theta, self._lag, torque, self._current, self._speed, self._error, robot
+            time_s=self.time_s,
+            theta_rad=self._theta,
+            lag_rad=self._lag,
+            torque_n_m=torque,
+            current_a=self._current,
+            speed_m_s=self._speed,
+            error_m=self._error,
+            parameters=robot,
         )
         self._rows = self._rows[np.isfinite(self._rows).all(axis=1)]
 
     def row(self, time_s: float) -> int:
-        """Return the number of the cycle that is shown at a time."""
+        """Return the index of the cycle displayed at a time."""
         return int(np.clip(np.searchsorted(self.time_s, time_s, side='right') - 1, 0, len(self.time_s) - 1))
 
     def before(self, time_s: float, seconds: float) -> Floats:
-        """Return what is plotted of the seconds before a time, no more rows than anybody sees."""
+        """Return plot rows of the seconds before a time, decimated to the resolution of a plot."""
         first, end = np.searchsorted(self._rows[:, 0], [time_s - seconds, time_s + 0.5 * self.run.period_s])
-        # the same rows are left out whatever the time is: curves would tremble else
+        # decimate on a fixed grid: otherwise curves would jitter
         step = max(1, int(min(seconds, np.ptp(self.time_s)) / self.run.period_s) // ROWS_MAX)
         return np.asarray(self._rows[first - first % step : end : step])
 
     def at(self, row: int) -> Instant:
-        """Return the instant of a cycle."""
+        """Return the state in a cycle."""
         current = self._current[row]
         return Instant(
-            float(self.time_s[row]),
-            self._theta[row],
-            self._lag[row],
-            self.robot.motor.torque_constant_n_m_a * current,
-            current,
-            self._overload[row],
-            float(self._speed[row]),
-            None if self._true is None else self._true[row],
-            self._error[row],
-            self._cell_at(row),
-            self._turn_at(row),
+            time_s=float(self.time_s[row]),
+            theta_rad=self._theta[row],
+            lag_rad=self._lag[row],
+            torque_n_m=self.robot.motor.torque_constant_n_m_a * current,
+            current_a=current,
+            overload=self._overload[row],
+            speed_m_s=float(self._speed[row]),
+            true_m=None if self._true is None else self._true[row],
+            error_m=self._error[row],
+            cell=self._cell_at(row),
+            turn=self._turn_at(row),
         )
 
     def _turn_at(self, row: int) -> TurnInstant | None:
-        """Return the tool in a cycle, of a recording that tells of its rotary axis."""
+        """Return the tool in a cycle, None without a recorded rotary axis."""
         angle, error, true = (
             float(self._signals[name][row, 0]) if name in self._signals else None
             for name in ('turn_position', 'turn_error', 'turn_true')
@@ -152,15 +154,15 @@ class Film:
 
     @property
     def things(self) -> tuple[Thing, ...]:
-        """What stands around the robot."""
+        """Fixtures of the cell."""
         return () if self.run.cell is None else self.run.cell.things
 
     def _cell_at(self, row: int) -> CellInstant | None:
-        """Return what moves around the robot in a cycle."""
+        """Return the moving objects of the cell in a cycle."""
         story = self.run.cell
         if story is None:
             return None
-        start = int(self.run.part.meta.get('start_cycle') or 0)  # of the program, from which times count
+        start = int(self.run.part.meta.get('start_cycle') or 0)  # of the program: origin of the cell's times
         cycle = round(float(self.time_s[row]) / self.run.period_s) + start
         x, y, z = self._tcp[row].tolist()
         parts = []
@@ -171,7 +173,7 @@ class Film:
         return CellInstant(tuple(parts), {name: story.way_m(name, cycle) for name in story.belts})
 
     def _inputs(self, row: int) -> tuple[InputFacts, ...]:
-        """Return the inputs of a cycle, if they are recorded."""
+        """Return the recorded inputs of a cycle."""
         cell = self.run.part.meta.get('cell')
         if cell is None or 'cell_inputs' not in self._signals:
             return ()
@@ -179,7 +181,7 @@ class Film:
         return tuple(InputFacts(name, bool(on)) for name, on in zip(cell['inputs'], values, strict=False))
 
     def facts(self, row: int, state: str, speed: float) -> Facts:
-        """Return what there is to read in a cycle, while it is played at a speed or stands."""
+        """Return the facts of a cycle, for a playback state and speed."""
         run, time_s = self.run, float(self.time_s[row])
         begun = [move for move in run.moves if move.start_s <= time_s]
         faults = [mark for mark in run.marks if mark.kind == FAULT and mark.time_s <= time_s]
@@ -209,19 +211,19 @@ class Film:
         )
 
     def _drives(self, time_s: float) -> tuple[DriveFacts, ...]:
-        """Return what the status word of each drive told at a time."""
+        """Return the states of the drives at a time, from their status words."""
         if not self.run.drives:
             return Facts().drives
-        told = []
+        found = []
         for changes in self.run.drives:
             n = bisect_right(changes, time_s + 0.5 * self.run.period_s, key=lambda change: change.time_s)
             now = changes[n - 1] if n else None
             brake = '' if now is None or now.released is None else BRAKE_FREE if now.released else BRAKE_HELD
-            told.append(DriveFacts(now.state if now else '', brake))
-        return tuple(told)
+            found.append(DriveFacts(now.state if now else '', brake))
+        return tuple(found)
 
     def path(self) -> Floats:
-        """Return points of the path that was commanded, else of that which was travelled [m], shape (n, 3)."""
+        """Return points of the commanded path, else of the travelled path [m], shape (n, 3)."""
         points = self._signals.get('tcp_command', self._tcp)
         points = points[np.isfinite(points).all(axis=1)]
         return np.asarray(points[:: max(1, len(points) // PLAN_POINTS)])
@@ -230,16 +232,16 @@ class Film:
 def error_of(
     signals: Mapping[str, Floats], tcp_m: Floats, command_rad: Floats, parameters: Parameters
 ) -> Floats:
-    """Return the TCP error [m], shape (n, 3): as the robot has told it, else from where the arms should be.
+    """Return the TCP error [m], shape (n, 3): the recorded one, else from commanded arm angles.
 
     Parameters
     ----------
     signals
         Of a recording.
     tcp_m
-        Places of the TCP [m], shape (n, 3).
+        TCP positions [m], shape (n, 3).
     command_rad
-        Arm angles with the following errors that were told, shape (n, 3).
+        Arm angles plus recorded following errors, shape (n, 3).
     parameters
         Of the robot.
 
@@ -250,19 +252,14 @@ def error_of(
 
 
 def overload_of(ratio: Floats, period_s: float) -> Floats:
-    """Return the integral [s] that the I2t monitoring of each drive has at the end of each cycle.
+    """Return the integral [s] of the I2t monitoring of each drive at the end of each cycle, shape (n, 3).
 
     Parameters
     ----------
     ratio
-        Current over nominal current, shape (n, 3); nan where it is not known: the integral stays as it was.
+        Current over nominal current, shape (n, 3); the integral is unchanged where it is nan.
     period_s
-        Time between two of them [s].
-
-    Returns
-    -------
-    Floats
-        Shape (n, 3).
+        Sample time [s].
 
     """
     found = np.zeros_like(ratio)
@@ -276,16 +273,7 @@ def overload_of(ratio: Floats, period_s: float) -> Floats:
 
 
 class Player:
-    """Buttons and slider of a recording on the page, and the loop that shows it.
-
-    Parameters
-    ----------
-    page
-        Shows it.
-    film
-        The recording.
-
-    """
+    """The controls of a recording on the page, and the playback loop."""
 
     def __init__(self, page: Page, film: Film) -> None:
         self._page, self._film = page, film
@@ -293,36 +281,38 @@ class Player:
         self.clock = Clock(first, last)
         self._stopping = False
         self._slid_s = self._moved_s = 0.0
-        self._asked: deque[Callable[[], None]] = deque()  # by the threads of the page; the loop does it
+        self._asked: deque[Callable[[], None]] = (
+            deque()
+        )  # requests of the page's threads, executed by the loop
         gui: Any = page.server.gui
         with page.top:
             self._slider = gui.add_slider('time s', first, max(last, first + 1e-3), 1e-3, first)
             buttons = gui.add_button_group('play', ('Play', 'Pause', *STEPS, 'Begin'))
             speed = gui.add_dropdown('speed', WORDS, initial_value='1')
-            again = gui.add_checkbox('again and again', True)
+            again = gui.add_checkbox('repeat', True)
         self._slider.on_update(self._slide)
         buttons.on_click(lambda event: self._asked.append(partial(self._press, event.target.value)))
         speed.on_update(lambda _: self._asked.append(partial(self._run_at, speed.value)))
         again.on_update(lambda _: self._asked.append(partial(setattr, self.clock, 'again', again.value)))
         page.rows = lambda seconds: film.before(self.clock.time_s, seconds)
-        page.plan(film.path())
-        page.stand(film.things)
+        page.show_path(film.path())
+        page.show_cell(film.things)
 
     def _slide(self, event: Any) -> None:
-        if event.client is not None:  # the clock moves it as well
+        if event.client is not None:  # not an update by the clock
             self._asked.append(partial(self._show, float(self._slider.value)))
 
     def _show(self, time_s: float) -> None:
         if time.monotonic() - self._moved_s < UNDER_WAY_S:
-            # What is under way to the page moves its slider once more. Here it is where it was asked to be already, so
-            # that nothing would be sent that puts it right: it has to move.
+            # An update that is still being sent to the page will move its slider once more. The value here is already
+            # the requested one, so no correction would be sent; therefore change it first.
             self._slider.value = self.clock.first_s
         self.clock.playing = False
         self.clock.seek(time_s)
         self._slider.value = round(self.clock.time_s, 3)
 
     def _run_at(self, text: str) -> None:
-        if text in WORDS:  # a page may say anything
+        if text in WORDS:  # a browser may send any value
             self.clock.speed = float(text)
 
     def _press(self, word: str) -> None:
@@ -338,14 +328,14 @@ class Player:
             clock.seek(float(film.time_s[row]))
 
     def stop(self) -> None:
-        """Let ``run`` end."""
+        """Make ``run`` return."""
         self._stopping = True
 
     def run(self) -> None:
-        """Show it until it is stopped."""
+        """Play until stopped."""
         due = then = time.monotonic()
         while not self._stopping:
-            due = max(due + PICTURE_S, then)  # on a grid; not to catch up
+            due = max(due + PICTURE_S, then)  # on a grid; late pictures are skipped
             time.sleep(max(0.0, due - time.monotonic()))
             now = time.monotonic()
             self.clock.advance(now - then)
@@ -367,7 +357,7 @@ class Player:
 
 
 def run(page: Page, film: Film) -> None:
-    """Show a recording until a signal asks for the end."""
+    """Play a recording until a signal ends it."""
     player = Player(page, film)
     page.open()
     with interrupts.answered_by(player.stop, interrupts.PATIENCE_S):

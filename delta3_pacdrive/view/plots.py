@@ -1,4 +1,4 @@
-"""Plots over time of the last seconds, in a panel below the picture."""
+"""Plots over time, in a panel below the picture."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,10 +11,10 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 COLOURS = ('#3a86ff', '#f5821e', '#2f9e5b', '#c2255c', '#7048e8', '#0b7285', '#a86b00', '#5c677d')
-LINE = '#868e96'  # of axes and grids: it can be read on white and on black
+LINE = '#868e96'  # axes and grids: visible on white and on black
 WIDTH, HEIGHT = 470, 130
-TICKS = 18  # pixels between two of an upright axis, at least: low charts have more than one as well
-# name: first column, names of the series, unit
+TICKS = 18  # minimum distance of vertical ticks [pixels], so that low charts have more than one
+# name: first column, series, unit
 _XYZ = ('x', 'y', 'z')
 PLOTS = {
     'TCP error': (0, _XYZ, 'mm'),
@@ -26,7 +26,7 @@ PLOTS = {
     'speed': (18, ('TCP',), 'm/s'),
 }
 COLUMNS = 19
-ERROR, TCP = slice(1, 4), slice(13, 16)  # of a row with its time [mm]
+ERROR, TCP = slice(1, 4), slice(13, 16)  # columns of a row that starts with its time [mm]
 
 
 def rows_of(
@@ -39,21 +39,21 @@ def rows_of(
     error_m: Floats,
     parameters: Parameters,
 ) -> Floats:
-    """Return what is plotted of instants.
+    """Return the plotted values of instants.
 
     Parameters
     ----------
     time_s, speed_m_s
         Bus time [s] and speed of the TCP [m/s], shape (n,).
     theta_rad, lag_rad, torque_n_m, current_a, error_m
-        As ``Instant`` has them, shape (n, 3).
+        As in ``Instant``, shape (n, 3).
     parameters
         Of the robot.
 
     Returns
     -------
     Floats
-        Times, then the columns of ``PLOTS``, shape (n, 1 + COLUMNS); nan where the arms close no chain.
+        Times, then the columns of ``PLOTS``, shape (n, 1 + COLUMNS); nan if forward kinematics has no solution.
 
     """
     tcp = kinematics.forward(theta_rad, parameters, unreachable='nan')
@@ -72,14 +72,7 @@ def rows_of(
 
 
 class Plots:
-    """A tab for each kind of signal.
-
-    Parameters
-    ----------
-    gui
-        Of the viser server.
-
-    """
+    """A tab for each kind of signal."""
 
     def __init__(self, gui: Any) -> None:
         self._charts: dict[str, Any] = {}
@@ -91,11 +84,11 @@ class Plots:
         self._newest_s = np.nan
 
     def hide(self) -> None:
-        """Take the panel away."""
+        """Hide the panel."""
         self._panel.visible = False
 
     def draw(self, rows: Floats) -> None:
-        """Send rows to the browsers, as ``rows_of`` makes them."""
+        """Send rows of ``rows_of`` to the browsers."""
         if len(rows) < 2 or rows[-1, 0] == self._newest_s:
             return
         self._newest_s = rows[-1, 0]
@@ -106,7 +99,7 @@ class Plots:
 
 
 def chart(gui: Any, names: Sequence[str], title: str, time: str = 't [s]') -> Any:
-    """Add a chart of series over time, without data, to what is being added to; return its handle."""
+    """Add an empty chart of series over time to the current container; return its handle."""
     nothing = tuple(np.zeros(2) for _ in range(1 + len(names)))
     series = (
         {'label': time},

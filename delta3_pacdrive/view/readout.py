@@ -1,4 +1,4 @@
-"""What there is to read beside the picture, as HTML: state of robot and bus, bars of each axis, the fault."""
+"""The readout next to the picture as HTML: state of robot and bus, bars of each axis, the fault."""
 
 import html
 import math
@@ -21,14 +21,14 @@ STATE_COLOURS = {
 }
 SHOWS_MOVE = (*UNDER_WAY, 'playing', 'paused')
 DRIVE_COLOURS = {'ENABLED': GREEN, 'ENABLING': AMBER, 'FAULT': RED}
-COLUMNS = 'repeat(auto-fit,minmax(150px,1fr))'  # of bars: one on a phone
+COLUMNS = 'repeat(auto-fit,minmax(150px,1fr))'  # of bars: one column on a phone
 CUT = 'white-space:nowrap;overflow:hidden;text-overflow:ellipsis'
-HIGH, TOO_HIGH = 0.6, 0.9  # of a limit, from which a bar is amber and red
+HIGH, TOO_HIGH = 0.6, 0.9  # shares of a limit above which a bar is amber and red
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Full length of the bars: the limits of a motor, and the following error [rad] at which a drive warns."""
+    """Full scale of the bars: motor limits, and the following error [rad] at which a drive warns."""
 
     torque_n_m: float
     current_a: float
@@ -36,7 +36,7 @@ class Scales:
 
     @staticmethod
     def of(parameters: Parameters) -> 'Scales':
-        """Return those of a robot; the following error counts at the arm."""
+        """Return the scales of a robot; the following error is that of the arm."""
         motor = parameters.motor
         return Scales(
             motor.torque_constant_n_m_a * motor.peak_current_a,
@@ -46,7 +46,7 @@ class Scales:
 
 
 def chip(text: str, colour: str) -> str:
-    """Return a word in a coloured box."""
+    """Return a text in a coloured box."""
     return (
         f'<span style="background:{colour};color:#fff;border-radius:4px;padding:1px 7px;font-weight:600;'
         f'white-space:nowrap">{html.escape(text)}</span>'
@@ -59,7 +59,7 @@ def _boxed(content: str) -> str:
 
 
 def status(facts: Facts, tcp_m: Floats | None, turn: TurnInstant | None = None) -> str:
-    """Return state of robot and bus."""
+    """Return the state of robot and bus."""
     if not facts.state:
         waiting = html.escape(facts.waiting or 'waiting for a robot')
         return _boxed(f'{chip("no robot", GREY)} <span style="opacity:.75">{waiting}</span>')
@@ -118,27 +118,27 @@ def _of_recording(facts: Facts) -> list[str]:
 
 
 def _inputs(inputs: Sequence[InputFacts]) -> str:
-    """Return the inputs: which are on, which were set from outside."""
-    told = [
+    """Return the states of the inputs, with forced ones marked."""
+    found = [
         f'<span style="white-space:nowrap">{html.escape(one.name)}&nbsp;{_switch(one)}</span>'
         for one in inputs
     ]
-    return f'<span style="opacity:.65">inputs</span>&ensp;{" &ensp;".join(told)}'
+    return f'<span style="opacity:.65">inputs</span>&ensp;{" &ensp;".join(found)}'
 
 
 def _switch(one: InputFacts) -> str:
-    """Return whether an input is on, and whether it was set from outside."""
+    """Return the state of an input, with a mark if it is forced."""
     colour = AMBER if one.forced else GREEN if one.on else GREY
     return chip(f'{"on" if one.on else "off"}{", set" if one.forced else ""}', colour)
 
 
 def input_row(one: InputFacts) -> str:
-    """Return the name of an input and what it tells."""
+    """Return name and state of an input."""
     return _boxed(f'<b>{html.escape(one.name)}</b>&ensp;{_switch(one)}')
 
 
 def alarm(sentence: str) -> str:
-    """Return a sentence that nobody overlooks."""
+    """Return a conspicuous alarm message."""
     return (
         f'<div role="alert" style="background:{RED};color:#fff;border-radius:6px;padding:6px 10px;margin-top:4px;'
         f'font-weight:600">{html.escape(sentence)}</div>'
@@ -153,7 +153,7 @@ def _pairs(*pairs: tuple[str, str]) -> str:
 
 
 def bars(instant: Instant, drives: Sequence[DriveFacts], scales: Scales) -> str:
-    """Return torque, current, following error and I2t of each axis as bars, with the states of drive and brake."""
+    """Return bars of torque, current, following error and I2t of each axis, with the states of drive and brake."""
     rows = []
     for i, drive in enumerate(drives):
         torque, current = float(instant.torque_n_m[i]), float(instant.current_a[i])
@@ -177,7 +177,7 @@ def bars(instant: Instant, drives: Sequence[DriveFacts], scales: Scales) -> str:
 
 
 def _bar(name: str, share: float, text: str, signed: bool = True) -> str:
-    """Return a bar that grows from its middle, or from the left; the share of its limit colours it."""
+    """Return a bar that grows from the middle or the left, coloured by its share of the limit."""
     size = min(abs(share), 1.0)
     colour = RED if size >= TOO_HIGH else AMBER if size >= HIGH else BLUE
     if signed:
@@ -198,7 +198,7 @@ def _bar(name: str, share: float, text: str, signed: bool = True) -> str:
 
 
 def answers(sentences: Sequence[tuple[str, bool]]) -> str:
-    """Return what was answered lately, the newest first; what was refused is red."""
+    """Return recent replies, newest first, rejections in red."""
     if not sentences:
         return ''
     rows = [
@@ -209,7 +209,7 @@ def answers(sentences: Sequence[tuple[str, bool]]) -> str:
 
 
 def copied(text: str, label: str) -> str:
-    """Return a text with a button that copies it."""
+    """Return a text with a copy button."""
     copy = 'navigator.clipboard.writeText(this.previousElementSibling.textContent);this.textContent=&quot;copied&quot;'
     return _boxed(
         '<pre style="margin:0 0 4px;padding:6px 8px;border-radius:4px;background:rgba(128,128,128,.18);font-size:11px;'

@@ -1,6 +1,6 @@
-"""The oscilloscope on the page: what is to be recorded is chosen here, and what drives have told is drawn.
+"""The oscilloscope panel of the page: input fields of the setting, and charts with every sample of a record.
 
-Every sample is drawn. Who asks the drives, and what they answer, is not known here.
+It does not communicate with the drives.
 """
 
 import json
@@ -26,67 +26,67 @@ from delta3_pacdrive.recording.acquisition import (
 from delta3_pacdrive.recording.column_table import ONE
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.plots import HEIGHT, chart
-from delta3_pacdrive.view.values import Wish
+from delta3_pacdrive.view.values import UiCommand
 
-VALUES_MAX = 200_000  # that a browser draws at once: 1.5 s of eight channels at 16 kHz
+VALUES_MAX = 200_000  # limit for a browser: 1.5 s of eight channels at 16 kHz
 USUAL = 'axis1.current_reference, axis1.current'
 DURATION_S, DURATION_MAX_S, LEVEL_MAX = 0.5, 1e5, 1e12
 NO_TRIGGER, ON_CHANNEL = 'none', 'channel'
 TRIGGERS = (NO_TRIGGER, ON_PROGRAM, ON_FAULT, ON_CHANNEL)
 USUAL_EDGE = 'usual'  # rising, or change for an IDN
 FIELDS = ('channels', 'mode', 'trigger', 'source', 'level', 'edge', 'pre_trigger_s', 'duration_s', 'rate_hz')
-WIDTH, TALLEST = 560, 3  # of the panel [pixels], and charts that it shows without scrolling
-BEGIN, END = 'scope', 'end_scope'  # wishes
+WIDTH, TALLEST = 560, 3  # of the panel [pixels], and charts visible without scrolling
+BEGIN, END = 'scope', 'end_scope'  # actions
 
 
-def _number(told: Any, name: str, low: float, high: float, unit: str) -> float:
-    """Return a number of a wish; raises ParameterError."""
-    is_number = isinstance(told, int | float) and not isinstance(told, bool)
-    if not is_number or not low <= told <= high:
-        value = f'{told:g}' if is_number else shown(str(told)[:40])
+def _number(given: Any, name: str, low: float, high: float, unit: str) -> float:
+    """Validate a number of a command; raises ParameterError."""
+    is_number = isinstance(given, int | float) and not isinstance(given, bool)
+    if not is_number or not low <= given <= high:
+        value = f'{given:g}' if is_number else shown(str(given)[:40])
         raise ParameterError(f'{name} is {value}, but must be between {low:g} and {high:g} {unit}'.rstrip())
-    return float(told)
+    return float(given)
 
 
 def setting_of(text: str, parameters: Parameters) -> Setting:
-    """Return what a wish asks an oscilloscope to record.
+    """Return the oscilloscope setting of a command.
 
     Raises
     ------
     ParameterError
-        It cannot be done, or is more than a page draws.
+        It is invalid, or exceeds what a page can draw.
 
     """
     try:
         document = json.loads(text)
-        told = {name: document[name] for name in FIELDS}
+        given = {name: document[name] for name in FIELDS}
     except (ValueError, RecursionError, KeyError, TypeError):
-        raise ParameterError(f'{shown(text[:80])} does not say what an oscilloscope is to record') from None
-    channels = [part.strip() for part in str(told['channels']).split(',') if part.strip()]
+        raise ParameterError(f'{shown(text[:80])} is not a valid oscilloscope setting') from None
+    channels = [part.strip() for part in str(given['channels']).split(',') if part.strip()]
     if not channels:
         raise ParameterError('an oscilloscope needs a channel, such as axis1.current')
-    rate_hz = _number(told['rate_hz'], 'the rate', RATE_MIN_HZ, RATE_MAX_HZ, 'Hz')
-    trigger = str(told['trigger'])
-    edge = str(told['edge'])
+    rate_hz = _number(given['rate_hz'], 'the rate', RATE_MIN_HZ, RATE_MAX_HZ, 'Hz')
+    trigger = str(given['trigger'])
+    edge = str(given['edge'])
     is_triggered = trigger != NO_TRIGGER
     if trigger == ON_CHANNEL:
-        trigger = str(told['source']).strip()
+        trigger = str(given['source']).strip()
         if not trigger:
             raise ParameterError('a trigger on a channel needs that channel, such as axis1.current')
     if edge != USUAL_EDGE and edge not in list(Edge):
-        raise ParameterError(f'{shown(edge)} is no edge: {", ".join(Edge)}')
-    if told['mode'] not in list(Mode):
-        raise ParameterError(f'{shown(str(told["mode"]))} is no mode: {", ".join(Mode)}')
+        raise ParameterError(f'{shown(edge)} is not a valid edge: {", ".join(Edge)}')
+    if given['mode'] not in list(Mode):
+        raise ParameterError(f'{shown(str(given["mode"]))} is not a valid mode: {", ".join(Mode)}')
     found = setting(
         parameters,
         channels,
         rate_hz,
-        _number(told['duration_s'], 'the duration', 0.0, DURATION_MAX_S, 's'),
+        _number(given['duration_s'], 'the duration', 0.0, DURATION_MAX_S, 's'),
         trigger if is_triggered else None,
-        _number(told['level'], 'the level', -LEVEL_MAX, LEVEL_MAX, ''),
+        _number(given['level'], 'the level', -LEVEL_MAX, LEVEL_MAX, ''),
         None if edge == USUAL_EDGE else edge,
-        _number(told['pre_trigger_s'], 'the pre-trigger', 0.0, DURATION_MAX_S, 's') if is_triggered else 0.0,
-        told['mode'],
+        _number(given['pre_trigger_s'], 'the pre-trigger', 0.0, DURATION_MAX_S, 's') if is_triggered else 0.0,
+        given['mode'],
     )
     values = found.samples * len(channels)
     if values > VALUES_MAX:
@@ -98,34 +98,23 @@ def setting_of(text: str, parameters: Parameters) -> Setting:
 
 
 def caption(record: Record) -> str:
-    """Return a line about a record."""
+    """Return a caption of a record."""
     rate_hz = 1.0 / record.setting.sample_time_s
     channels = 'a channel' if len(record.names) == 1 else f'{len(record.names)} channels'
-    told = f'{len(record.values)} samples of {channels} at {rate_hz:g} Hz'
+    size = f'{len(record.values)} samples of {channels} at {rate_hz:g} Hz'
     if record.trigger is None:
-        return f'{told}, from bus time {record.time_s[0]:.6f} s on'
+        return f'{size}, from bus time {record.time_s[0]:.6f} s on'
     sentence = record.setting.trigger.sentence if record.setting.trigger else ''
-    return f'{told}; 0 is bus time {record.time_s[record.trigger]:.6f} s: {sentence}'
+    return f'{size}; 0 is bus time {record.time_s[record.trigger]:.6f} s: {sentence}'
 
 
 class ScopePanel:
-    """The fields of the oscilloscope in the main panel, and a panel of charts that comes with the first record.
+    """The input fields in the main panel, and a panel of charts that is created with the first record."""
 
-    Parameters
-    ----------
-    gui
-        Of the viser server.
-    wish
-        Takes what is asked for.
-    drives
-        Of the robot.
-
-    """
-
-    def __init__(self, gui: Any, wish: Callable[[Wish], None], drives: Sequence[str]) -> None:
-        self._gui, self._take = gui, wish
+    def __init__(self, gui: Any, send: Callable[[UiCommand], None], drives: Sequence[str]) -> None:
+        self._gui = gui
         self._shown: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())  # names and units of the charts
-        self._charts: list[tuple[list[int], Any]] = []  # columns of each
+        self._charts: list[tuple[list[int], Any]] = []  # columns and handle of each chart
         self._panel: Any = None
         self._tab: Any = None
         self._about: Any = None
@@ -149,21 +138,23 @@ class ScopePanel:
             self._before = gui.add_number('pre-trigger s', 0.0, min=0.0, step=0.001, visible=False)
             self._duration = gui.add_number('duration s', DURATION_S, min=0.0, step=0.001)
             self._rate = gui.add_number('rate Hz', RATE_MAX_HZ, min=RATE_MIN_HZ, max=RATE_MAX_HZ, step=1.0)
-            gui.add_button('Record', icon='activity').on_click(lambda _: wish(Wish(BEGIN, self._asked())))
-            gui.add_button('End recording', icon='player-stop').on_click(lambda _: wish(Wish(END)))
-            self._said = gui.add_html('')
+            gui.add_button('Record', icon='activity').on_click(
+                lambda _: send(UiCommand(BEGIN, self._asked()))
+            )
+            gui.add_button('End recording', icon='player-stop').on_click(lambda _: send(UiCommand(END)))
+            self._reply = gui.add_html('')
         self._name.on_update(lambda _: self._explain())
         for handle in (self._trigger, self._mode):
             handle.on_update(lambda _: self._show_fields())
         self._explain()
 
     def use(self, drives: Sequence[str]) -> None:
-        """Offer the drives of a robot."""
+        """Set the drives of the robot."""
         if tuple(drives) != tuple(self._drive.options):
             self._drive.options = tuple(drives)
 
     def _explain(self) -> None:
-        if (channel := CHANNELS.get(self._name.value)) is not None:  # a page may say anything
+        if (channel := CHANNELS.get(self._name.value)) is not None:  # a browser may send any value
             unit = '' if channel.unit == ONE else f' [{channel.unit}]'
             self._what.content = readout.answers([(f'{channel.what}{unit}', False)])
 
@@ -172,7 +163,7 @@ class ScopePanel:
         self._channels.value = ', '.join([*names, f'{self._drive.value}.{self._name.value}'])
 
     def _show_fields(self) -> None:
-        """Show what belongs to the trigger that is chosen; a rolling oscilloscope waits for none."""
+        """Show the fields of the selected trigger; rolling mode has none."""
         rolling = self._mode.value == Mode.ROLLING
         self._trigger.visible = not rolling
         for handle in (self._source, self._level, self._edge):
@@ -194,14 +185,14 @@ class ScopePanel:
         )
         return json.dumps(dict(zip(FIELDS, values, strict=True)))
 
-    # what comes back --------------------------------------------------------------------------------------------------
+    # replies and records ----------------------------------------------------------------------------------------------
 
-    def tell(self, sentence: str, refused: bool = False) -> None:
-        """Say how it goes, and why not."""
-        self._said.content = readout.answers([(sentence, refused)])
+    def report(self, sentence: str, refused: bool = False) -> None:
+        """Show the state, or the reason of a rejection."""
+        self._reply.content = readout.answers([(sentence, refused)])
 
     def show(self, record: Record) -> None:
-        """Draw every sample of a record, a chart for each unit; time is told from the trigger on, if there is one."""
+        """Draw every sample of a record, one chart per unit; time is relative to the trigger, if there is one."""
         if (record.names, record.units) != self._shown:
             self._rebuild(record.names, record.units)
         origin = record.first + (record.trigger or 0)
@@ -212,7 +203,7 @@ class ScopePanel:
         self._about.content = readout.answers([(caption(record), False)])
 
     def _rebuild(self, names: Sequence[str], units: Sequence[str]) -> None:
-        """Make the charts of these channels."""
+        """Create the charts of these channels."""
         if self._panel is None:
             self._panel = self._gui.add_panel()
             self._tab = self._panel.add_tab('Oscilloscope')

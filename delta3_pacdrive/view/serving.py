@@ -1,4 +1,4 @@
-"""Where the page is served. Light: what is missing or taken is said before anything that takes long is loaded."""
+"""Address and port of the page, checked before anything slow is loaded."""
 
 import contextlib
 import importlib.util
@@ -15,16 +15,16 @@ from urllib.parse import urlsplit
 from delta3_pacdrive.errors import RunError, shown
 
 HOST, PORT = '127.0.0.1', 8642
-EVERYWHERE = ('0.0.0.0', '::', '')  # noqa: S104 (what somebody may ask for)
+EVERYWHERE = ('0.0.0.0', '::', '')  # noqa: S104 (valid user input)
 PORT_MAX = 65535
-PORTS = 20  # that are tried if none is asked for
+PORTS = 20  # candidates if none is requested
 BACKLOG = 100
-LISTENING = 'DELTA3_LISTENING'  # number of the socket on which a process finds that others listen for it
+LISTENING = 'DELTA3_LISTENING'  # file descriptor of a listener that the parent process has opened
 REQUEST_BYTES, GREETING_S, START_S = 65536, 2.0, 10.0
-# The client tries to connect for 5 s, then anew in each second in which the page has the focus. Chromium lets wait for
-# seconds who has failed often, longer than the client does: it would never connect. So it has no focus until the page
-# is there.
-IS_THERE = '/is-there'  # is answered by the page itself
+# The client tries to connect for 5 s, then once a second while the page has the focus. After repeated failures Chromium
+# delays connections by more than the client's timeout, so it would never connect. Therefore the client gets no focus
+# until the page is available.
+IS_THERE = '/is-there'  # answered by the page itself
 PATIENT = f"""
 <script>
 document.hasFocus = () => false;
@@ -38,22 +38,22 @@ REPLY = b'HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnectio
 
 
 def refusal(name: str, port: int | None) -> str:
-    """Return why an option cannot be a port, empty if it can, or if it is not given."""
+    """Return why an option is not a valid port, empty if it is or if it is not given."""
     if port is None or 1 <= port <= PORT_MAX:
         return ''
     return f'{name} is {port}, but must be between 1 and {PORT_MAX}'
 
 
 def is_here(host: str) -> bool:
-    """Whether only this machine can reach an address."""
+    """Whether an address is reachable from this host only."""
     try:
         return host == 'localhost' or ipaddress.ip_address(host).is_loopback
-    except ValueError:  # a name, wherever it leads
+    except ValueError:  # a name may resolve to anything
         return False
 
 
 def own_names(host: str) -> frozenset[str]:
-    """Return the names by which browsers may call the machine that serves a page at an address."""
+    """Return the host names under which browsers may request a page at an address."""
     names = {'localhost'}
     if not is_here(host):
         own = socket.gethostname()
@@ -65,22 +65,22 @@ def own_names(host: str) -> frozenset[str]:
 
 
 def _is_ours(name: str, host: str, names: frozenset[str]) -> bool:
-    """Whether a browser that calls the machine by a name, or by an address, can only mean this page."""
+    """Whether a host name or address in a request can only mean this page."""
     try:
         address = ipaddress.ip_address(name)
     except ValueError:
-        return name.lower() in names  # any other name may be one of a stranger that leads to this machine
+        return name.lower() in names  # any other name may be a third party's that resolves to this host
     return address.is_loopback or not is_here(host)
 
 
 def require_viser() -> None:
-    """Raise RunError if the library of the page is not installed."""
+    """Raise RunError if viser is not installed."""
     if importlib.util.find_spec('viser') is None:
         raise RunError("the page needs viser: pip install '.[view]' in the folder of the sources")
 
 
 def _bound(host: str, port: int) -> socket.socket:
-    """Return a socket that listens there; raises RunError if no page can be served there."""
+    """Return a listening socket; raises RunError if the address cannot be used."""
     try:
         family, _, _, _, place = socket.getaddrinfo(
             host or None, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -99,7 +99,7 @@ def _bound(host: str, port: int) -> socket.socket:
 
 
 def _first_free(host: str) -> socket.socket:
-    """Return a socket that listens on the first port that is free; raises RunError."""
+    """Return a socket that listens on the first free port; raises RunError."""
     for candidate in range(PORT, PORT + PORTS):
         try:
             return _bound(host, candidate)
@@ -109,7 +109,7 @@ def _first_free(host: str) -> socket.socket:
 
 
 def _handed_over(port: int | None) -> socket.socket | None:
-    """Return the socket on which whoever has started this process listens for it, None if nobody does."""
+    """Return the listener opened by the parent process, None if there is none."""
     given = os.environ.pop(LISTENING, '')
     if not given:
         return None
@@ -123,14 +123,14 @@ def _handed_over(port: int | None) -> socket.socket | None:
 
 @contextlib.contextmanager
 def held(host: str, port: int | None) -> Iterator['Place']:
-    """Hold the place of a page: the port that is asked for, else the first that is free.
+    """Hold the port of a page: the requested one, else the first free one.
 
-    It is held from here on: what comes before a page is served, such as compiling, may take long.
+    The port is held from now on, because compiling before the page is served may take long.
 
     Raises
     ------
     RunError
-        The port is taken, no port is free, or the address is not one of this machine.
+        The port is taken, no port is free, or the address does not belong to this host.
 
     """
     require_viser()
@@ -143,30 +143,15 @@ def held(host: str, port: int | None) -> Iterator['Place']:
 
 
 class Place:
-    """A port that is held for a page. Browsers that come before the page is there get the client, and wait.
+    """A port held for a page. Browsers that connect early get the client, which waits for the page.
 
-    To load the client takes a browser as long as it takes the page to be made; so both happen at once.
-
-    Parameters
-    ----------
-    host
-        Where the page is served.
-    listener
-        Listens there.
-
-    Attributes
-    ----------
-    port, url
-        Its port, and what a browser is told.
-    is_told
-        Whether people know of it.
-
+    Loading the client takes a browser as long as creating the page takes, so both happen in parallel.
     """
 
     def __init__(self, host: str, listener: socket.socket) -> None:
         self.host, self.port = host, int(listener.getsockname()[1])
         self.url = address(host, self.port)
-        self.is_told = False
+        self.is_told = False  # the user knows the address
         self.listener = _Listener(listener)
         self._is_held = True
         self._waiting: list[socket.socket] = []
@@ -174,7 +159,7 @@ class Place:
         self._over, self._is_over = socket.socketpair()
 
     def greet(self) -> None:
-        """Give browsers the client from now on, in a thread, until the page takes the listener over."""
+        """Start a thread that serves the client until the page takes over the listener."""
         client = client_file()
         if client is not None and self._greeter is None:
             self._greeter = threading.Thread(target=self._greet, args=(client,), daemon=True)
@@ -202,7 +187,7 @@ class Place:
                         self._answer(key.fileobj, client)
 
     def _answer(self, connection: socket.socket, client: Path) -> None:
-        """Send the client if that is what a browser asks for; whatever else it wants waits for the page."""
+        """Send the client to a browser that requests it; other requests wait for the page."""
         try:
             connection.settimeout(GREETING_S)
             if asks_for_client(connection.recv(REQUEST_BYTES, socket.MSG_PEEK)):
@@ -216,12 +201,12 @@ class Place:
             connection.close()
 
     def inheritable(self) -> int:
-        """Return the number of the listener for a process that is started now, which ``held`` finds in LISTENING."""
+        """Return the file descriptor of the listener for a child process, which ``held`` finds in LISTENING."""
         self.listener.set_inheritable(True)
         return self.listener.fileno()
 
     def hand_over(self) -> None:
-        """Leave the listener to the server that has it; who waits already is the first that it accepts."""
+        """Hand the listener to the server; waiting connections are accepted first."""
         if self._is_held:
             self._stop()
             self.listener.admit(self._waiting)
@@ -234,7 +219,7 @@ class Place:
         self._is_over.close()
 
     def close(self) -> None:
-        """Hold it no longer, unless a server has it."""
+        """Release the port, unless a server has taken it over."""
         self._stop()
         if self._is_held:
             for one in (*self._waiting, self.listener):
@@ -243,7 +228,7 @@ class Place:
 
 
 class _Listener(socket.socket):
-    """A socket that listens, of which some connections are accepted already: they come first."""
+    """A listening socket that returns previously accepted connections first."""
 
     def __init__(self, listener: socket.socket) -> None:
         super().__init__(listener.family, listener.type, listener.proto, fileno=listener.detach())
@@ -251,9 +236,9 @@ class _Listener(socket.socket):
         self._knock: Any = None
 
     def admit(self, waiting: list[socket.socket]) -> None:
-        """Let them come first."""
+        """Queue accepted connections."""
         self._accepted = waiting
-        if waiting:  # a server looks at its listener only when somebody comes
+        if waiting:  # wake the server, which polls its listener only on a new connection
             with socket.socket(self.family, self.type) as knock:
                 knock.connect(self.getsockname())
                 self._knock = knock.getsockname()
@@ -270,7 +255,7 @@ class _Listener(socket.socket):
 
 
 def client_file() -> Path | None:
-    """Return the client that viser serves, None where this viser has none in one file."""
+    """Return the client file of viser, None if this version has none."""
     found = importlib.util.find_spec('viser')
     for folder in (found and found.submodule_search_locations) or ():
         client = Path(folder) / 'client' / 'build' / 'index.html'
@@ -280,7 +265,7 @@ def client_file() -> Path | None:
 
 
 def asks_for_client(request: bytes) -> bool:
-    """Whether a request is that of a browser for the page itself, and a whole one."""
+    """Whether the data is a complete request for the page itself."""
     line, _, headers = request.partition(b'\r\n')
     method, _, target = line.partition(b' ')
     asked = method == b'GET' and target.partition(b' ')[0].partition(b'?')[0] == b'/'
@@ -288,27 +273,27 @@ def asks_for_client(request: bytes) -> bool:
 
 
 def taken(host: str, port: int, reason: str) -> RunError:
-    """Return the error of a place where no page can be served."""
+    """Return the error for an address that cannot be used."""
     return RunError(f'cannot serve the page on port {port} of {shown(host)}: {reason}')
 
 
 def is_foreign(origin: str | None, asked: str, host: str, names: frozenset[str]) -> bool:
-    """Whether a connection comes from a page that is not ours, or means a machine of another name.
+    """Whether a request comes from another page, or names another host.
 
-    Browsers let every page that is open in them connect to this machine, and name in ``Origin`` the page that does so.
-    A stranger who lets a name of his lead to this machine has the same name in both. Requests of a page to its own
-    server may come without ``Origin``.
+    Any page open in a browser may connect to this host, and the browser names the requesting page in ``Origin``. A
+    third-party name that resolves to this host appears in both headers. Requests of a page to its own server may lack
+    ``Origin``.
 
     Parameters
     ----------
     origin
-        As the browser sends it; None: it sends none.
+        Header of the request; None: missing.
     asked
-        Name and port that the browser believes to talk to, its ``Host``.
+        Host and port in the request, its ``Host``.
     host
-        Where the page is served.
+        Address of the page.
     names
-        As ``own_names`` has them.
+        As returned by ``own_names``.
 
     """
     try:
@@ -319,6 +304,6 @@ def is_foreign(origin: str | None, asked: str, host: str, names: frozenset[str])
 
 
 def address(host: str, port: int) -> str:
-    """Return what a browser is told."""
+    """Return the URL of the page."""
     name = 'localhost' if host in EVERYWHERE else f'[{host}]' if ':' in host else host
     return f'http://{name}:{port}'

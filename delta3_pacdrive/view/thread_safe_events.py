@@ -1,8 +1,8 @@
-"""Events by which the page wakes its connections, from whatever thread.
+"""Thread-safe wake-up of the page's connections.
 
-viser keeps what is to be sent to a browser in a buffer, and wakes who sends it by an ``asyncio.Event``. It sets that
-event in the thread that changes something. Of an event of asyncio only its own loop may do that: while the loop lets
-a connection wait or go, setting it ends with "deque mutated during iteration", and the view with it.
+viser buffers the messages to a browser and wakes the sending task by an ``asyncio.Event``, which it sets in the thread
+that changes a value. Only the loop's own thread may set an asyncio event: while the loop adds or removes a waiter,
+setting it fails with "deque mutated during iteration", and the view ends.
 """
 
 import asyncio
@@ -14,39 +14,32 @@ from typing import Any
 
 
 class ThreadSafeEvent(asyncio.Event):
-    """An event that every thread may set; those that wait for it are woken in their loop.
-
-    Parameters
-    ----------
-    loop
-        In which it is waited for; its thread is the one in which the event is made.
-
-    """
+    """An event that any thread may set; its waiters are woken in the loop of the thread that created it."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         super().__init__()
         self._wakes, self._thread = loop, threading.get_ident()
-        self._is_due = False  # the loop is asked already
+        self._is_due = False  # the loop has been asked to set it
 
     def set(self) -> None:
-        """Set it; who is not in the thread of the loop asks the loop to do so, as long as there is one."""
+        """Set the event; from another thread by a callback of the loop, if the loop is still running."""
         if threading.get_ident() == self._thread:
-            self._is_due = False  # first: who asks from now on may have something new
+            self._is_due = False  # first, because a later request may concern newer data
             super().set()
         elif not self._is_due:
             self._is_due = True
-            with suppress(RuntimeError):  # the loop is closed: nobody waits any more
+            with suppress(RuntimeError):  # the loop is closed: there are no waiters
                 self._wakes.call_soon_threadsafe(self.set)
 
 
-@functools.cache  # once in a process
+@functools.cache  # once per process
 def use_in_viser() -> None:
-    """Let the servers that viser starts from now on, and their connections, wake in this way."""
+    """Make viser servers started from now on use thread-safe events."""
     infra: Any = importlib.import_module('viser.infra._infra')
     plain: Any = infra.AsyncMessageBuffer
 
-    class Buffer(plain):  # type: ignore[misc] # what viser is, is only known then
-        """What is to be sent to browsers, whoever says so."""
+    class Buffer(plain):  # type: ignore[misc] # the base class is known at run time only
+        """A message buffer that any thread may fill."""
 
         def __init__(self, event_loop: asyncio.AbstractEventLoop, *arguments: Any, **options: Any) -> None:
             super().__init__(event_loop, *arguments, **options)

@@ -1,4 +1,4 @@
-"""What the page shows, and what people ask for on it, as plain values."""
+"""Displayed values of the page and its UI commands as plain records."""
 
 import time
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
 
-PARTS_MAX = 1000  # of a cell that are drawn: the newest
+PARTS_MAX = 1000  # drawn parts of a cell: the newest
 Point = tuple[float, float, float]
 
 
@@ -18,29 +18,18 @@ def _zeros() -> Floats:
 
 @dataclass(frozen=True)
 class PartPlace:
-    """A part at one moment.
-
-    Attributes
-    ----------
-    number, type
-        As ``PartRecord`` has them.
-    size_m
-        Its length, width and height [m].
-    at_m, angle_rad
-        Middle of its underside [m], and its angle about the vertical [rad].
-
-    """
+    """A part at an instant, with the pose of the centre of its underside."""
 
     number: int
     type: str
-    size_m: Point
+    size_m: Point  # length, width, height
     at_m: Point
-    angle_rad: float
+    angle_rad: float  # about the vertical
 
 
 @dataclass(frozen=True)
 class CellInstant:
-    """The parts of a cell at one moment, and how far the surfaces of its belts have come [m], by their names."""
+    """The parts of a cell at an instant, and the distance travelled by each belt [m]."""
 
     parts: tuple[PartPlace, ...] = ()
     ways_m: Mapping[str, float] = field(default_factory=dict)
@@ -48,69 +37,33 @@ class CellInstant:
 
 @dataclass(frozen=True)
 class TurnInstant:
-    """The tool of a rotary axis at one moment.
+    """The tool of a rotary axis at an instant."""
 
-    Attributes
-    ----------
-    angle_rad
-        By the encoder of its motor [rad].
-    error_rad
-        Command minus actual, the set-point delay removed [rad].
-    true_rad
-        Where it really is [rad]; None where nobody knows.
-
-    """
-
-    angle_rad: float
-    error_rad: float = 0.0
-    true_rad: float | None = None
+    angle_rad: float  # by the encoder of its motor
+    error_rad: float = 0.0  # command minus actual without the set-point delay
+    true_rad: float | None = None  # None: unknown
 
 
 @dataclass(frozen=True)
 class Instant:
-    """What is known of the robot at one moment.
+    """The state of the robot at an instant; all arrays have shape (3,)."""
 
-    Attributes
-    ----------
-    time_s
-        Bus time [s].
-    theta_rad
-        Arm angles, shape (3,).
-    lag_rad
-        Following error of each arm, command minus actual with the dead time removed (7.3), shape (3,).
-    torque_n_m, current_a
-        Of each motor, shape (3,).
-    overload
-        I2t of each motor, 1 trips its drive, shape (3,).
-    speed_m_s
-        Of the TCP.
-    true_m
-        Where the TCP of the built robot really is [m], shape (3,); None where nobody knows.
-    error_m
-        TCP error as the robot tells it: command minus actual, the set-point delay removed [m], shape (3,).
-    cell
-        What moves around the robot; None: there is no cell.
-    turn
-        Of the tool; None: there is no rotary axis, or it is not known.
-
-    """
-
-    time_s: float
+    time_s: float  # of the bus
     theta_rad: Floats
-    lag_rad: Floats = field(default_factory=_zeros)
+    lag_rad: Floats = field(default_factory=_zeros)  # following error of each arm, dead time removed (7.3)
     torque_n_m: Floats = field(default_factory=_zeros)
     current_a: Floats = field(default_factory=_zeros)
-    overload: Floats = field(default_factory=_zeros)
-    speed_m_s: float = 0.0
-    true_m: Floats | None = None
-    error_m: Floats = field(default_factory=_zeros)
+    overload: Floats = field(default_factory=_zeros)  # I2t of each motor; its drive trips at 1
+    speed_m_s: float = 0.0  # of the TCP
+    true_m: Floats | None = None  # true TCP of the built robot; None: unknown
+    error_m: Floats = field(default_factory=_zeros)  # TCP command minus actual without the set-point delay
     cell: CellInstant | None = None
-    turn: TurnInstant | None = None
+    turn: TurnInstant | None = None  # None: no rotary axis, or unknown
 
 
 @dataclass(frozen=True)
 class DriveFacts:
-    """What a drive says of itself: its state, its brake (free, held, empty: unknown), what it warns of."""
+    """State of a drive, its brake (free, held, empty: unknown) and its warnings."""
 
     state: str = ''
     brake: str = ''
@@ -119,7 +72,7 @@ class DriveFacts:
 
 @dataclass(frozen=True)
 class InputFacts:
-    """An input of a cell: its name, whether it is on, and whether it was set from outside."""
+    """State of an input of a cell, and whether it is forced."""
 
     name: str
     on: bool
@@ -128,87 +81,52 @@ class InputFacts:
 
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """What there is to read about the robot, besides the numbers of an instant.
+    """The values of the readout, in addition to an instant."""
 
-    Attributes
-    ----------
-    state
-        Of the motion: idle, moving, stopping, stopped, error; empty while no robot is there.
-    enabled, in_torque
-        Whether the drives are to have torque, and whether they have.
-    phase, cycle, bus_time_s
-        Of the bus.
-    override
-        1 = as planned.
-    overruns, lost_telegrams
-        Counted since the bus is in cyclic operation.
-    waiting
-        For whom or what.
-    fault, sources
-        Sentence about the fault of the robot, and whose it is or may be; empty if there is none.
-    drives
-        One for each axis.
-    move, moves, remaining_s
-        Number of the move that is driven, how many there are, and how long they take; None of a robot that is held.
-    queue, working
-        Moves in the queue, and what is being planned.
-    operator
-        Who has control of the robot.
-    recording
-        Its title, if this is one; ``override`` is the speed at which it is played then.
-    payload_kg, outputs
-        What it is told to carry, None where a cell tells what is in hand; and its digital outputs as bits.
-    inputs
-        Of its cell.
-    controller
-        Which one it is, in words; empty as long as that is not known.
-
-    """
-
-    state: str = ''
-    enabled: bool = False
+    state: str = ''  # of the motion: idle, moving, stopping, stopped, error; empty without a robot
+    enabled: bool = False  # torque is requested
     in_torque: bool = False
     phase: str = ''
     cycle: int = 0
     bus_time_s: float = 0.0
-    override: float = 1.0
-    overruns: int = 0
+    override: float = 1.0  # playback speed of a recording
+    overruns: int = 0  # since the start of cyclic operation
     lost_telegrams: int = 0
-    waiting: str = ''
+    waiting: str = ''  # reason for waiting
     fault: str = ''
-    sources: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()  # possible sources of the fault
     drives: tuple[DriveFacts, ...] = (DriveFacts(), DriveFacts(), DriveFacts())
     move: int = 0
     moves: int = 0
-    remaining_s: float | None = 0.0
-    queue: int = 0
-    working: str = ''
-    operator: str = ''
-    recording: str = ''
-    payload_kg: float | None = 0.0
-    outputs: int = 0
+    remaining_s: float | None = 0.0  # None: unknown, as the robot is held
+    queue: int = 0  # moves
+    working: str = ''  # planning progress
+    operator: str = ''  # in control
+    recording: str = ''  # title of a recording
+    payload_kg: float | None = 0.0  # None: the cell shows the part in the gripper
+    outputs: int = 0  # bits
     inputs: tuple[InputFacts, ...] = ()
-    controller: str = ''
+    controller: str = ''  # description; empty while unknown
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What somebody asks for on the page.
+class UiCommand:
+    """A command from the page.
 
     Attributes
     ----------
     action
-        As ``delta3 move`` has it; besides ``packaged`` (name of a program), ``program`` (its text), ``step`` (a
-        direction such as +x, a distance [mm] and a speed [mm/s]), ``press`` (a beat of a button that is held: direction
-        and speed), ``jog`` (number of the press that sets off), ``inject`` (a fault in YAML), ``teach`` (a name),
-        ``forget``, ``input`` (a request of the service of that name), ``scope`` (what an oscilloscope is to record, as
-        ``scope_panel`` reads it) and ``end_scope``.
+        An action of ``delta3 move``, or ``packaged`` (name of a program), ``program`` (its text), ``step`` (a direction
+        such as +x, a distance [mm] and a speed [mm/s]), ``press`` (heartbeat of a held button: direction and speed),
+        ``jog`` (number of the press that starts a motion), ``inject`` (a fault in YAML), ``teach`` (a name),
+        ``forget``, ``input`` (a request of the service of that name), ``scope`` (the setting of an oscilloscope, see
+        ``scope_panel``) and ``end_scope``.
     text
-        What belongs to it.
+        Argument of the action.
     by_force
-        Whether control of the robot is taken over from somebody else.
+        Whether control is taken over from another operator.
     time_s
-        When it was asked for, on the clock that never jumps.
+        Time of the command on the monotonic clock.
 
     """
 

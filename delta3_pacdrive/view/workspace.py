@@ -1,4 +1,4 @@
-"""The volume that ``delta3 workspace --volume FILE.npz`` writes, on the page: slices around the robot, coloured."""
+"""The volume written by ``delta3 workspace --volume FILE.npz`` on the page: coloured slices around the robot."""
 
 import html
 import json
@@ -20,36 +20,25 @@ from delta3_pacdrive.view.values import Facts, Instant
 COORDINATES = ('x_m', 'y_m', 'z_m')
 ABOUT, LIMIT = 'about', 'limit'
 MAP = 'viridis'
-CLIPPED = (2.0, 98.0)  # percentiles between which colours differ
-WIDE = 20.0  # largest over least value, from which colours follow the logarithm
-GREY = (170, 176, 186)  # where the arms can be, but not the robot
+CLIPPED = (2.0, 98.0)  # percentiles at the ends of the colour scale
+WIDE = 20.0  # ratio of highest to lowest value above which the scale is logarithmic
+GREY = (170, 176, 186)  # reachable by the arms, but excluded by a limit
 OVERLAP = 0.75  # size of a point over half the distance of neighbours
 LEGEND_COLOURS = 9
-LOOK_S = 0.2  # between two looks whether a signal asks for the end
+LOOK_S = 0.2  # between two checks for a signal
 
 
 @dataclass(frozen=True)
 class Volume:
-    """The volume of a workspace.
+    """The volume of a workspace; all grids have the shape (nx, ny, nz)."""
 
-    Attributes
-    ----------
-    axes_m
-        Coordinates x, y, z of the grid [m].
-    limit
-        Code of what keeps the robot from a place, ``REACHED`` for nothing, shape (nx, ny, nz).
-    values
-        Of each quantity by its name with its unit, nan where the arms cannot be, the same shape.
-
-    """
-
-    axes_m: tuple[Floats, Floats, Floats]
-    limit: Any
-    values: dict[str, Floats]
+    axes_m: tuple[Floats, Floats, Floats]  # coordinates of the grid
+    limit: Any  # code of the limit that excludes a point, ``REACHED`` for none
+    values: dict[str, Floats]  # by name and unit of the quantity; nan outside the reach of the arms
 
     @staticmethod
     def is_one(path: Path) -> bool:
-        """Whether a file looks like a volume: a trace, the other kind of .npz, has no limits."""
+        """Whether a file looks like a volume; traces are .npz files without limits."""
         try:
             whole_file.require_regular(path)
             with zipfile.ZipFile(path) as file:
@@ -59,7 +48,7 @@ class Volume:
 
     @staticmethod
     def load(path: Path) -> 'Volume':
-        """Read what ``delta3 workspace --volume`` wrote; raises TraceError."""
+        """Read a file written by ``delta3 workspace --volume``; raises TraceError."""
         try:
             found = whole_file.arrays_of(path)
             json.loads(str(found.pop(ABOUT)))
@@ -67,56 +56,56 @@ class Volume:
             limit = found.pop(LIMIT)
             shape = len(x), len(y), len(z)
             if not found or min(shape) < 2 or any(grid.shape != shape for grid in (limit, *found.values())):
-                raise ValueError(f'its grids are not of the shape {shape}')
+                raise ValueError(f'its grids do not have the shape {shape}')
             return Volume((x, y, z), limit, {name: grid.astype(np.float64) for name, grid in found.items()})
-        except Exception as error:  # what zipfile and numpy trip over in a damaged file is not bounded
-            raise TraceError(f'{path} is no volume of a workspace: {error}') from error
+        except Exception as error:  # zipfile and numpy raise arbitrary exceptions for damaged files
+            raise TraceError(f'{path} is not a valid workspace volume: {error}') from error
 
     def scale(self, name: str) -> 'Scale':
-        """Return how the values of a quantity become colours: those where the robot may be."""
+        """Return the colour scale of a quantity, from its values at reachable points."""
         values = self.values[name]
-        here = values[(self.limit == REACHED) & np.isfinite(values)]
-        if not len(here):
+        reached = values[(self.limit == REACHED) & np.isfinite(values)]
+        if not len(reached):
             return Scale(0.0, 1.0, False)
-        low, high = np.percentile(here, CLIPPED).tolist()
+        low, high = np.percentile(reached, CLIPPED).tolist()
         return Scale(low, max(high, low + 1e-12), low > 0.0 and high > WIDE * low)
 
     def slice(self, axis: int, place_m: float) -> tuple[Floats, tuple[Any, ...]]:
-        """Return the places [m], shape (n, 3), of the layer that is nearest to a place on an axis, and their index."""
+        """Return the points [m], shape (n, 3), of the layer nearest to a position on an axis, and their indices."""
         number = int(np.argmin(np.abs(self.axes_m[axis] - place_m)))
         index = [np.arange(len(own)) for own in self.axes_m]
         index[axis] = np.array([number])
         grid = np.meshgrid(*index, indexing='ij')
         flat = tuple(one.ravel() for one in grid)
-        there = np.isfinite(next(iter(self.values.values()))[flat])
-        chosen = tuple(one[there] for one in flat)
+        finite = np.isfinite(next(iter(self.values.values()))[flat])
+        chosen = tuple(one[finite] for one in flat)
         return np.stack([own[n] for own, n in zip(self.axes_m, chosen, strict=True)], axis=1), chosen
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Values from ``low`` to ``high`` become colours, by their logarithm or evenly."""
+    """A linear or logarithmic colour scale."""
 
     low: float
     high: float
     logarithmic: bool
 
     def share(self, values: Floats) -> Floats:
-        """Return the place of values on the scale, 0 to 1."""
+        """Return the positions of values on the scale, 0 to 1."""
         low, high = self.low, self.high
         if self.logarithmic:
             values, low, high = np.log(np.maximum(values, low)), np.log(low), np.log(high)
         return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
 
     def at(self, share: float) -> float:
-        """Return the value at a place on the scale."""
+        """Return the value at a position on the scale."""
         if self.logarithmic:
             return float(self.low * (self.high / self.low) ** share)
         return self.low + share * (self.high - self.low)
 
 
 def colours(volume: Volume, name: str, index: tuple[Any, ...]) -> Any:
-    """Return the colours 0 to 255 of places by a quantity; grey where the robot may not be."""
+    """Return the colours of points by a quantity, 0 to 255; grey where a limit excludes them."""
     from matplotlib import colormaps
 
     values = np.nan_to_num(volume.values[name][index])
@@ -126,7 +115,7 @@ def colours(volume: Volume, name: str, index: tuple[Any, ...]) -> Any:
 
 
 def legend(name: str, scale: Scale) -> str:
-    """Return the colours with their values as HTML."""
+    """Return the colour scale as HTML."""
     from matplotlib import colormaps
 
     shares = np.linspace(0.0, 1.0, LEGEND_COLOURS)
@@ -138,21 +127,12 @@ def legend(name: str, scale: Scale) -> str:
         f'<div style="padding:4px 12px;font-size:13px"><b>{html.escape(name)}</b>'
         f'<div style="height:12px;border-radius:3px;background:linear-gradient(90deg, {stops})"></div>'
         f'<div style="display:flex;justify-content:space-between">{marks}</div>'
-        '<span style="opacity:.75">grey: the arms reach it, but a limit keeps the robot away</span></div>'
+        '<span style="opacity:.75">grey: within reach of the arms, but excluded by a limit</span></div>'
     )
 
 
 class Slices:
-    """The slices are drawn on a page, with what chooses them.
-
-    Parameters
-    ----------
-    page
-        Shows them.
-    volume
-        What is shown.
-
-    """
+    """Slices of a volume on a page, with their controls."""
 
     def __init__(self, page: Page, volume: Volume) -> None:
         self._volume, self._scene = volume, page.server.scene
@@ -175,7 +155,7 @@ class Slices:
         self.draw()
 
     def draw(self, only: int | None = None) -> None:
-        """Draw the slices, or only that of an axis."""
+        """Draw all slices, or only that of one axis."""
         volume, name = self._volume, self._name.value
         self._legend.content = legend(name, volume.scale(name))
         step = min(float(own[1] - own[0]) for own in volume.axes_m)
@@ -193,9 +173,9 @@ class Slices:
 
 
 def run(page: Page, parameters: Any, volume: Volume, title: str) -> None:
-    """Show a volume around a robot at its home until a signal asks for the end."""
+    """Show a volume around a robot at its home position until a signal ends it."""
     over = interrupts.Flag()
-    page.stand_still()
+    page.hide_motion()
     Slices(page, volume)
     page.open()
     instant = Instant(0.0, kinematics.inverse(np.array(parameters.motion.home_m), parameters))

@@ -17,6 +17,7 @@ CAMERA = {'at_mm': 200, 'length_mm': 200, 'every_mm': 120}
 BELTS = axes_of(around([speed_of(0.4)], 3, camera=CAMERA))
 READING = BeltReading(1234, (1200, 1180), (Sighted('bar', 0.2, 0.01, 0.3, 1111),), 7)
 SESSION = 'a1b2'
+OUT_OF_RANGE = 'telegram contains a value that is out of range or not a number'
 
 
 class Receiver:
@@ -71,23 +72,23 @@ def without_parts(**changed):
     [
         (message(frame='ffff'), "a message of belts belongs to session 'ffff', but this one is a1b2"),
         (without_parts(frame='ffff'), "a message of belts belongs to session 'ffff', but this one is a1b2"),
-        (message(name=['belt']), "a telegram names ['belt'], expected ['line']"),
-        (message(name=[]), "a telegram names [], expected ['line']"),
-        (message(position=[1.0, 2.0]), "a telegram names ['line'], expected ['line']"),
+        (message(name=['belt']), "telegram names ['belt'], expected ['line']"),
+        (message(name=[]), "telegram names [], expected ['line']"),
+        (message(position=[1.0, 2.0]), "telegram names ['line'], expected ['line']"),
         (message(effort=[0.0] * 5), 'a telegram names'),
-        (message(effort=[0.0, 1.0, 5.0, 0.0, 0.0, 0.0]), 'a part is of type 1 on belt 0'),
-        (message(effort=[1.0, 0.0, 5.0, 0.0, 0.0, 0.0]), 'a part is of type 0 on belt 1'),
-        (message(effort=[-1.0, 0.0, 5.0, 0.0, 0.0, 0.0]), 'a part is of type 0 on belt -1'),
-        (message(effort=[0.0, math.nan, 5.0, 0.0, 0.0, 0.0]), 'a number is out of its range, or none'),
-        (message(effort=[0.0, 0.0, math.inf, 0.0, 0.0, 0.0]), 'a number is out of its range, or none'),
-        (message(position=[1e300]), 'a number is out of its range, or none'),
-        (without_parts(position=[math.nan]), 'out of its range'),
-        (without_parts(velocity=[1e300]), 'out of its range'),
+        (message(effort=[0.0, 1.0, 5.0, 0.0, 0.0, 0.0]), 'part has invalid type 1 on belt 0'),
+        (message(effort=[1.0, 0.0, 5.0, 0.0, 0.0, 0.0]), 'part has invalid type 0 on belt 1'),
+        (message(effort=[-1.0, 0.0, 5.0, 0.0, 0.0, 0.0]), 'part has invalid type 0 on belt -1'),
+        (message(effort=[0.0, math.nan, 5.0, 0.0, 0.0, 0.0]), OUT_OF_RANGE),
+        (message(effort=[0.0, 0.0, math.inf, 0.0, 0.0, 0.0]), OUT_OF_RANGE),
+        (message(position=[1e300]), OUT_OF_RANGE),
+        (without_parts(position=[math.nan]), 'out of range'),
+        (without_parts(velocity=[1e300]), 'out of range'),
         (message(stamp=(1, 500)), 'is not a multiple of'),
         (without_parts(stamp=(1, 500)), 'is not a multiple of'),
-        (b'', 'a telegram is no JointState'),
-        (b'\0' * 40, 'a telegram names []'),
-        (message()[:-9], 'a telegram is no JointState'),
+        (b'', 'telegram is not a valid JointState'),
+        (b'\0' * 40, 'telegram names []'),
+        (message()[:-9], 'telegram is not a valid JointState'),
         (message().replace(b'a1b2', b'\xff\xfe\xfd\xfc'), 'belts: '),
     ],
 )

@@ -75,7 +75,7 @@ def looked(graph: Any, reader: CellReader, condition: Any, what: str) -> None:
 
     def known() -> Any:
         reader.read()
-        reader.look()
+        reader.update_inputs()
         return condition()
 
     graph.spin_until(known, what)
@@ -150,7 +150,7 @@ def test_what_strangers_tell_of_a_cell_does_not_count(graph: Any, plant: Plant, 
         plant.inputs.publish(message)
         graph.spin_for(0.02)
         reader.read()
-        reader.look()
+        reader.update_inputs()
     plant.parts.publish(parts(1))
     looked(graph, reader, lambda: numbers(reader) == [0, 1], 'the next part')
     found = reader.at(0.0, TCP)

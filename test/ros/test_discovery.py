@@ -155,10 +155,10 @@ def test_peers_are_looked_for_and_listened_to_where_they_are_reached_and_nowhere
     [
         (
             'no such host',
-            "ROS_STATIC_PEERS names 'no such host', which is no machine that has an IPv4 address",
+            "ROS_STATIC_PEERS names 'no such host', which has no IPv4 address",
         ),
-        (';'.join(f'192.0.2.{n}' for n in range(17)), 'names 17 machines, at most 16 are possible'),
-        ('x' * 300, 'which is no machine that has an IPv4 address'),
+        (';'.join(f'192.0.2.{n}' for n in range(17)), 'names 17 machines, the limit is 16'),
+        ('x' * 300, 'which has no IPv4 address'),
     ],
 )
 def test_a_peer_that_is_none_is_refused_in_one_sentence(peers, sentence, alone, monkeypatch):
@@ -177,9 +177,7 @@ def test_a_folder_that_others_can_write_takes_no_profile(alone, monkeypatch):
     folder.mkdir(parents=True, mode=0o700)
     folder.chmod(0o777)
     monkeypatch.setenv(discovery.PEERS, '127.0.0.1')
-    with pytest.raises(
-        RunError, match=f'no folder for the network can be used: {folder}: other users can write'
-    ):
+    with pytest.raises(RunError, match=f'no usable folder for the network: {folder}: other users can write'):
         discovery.keep_to_this_machine()
 
 
@@ -204,7 +202,7 @@ def test_the_deprecated_variable_is_removed_with_a_warning(value, reach, alone, 
     assert not discovery.exposure()
     ignored = '; so is ROS_AUTOMATIC_DISCOVERY_RANGE; so is ROS_STATIC_PEERS' if reach else ''
     assert capfd.readouterr().err == (
-        'warning: ROS_LOCALHOST_ONLY is deprecated and ignored, as a robot keeps to this machine by itself'
+        'warning: ROS_LOCALHOST_ONLY is deprecated and ignored: a robot is restricted to this machine by default'
         f'{ignored}\n'
     )
 
@@ -223,7 +221,7 @@ def test_a_profile_of_ones_own_alone_says_where_the_robot_listens(name, alone, m
     own = alone / 'own.xml'
     monkeypatch.setenv(name, str(own))
     with pytest.raises(
-        RunError, match=r'^FASTRTPS_DEFAULT_PROFILES_FILE names [^,]*, which is not a file that can be read$'
+        RunError, match=r'^FASTRTPS_DEFAULT_PROFILES_FILE names [^,]*, which is not a readable file$'
     ):
         discovery.keep_to_this_machine()
     own.write_text(discovery.profile_text([], []), encoding='utf-8')
@@ -272,6 +270,4 @@ def test_a_node_says_in_one_sentence_that_its_peer_is_none(tmp_path):
         check=False,
         timeout=120,
     )
-    assert (
-        done.stderr == "error: ROS_STATIC_PEERS names '???', which is no machine that has an IPv4 address\n"
-    )
+    assert done.stderr == "error: ROS_STATIC_PEERS names '???', which has no IPv4 address\n"

@@ -78,7 +78,7 @@ LINE = message((1.0, still(0.1)))
 @pytest.mark.parametrize(
     ('bad', 'reason'),
     [
-        (goal_of(JointTrajectory()), 'the trajectory has no points; who wants to stop cancels the goal'),
+        (goal_of(JointTrajectory()), 'the trajectory has no points; to stop, cancel the goal'),
         (goal_of(message((1.0, {'positions': [0, 0]}))), 'point 1: positions has 2 values'),
         (goal_of(LINE, path=[tolerance('axis1', -2.0)]), 'path_tolerance of axis1 is -2, but must be above 0, 0 (the '),
         (goal_of(LINE, goal=[tolerance('axis1', np.nan)]), 'goal_tolerance of axis1 is nan'),

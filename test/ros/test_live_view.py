@@ -12,7 +12,7 @@ from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.ros import live_view, page_wishes, present_robot
 from delta3_pacdrive.ros.live_view import LiveView
-from delta3_pacdrive.view.values import Facts, Wish
+from delta3_pacdrive.view.values import Facts, UiCommand
 
 OVER_S = 600.0  # long after every fact here
 STEP_S = 0.01  # of the clock
@@ -47,17 +47,17 @@ class Cell:
         self.told: list[tuple[str, bool]] = []
         self.slider = 0  # how often it was put back
         # the page
-        self.wishes: deque[Wish] = deque()
+        self.commands: deque[UiCommand] = deque()
         self.watched, self.controls = True, SimpleNamespace(show_override=self._put_back)
         # the robot, and what is known of it
-        self.operator, self.parameters, self.here = self, parameters, True
+        self.operator, self.parameters, self.available = self, parameters, True
         self.planned = SimpleNamespace(points_m=np.empty((0, 3)), changes=0)
         self.cell = SimpleNamespace(now=SimpleNamespace(things=(), changes=0))
         self.stood: list[Any] = []  # what the page was told to draw around the robot
         self.state, self.in_control, self.queue = 'idle', False, SimpleNamespace(moves=0)
         self.progress_s, self.rejoins, self.publishers, self.silent = 0.0, False, 1, False
         self.states = deque([self.state], ON_ITS_WAY_STEPS)
-        self._tell_progress()
+        self._publish_progress()
         self.view = LiveView(self, self, self)
 
     def _put_back(self) -> None:
@@ -67,7 +67,7 @@ class Cell:
         self.due.append((time_s, does))
 
     def click(self, time_s: float, action: str, text: str = '') -> None:
-        self.at(time_s, lambda: self.wishes.append(Wish(action, text, time_s=time_s)))
+        self.at(time_s, lambda: self.commands.append(UiCommand(action, text, time_s=time_s)))
 
     def hold(self, start_s: float, end_s: float, direction: str = '+x') -> None:
         self.at(start_s, lambda: setattr(self, 'held', direction))
@@ -88,33 +88,33 @@ class Cell:
             self.now += STEP_S
             self.states.append(self.state)
             if round(self.now / STEP_S) % TOLD_STEPS == 0:
-                self._tell_progress()
+                self._publish_progress()
             assert self.now < OVER_S, 'the view does not end'
             for planned in [item for item in self.due if item[0] <= self.now]:
                 self.due.remove(planned)
                 planned[1]()
             if self.held:
-                self.wishes.append(Wish('press', f'{self.held} 50', time_s=self.now))
+                self.commands.append(UiCommand('press', f'{self.held} 50', time_s=self.now))
 
     def rejoin(self) -> None:
         self.rejoins = True
 
     # page
 
-    def tell(self, sentence: str, refused: bool = False) -> None:
+    def report(self, sentence: str, refused: bool = False) -> None:
         self.told.append((sentence, refused))
 
-    tell_of_scope = tell
+    report_scope = report
 
     def show(self, _: Any) -> None:
         pass
 
     plan = read = use = show
 
-    def forget(self) -> None:
+    def clear_history(self) -> None:
         pass
 
-    def stand(self, things: Any) -> None:
+    def show_cell(self, things: Any) -> None:
         self.stood.append(things)
 
     # what is known of the robot
@@ -122,13 +122,13 @@ class Cell:
     def count_publishers(self, _: str) -> int:
         return self.publishers
 
-    def _tell_progress(self) -> None:
+    def _publish_progress(self) -> None:
         if self.silent:
             return
         self.progress_s = self.now
         self.progress = {'session': 'a', 'tcp_m': [0.0, 0.0, -0.75], 'state': self.states[0]}
 
-    def learn(self) -> bool:
+    def update_parameters(self) -> bool:
         return False
 
     def instant(self) -> None:
@@ -442,7 +442,9 @@ def test_a_page_that_does_not_hear_its_robot_any_more_joins_anew_and_asks_nothin
     cell.run(OVER_S)
     assert cell.rejoins
     assert 25.0 < cell.now < 25.1
-    assert [sentence for sentence, _ in cell.told][-1].startswith('no word of transformation_task for 20 s')
+    assert [sentence for sentence, _ in cell.told][-1].startswith(
+        'no message from transformation_task for 20 s'
+    )
 
 
 def test_a_page_that_joins_anew_goes_on_with_what_it_knows_of_the_robot(

@@ -356,7 +356,7 @@ def test_a_path_whose_pose_turns_the_plate_is_refused(cell: Cell) -> None:
     turned.poses[0].pose.orientation.x = 0.1
     publisher.publish(turned)
     cell.graph.spin_until(lambda: cell.answers, 'the answer')
-    assert cell.answers[-1].data == 'refused: poses[0] has an orientation, but the plate does not turn'
+    assert cell.answers[-1].data == 'refused: poses[0] has an orientation, but the plate cannot rotate'
 
 
 def test_progress_tells_state_move_master_and_remaining_time(cell: Cell) -> None:

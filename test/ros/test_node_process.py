@@ -99,7 +99,7 @@ class Deaf(RobotNode):
         self.now_s += 0.05
         if node_process.rejoins() == 2:
             self.partners.heard('master')
-        self.partners.look(('master',), self.now_s)
+        self.partners.update(('master',), self.now_s)
 
 factories = [Deaf] * int(sys.argv[1])
 raise SystemExit(node_process.run(factories, []))
@@ -117,8 +117,8 @@ def test_a_node_that_hears_nobody_joins_the_domain_anew_until_it_hears_its_partn
     assert (process.returncode, rest) == (0, '')
     assert len({identity for identity, _ in joined}) == 3
     assert [int(count) for _, count in joined] == [0, 1, 2]
-    assert errors.count('no word of master for 0.2 s') == 1
-    assert errors.count('no word of master for 0.4 s') == 1  # twice as long
+    assert errors.count('no message from master for 0.2 s') == 1
+    assert errors.count('no message from master for 0.4 s') == 1  # twice as long
 
 
 # asked to end in the moment in which it joins anew

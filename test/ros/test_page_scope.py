@@ -29,7 +29,7 @@ class Watching:
         )
         self.graph, self.oscilloscope = graph, PageScope(self, robot)  # type: ignore[arg-type]
 
-    def tell_of_scope(self, sentence: str, refused: bool = False) -> None:
+    def report_scope(self, sentence: str, refused: bool = False) -> None:
         self.told.append((sentence, refused))
 
     def begin(self, channels: str, **more: Any) -> None:
@@ -41,7 +41,7 @@ class Watching:
 
     def until(self, condition: Any, what: str) -> None:
         def looked() -> bool:
-            self.oscilloscope.look()
+            self.oscilloscope.update()
             return bool(condition())
 
         self.graph.spin_until(looked, what)
@@ -125,5 +125,5 @@ def test_without_a_robot_and_without_sense_it_says_so(
     page.begin('axis1.speed')
     sentence, refused = page.until_told('no drives with an oscilloscope within 0.3 s')
     assert refused
-    page.oscilloscope.look()
+    page.oscilloscope.update()
     assert page.told[-1][0] == sentence  # once

@@ -78,51 +78,51 @@ def beat(graph: Graph, session: str, planner: str = 'planner') -> None:
 
 def test_a_robot_that_is_alone_is_believed_at_once(clock: Clock) -> None:
     present = PresentRobot(Graph('transformation_task'))
-    assert present.takes(report(LIVE))
+    assert present.accepts(report(LIVE))
     assert present.session == LIVE
 
 
 def test_a_recording_that_is_heard_first_waits_for_the_heartbeat_of_the_planner(clock: Clock) -> None:
     graph = Graph('transformation_task', 'rosbag2_player')
     present = PresentRobot(graph)
-    assert not present.takes(report(PLAYED))
-    assert not present.takes(report(LIVE))
+    assert not present.accepts(report(PLAYED))
+    assert not present.accepts(report(LIVE))
     beat(graph, LIVE)
-    assert not present.takes(report(PLAYED))
-    assert present.takes(report(LIVE))
+    assert not present.accepts(report(PLAYED))
+    assert present.accepts(report(LIVE))
 
 
 def test_a_recording_without_a_robot_is_taken_after_a_second(clock: Clock) -> None:
     present = PresentRobot(Graph('rosbag2_player'))
     clock.now_s += MASTER_SILENT_S - 1e-6
-    assert not present.takes(report(PLAYED))
+    assert not present.accepts(report(PLAYED))
     clock.now_s += 2e-6
-    assert present.takes(report(PLAYED))
+    assert present.accepts(report(PLAYED))
 
 
 def test_the_session_that_was_heard_first_counts_without_heartbeats_until_it_is_silent(clock: Clock) -> None:
     graph = Graph('transformation_task')
     present = PresentRobot(graph)
-    assert present.takes(report(LIVE))
+    assert present.accepts(report(LIVE))
     graph.writers = ('transformation_task', 'rosbag2_player')
     clock.now_s += MASTER_SILENT_S - 1e-6
-    assert not present.takes(report(PLAYED))
-    assert present.takes(report(LIVE))
+    assert not present.accepts(report(PLAYED))
+    assert present.accepts(report(LIVE))
     clock.now_s += MASTER_SILENT_S + 1e-6
-    assert not present.takes(report(PLAYED))  # the client itself may have been held up
+    assert not present.accepts(report(PLAYED))  # the client itself may have been held up
     clock.now_s += MASTER_SILENT_S
-    assert present.takes(report(PLAYED))
+    assert present.accepts(report(PLAYED))
 
 
 def test_a_client_that_was_held_up_goes_on_with_the_robot_and_not_with_the_recording(clock: Clock) -> None:
     graph = Graph('transformation_task', 'rosbag2_player')
     present = PresentRobot(graph)
     beat(graph, LIVE)
-    assert present.takes(report(LIVE))
+    assert present.accepts(report(LIVE))
     clock.now_s += 10.0
-    assert not present.takes(report(PLAYED))
+    assert not present.accepts(report(PLAYED))
     beat(graph, LIVE)
-    assert present.takes(report(LIVE))
+    assert present.accepts(report(LIVE))
 
 
 @pytest.mark.parametrize('first', [LIVE, PLAYED])
@@ -133,16 +133,16 @@ def test_heartbeats_in_a_bag_do_not_count_whichever_comes_first(clock: Clock, fi
     beats = {LIVE: 'planner', PLAYED: 'recorded'}
     for session in (first, LIVE, PLAYED):
         beat(graph, session, beats[session])
-        assert not present.takes(report(PLAYED))
-    assert present.takes(report(LIVE))
+        assert not present.accepts(report(PLAYED))
+    assert present.accepts(report(LIVE))
     clock.now_s += MASTER_SILENT_S - 1e-6
     beat(graph, PLAYED, 'recorded')
     beat(graph, LIVE)
     assert present.is_planner('planner')
     assert not present.is_planner('recorded')
     clock.now_s += MASTER_SILENT_S - 1e-6
-    assert not present.takes(report(PLAYED))
-    assert present.takes(report(LIVE))
+    assert not present.accepts(report(PLAYED))
+    assert present.accepts(report(LIVE))
 
 
 def test_the_planner_that_is_known_counts_before_another_one_until_it_is_silent(clock: Clock) -> None:
@@ -161,11 +161,11 @@ def test_a_new_session_of_the_robot_counts_as_soon_as_its_planner_is_in_it(clock
     graph = Graph('transformation_task', 'rosbag2_player')
     present = PresentRobot(graph)
     beat(graph, LIVE)
-    assert present.takes(report(LIVE, 7000))
+    assert present.accepts(report(LIVE, 7000))
     beat(graph, 'cccc')
-    assert present.takes(report('cccc', 0, 'CP1'))
-    assert not present.takes(report(LIVE, 7001))
-    assert not present.takes(report(PLAYED))
+    assert present.accepts(report('cccc', 0, 'CP1'))
+    assert not present.accepts(report(LIVE, 7001))
+    assert not present.accepts(report(PLAYED))
 
 
 def test_heartbeats_of_another_planner_and_of_none_count_only_if_the_known_one_is_silent(
@@ -178,21 +178,21 @@ def test_heartbeats_of_another_planner_and_of_none_count_only_if_the_known_one_i
     beat(graph, PLAYED, 'recorded')
     beat(graph, '0000')
     graph.heartbeat(Header(frame_id=''))
-    assert present.takes(report(LIVE))
+    assert present.accepts(report(LIVE))
     assert (present.is_planner('planner'), present.is_planner('recorded')) == (True, False)
     clock.now_s += MASTER_SILENT_S + 1e-6
     assert present.is_planner('recorded')
     beat(graph, PLAYED, 'recorded')
-    assert present.takes(report(PLAYED))
+    assert present.accepts(report(PLAYED))
 
 
 def test_the_recording_of_this_very_session_does_not_turn_bus_time_back(clock: Clock) -> None:
     present = PresentRobot(Graph('transformation_task'))
-    assert present.takes(report(LIVE, 9000, 'CP1'))  # of the session before
-    assert present.takes(report(LIVE, 0))
-    assert present.takes(report(LIVE, 400))
-    assert not present.takes(report(LIVE, 399))
-    assert present.takes(report(LIVE, 400))
+    assert present.accepts(report(LIVE, 9000, 'CP1'))  # of the session before
+    assert present.accepts(report(LIVE, 0))
+    assert present.accepts(report(LIVE, 400))
+    assert not present.accepts(report(LIVE, 399))
+    assert present.accepts(report(LIVE, 400))
 
 
 def test_a_state_that_came_before_the_robot_was_known_to_be_alone_is_taken_from_the_next_report(
@@ -270,13 +270,13 @@ def test_a_client_joins_anew_if_a_robot_is_up_but_not_heard(clock: Clock, was_he
         watch.heard()
         graph.writers = ()
     for _ in range(201):
-        watch.look()
+        watch.update()
         assert not process.rejoins
         clock.now_s += 0.1
-    watch.look()
-    watch.look()
+    watch.update()
+    watch.update()
     assert process.rejoins
-    assert said == ['no word of transformation_task for 20 s: leaves the domain and joins it anew']
+    assert said == ['no message from transformation_task for 20 s: rejoining the domain']
 
 
 def test_a_client_waits_for_a_robot_in_peace_and_does_not_leave_one_that_it_hears(clock: Clock) -> None:
@@ -284,7 +284,7 @@ def test_a_client_waits_for_a_robot_in_peace_and_does_not_leave_one_that_it_hear
     waiting, hearing = (RobotWatch(graph, print, 0.1, process) for _ in range(2))
     for _ in range(1000):
         hearing.heard()
-        hearing.look()
-        waiting.look()
+        hearing.update()
+        waiting.update()
         clock.now_s += 0.1
     assert not process.rejoins

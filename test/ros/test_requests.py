@@ -219,8 +219,8 @@ def test_a_request_that_is_not_waited_for_leaves_no_moves(cause: type[BaseExcept
     [
         ('unit_robot', 'withdrawn', ''),
         ('unit_robot', 'refused', '; its moves are driven'),
-        ('unit_robot', '', '; "start" may still be carried out, as its withdrawal was not answered either'),
-        ('control', '', '; "enable" may still be carried out'),
+        ('unit_robot', '', '; "start" may still be executed: its withdrawal was not confirmed'),
+        ('control', '', '; "enable" may still be executed'),
     ],
 )
 def test_the_error_of_a_request_without_an_answer_says_whether_it_may_still_be_carried_out(

@@ -22,7 +22,7 @@ from delta3_pacdrive.ros.numbers import numbers
 from delta3_pacdrive.ros.qos import PLAN_WRITER, REPORT
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_reader import RobotReader
-from delta3_pacdrive.ros.told_parameters import TELL_PARAMETERS, ToldParameters
+from delta3_pacdrive.ros.told_parameters import SOURCES, RemoteParameters
 from delta3_pacdrive.sercos import telegrams
 from delta3_pacdrive.sercos.configuration_check import DRIVES
 from planner_client import progress_text
@@ -118,7 +118,7 @@ def test_diagnostics_of_strangers_are_not_believed(graph: Any, reader: RobotRead
 
     def drive() -> Any:
         told.publish(progress())
-        return reader.facts().drives[0] if reader.here else None
+        return reader.facts().drives[0] if reader.available else None
 
     graph.spin_until(lambda: (found := drive()) and found.state == 'ENABLED', 'the drive itself')
     assert drive().warnings == ('hot',)
@@ -131,11 +131,11 @@ def test_numbers_that_no_robot_has_end_no_page(graph: Any, reader: RobotReader) 
         told.publish(progress(cycles=value))
         told.publish(progress(tcp_m=[10**400, 0.0, 0.0]))
         graph.spin_for(0.05)
-    assert not reader.here
+    assert not reader.available
 
     def here() -> bool:
         told.publish(progress(cycles=17, payload_kg=1e9, outputs=-1))
-        return reader.here
+        return reader.available
 
     graph.spin_until(here, 'a report')
     facts = reader.facts()
@@ -153,7 +153,7 @@ def test_plans_that_are_none_leave_the_path_as_it_was(graph: Any, reader: RobotR
 
     def here() -> bool:
         told.publish(progress())
-        return reader.here
+        return reader.available
 
     graph.spin_until(here, 'a report')
     assert len(reader.planned.points_m) == 0
@@ -167,7 +167,7 @@ def test_parameters_of_strangers_are_not_believed(graph: Any, reader: RobotReade
         response.values = [ParameterValue(type=NOT_KNOWN)] * len(request.names)
         return response
 
-    for node in TELL_PARAMETERS:
+    for node in SOURCES:
         graph.listener.create_service(GetParameters, f'{node}/get_parameters', answer)
     told = graph.listener.create_publisher(String, 'motion/progress', REPORT)
     graph.spin_until(told.get_subscription_count, 'the reader')
@@ -175,8 +175,8 @@ def test_parameters_of_strangers_are_not_believed(graph: Any, reader: RobotReade
 
     def look() -> bool:
         told.publish(progress())
-        learned.append(reader.learn())
-        return len(asked) == len(TELL_PARAMETERS) and len(learned) > 20
+        learned.append(reader.update_parameters())
+        return len(asked) == len(SOURCES) and len(learned) > 20
 
     graph.spin_until(look, 'the answers')
     assert not any(learned)
@@ -220,10 +220,10 @@ def test_the_tcp_error_and_the_overload_are_those_that_the_robot_publishes(
 
 def test_a_robot_is_given_more_time_for_an_answer_each_time_that_it_is_asked(graph: Any) -> None:
     """A busy one that needs longer than a fixed time for each would never be heard."""
-    told = ToldParameters(graph.listener)
-    assert not told.ask_until_told(0.0)  # nobody is there
+    told = RemoteParameters(graph.listener)
+    assert not told.ask_until_received(0.0)  # nobody is there
     graph.robot(('plant', '1', 'task'))
     graph.spin_until(lambda: told.ready, 'all that tell them')
-    asked = [time_s for time_s in range(100) if told.ask_until_told(float(time_s))]
+    asked = [time_s for time_s in range(100) if told.ask_until_received(float(time_s))]
     assert asked == [0, 2, 6, 14, 30, 62]
     graph.spin_until(told.take, 'the answer')

@@ -110,7 +110,7 @@ def test_a_second_oscilloscope_is_refused_by_the_name_of_the_first_until_that_pa
     with pytest.raises(ProgramError, match=r'^the oscilloscope of axis1 is in use by process \d+ on '):
         Scope(graph, ['axis1.current', 'axis2.current']).record()
     assert len(Scope(graph, ['axis3.current']).record().values) == 1600  # another drive has its own
-    first.client.part()
+    first.client.disarm()
     assert len(Scope(graph, ['axis1.current']).record().values) == 1600
 
 
@@ -139,7 +139,7 @@ def test_a_trigger_that_never_comes_and_a_robot_that_ends_are_told(
     acquisition = scope.client.arm(PATIENCE_S)
     graph.remove(next(node for node in graph.nodes if isinstance(node, MC4DriveNode)))
     with pytest.raises(
-        RunError, match=r'^axis1 has told nothing for 0\.5 s while a fault of a drive was awaited'
+        RunError, match=r'^axis1 has sent no samples for 0\.5 s while a fault of a drive was awaited'
     ):
         scope.client.follow(acquisition, PATIENCE_S)
 

@@ -133,12 +133,12 @@ def test_of_two_robots_that_begin_at_once_the_first_by_name_publishes_the_clock(
     clocks: list[Any] = []
     outputs: list[Any] = [ClockOutput(Named(name, clocks)) for name in names]  # type: ignore[arg-type]
     for output in outputs:
-        output.look()
+        output.update()
     for output in outputs:
-        output.tell((1, 0))
+        output.publish((1, 0))
     assert [one.node_namespace for one in clocks] == list(names)
     for _ in range(3):
         for output in outputs:
-            output.look()
+            output.update()
         assert [one.node_namespace for one in clocks] == ['/robot1']
         assert [output.wanted for output in outputs] == [name == '/robot1' for name in names]

@@ -17,15 +17,15 @@ from delta3_pacdrive.view.controls import PROGRAM_BYTES_MAX, Controls
 from delta3_pacdrive.view.jog import DIRECTIONS
 from delta3_pacdrive.view.playback import Player
 from delta3_pacdrive.view.scope_panel import ScopePanel, setting_of
-from delta3_pacdrive.view.values import Facts, InputFacts, Wish
+from delta3_pacdrive.view.values import Facts, InputFacts, UiCommand
 from gui_stand_in import Gui
 
 
 @pytest.fixture
 def panel():
     """Return controls of a robot without a rotary axis, what stands on them, and what was asked for."""
-    gui, wishes = Gui(), []
-    return SimpleNamespace(controls=Controls(gui, wishes.append, DRIVES), gui=gui, wishes=wishes)
+    gui, commands = Gui(), []
+    return SimpleNamespace(controls=Controls(gui, commands.append, DRIVES), gui=gui, commands=commands)
 
 
 class File(NamedTuple):
@@ -49,18 +49,18 @@ ASKED = {
     ('Clear the queue', None): ('clear', ''),
     ('override %', 37): ('override', '37.0'),
     ('Teach this point', None): ('teach', 'p1'),
-    ('Forget all points', None): ('forget', ''),
+    ('Delete all points', None): ('forget', ''),
     ('End injected faults', None): ('inject', '{"fault": "clear"}'),
     **{('one step', way): ('step', f'{way} 10 50') for way in DIRECTIONS},
 }
 
 
 @pytest.mark.parametrize('by_force', [False, True])
-@pytest.mark.parametrize(('name', 'value', 'wish'), [(*key, wish) for key, wish in ASKED.items()])
-def test_each_button_asks_for_what_it_says(name, value, wish, by_force, panel):
+@pytest.mark.parametrize(('name', 'value', 'command'), [(*key, command) for key, command in ASKED.items()])
+def test_each_button_asks_for_what_it_says(name, value, command, by_force, panel):
     panel.gui['take control over'].value = by_force
     panel.gui[name].use(value)
-    assert panel.wishes == [Wish(*wish, by_force)]
+    assert panel.commands == [UiCommand(*command, by_force)]
 
 
 # what a button asks for depends on these
@@ -72,11 +72,11 @@ FIELDS = {
 }
 
 
-@pytest.mark.parametrize(('field', 'button', 'wish'), [(key, *value) for key, value in FIELDS.items()])
-def test_each_field_is_part_of_what_a_button_asks_for(field, button, wish, panel):
+@pytest.mark.parametrize(('field', 'button', 'command'), [(key, *value) for key, value in FIELDS.items()])
+def test_each_field_is_part_of_what_a_button_asks_for(field, button, command, panel):
     panel.gui[field[0]].use(field[1])
     panel.gui[button].use('+x' if button == 'one step' else None)
-    assert panel.wishes == [Wish(*wish)]
+    assert panel.commands == [UiCommand(*command)]
 
 
 @pytest.mark.parametrize('direction', DIRECTIONS)
@@ -84,7 +84,7 @@ def test_a_button_that_is_held_asks_for_its_direction_at_the_speed_of_the_slider
     panel.gui['speed mm/s'].value = 80
     (beat,) = panel.gui[f'hold {direction}'].use()
     asyncio.run(beat)
-    assert panel.wishes == [Wish('press', f'{direction} 80')]
+    assert panel.commands == [UiCommand('press', f'{direction} 80')]
 
 
 @pytest.mark.parametrize('kind', [name for name in KINDS if name != 'clear'])
@@ -107,7 +107,7 @@ def test_each_fault_is_injected_with_what_is_filled_in_for_it(kind, panel):
         expected[target] = gui['at'].options[1]
         assert gui['at'].options[1] == {'axis': 'axis2', 'node': 'transformation_task'}[target]
     gui['Inject the fault'].use()
-    assert json.loads(panel.wishes[-1].text) == expected
+    assert json.loads(panel.commands[-1].text) == expected
     assert parse(expected, 'here').kind == kind
     names = {'axis': 'at', 'node': 'at', about.value: 'value', 'cycles': 'cycles', 'for_s': 'lasts s'}
     assert shown == {names[key] for key in expected if key != 'fault'}
@@ -117,7 +117,7 @@ def test_a_fault_that_lasts_for_ever_has_no_end(panel):
     panel.gui['fault'].use('brake_stuck')
     panel.gui['lasts s'].use(0.0)
     panel.gui['Inject the fault'].use()
-    assert json.loads(panel.wishes[-1].text) == {'fault': 'brake_stuck', 'axis': 'axis1'}
+    assert json.loads(panel.commands[-1].text) == {'fault': 'brake_stuck', 'axis': 'axis1'}
 
 
 def test_faults_are_offered_for_the_drives_that_the_robot_has(panel):
@@ -131,28 +131,28 @@ def test_faults_are_offered_for_the_drives_that_the_robot_has(panel):
     assert target.options == ('unit_robot', 'transformation_task', *DRIVES, 'plant', 'axis4')
     target.value = 'axis4'
     panel.gui['Inject the fault'].use()
-    assert json.loads(panel.wishes[-1].text) == {'fault': 'kill', 'node': 'axis4'}
+    assert json.loads(panel.commands[-1].text) == {'fault': 'kill', 'node': 'axis4'}
 
 
 @pytest.mark.parametrize(('word', 'value'), [('on', True), ('off', False), ('auto', 'auto')])
 def test_each_button_of_an_input_sets_it(word, value, panel):
     panel.controls.show(Facts(state='idle', inputs=(InputFacts('door', True, False),)))
     panel.gui['set to'].use(word)
-    assert json.loads(panel.wishes[-1].text) == {'name': 'door', 'value': value}
+    assert json.loads(panel.commands[-1].text) == {'name': 'door', 'value': value}
 
 
 def test_the_slider_of_the_override_follows_the_robot_and_asks_for_nothing(panel):
     panel.controls.show(Facts(state='idle', override=0.3))
     assert panel.gui['override %'].value == 30
-    assert panel.wishes == []
+    assert panel.commands == []
 
 
 @pytest.mark.parametrize(('content', 'why'), [(b'x' * (PROGRAM_BYTES_MAX + 1), 'limit'), (b'\xff', 'UTF-8')])
 def test_a_file_that_is_too_long_or_no_text_is_not_loaded(content, why, panel):
     told = []
-    panel.controls.tell = lambda sentence, refused: told.append((sentence, refused))
+    panel.controls.report = lambda sentence, refused: told.append((sentence, refused))
     panel.gui['Load a file ...'].use(File('a.yaml', content))
-    assert panel.wishes == []
+    assert panel.commands == []
     ((sentence, refused),) = told
     assert why in sentence
     assert refused
@@ -182,15 +182,15 @@ SCOPE = {
 
 @pytest.fixture
 def scope():
-    gui, wishes = Gui(), []
-    ScopePanel(gui, wishes.append, DRIVES)
-    return SimpleNamespace(gui=gui, wishes=wishes)
+    gui, commands = Gui(), []
+    ScopePanel(gui, commands.append, DRIVES)
+    return SimpleNamespace(gui=gui, commands=commands)
 
 
 def recorded(scope):
     scope.gui['Record'].use()
-    assert scope.wishes[-1].action == 'scope'
-    return json.loads(scope.wishes[-1].text)
+    assert scope.commands[-1].action == 'scope'
+    return json.loads(scope.commands[-1].text)
 
 
 @pytest.mark.parametrize('field', SCOPE, ids=lambda field: field[0])
@@ -216,7 +216,7 @@ def test_the_channel_that_is_added_is_that_of_the_drive_and_the_list(scope, robo
 
 def test_a_recording_is_ended_by_its_button_and_everything_of_the_oscilloscope_is_used(scope):
     scope.gui['End recording'].use()
-    assert scope.wishes == [Wish('end_scope')]
+    assert scope.commands == [UiCommand('end_scope')]
     buttons = {'drive', 'channel', 'Add this channel', 'Record', 'End recording'}
     assert set(scope.gui.things) == {name for name, _ in SCOPE} | buttons
 
@@ -266,12 +266,12 @@ def test_a_player_plays_at_the_speed_that_is_chosen(word, player):
 
 def test_a_player_plays_again_and_again_unless_it_is_told_not_to(player):
     assert player[0].clock.again
-    assert not pressed(player, 'again and again', False).again
+    assert not pressed(player, 'repeat', False).again
 
 
 def test_play_begins_and_everything_of_a_player_is_used(player):
     assert pressed(player, 'play', 'Play').playing
-    assert set(player[1].things) == {'time s', 'play', 'speed', 'again and again'}
+    assert set(player[1].things) == {'time s', 'play', 'speed', 'repeat'}
 
 
 def test_the_slider_of_a_player_goes_to_its_time(player):

@@ -9,29 +9,29 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.view.jog import (
-    BEATS_HZ,
     DIRECTIONS,
     EDGE_M,
+    HEARTBEAT_HZ,
     SILENT_S,
     STOP_AGAIN_S,
     TRANSITIONS,
     Jog,
+    JogAction,
     JogEvent,
     JogState,
-    Turn,
     edge,
     parse,
 )
 
-BEAT_S = 1.0 / BEATS_HZ
+BEAT_S = 1.0 / HEARTBEAT_HZ
 
 
 def hold(jog, direction, start_s, seconds):
     """Hold a button for a time; return what every look said, and the time of the last beat."""
     turns, now = [], start_s
     while now < start_s + seconds:
-        jog.beat(direction, now)
-        turns.append(jog.look(now))
+        jog.heartbeat(direction, now)
+        turns.append(jog.update(now))
         now += BEAT_S
     return turns, now - BEAT_S
 
@@ -40,7 +40,7 @@ def moving(direction='+x'):
     """Return a jog that moves the robot, its button held until 0."""
     jog = Jog()
     hold(jog, direction, -0.1, 0.1)
-    jog.beat(direction, 0.0)
+    jog.heartbeat(direction, 0.0)
     assert jog.start(jog.number)
     jog.accepted(jog.number)
     assert jog.state is JogState.MOVING
@@ -50,45 +50,45 @@ def moving(direction='+x'):
 def test_a_button_is_pressed_once_however_long_it_is_held():
     jog = Jog()
     turns, _ = hold(jog, '+x', 10.0, 2.0)
-    assert turns[0] is Turn.SET_OFF
-    assert set(turns[1:]) == {Turn.NOTHING}
+    assert turns[0] is JogAction.START
+    assert set(turns[1:]) == {JogAction.NOTHING}
     assert (jog.direction, jog.number) == ('+x', 1)
 
 
 def test_silence_stops_what_was_set_off():
     jog = moving('-z')
-    assert jog.look(SILENT_S) is Turn.NOTHING
-    assert jog.look(SILENT_S + 0.01) is Turn.STOP
-    assert jog.look(SILENT_S + 0.02) is Turn.NOTHING  # it is asked for
+    assert jog.update(SILENT_S) is JogAction.NOTHING
+    assert jog.update(SILENT_S + 0.01) is JogAction.STOP
+    assert jog.update(SILENT_S + 0.02) is JogAction.NOTHING  # it is asked for
     jog.stopped(SILENT_S + 0.03)
-    assert jog.look(SILENT_S + 1.0) is Turn.NOTHING
+    assert jog.update(SILENT_S + 1.0) is JogAction.NOTHING
     assert jog.state is JogState.FREE
 
 
 def test_a_stop_that_nobody_answers_is_asked_for_again():
     jog = moving()
     for now in (1.0, 11.0, 21.0):
-        assert jog.look(now) is Turn.STOP
-        jog.unheard()
-    assert jog.look(31.0) is Turn.STOP
+        assert jog.update(now) is JogAction.STOP
+        jog.unconfirmed()
+    assert jog.update(31.0) is JogAction.STOP
     jog.stopped(31.1)
-    assert jog.look(32.0) is Turn.NOTHING
+    assert jog.update(32.0) is JogAction.NOTHING
 
 
 def test_nobody_has_pressed_a_button_that_never_beat():
-    assert Jog().look(123.0) is Turn.NOTHING
+    assert Jog().update(123.0) is JogAction.NOTHING
 
 
 def test_the_first_of_two_buttons_counts_until_it_is_released():
     jog = Jog()
-    jog.beat('+x', 0.0)
-    jog.beat('-y', 0.0)
-    assert jog.look(0.0) is Turn.SET_OFF
-    jog.beat('-y', 0.2)
+    jog.heartbeat('+x', 0.0)
+    jog.heartbeat('-y', 0.0)
+    assert jog.update(0.0) is JogAction.START
+    jog.heartbeat('-y', 0.2)
     assert jog.direction == '+x'
-    assert jog.look(0.3) is Turn.NOTHING
-    jog.beat('-y', 0.3)
-    assert jog.look(0.3) is Turn.SET_OFF
+    assert jog.update(0.3) is JogAction.NOTHING
+    jog.heartbeat('-y', 0.3)
+    assert jog.update(0.3) is JogAction.START
     assert jog.direction == '-y'
 
 
@@ -97,29 +97,29 @@ def test_what_was_refused_is_not_asked_for_again_before_the_button_was_let_go():
     hold(jog, '+x', 0.0, 0.1)
     jog.refused(jog.number)
     turns, last = hold(jog, '+x', 0.1, 1.0)
-    assert set(turns) == {Turn.NOTHING}
-    assert jog.look(last + 2 * SILENT_S) is Turn.NOTHING
-    assert hold(jog, '+x', last + 2 * SILENT_S, 0.1)[0][0] is Turn.SET_OFF
+    assert set(turns) == {JogAction.NOTHING}
+    assert jog.update(last + 2 * SILENT_S) is JogAction.NOTHING
+    assert hold(jog, '+x', last + 2 * SILENT_S, 0.1)[0][0] is JogAction.START
 
 
 def test_a_press_that_was_let_go_does_not_start_although_the_button_is_held_anew():
     jog = Jog()
     hold(jog, '+x', 0.0, 0.1)
     first = jog.number
-    assert jog.look(1.0) is Turn.NOTHING
-    assert hold(jog, '+x', 1.0, 0.1)[0][0] is Turn.SET_OFF
+    assert jog.update(1.0) is JogAction.NOTHING
+    assert hold(jog, '+x', 1.0, 0.1)[0][0] is JogAction.START
     assert not jog.start(first)
     jog.refused(first)
-    assert jog.wants(jog.number)
+    assert jog.is_pending(jog.number)
     assert jog.start(jog.number)
 
 
 def test_beats_with_a_pause_between_them_are_two_presses_however_late_somebody_looks():
     jog = moving()
-    jog.beat('+x', 2.0)
-    jog.beat('+x', 2.1)
+    jog.heartbeat('+x', 2.0)
+    jog.heartbeat('+x', 2.1)
     assert jog.state is JogState.STOPPING
-    assert jog.look(2.1) is Turn.STOP
+    assert jog.update(2.1) is JogAction.STOP
 
 
 def test_what_is_let_go_while_it_starts_is_stopped_until_the_start_is_answered_and_once_more_after_that():
@@ -128,14 +128,14 @@ def test_what_is_let_go_while_it_starts_is_stopped_until_the_start_is_answered_a
     assert jog.start(jog.number)
     now = 1.0
     for _ in range(3):
-        assert jog.look(now) is Turn.STOP
+        assert jog.update(now) is JogAction.STOP
         jog.stopped(now)  # refused: nothing moves yet
-        assert jog.look(now + 0.5 * STOP_AGAIN_S) is Turn.NOTHING
+        assert jog.update(now + 0.5 * STOP_AGAIN_S) is JogAction.NOTHING
         now += 1.01 * STOP_AGAIN_S
     jog.accepted(jog.number)
-    assert jog.look(now) is Turn.STOP
+    assert jog.update(now) is JogAction.STOP
     jog.stopped(now)
-    assert (jog.state, jog.look(now + 1.0)) == (JogState.FREE, Turn.NOTHING)
+    assert (jog.state, jog.update(now + 1.0)) == (JogState.FREE, JogAction.NOTHING)
 
 
 def test_a_start_that_nobody_answered_is_stopped_though_the_button_is_held():
@@ -143,17 +143,17 @@ def test_a_start_that_nobody_answered_is_stopped_though_the_button_is_held():
     _, last = hold(jog, '+x', 0.0, 0.1)
     assert jog.start(jog.number)
     jog.lost(jog.number)
-    assert jog.look(last) is Turn.STOP
+    assert jog.update(last) is JogAction.STOP
     jog.stopped(last)
-    assert set(hold(jog, '+x', last, 1.0)[0]) == {Turn.NOTHING}
+    assert set(hold(jog, '+x', last, 1.0)[0]) == {JogAction.NOTHING}
 
 
 def test_a_stop_of_somebody_else_gives_a_jog_up_for_good():
     jog = moving()
-    jog.drop()
-    assert jog.look(0.0) is Turn.STOP  # a jog that was held could be resumed
+    jog.cancel()
+    assert jog.update(0.0) is JogAction.STOP  # a jog that was held could be resumed
     jog.stopped(0.0)
-    assert set(hold(jog, '+x', 0.01, 1.0)[0]) == {Turn.NOTHING}
+    assert set(hold(jog, '+x', 0.01, 1.0)[0]) == {JogAction.NOTHING}
 
 
 AT = {  # how a jog gets into each state
@@ -176,10 +176,10 @@ class Bench:
         jog = self.jog
         self.now += 2.0 * SILENT_S
         if event is JogEvent.PRESS:
-            jog.beat('+x', self.now)
-            jog.look(self.now)
+            jog.heartbeat('+x', self.now)
+            jog.update(self.now)
         elif event is JogEvent.CANCEL:
-            jog.drop()
+            jog.cancel()
         elif event is JogEvent.SETTLE:
             jog.stopped(self.now)
         else:
@@ -226,11 +226,11 @@ def test_a_robot_never_moves_on_when_no_button_is_held_whatever_goes_wrong(steps
         while now < end:
             now += 0.01
             if held:
-                jog.beat('+x', now)
-            turn = jog.look(now)
-            if turn is Turn.STOP:
+                jog.heartbeat('+x', now)
+            turn = jog.update(now)
+            if turn is JogAction.STOP:
                 robot.stop_due, stop_lost = now + min(stop_s, 1.0), math.isinf(stop_s)
-            if robot.start_due == math.inf == robot.answer_due and jog.wants(jog.number):
+            if robot.start_due == math.inf == robot.answer_due and jog.is_pending(jog.number):
                 if refuse:
                     jog.refused(jog.number)
                 elif jog.start(jog.number):
@@ -242,7 +242,7 @@ def test_a_robot_never_moves_on_when_no_button_is_held_whatever_goes_wrong(steps
             if now >= robot.stop_due:
                 robot.stop_due = math.inf
                 if stop_lost:  # neither the stop nor its answer
-                    jog.unheard()
+                    jog.unconfirmed()
                 else:
                     robot.moves = False
                     jog.stopped(now)
@@ -252,7 +252,7 @@ def test_a_robot_never_moves_on_when_no_button_is_held_whatever_goes_wrong(steps
 
     for step, start_s, answer_s, stop_s in steps:
         if step == 'urgent':
-            jog.drop()
+            jog.cancel()
         if step == 'other refused':
             jog.refused(jog.number - 1)
         held = step in ('hold', 'refuse')
@@ -260,12 +260,12 @@ def test_a_robot_never_moves_on_when_no_button_is_held_whatever_goes_wrong(steps
     pass_time(10.0, False, 0.0, 0.01, 0.01)
     assert not robot.moves
     assert jog.state is JogState.FREE
-    assert hold(jog, '-y', now + 1.0, 0.1)[0][0] is Turn.SET_OFF
+    assert hold(jog, '-y', now + 1.0, 0.1)[0][0] is JogAction.START
 
 
 @pytest.mark.parametrize('text', ['', '+x', '+w 10', '+x ten', '+x nan', '+x inf', '+x -1', '+x 0', '+x 1 2'])
 def test_what_a_page_cannot_mean_is_refused(text):
-    with pytest.raises(ProgramError, match='is no direction'):
+    with pytest.raises(ProgramError, match='is not a direction'):
         parse(text, 1)
 
 
@@ -291,7 +291,7 @@ def test_a_jog_ends_at_the_edge_of_the_workspace(direction, robot):
 def test_a_robot_at_the_edge_cannot_be_jogged_further(robot):
     top = np.array([0.0, 0.0, robot.kinematics.workspace_top_m])
     with pytest.raises(
-        ProgramError, match=r'stands at the edge of its workspace: it cannot go further to \+z'
+        ProgramError, match=r'is at the edge of its workspace: it cannot move further in direction \+z'
     ):
         edge(top, '+z', robot.kinematics)
     outside = np.array([0.0, robot.kinematics.workspace_diameter_m, -0.8])

@@ -39,7 +39,7 @@ def shown(robot):
             patch.setattr(viser.SceneApi, name, keep(getattr(viser.SceneApi, name), nodes))
         with held(HOST, None) as place:
             made = pages.Page(robot, place, 'a robot of the tests')
-        made.stand(things_of(cell_file.load('cell')))
+        made.show_cell(things_of(cell_file.load('cell')))
     try:
         yield made, choices, nodes
     finally:
@@ -89,7 +89,7 @@ def drawn(shown, robot, monkeypatch):
     theta = kinematics.inverse(np.array(PLACE), robot)
 
     def show():
-        page.forget()
+        page.clear_history()
         for time_s in np.arange(0.0, 40.0, 0.5):
             monkeypatch.setattr(pages, 'PLOT_S', 0.0)
             page.show(Instant(float(time_s), theta, np.array(LAG)))

@@ -15,7 +15,7 @@ from browser import Visit
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
 from delta3_pacdrive.view import readout
-from delta3_pacdrive.view.jog import BEATS_HZ, SILENT_S
+from delta3_pacdrive.view.jog import HEARTBEAT_HZ, SILENT_S
 from delta3_pacdrive.view.values import CellInstant, DriveFacts, Facts, InputFacts, Instant, PartPlace
 
 pytest.importorskip('viser', reason='the page needs the extra "view"')
@@ -146,9 +146,9 @@ def test_what_there_is_to_read_is_on_the_page(page, visit, robot):
 def test_a_click_is_a_wish_and_its_answer_is_shown(page, visit):
     for button, action in (('Hold', 'hold'), ('EMERGENCY STOP', 'emergency_stop'), ('Enable', 'enable')):
         visit.page.get_by_role('button', name=button, exact=True).click()
-        wait_for(lambda: page.wishes, f'the wish of {button}')
-        assert page.wishes.popleft().action == action
-    page.tell('the robot is idle: only what moves can be held', refused=True)
+        wait_for(lambda: page.commands, f'the command of {button}')
+        assert page.commands.popleft().action == action
+    page.report('the robot is idle: only what moves can be held', refused=True)
     visit.page.get_by_text('only what moves can be held').first.wait_for()
 
 
@@ -159,19 +159,19 @@ def test_a_button_that_is_held_beats_until_it_is_let_go(page, visit):
     box = button.bounding_box()
     visit.page.mouse.move(box['x'] + box['width'] / 2, box['y'] + box['height'] / 2)
     visit.page.mouse.down()
-    wait_for(lambda: len(page.wishes) >= 10, 'ten beats')
+    wait_for(lambda: len(page.commands) >= 10, 'ten beats')
     visit.page.mouse.up()
     time.sleep(SILENT_S)
-    page.wishes.clear()
-    time.sleep(10.0 / BEATS_HZ)
-    assert not page.wishes
+    page.commands.clear()
+    time.sleep(10.0 / HEARTBEAT_HZ)
+    assert not page.commands
 
 
 def test_points_are_taught_by_name_and_stand_there_as_yaml(page, visit):
     visit.page.get_by_role('tab', name='Teach').click()
     visit.page.get_by_role('button', name='Teach this point').click()
-    wait_for(lambda: page.wishes, 'the wish')
-    assert (page.wishes[0].action, page.wishes.popleft().text) == ('teach', 'p1')
+    wait_for(lambda: page.commands, 'the command')
+    assert (page.commands[0].action, page.commands.popleft().text) == ('teach', 'p1')
     page.controls.teach('p1', (0.1, -0.25, -0.8))
     page.controls.teach('over: it', (0.0, 0.0, -0.75))
     visit.page.get_by_text('"p1": [0.100000, -0.250000, -0.800000]').wait_for()
@@ -247,7 +247,7 @@ def test_a_page_shows_the_cell_that_its_robot_has(page, visit, robot):
     page.use(robot)  # with no trace of where it has been, which may lie before the place that is looked at
     page.show(instant)
     shows(visit, page, top, False)  # nobody has told of a cell yet
-    page.stand([BELT])
+    page.show_cell([BELT])
     page.show(replace(instant, time_s=20.1))
     shows(visit, page, top, True)
     visit.page.get_by_text('Look', exact=True).click()
@@ -259,7 +259,7 @@ def test_a_page_shows_the_cell_that_its_robot_has(page, visit, robot):
     page.use(robot)  # another robot has come up in the same cell
     page.show(replace(instant, time_s=20.2))
     shows(visit, page, top, True)
-    page.stand([])
+    page.show_cell([])
     shows(visit, page, top, False)
     switch.wait_for(state='detached')
 
@@ -276,9 +276,12 @@ def test_inputs_have_a_tab_of_their_own_with_what_sets_them(page, visit, robot):
     assert visit.page.get_by_text('payload').count() == 0
     for row, word, value in ((0, 'on', True), (1, 'off', False), (1, 'auto', 'auto')):
         visit.page.get_by_role('button', name=word, exact=True).nth(row).click()
-        wait_for(lambda: page.wishes, f'the wish {word}')
-        wish = page.wishes.popleft()
-        assert (wish.action, json.loads(wish.text)) == ('input', {'name': inputs[row].name, 'value': value})
+        wait_for(lambda: page.commands, f'the command {word}')
+        command = page.commands.popleft()
+        assert (command.action, json.loads(command.text)) == (
+            'input',
+            {'name': inputs[row].name, 'value': value},
+        )
     page.read(
         Facts(waiting='no word of a robot')
     )  # a robot that is started again: nothing moves away from a finger

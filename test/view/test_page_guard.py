@@ -429,6 +429,7 @@ def test_without_its_guard_the_page_is_not_served(missing, monkeypatch):
     with socket.create_server((serving.HOST, 0)) as listener:
         guard = page_guard.Guard(serving.HOST, 1, print)
         with pytest.raises(
-            RunError, match=r'^the page is not served, as its guard does not fit viser .* and websockets'
+            RunError,
+            match=r'^the page is not served: its guard is not compatible with viser .* and websockets',
         ):
             guard.serve('a page', listener)

@@ -55,7 +55,7 @@ def test_a_wish_is_what_the_command_would_record(robot):
 
 
 @pytest.mark.parametrize(
-    ('wish', 'why'),
+    ('command', 'why'),
     [
         ({'channels': ' , '}, 'an oscilloscope needs a channel, such as axis1.current'),
         ({'channels': 'axis1.curent'}, 'did you mean'),
@@ -66,8 +66,8 @@ def test_a_wish_is_what_the_command_would_record(robot):
         ({'duration_s': 0}, 'has no samples'),
         ({'level': '1'}, "the level is '1', but must be between -1e[+]12 and 1e[+]12$"),
         ({'trigger': 'fault', 'pre_trigger_s': 1.0}, 'the pre-trigger of 1 s must be shorter'),
-        ({'edge': 'sharp'}, 'sharp.? is no edge: rising, falling, both, change'),
-        ({'mode': 'endless'}, 'endless.? is no mode: single, normal, rolling'),
+        ({'edge': 'sharp'}, 'sharp.? is not a valid edge: rising, falling, both, change'),
+        ({'mode': 'endless'}, 'endless.? is not a valid mode: single, normal, rolling'),
         ({'mode': 'normal'}, 'the mode normal needs a trigger'),
         (
             {'duration_s': 7},
@@ -75,9 +75,9 @@ def test_a_wish_is_what_the_command_would_record(robot):
         ),
     ],
 )
-def test_what_cannot_be_recorded_or_drawn_is_refused(wish, why, robot):
+def test_what_cannot_be_recorded_or_drawn_is_refused(command, why, robot):
     with pytest.raises(ParameterError, match=why):
-        asked(robot, **wish)
+        asked(robot, **command)
 
 
 def drawn(record):
@@ -159,11 +159,11 @@ def test_people_fill_in_and_see_what_was_recorded_or_why_not(page, browser, robo
         web.get_by_role('button', name='Record', exact=True).click()
         web.get_by_role('button', name='End recording').click()
         web.wait_for_timeout(1000)
-        first, last = page.wishes
+        first, last = page.commands
         names = ['axis1.current_reference', 'axis1.current', 'axis1.position_command']
         assert setting_of(first.text, robot) == setting(robot, names, 16000.0, 0.25)
         assert (first.action, last.action) == ('scope', 'end_scope')
-        page.tell_of_scope('the oscilloscope of axis1 is in use by somebody', refused=True)
+        page.report_scope('the oscilloscope of axis1 is in use by somebody', refused=True)
         web.get_by_text('Refused').first.wait_for()
         assert (
             web.get_by_text('in use by somebody').count() == 2

@@ -47,7 +47,7 @@ def test_a_volume_that_lacks_something_is_refused_in_one_sentence(absent, path, 
     if absent == SPEED:
         arrays[SPEED] = np.zeros((2, 2, 2))
     np.savez_compressed(tmp_path / 'broken.npz', **arrays)
-    with pytest.raises(TraceError, match=r'broken\.npz is no volume of a workspace: .'):
+    with pytest.raises(TraceError, match=r'broken\.npz is not a valid workspace volume: .'):
         Volume.load(tmp_path / 'broken.npz')
 
 
@@ -95,7 +95,7 @@ def test_another_measure_is_shown_when_it_is_chosen(volume, robot, browser):
             # what only a robot that moves has
             panel = visit.page.get_by_role('tab', name='following error')
             panel.wait_for()
-            page.stand_still()
+            page.hide_motion()
             panel.wait_for(state='hidden')
     finally:
         page.close()

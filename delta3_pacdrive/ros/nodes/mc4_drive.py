@@ -1,8 +1,7 @@
 """Node of one MC-4 servo drive.
 
-In: ``sercos/phase``. What comes and goes in every cycle is in ``drive_telegrams``, ``/diagnostics`` (1 Hz) in
-``drive_report``, the oscilloscope in ``drive_scope``. When the drive goes on, and how it takes part in the bus: see
-``drive.bus_drive``.
+In: ``sercos/phase``. Cyclic telegrams: ``drive_telegrams``; ``/diagnostics`` (1 Hz): ``drive_report``; oscilloscope:
+``drive_scope``. Timing and bus participation: ``drive.bus_drive``.
 """
 
 import time
@@ -37,18 +36,7 @@ HOUSEKEEPING_S = 0.25
 
 
 class MC4DriveNode(RobotNode):
-    """The node lets one drive take part in the graph.
-
-    Attributes
-    ----------
-    drive
-        The drive, without ROS.
-    telegrams
-        What it receives and sends in every cycle.
-    report
-        What is told of it.
-
-    """
+    """Connects one drive to the graph."""
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(KIND, **node_options)
@@ -65,7 +53,7 @@ class MC4DriveNode(RobotNode):
             )
         self._cycles = Clock(parameters.bus.cycle_time_s)
         self.telegrams = telegrams = DriveTelegrams(self, parameters, index)
-        # what the drive sends goes out without a call between
+        # direct references: one call less in every cycle
         self.send_answer, self.send_current = telegrams.send_answer, telegrams.send_current
         self.repeat_current = telegrams.repeat_current
         self.forget, self.refuse = telegrams.forget, telegrams.refuse
@@ -86,10 +74,10 @@ class MC4DriveNode(RobotNode):
 
     @property
     def scope_armed(self) -> bool:
-        """Whether its oscilloscope is."""
+        """Whether an oscilloscope is armed."""
         return self._bus_drive.clock.scope is not None
 
-    # what comes in ----------------------------------------------------------------------------------------------------
+    # subscriptions and timer ------------------------------------------------------------------------------------------
 
     def _on_phase(self, message: Header) -> None:
         phase, session, stamp = cdr.parse_phase(message)
@@ -99,38 +87,38 @@ class MC4DriveNode(RobotNode):
         self._is_stranger = phase == Phase.CP4 and not self._bus_drive.slave.cyclic
 
     def set_changed(self, changed: list[Parameter]) -> SetParametersResult:
-        """Set what a ROS service asks for, as the service channel would."""
+        """Set parameters under the rules of the service channel."""
         accepted = self._settings.accepted(changed)
         if isinstance(accepted, Reason):
             return SetParametersResult(successful=False, reason=accepted.sentence)
         return super().set_changed(accepted)
 
     def _housekeeping(self) -> None:
-        self.report.look()
-        self._scope.look()
+        self.report.update()
+        self._scope.update()
         slave = self._bus_drive.slave
         if slave.cyclic:
             self._bus_drive.look()
         if self.telegrams.greeted_by_plant():
             self._partners.heard(PLANT)
-        # in cyclic operation others watch, and a bus that runs without this drive does not call it
+        # in cyclic operation others monitor the bus, and a bus that runs without this drive does not call it
         away = slave.cyclic or self._is_stranger
-        self._partners.look(
+        self._partners.update(
             () if away else (TASK, PLANT) if slave.session != NO_SESSION else (TASK,), time.monotonic()
         )
 
-    # what the drive does ----------------------------------------------------------------------------------------------
+    # callbacks of the drive -------------------------------------------------------------------------------------------
 
     def announce(self, session: bytes, occasion: Occasion) -> None:
         """Announce the drive in a session."""
         self._participant.announce(session, occasion)
 
     def changed(self, parameters: Parameters, cycle: int) -> None:
-        """Let the ROS parameters follow those that were written in a bus cycle."""
+        """Update the ROS parameters to those written in a bus cycle."""
         self._settings.follow(parameters, cycle)
 
     def tell_loss(self, reason: str) -> None:
-        """Say why the drive goes on without its master."""
+        """Log why the drive continues without its master."""
         self.get_logger().error(reason)
 
 

@@ -1,9 +1,8 @@
-"""Node of the plant: motors, brakes, gears and the coupled arms, and a rotary axis where there is one.
+"""Node of the plant: motors, brakes, gears, the coupled arms, and an optional rotary axis.
 
 In: ``axisN/motor_current`` of the drives (currents of a period, brake output), ``sercos/phase``. Out:
-``plant/motor_shafts`` (true shaft positions, speeds and coupling torques d), one message per exchange period. When the
-plant goes on: see ``plant.plant_clock``; how it takes part in the bus: see ``plant.bus_plant``; what stands around the
-robot: see ``plant_cell``.
+``plant/motor_shafts`` (true shaft positions, speeds and coupling torques d), one message per exchange period. Timing:
+``plant.plant_clock``; bus participation: ``plant.bus_plant``; the cell around the robot: ``plant_cell``.
 """
 
 import time
@@ -32,11 +31,11 @@ from delta3_pacdrive.sercos.words import Phase
 KIND = 'plant'
 GREETING_S = 0.02
 HOUSEKEEPING_S = 0.1
-REPORT_EVERY = 3  # looks between two reports of who is missing
+REPORT_EVERY = 3  # housekeeping periods between two reports of missing drives
 
 
 class PlantNode(RobotNode):
-    """The node lets the machine behind the drives take part in the bus."""
+    """Connects the machine behind the drives to the bus."""
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(KIND, **node_options)
@@ -46,7 +45,7 @@ class PlantNode(RobotNode):
         self._cell = cell = PlantCell(self, path, start_cycle, parameters) if path else None
         self._exchanges = Clock(parameters.bus.exchange_period_s)
         self._frame = NO_SESSION  # of the shafts
-        self._frames: dict[bytes, tuple[bool, float]] = {}  # of currents, the newest that were read
+        self._frames: dict[bytes, tuple[bool, float]] = {}  # newest parsed frames of currents
         self._waiting = ''
         self._looks = 0
         around = (cell.inputs, cell.belts) if cell else ()
@@ -77,7 +76,7 @@ class PlantNode(RobotNode):
         self._greeter = self.create_timer(GREETING_S, self._greet)
         self.create_timer(HOUSEKEEPING_S, self._housekeeping)
 
-    # what comes in ----------------------------------------------------------------------------------------------------
+    # subscriptions ----------------------------------------------------------------------------------------------------
 
     def _on_phase(self, message: Header) -> None:
         phase, session, stamp = cdr.parse_phase(message)
@@ -113,17 +112,17 @@ class PlantNode(RobotNode):
     def _refuse(self, reason: str) -> None:
         self.get_logger().warning(f'plant: {reason}', throttle_duration_sec=1.0)
 
-    # what the plant does ----------------------------------------------------------------------------------------------
+    # callbacks of the plant -------------------------------------------------------------------------------------------
 
     def belong(self, session: bytes) -> None:
-        """Put a session into the frames."""
+        """Use a session in the frames."""
         self._frame = session
         self._frames.clear()
         if self._cell:
             self._cell.forget()
 
     def greet(self, begins: bool) -> None:
-        """Begin, or end, to greet the drives."""
+        """Start or stop greeting the drives."""
         if begins:
             self._greeter.reset()
         else:
@@ -134,32 +133,32 @@ class PlantNode(RobotNode):
         self._publish(self._shafts.encode(self._exchanges.stamp(exchange), self._frame, shafts))
 
     def tell_rest(self, sentence: str) -> None:
-        """Say that the machine stands."""
+        """Log that the machine is at rest."""
         self.get_logger().info(sentence)
 
     def tell_loss(self, sentence: str) -> None:
-        """Say which drives are without power."""
+        """Log which drives have lost power."""
         self.get_logger().error(sentence)
 
     # timers -----------------------------------------------------------------------------------------------------------
 
     def _greet(self) -> None:
-        """Let the drives know where the shafts stand, and see who answers."""
+        """Send the shaft positions to the drives before cyclic operation."""
         if self._bus_plant.slave.session != NO_SESSION:
             shafts = self._bus_plant.clock.shafts()
             self._publish(self._shafts.encode((ACYCLIC_SEC, 0), self._frame, shafts))
 
     def _housekeeping(self) -> None:
-        # in cyclic operation others watch, and a bus that runs without this plant does not call it
+        # in cyclic operation others monitor the bus, and a bus that runs without this plant does not call it
         cyclic = self._bus_plant.slave.cyclic
-        self._partners.look(() if cyclic or self._is_stranger else (TASK,), time.monotonic())
+        self._partners.update(() if cyclic or self._is_stranger else (TASK,), time.monotonic())
         if cyclic:
             self._bus_plant.look()
             return
         self._looks += 1
         if self._looks % REPORT_EVERY == 0:
             missing = [axis for axis in self._drives if self.count_publishers(f'{axis}/motor_current') == 0]
-            waiting = f'waiting for {", ".join(missing)}' if missing else 'all drives are there'
+            waiting = f'waiting for {", ".join(missing)}' if missing else 'all drives are available'
             if waiting != self._waiting:
                 self._waiting = waiting
                 self.get_logger().info(f'plant: {waiting}')

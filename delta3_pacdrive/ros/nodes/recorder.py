@@ -1,11 +1,10 @@
-"""Recorder: the raw serialised messages of a robot's topics into a rosbag2 folder (MCAP).
+"""Recorder: writes the raw serialised messages of a robot's topics into a rosbag2 folder (MCAP).
 
-Out: ``recorder/state``, latched: ``recording``, or ``stopped: ...`` with the reason. A recorder that cannot write any
-more, for want of space, says so and goes on living: it never stops a machine.
+Out: ``recorder/state``, latched: ``recording``, or ``stopped: ...`` with the reason. A recorder without disk space
+reports this and keeps running: it never stops a machine. A recorder that receives nothing from a running robot rejoins
+the domain and continues its bag.
 
-A recorder that hears nothing of a robot that is up joins the domain anew and goes on with its bag.
-
-It is longer than other nodes because it has topics of whole robots instead of some of its own.
+It is longer than other nodes because it records all topics of a robot.
 """
 
 import time
@@ -26,18 +25,15 @@ from delta3_pacdrive.ros.interfaces import PHASE, PLAN, PROGRESS, RECORDED, RECO
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot, overrides
 from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.present_robot import RobotWatch
-from delta3_pacdrive.ros.told_parameters import ToldParameters
+from delta3_pacdrive.ros.told_parameters import RemoteParameters
 
 DRAIN_S = 0.02
-QUIET_S = 0.2  # without a message: all that was published has arrived
-_rejoining: 'dict[Path, RecorderNode]' = {}  # the next nodes of this process continue their bags
+QUIET_S = 0.2  # without a message: everything published has arrived
+_rejoining: 'dict[Path, RecorderNode]' = {}  # whose bags are continued by the next nodes of this process
 
 
 class RecorderNode(PollingNode):
-    """A node that writes a bag until it is destroyed.
-
-    With ``asks`` the parameters that it was given are those of the metadata until the robot has told its own.
-    """
+    """Writes a bag until it is destroyed; with ``asks`` the metadata gets the parameters published by the robot."""
 
     def __init__(self, asks: bool = False, **node_options: Any) -> None:
         super().__init__('recorder', **node_options)
@@ -51,7 +47,7 @@ class RecorderNode(PollingNode):
             before._recording if before else Recording(Path(folder), program, parameters)
         )
         self._writes: dict[str, Write] = before._writes if before else {}  # by name of the topic
-        self._sent_ns: dict[str, int] = {}  # when the newest message of a topic was published
+        self._sent_ns: dict[str, int] = {}  # time of the newest message by topic
         self._rotary: bool = before._rotary if before else parameters.rotary.present
         self._robot = RobotWatch(self, self.get_logger().warning, FLUSH_S)
         self._drains = [
@@ -60,28 +56,28 @@ class RecorderNode(PollingNode):
         self._state = RECORDER_STATE.publisher(self)
         self._ready = self._said_stopped = False
         self._begin_ns = time.time_ns()
-        self._newest_ns = 0  # when the newest message was published
+        self._newest_ns = 0  # time of the newest message
         if before is None:
             self._recording.bag.begin()
-        asks &= before is None or before._told is not None
-        self._told: ToldParameters | None = ToldParameters(self) if asks else None
+        asks &= before is None or before._remote is not None
+        self._remote: RemoteParameters | None = RemoteParameters(self) if asks else None
         self.create_timer(DRAIN_S, self._drain)
         self.create_timer(FLUSH_S, self._flush)
 
     def _subscribe(self, topic: Topic, name: str) -> Callable[[], None]:
-        """Return the call that records what has come on a topic."""
+        """Subscribe to a topic; return a function that records all received messages."""
         qos = topic.delivery.recorder
         latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         if name not in self._writes:
-            # a player of the bag offers this depth
+            # a bag player offers this depth
             depth = topic.delivery.subscription.depth if latched else qos.depth
             self._writes[name] = self._writer(topic, name, depth, latched)
         write = self._writes[name]
-        # a participant that has rejoined receives latched messages again
+        # a participant that has rejoined receives latched messages a second time
         known_ns = self._before._sent_ns.get(name, 0) if self._before and latched else 0
         self._sent_ns[name] = known_ns
         take = self.create_polled_subscription(topic.type, name, qos)
-        # A plan that reaches a busy recorder late still stands before what was made of it.
+        # A plan that reaches a busy recorder late must still precede its results.
         published = topic.delivery is PLAN
 
         def drain() -> None:
@@ -100,7 +96,7 @@ class RecorderNode(PollingNode):
         return drain
 
     def _writer(self, topic: Topic, name: str, depth: int, latched: bool) -> Write:
-        """Announce a topic in the bag; return the call that writes a message of it."""
+        """Add a topic to the bag; return the function that writes its messages."""
         write = self._recording.add_topic(self.resolve_topic_name(name), topic.type_name, depth, latched)
         if topic is PHASE:
             return self._recording.add_phases(write)
@@ -113,24 +109,24 @@ class RecorderNode(PollingNode):
 
     def _flush(self) -> None:
         self._recording.bag.flush()
-        self._robot.look()
+        self._robot.update()
         self._learn()
         self._announce()
 
     def _learn(self) -> None:
-        """Ask the robot for its parameters until it has told them."""
-        if self._told is None:
+        """Request the parameters of the robot until they are received."""
+        if self._remote is None:
             return
-        if (found := self._told.take()) is not None:
+        if (found := self._remote.take()) is not None:
             self._recording.update_robot(found)
             self._hear_rotary_axis(found)
-            self._told = None
+            self._remote = None
             self.get_logger().info(f'controller of the robot: {found.controller}')
         else:
-            self._told.ask_until_told(time.monotonic())
+            self._remote.ask_until_received(time.monotonic())
 
     def _hear_rotary_axis(self, robot: core.Parameters) -> None:
-        """Record also the topics of a rotary axis, of a robot that turns out to have one."""
+        """Add the topics of a rotary axis if the robot turns out to have one."""
         if robot.rotary.present and not self._rotary:
             self._rotary = True
             self._drains += [
@@ -141,7 +137,7 @@ class RecorderNode(PollingNode):
             ]
 
     def _catch_up(self) -> None:
-        """Take what had been published when this was called, of a robot that goes on or has ended."""
+        """Record everything published before this call."""
         now_ns, received = time.time_ns(), time.monotonic()
         while self._newest_ns < now_ns and time.monotonic() - received < QUIET_S:
             before = self._newest_ns
@@ -151,7 +147,7 @@ class RecorderNode(PollingNode):
                 received = time.monotonic()
 
     def _announce(self) -> None:
-        """Say once that every cyclic topic has been received, and once that nothing is written any more."""
+        """Publish once that all cyclic topics are received, and once that writing has stopped."""
         bag = self._recording.bag
         if bag.stopped:
             if not self._said_stopped:
@@ -168,24 +164,24 @@ class RecorderNode(PollingNode):
 
     @property
     def stopped(self) -> str:
-        """Why nothing is written any more; '' while it is."""
+        """Why writing has stopped, empty if it has not."""
         return self._recording.bag.stopped
 
     def completeness(self) -> dict[str, tuple[int, int]]:
-        """Messages and missing messages by cyclic topic."""
+        """Return received and missing messages by cyclic topic."""
         return self._recording.completeness()
 
     def destroy_node(self) -> None:
-        """Close the bag, unless the process joins the domain anew: then the next node goes on with it."""
+        """Close the bag, unless the process rejoins the domain: the next node then continues it."""
         if node_process.is_rejoining():
             self._drain()
             self._before = None
             _rejoining[self._recording.bag.path] = self
             super().destroy_node()
             return
-        if self._told is not None:
+        if self._remote is not None:
             self.get_logger().warning(
-                'the robot has not told its parameters: the metadata has those of delta3 up'
+                'the robot has not published its parameters: the metadata contains those of delta3 up'
             )
         self._catch_up()
         self._recording.close()
@@ -200,19 +196,19 @@ class RecorderNode(PollingNode):
 
 
 def record(bags: Mapping[str, Path], robot: core.Parameters | None) -> int:
-    """Be a process that records robots into new folders until it is interrupted; return the exit status.
+    """Record robots into new folders until interrupted; return the exit status.
 
     Parameters
     ----------
     bags
         Folder of each robot, by namespace.
     robot
-        Parameters for the metadata; None: each robot is asked for its own.
+        Parameters for the metadata; None: each robot is asked.
 
     Raises
     ------
     RunError
-        A recording ended before that, for want of space.
+        A recording ended early for lack of disk space.
 
     """
     discovery.keep_to_this_machine()
@@ -220,15 +216,15 @@ def record(bags: Mapping[str, Path], robot: core.Parameters | None) -> int:
     known = core.load(core.of_run(None)) if robot is None else robot
 
     def recorder_of(namespace: str, folder: Path) -> RecorderNode:
-        told = overrides(known, {'bag': str(folder)})
-        made.append(RecorderNode(robot is None, namespace=namespace, parameter_overrides=told))
+        values = overrides(known, {'bag': str(folder)})
+        made.append(RecorderNode(robot is None, namespace=namespace, parameter_overrides=values))
         return made[-1]
 
     factories = [partial(recorder_of, *bag) for bag in bags.items()]
     status = node_process.run(factories, [], leave_s=node_process.BAG_LEAVE_S)
     stopped = [
         f'the recording into {folder} ended before the robot did: {node.stopped}'
-        for folder, node in zip(bags.values(), made, strict=False)  # fewer if one could not begin
+        for folder, node in zip(bags.values(), made, strict=False)  # shorter if one failed to start
         if node.stopped
     ]
     if stopped:

@@ -1,10 +1,10 @@
-"""Node for the eye: markers of the robot, and bus time as ``/clock``; it does nothing while nobody listens.
+"""Node for visualization: markers of the robot, and bus time on ``/clock``; idle without subscribers.
 
-In, while somebody listens to what comes of it: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``, of a
-rotary axis ``tool/turn``, and of a cell ``cell/scene``, ``cell/parts``, ``sercos/at/belts``; always ``motion/plan`` and
+In, with subscribers only: ``joint_states``, ``tcp/command``, ``tcp/error``, ``outputs``, with a rotary axis
+``tool/turn``, and with a cell ``cell/scene``, ``cell/parts``, ``sercos/at/belts``; always ``motion/plan`` and
 ``motion/status``. Out: ``markers`` (20 Hz), ``/clock`` (100 Hz).
 
-It is longer than other nodes because its subscriptions come and go with who listens.
+It is longer than other nodes because its subscriptions depend on its subscribers.
 """
 
 from collections.abc import Callable
@@ -51,15 +51,15 @@ from delta3_pacdrive.sercos.telegram_codec import Decoded
 from delta3_pacdrive.sercos.telegrams import Telegram, joint_states
 
 KIND = 'robot_visualization'
-LOOK_S = 0.25  # between two looks at who listens
-TICK_S = 0.01  # while somebody does
+LOOK_S = 0.25  # between two checks for subscribers
+TICK_S = 0.01  # with subscribers
 ROBOT_EVERY, TRAVELLED_EVERY, STILL_EVERY = 5, 25, 100  # ticks: 20, 4 and 1 Hz
-# all joint states between two ticks, and some more where a tick is late
+# all joint states between two ticks, with a margin for late ticks
 JOINT_STATES_QUEUE = QoSProfile(depth=64, reliability=NEWEST.reliability)
 
 
-class _Heard:
-    """A cyclic topic is heard only as long as it is wanted."""
+class _OptionalInput:
+    """Subscribes to a cyclic topic only while it is needed."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class _Heard:
         self._take: Callable[[], Any] | None = None
 
     def listen(self, wanted: bool) -> None:
-        """Listen from now on, or no longer."""
+        """Subscribe or unsubscribe."""
         if wanted and self._take is None:
             self._take = self._topic.polled_subscription(self._node, profile=self._profile)
         elif not wanted and self._take is not None:
@@ -81,20 +81,20 @@ class _Heard:
             self._take = None
 
     def all(self) -> list[Decoded]:
-        """Return what has come."""
+        """Return all received messages."""
         found = []
         while self._take is not None and (taken := self._take()) is not None:
             try:
                 decoded = self._codec.decode(taken[0])
             except TelegramError:
-                continue  # of somebody else: these topics belong to everybody
+                continue  # from another publisher of the same topic
             if decoded[0] >= 0:  # before cyclic operation there is no bus time
                 found.append(decoded)
         return found
 
 
 class RobotVisualizationNode(PollingNode):
-    """The node shows one robot."""
+    """Visualizes one robot."""
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(KIND, **node_options)
@@ -104,12 +104,12 @@ class RobotVisualizationNode(PollingNode):
         self._planned = PlannedPath(self._robot.kinematics)
         self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
         drives = drives_of(self._robot)
-        self._joints = _Heard(self, JOINT_STATES, JOINT_STATES_QUEUE, joint_states(drives))
-        self._command, self._error = _Heard(self, TCP_COMMAND), _Heard(self, TCP_ERROR)
-        self._turns = _Heard(self, TURN)
+        self._joints = _OptionalInput(self, JOINT_STATES, JOINT_STATES_QUEUE, joint_states(drives))
+        self._command, self._error = _OptionalInput(self, TCP_COMMAND), _OptionalInput(self, TCP_ERROR)
+        self._turns = _OptionalInput(self, TURN)
         self._theta = self._tcp = np.full(3, np.nan)
         self._places = {'command': np.full(3, np.nan), 'error': np.zeros(3)}
-        self._turn_rad = self._robot.rotary.home_rad  # until the robot tells it
+        self._turn_rad = self._robot.rotary.home_rad  # until received
         self._ticks = 0
         self._time_s = 0.0  # of the bus
         self._present = RobotWatch(self, self.get_logger().warning, LOOK_S)
@@ -124,9 +124,9 @@ class RobotVisualizationNode(PollingNode):
         self._ticker = self.create_timer(TICK_S, self._tick, autostart=False)
 
     def _look(self) -> None:
-        """Begin to listen when somebody wants to see something, and end it afterwards."""
-        self._present.look()
-        self._bus_clock.look()
+        """Subscribe while there are subscribers, and unsubscribe afterwards."""
+        self._present.update()
+        self._bus_clock.update()
         shown = self._output.wanted
         self._joints.listen(shown or self._bus_clock.wanted)
         self._command.listen(shown)
@@ -142,7 +142,7 @@ class RobotVisualizationNode(PollingNode):
 
     def _tick(self) -> None:
         for sec, nanosec, _, values in self._joints.all():
-            self._bus_clock.tell((sec, nanosec))
+            self._bus_clock.publish((sec, nanosec))
             self._time_s = sec + nanosec / NANOSECONDS
             self._theta = np.array(values[:3])
             self._tcp = kinematics.forward(self._theta, self._robot, unreachable='nan')
@@ -172,7 +172,7 @@ class RobotVisualizationNode(PollingNode):
             self._output.publish(MarkerArray(markers=markers))
 
     def _around(self, cell: CellReader) -> list[Marker]:
-        """Return what has to be shown of the cell."""
+        """Return the markers of the cell that are due."""
         cell.read()
         found = []
         if self._ticks % STILL_EVERY == 0:

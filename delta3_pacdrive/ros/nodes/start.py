@@ -1,6 +1,6 @@
-"""Main functions of the executables of nodes: help, and what must be right before a node is started.
+"""Main functions of the node executables: help, and checks before a node is started.
 
-Ctrl-C is answered before ROS and numba are loaded, which takes a second.
+They handle Ctrl-C before ROS and numba are loaded, which takes a second.
 """
 
 import importlib
@@ -43,7 +43,7 @@ def _start(kind: str) -> int:
     if {'-h', '--help'}.intersection(sys.argv[1:]):
         from delta3_pacdrive.ros import node_help
 
-        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a pager may end before the text does
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a pager may close the pipe early
         print(node_help.text(kind), end='')  # noqa: T201 (a command line prints)
         return 0
     try:

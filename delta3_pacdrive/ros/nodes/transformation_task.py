@@ -1,11 +1,11 @@
 """Node of the controller's cyclic part: SERCOS master and transformation task.
 
-Its topics and services are those of ``TASK`` in ``ros.interfaces``; what it decides is in
-``controller.robot_controller``. MDT: ``command_sender``; AT: ``at_receiver``; values of every cycle: ``task_outputs``;
-plans: ``planner_link``; services and control: ``operator_services``; states and outputs: ``robot_outputs``; service
-channel: ``service_requests``.
+Its topics and services are those of ``TASK`` in ``ros.interfaces``; decisions are made in
+``controller.robot_controller``. MDT: ``command_sender``; AT: ``at_receiver``; cyclic topics: ``task_outputs``; plans:
+``planner_link``; services and control: ``operator_services``; states and outputs: ``robot_outputs``; service channel:
+``service_requests``.
 
-It is longer than other nodes because it puts all of these together, and is the port through which the controller acts.
+It is longer than other nodes because it connects all of these, and implements the controller's callbacks.
 """
 
 import time
@@ -43,20 +43,11 @@ from delta3_pacdrive.sercos.words import Phase
 KIND = 'transformation_task'
 STARTUP_S = 0.02
 PROGRESS_S, QUICK_PROGRESS_S = 0.2, 0.04  # with a clock, without one
-FACTOR_MIN = 0.01  # of real time: slower cycles would be taken for silence
+FACTOR_MIN = 0.01  # of real time: slower cycles would look like lost telegrams
 
 
 class TransformationTaskNode(PollingNode):
-    """The node lets the controller of one robot take part in the graph.
-
-    Attributes
-    ----------
-    controller
-        All that the node knows.
-    commands
-        Sends MDT.
-
-    """
+    """Connects the controller of one robot to the graph."""
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(KIND, **node_options)
@@ -71,16 +62,16 @@ class TransformationTaskNode(PollingNode):
         clock = Clock(cycle_time_s)
         faults = Faults(self, TASK, lambda: controller.next_cycle, lambda: controller.bus.session)
         self.controller = controller = RobotController(
-            parameters,
-            period_s,
-            report_s,
-            own['wait_for_program'],
-            faults,
-            self,
-            time.monotonic,
-            time.time_ns,
-            learned.load(own['learned']) if own['learned'] else None,
-            SharedClock(clock_path, own['clock_member']) if clock_path else None,
+            parameters=parameters,
+            period_s=period_s,
+            report_s=report_s,
+            wait_for_program=own['wait_for_program'],
+            faults=faults,
+            port=self,
+            now_s=time.monotonic,
+            now_ns=time.time_ns,
+            learned=learned.load(own['learned']) if own['learned'] else None,
+            shared_clock=SharedClock(clock_path, own['clock_member']) if clock_path else None,
         )
         if own['script_cycle'] >= 0:
             controller.gate.begins = own['script_cycle']
@@ -90,13 +81,13 @@ class TransformationTaskNode(PollingNode):
         self._phases = PHASE.publisher(self)
         self._outputs = TaskOutputs(self, parameters, controller, own['joint_motion'])
         self._receiver = AtReceiver(
-            self,
-            clock,
-            factor > 0.0,
-            self._cycles.statistics,
-            self._cycles.take,
-            controller.receive_greeting,
-            controller.services.drives,
+            node=self,
+            cycles=clock,
+            polled=factor > 0.0,
+            statistics=self._cycles.statistics,
+            receive=self._cycles.take,
+            receive_greeting=controller.receive_greeting,
+            drives=controller.services.drives,
         )
         self._inputs = InputReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
         self._belts = BeltReceiver(self, clock, factor > 0.0, controller, self._receiver.refuse)
@@ -104,7 +95,7 @@ class TransformationTaskNode(PollingNode):
         self._injection = FaultInjection(self, controller, cycle_time_s)
         self._planner = PlannerLink(self, controller, self.run_actions)
         self._actions = RobotOutputs(self, controller, self._injection, self._planner, clock)
-        self._operators = OperatorServices(self, controller, self.run_actions, self._planner.tell_status)
+        self._operators = OperatorServices(self, controller, self.run_actions, self._planner.publish_status)
         self._scripts = ScriptRequests(self, controller, self.run_actions)
         receive_announcements(
             self, controller.receive_announcement, self.reject_telegram, controller.bus.names
@@ -114,7 +105,7 @@ class TransformationTaskNode(PollingNode):
         self._ticker = self.create_timer(period_s or STARTUP_S, self._tick, autostart=False)
         self.create_timer(report_s, self._look)
 
-    # what the controller does -----------------------------------------------------------------------------------------
+    # callbacks of the controller --------------------------------------------------------------------------------------
 
     def announce(self, announcement: master.Announce) -> None:
         """Announce a phase of the bus."""
@@ -131,13 +122,13 @@ class TransformationTaskNode(PollingNode):
             self._startup.reset()
 
     def greet(self, greeting: master.Greet) -> None:
-        """Greet the drives, outside of cyclic operation."""
+        """Greet the drives before cyclic operation."""
         self.commands.greet(greeting)
-        if greeting.phase >= Phase.CP3:  # the drives have said where their shafts stand
+        if greeting.phase >= Phase.CP3:  # the drives have reported their shaft positions
             self._outputs.greet()
 
     def start_ticks(self, delay_s: float) -> None:
-        """Start the timer of bus cycles in place of that of the start-up, after a while [s]."""
+        """Replace the start-up timer by that of the bus cycles, after a delay [s]."""
         time.sleep(delay_s)
         self._ticker.reset()
         self._startup.cancel()
@@ -151,25 +142,25 @@ class TransformationTaskNode(PollingNode):
             self._outputs.master.send(stamp, [distance, speed, float(move)])
 
     def publish_answers(self, cycle: int) -> None:
-        """Tell what the answers of a bus cycle say."""
+        """Publish the results of a bus cycle."""
         self._outputs.send(cycle, self.stamp(cycle))
 
     def run_actions(self) -> None:
-        """Carry out what the state of the robot wants done."""
+        """Execute the actions of the robot state."""
         self._actions.carry_out()
 
     def publish_status(self) -> None:
-        """Do the same, and tell everybody how things stand."""
+        """Execute pending actions and publish all reports."""
         self._actions.carry_out()
-        self._planner.tell_status()
+        self._planner.publish_status()
         self._reports.publish()
 
     def reject_telegram(self, reason: str) -> None:
-        """Say that a telegram was refused."""
+        """Count and log a rejected telegram."""
         self._receiver.refuse(reason)
 
     def check_faults(self, faults: Sequence[Fault]) -> None:
-        """Refuse faults of a program that cannot be injected; raises ProgramError."""
+        """Check faults of a program before they are injected; raises ProgramError."""
         self._injection.check(faults)
 
     # timers -----------------------------------------------------------------------------------------------------------
@@ -188,7 +179,7 @@ class TransformationTaskNode(PollingNode):
         self.controller.poll(time.monotonic())
         if self.controller.gate.closed:
             self.commands.repeat()
-        self._operators.look()
+        self._operators.check_heartbeat()
         self.publish_status()
 
 

@@ -1,11 +1,10 @@
-"""Node of UnitRobot, the planner: takes moves and programs, plans and checks them as a whole, starts and overrides.
+"""Node of UnitRobot, the planner: receives moves and programs, plans and checks them as a whole, starts and overrides.
 
 In: ``motion/status``, ``motion/course``, ``motion/verdict`` of the transformation task. Out: ``unit_robot/alive``
-(5 Hz), and what ``ros.planner_outputs`` carries out. What operators ask and are told: see ``ros.planner_services``, and
-``ros.follow_joint_trajectory`` for the action.
-What is decided, ``controller.planner`` decides.
+(5 Hz), and the outputs of ``ros.planner_outputs``. Operator requests: ``ros.planner_services``; action:
+``ros.follow_joint_trajectory``. Decisions are made in ``controller.planner``.
 
-It is longer than other nodes because it joins the planner to its thread, its operators and its outputs.
+It is longer than other nodes because it connects the planner to its thread, its operators and its outputs.
 """
 
 import time
@@ -39,11 +38,11 @@ from delta3_pacdrive.sercos.bus_time import NEVER, Clock
 from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 KIND = 'unit_robot'
-LOOK_S = 0.05  # between two looks at time limits and injected faults
-FETCH_S = 0.005  # between two looks at what the planning thread has done, while it has something to do
-ALIVE_EVERY = 4  # looks between two heartbeats
-PROGRESS_EVERY = 10  # looks between two words about a request that takes long
-ANNOUNCE_EVERY = 20  # looks between two announcements, as long as the task does not listen
+LOOK_S = 0.05  # period of the checks of timeouts and injected faults
+FETCH_S = 0.005  # period of the checks of the planning thread, while it is busy
+ALIVE_EVERY = 4  # checks between two heartbeats
+PROGRESS_EVERY = 10  # checks between two progress reports of a long request
+ANNOUNCE_EVERY = 20  # checks between two announcements, until the task has received one
 
 
 class UnitRobotNode(PollingNode):
@@ -84,7 +83,7 @@ class UnitRobotNode(PollingNode):
         self._description.publish(String(data=urdf(robot)))
         self._participant.announce(NO_SESSION)
         self._beat()
-        self._operators.tell_queue()
+        self._operators.publish_queue()
         self.create_timer(LOOK_S, self._look)
         self._fetcher = self.create_timer(FETCH_S, self._fetch, autostart=False)
         self.get_logger().info('waiting for transformation_task')
@@ -117,7 +116,7 @@ class UnitRobotNode(PollingNode):
         return Origin(kind, self._identity, self._session().decode(), number)
 
     def _carry_out(self) -> None:
-        """Do what the planner has decided, and see to it that what is planned will be fetched."""
+        """Execute the planner's actions, and start fetching while the thread is busy."""
         self._outputs.carry_out()
         if self._thread.busy and self._fetcher.is_canceled():
             self._fetcher.reset()
@@ -129,20 +128,20 @@ class UnitRobotNode(PollingNode):
         if self._faults.next_cycle < NEVER:
             self._faults.due(self._newest())
         self._planner.poll(time.monotonic())
-        self._partners.look((TASK,), time.monotonic())
-        self._monitor.look()
-        self._carry_out()  # what the monitor has found ends goals before anybody takes them for reached
+        self._partners.update((TASK,), time.monotonic())
+        self._monitor.update()
+        self._carry_out()  # tolerance violations end goals before they count as reached
         if self._trajectories is not None:
-            self._trajectories.look()
+            self._trajectories.update()
         if self._looks % ALIVE_EVERY == 0:
             self._beat()
         if self._looks % ANNOUNCE_EVERY == 0 and not self._planner.listened_to:
             self._participant.announce(NO_SESSION)
         if self._looks % PROGRESS_EVERY == 0:
-            self._operators.tell_progress()
+            self._operators.report_progress()
 
     def _fetch(self) -> None:
-        """Take what the planning thread has done."""
+        """Pass results of the planning thread to the planner."""
         for result in self._thread.results():
             self._planner.take_result(result, time.monotonic())
         if not self._thread.busy:
@@ -150,13 +149,13 @@ class UnitRobotNode(PollingNode):
         self._carry_out()
 
     def _beat(self) -> None:
-        """Publish that this planner is there, which session it knows of, and which publisher says so."""
+        """Publish the heartbeat with the planner's identity, session and publisher."""
         self._beats += 1
         message = Header(frame_id=f'{self._identity} {self._session().decode()} {self._publisher}')
         message.stamp.sec = self._beats
         self._alive.publish(message)
 
-    # what the transformation task tells -------------------------------------------------------------------------------
+    # messages of the transformation task ------------------------------------------------------------------------------
 
     def _on_status(self, message: String) -> None:
         self._partners.heard(TASK)
@@ -164,7 +163,7 @@ class UnitRobotNode(PollingNode):
         if not self._planner.receive_status(Status.from_json(message.data), time.monotonic()):
             return
         if self._session() != before:
-            self._outputs.forget_rows()
+            self._outputs.discard_rows()
             self._beat()
         self._outputs.send_rows()
         self._carry_out()
