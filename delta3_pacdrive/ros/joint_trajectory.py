@@ -46,7 +46,7 @@ def joint_trajectory(message: JointTrajectory) -> TrajectoryRequest:
             raise ProgramError(f'point {number}: time_from_start is {time:g} s, but must be at least 0')
         if time <= before:
             raise ProgramError(
-                f'point {number} is at {time:.9g} s, but must be later than point {number - 1} at {before:.9g} s'
+                f'point {number} is at {time:.9g} s, not after point {number - 1} at {before:.9g} s'
             )
         before = time
         points.append({'time_s': time, **_values(point, number, order)})

@@ -32,5 +32,5 @@ def test_the_names_of_inputs_are_read() -> None:
     'names', [['\ud800'], [''], ['part', 'part'], ['a\nb'], ['x' * 101], [str(n) for n in range(17)], [1], {}]
 )
 def test_names_of_inputs_that_nobody_can_write_or_tell_apart_are_refused(names: object) -> None:
-    with pytest.raises(TelegramError, match="'plant' announces inputs"):
+    with pytest.raises(TelegramError, match="'plant' announces invalid inputs"):
         read_announcement(announcement(json.dumps(names)))

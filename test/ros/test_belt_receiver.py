@@ -75,7 +75,7 @@ def without_parts(**changed):
         (message(name=['belt']), "telegram names ['belt'], expected ['line']"),
         (message(name=[]), "telegram names [], expected ['line']"),
         (message(position=[1.0, 2.0]), "telegram names ['line'], expected ['line']"),
-        (message(effort=[0.0] * 5), 'a telegram names'),
+        (message(effort=[0.0] * 5), 'telegram names'),
         (message(effort=[0.0, 1.0, 5.0, 0.0, 0.0, 0.0]), 'part has invalid type 1 on belt 0'),
         (message(effort=[1.0, 0.0, 5.0, 0.0, 0.0, 0.0]), 'part has invalid type 0 on belt 1'),
         (message(effort=[-1.0, 0.0, 5.0, 0.0, 0.0, 0.0]), 'part has invalid type 0 on belt -1'),

@@ -250,7 +250,7 @@ def test_a_middleware_that_keeps_to_a_machine_by_itself_is_told_to(alone, monkey
 
 def test_one_of_which_nobody_knows_that_is_refused_unless_it_may_go_beyond(alone, monkeypatch):
     monkeypatch.setenv(discovery.MIDDLEWARE, 'rmw_zenoh_cpp')
-    with pytest.raises(RunError, match="RMW_IMPLEMENTATION is 'rmw_zenoh_cpp': nobody knows"):
+    with pytest.raises(RunError, match="RMW_IMPLEMENTATION is 'rmw_zenoh_cpp', which is not known"):
         discovery.keep_to_this_machine()
     monkeypatch.setenv(discovery.RANGE, 'SUBNET')
     discovery.keep_to_this_machine()

@@ -87,7 +87,7 @@ LINE = message((1.0, still(0.1)))
         (goal_of(LINE, goal=[tolerance('axis2', 0.1, acceleration=2.0)]), 'goal_tolerance of axis2 has acceleration 2'),
         (goal_of(LINE, time=Duration(sec=-2)), 'goal_time_tolerance is -2, but must be'),
         (goal_of(message((1.0, still(0.1)), names=['a', 'b', 'c'])), "joint_names are 'a, b, c'"),
-        (goal_of(LINE, path=[tolerance('elbow', 0.1)]), "path_tolerance is of 'elbow'"),
+        (goal_of(LINE, path=[tolerance('elbow', 0.1)]), "path_tolerance names 'elbow'"),
         (goal_of(LINE, component_path_tolerance=[1]), 'component_path_tolerance is not supported'),
         (
             goal_of(LINE, multi_dof_trajectory=SimpleNamespace(joint_names=['base'], points=[])),
@@ -213,7 +213,7 @@ def driver(control_msgs: Any, graph: Any) -> Iterator[Driver]:
     found.client.destroy()
 
 
-SUCCEEDED = (GoalStatus.STATUS_SUCCEEDED, 0, 'the arms have come to the goal')
+SUCCEEDED = (GoalStatus.STATUS_SUCCEEDED, 0, 'the arms have reached the goal')
 
 
 def test_a_client_drives_the_arms_is_told_how_far_they_are_and_that_they_have_come(driver: Driver) -> None:

@@ -314,7 +314,7 @@ def test_a_robot_that_cannot_be_reached_is_not_asked_for_ever(cell: Cell) -> Non
     cell.takes_s['abort'] = [float('inf')] * 100
     cell.takes_s['deaf'] = [1.0]
     cell.hold(0.5, 2.0)
-    cell.at(2.1, lambda: setattr(cell, 'here', False))
+    cell.at(2.1, lambda: setattr(cell, 'available', False))
     cell.run(60.0)
     assert len(cell.times('abort')) == 1
 

@@ -131,7 +131,7 @@ def test_a_trigger_that_never_comes_and_a_robot_that_ends_are_told(
 ) -> None:
     graph.robot()
     with pytest.raises(
-        RunError, match=r'^the trigger never came: a fault of a drive was awaited for 0\.3 s$'
+        RunError, match=r'^the trigger did not fire: a fault of a drive was awaited for 0\.3 s$'
     ):
         Scope(graph, ['axis1.speed'], trigger='fault').record(0.3)
     monkeypatch.setattr(scope_client, 'SILENT_S', 0.5)

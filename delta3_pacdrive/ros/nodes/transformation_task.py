@@ -67,7 +67,7 @@ class TransformationTaskNode(PollingNode):
             report_s=report_s,
             wait_for_program=own['wait_for_program'],
             faults=faults,
-            port=self,
+            callbacks=self,
             now_s=time.monotonic,
             now_ns=time.time_ns,
             learned=learned.load(own['learned']) if own['learned'] else None,
