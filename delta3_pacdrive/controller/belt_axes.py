@@ -1,4 +1,4 @@
-"""What the plant announces of its belts, so that the controller, and scripts, know them: JSON, numbers to the bit."""
+"""Belts announced by the plant to the controller and to scripts: JSON, with exact numbers."""
 
 import json
 import math
@@ -8,12 +8,12 @@ from typing import Any
 from delta3_pacdrive.motion.belt_meeting import BeltAxes
 from delta3_pacdrive.motion.belt_synchronization import TrackWindow
 
-LARGEST = 1e9  # of a number that is announced
+LARGEST = 1e9  # limit of announced numbers
 NAME_MAX = 200  # characters
 
 
 def belts_text(belts: Sequence[BeltAxes]) -> str:
-    """Return belts as an announcement has them."""
+    """Return belts as JSON for an announcement."""
     return json.dumps(
         [
             {
@@ -26,7 +26,7 @@ def belts_text(belts: Sequence[BeltAxes]) -> str:
 
 
 def read_belts(text: str) -> tuple[BeltAxes, ...]:
-    """Return the belts of an announcement; raises ValueError for what announces none."""
+    """Return the belts of an announcement; raises ValueError if it is invalid."""
     try:
         told = json.loads(text)
         found = tuple(_belt(one) for one in told)

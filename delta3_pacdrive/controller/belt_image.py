@@ -1,4 +1,4 @@
-"""Belts by bus cycle, until that cycle counts: what the master keeps of what the plant has answered."""
+"""Readings of the belts by bus cycle, kept by the master until the cycle is evaluated."""
 
 from collections.abc import Sequence
 
@@ -7,37 +7,30 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 
 
 class BeltImage:
-    """The readings of all belts of one bus.
-
-    Attributes
-    ----------
-    expected
-        First cycle whose readings are still to come. ``NEVER`` without belts: none are awaited.
-
-    """
+    """Readings of all belts of one bus."""
 
     def __init__(self) -> None:
-        self.expected = NEVER
+        self.expected = NEVER  # next cycle with expected readings; NEVER without belts
         self._waiting: dict[int, Sequence[BeltReading]] = {}
 
     def begin(self, cycle: int, belts: int) -> None:
-        """Begin cyclic operation with a cycle, and so many belts."""
+        """Start cyclic operation with a cycle and a number of belts."""
         self.expected = cycle if belts else NEVER
         self._waiting.clear()
 
     def put(self, cycle: int, readings: Sequence[BeltReading]) -> None:
-        """Take the readings of a cycle in; those that come again count for nothing, and none is left out.
+        """Store the readings of a cycle; repeated ones are ignored.
 
-        The next command waits for them, so that none of a later cycle can come before them.
+        The next command waits for them, so they arrive in order without gaps.
         """
         if cycle == self.expected:
             self._waiting[cycle] = readings
             self.expected = cycle + 1
 
     def is_complete(self, cycle: int) -> bool:
-        """Whether nothing of a cycle can come any more."""
+        """Whether the readings of a cycle have arrived, or are not expected."""
         return cycle < self.expected
 
     def take(self, cycle: int) -> Sequence[BeltReading]:
-        """Take out the readings of a cycle, which is complete."""
+        """Remove and return the readings of a complete cycle."""
         return self._waiting.pop(cycle)

@@ -1,6 +1,6 @@
-"""What is known of belts in one bus cycle: by the answers of that cycle, and by the command that it has been given.
+"""State of belts in one bus cycle: from its feedback, and after its command.
 
-Pure. The controller knows it of every cycle; a script is told that of the cycle on which it decides, wherever it runs.
+Pure. The controller has it for every cycle; a script receives that of the cycle that it decides on.
 """
 
 import math
@@ -23,42 +23,25 @@ from delta3_pacdrive.motion.belt_synchronization import (
 from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.parameters import Parameters
 
-PARTS_MAX = 10_000  # parts that nobody has taken over
-NUMBER_MAX, LIMIT_MIN = 1e6, 1e-3  # of an order for a belt, in SI units
-BLIND = 2.5  # times the way between two pictures: so long without one, and the camera is dead
-CONSTANT_S = 0.05  # for so long the acceleration of a belt is taken to last, when it is told how it will be
+PARTS_MAX = 10_000  # reported parts that have not been taken
+NUMBER_MAX, LIMIT_MIN = 1e6, 1e-3  # range of numbers in an order, in SI units
+BLIND = 2.5  # multiple of the distance between pictures after which a camera counts as dead
+CONSTANT_S = 0.05  # duration for which the acceleration of a belt is extrapolated
 
 
 @dataclass(frozen=True)
 class TrackOrder:
-    """The robot is to get on a belt when its plan says so.
+    """Order to follow a belt at the next event of the plan that gets on one."""
 
-    Attributes
-    ----------
-    belt
-        Number of the belt.
-    part_m
-        Where along the belt the part is while the way of that is 0 [m].
-    reference_m
-        Where the plan has the part [m].
-    window
-        Along the belt, which the part must not leave.
-    limits
-        Of what is added to the plan.
-    met_s
-        How long after the robot starts to get on the part has to be within the window [s].
-
-    """
-
-    belt: int
-    part_m: float
-    reference_m: float
-    window: TrackWindow
-    limits: TrackLimits
-    met_s: float = 0.0
+    belt: int  # number of the belt
+    part_m: float  # position of the part along the belt at zero travel
+    reference_m: float  # position of the part along the belt in the plan
+    window: TrackWindow  # along the belt, which the part must not leave
+    limits: TrackLimits  # of the offset
+    met_s: float = 0.0  # time from getting on until the part must be within the window
 
     def to_document(self) -> dict[str, Any]:
-        """Return it as a request has it."""
+        """Return the order for a request."""
         window, limits = self.window, self.limits
         return {
             'belt': self.belt,
@@ -76,7 +59,7 @@ class TrackOrder:
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> Self:
-        """Return the order of a request; raises KeyError, TypeError or ValueError for one that is none."""
+        """Parse the order of a request; raises KeyError, TypeError or ValueError if it is invalid."""
         if (
             document.keys()
             != cls(0, 0.0, 0.0, TrackWindow(0.0, 0.0), TrackLimits(0.0, 0.0, 0.0)).to_document().keys()
@@ -96,87 +79,55 @@ class TrackOrder:
 
 
 class Phase(Enum):
-    """What is done with the offset that goes with a belt."""
+    """Phase of the offset that follows a belt."""
 
-    FREE = 'free'  # nothing is added
+    FREE = 'free'  # no offset
     ON_BELT = 'on the belt'
     LEAVING = 'leaving'
-    STANDING = 'standing'  # it comes to rest, or stands, somewhere
+    STANDING = 'standing'  # coming to rest, or at rest
 
 
 class Observed(NamedTuple):
-    """The answers of a bus cycle have told this of each belt.
-
-    Attributes
-    ----------
-    cycle
-        Number of the bus cycle.
-    estimates
-        Travelled distance, speed and acceleration.
-    pictures_m
-        Belt travel at the last picture of its camera [m].
-    jumps
-        How often its encoder has jumped.
-    bounced
-        How often its light barrier has latched a part again.
-    dropped
-        How many parts nobody has taken over were more than are kept.
-
-    """
+    """Feedback of a bus cycle for each belt."""
 
     cycle: int
     estimates: tuple[BeltEstimate, ...]
-    pictures_m: tuple[float, ...]
-    jumps: tuple[int, ...]
-    bounced: tuple[int, ...]
-    dropped: tuple[int, ...]
+    pictures_m: tuple[float, ...]  # travel at the last picture of its camera
+    jumps: tuple[int, ...]  # of its encoder
+    bounced: tuple[int, ...]  # repeated latches of a part at its light barrier
+    dropped: tuple[int, ...]  # parts discarded because too many were not taken
 
     def to_document(self) -> dict[str, Any]:
-        """Return it as a reply has it."""
+        """Return the feedback for a reply."""
         return self._asdict()
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> Self:
-        """Return what a reply tells."""
+        """Parse the feedback in a reply."""
         estimates = tuple(BeltEstimate(*one) for one in document['estimates'])
         rest = (tuple(document[name]) for name in ('pictures_m', 'jumps', 'bounced', 'dropped'))
         return cls(int(document['cycle']), estimates, *rest)
 
 
 class Tracked(NamedTuple):
-    """The command of a bus cycle has left this of what goes with a belt.
-
-    Attributes
-    ----------
-    phase, before
-        Of the offset, and that before it was brought to rest.
-    since, duration_s
-        Bus cycle in which the phase began, and how long its way takes [s].
-    offset
-        What was added to the plan, in the frame ``base``.
-    order
-        By which the robot is, or was, on a belt; None: by none.
-    lost
-        Why it could not stay there; None: it could, or that is settled.
-
-    """
+    """Belt tracking after the command of a bus cycle."""
 
     phase: Phase = Phase.FREE
-    before: Phase = Phase.FREE
-    since: int = 0
-    duration_s: float = 0.0
-    offset: Motion = Motion(ZERO)
-    order: TrackOrder | None = None
-    lost: Reason | None = None
+    before: Phase = Phase.FREE  # before the halt
+    since: int = 0  # first bus cycle of the phase
+    duration_s: float = 0.0  # of its motion
+    offset: Motion = Motion(ZERO)  # added to the plan, in the frame ``base``
+    order: TrackOrder | None = None  # of the present or last belt
+    lost: Reason | None = None  # why the robot could not stay on the belt, until cleared
 
     def rest_cycle(self, cycle_time_s: float) -> int:
-        """Return the first bus cycle in which what is added stands, after a halt; 0 if nothing was halted."""
+        """Return the first bus cycle in which the offset is at rest after a halt; 0 without a halt."""
         if self.phase is not Phase.STANDING:
             return 0
         return self.since + math.ceil(self.duration_s / cycle_time_s)
 
     def to_document(self) -> dict[str, Any]:
-        """Return it as a reply has it."""
+        """Return the state for a reply."""
         return {
             **self._asdict(),
             'phase': self.phase.value,
@@ -187,7 +138,7 @@ class Tracked(NamedTuple):
 
     @classmethod
     def from_document(cls, document: Mapping[str, Any]) -> Self:
-        """Return what a reply tells."""
+        """Parse the state in a reply."""
         order, lost = document['order'], document['lost']
         return cls(
             Phase(document['phase']),
@@ -201,29 +152,7 @@ class Tracked(NamedTuple):
 
 
 class BeltKnowledge:
-    """Belts as they are known in a bus cycle.
-
-    Parameters
-    ----------
-    parameters
-        Of the robot.
-    belts
-        That its bus has, in the order of their readings.
-
-    Attributes
-    ----------
-    belts
-        The same.
-    observed
-        What the answers have told.
-    tracked
-        What the command has left.
-    lost
-        Why the robot could not stay on a belt; None: it could, or that is settled.
-    parts
-        Of each belt, the newest 10,000 that were told of parts since ``take_parts``, in the order in which they came.
-
-    """
+    """State of belts in a bus cycle; ``belts`` are in the order of their readings."""
 
     def __init__(self, parameters: Parameters, belts: Sequence[BeltAxes]) -> None:
         self.belts = tuple(belts)
@@ -232,18 +161,19 @@ class BeltKnowledge:
         zero = tuple(0 for _ in belts)
         standing = tuple(BeltEstimate(0.0, 0.0, 0.0) for _ in belts)
         self.observed = Observed(-1, standing, tuple(0.0 for _ in belts), zero, zero, zero)
+        # newest PARTS_MAX parts of each belt since take_parts, in order of arrival
         self.parts: list[deque[QueuedPart]] = [deque(maxlen=PARTS_MAX) for _ in belts]
-        self.lost: Reason | None = None
+        self.lost: Reason | None = None  # why the robot could not stay on a belt, until cleared
 
     @property
     def tracked(self) -> Tracked:
-        """What the command has left."""
+        """State after the command."""
         raise NotImplementedError
 
     # belts ------------------------------------------------------------------------------------------------------------
 
     def expected(self, belt: int, cycle: int) -> BeltEstimate:
-        """Return how a belt will be when the command of a bus cycle is reached, as far as is known now."""
+        """Return the predicted state of a belt when the command of a bus cycle is reached."""
         seconds = (cycle - self.observed.cycle + self._ahead_cycles) * self._time
         soon = self.observed.estimates[belt].after(min(seconds, CONSTANT_S))
         return (
@@ -253,29 +183,29 @@ class BeltKnowledge:
         )
 
     def now(self, belt: int) -> BeltEstimate:
-        """Return how a belt is in the last bus cycle that has been answered."""
+        """Return the state of a belt in the last evaluated bus cycle."""
         return self.observed.estimates[belt]
 
     def blind_m(self, belt: int) -> float:
-        """Return how far a belt has gone without a picture that was due [m]; 0: its camera takes its pictures."""
+        """Return the travel of a belt without a due picture [m]; 0 while its camera works."""
         every = self.belts[belt].camera_every_m
         since = self.now(belt).way_m - self.observed.pictures_m[belt]
         return since if 0.0 < BLIND * every < since else 0.0
 
     def jumps(self, belt: int) -> int:
-        """Return how often the encoder of a belt has jumped."""
+        """Return the number of encoder jumps of a belt."""
         return self.observed.jumps[belt]
 
     def bounced(self, belt: int) -> int:
-        """Return how often the light barrier of a belt has latched a part again."""
+        """Return the number of repeated latches at the light barrier of a belt."""
         return self.observed.bounced[belt]
 
     def dropped(self, belt: int) -> int:
-        """Return how many parts of a belt were more than are kept."""
+        """Return the number of discarded parts of a belt."""
         return self.observed.dropped[belt]
 
     def take_parts(self, belt: int) -> list[QueuedPart]:
-        """Return what has been told of parts on a belt since the last time; it is told no more."""
+        """Remove and return the reported parts of a belt."""
         parts = list(self.parts[belt])
         self.parts[belt].clear()
         return parts
@@ -284,7 +214,7 @@ class BeltKnowledge:
 
     @property
     def free(self) -> bool:
-        """Whether nothing is added to the plan."""
+        """Whether no offset is added to the plan."""
         return self.tracked.phase is Phase.FREE
 
     @property
@@ -295,11 +225,11 @@ class BeltKnowledge:
 
     @property
     def rest_cycle(self) -> int:
-        """First bus cycle in which what is added stands, after a halt; 0 if nothing was halted."""
+        """First bus cycle in which the offset is at rest after a halt; 0 without a halt."""
         return self.tracked.rest_cycle(self._time)
 
     def back_s(self, cycle: int) -> float:
-        """Return how long it will take after a halt to get on the belt again, or to leave it, from a cycle on [s]."""
+        """Return the time to get on the belt again, or to leave it, from a cycle on after a halt [s]."""
         tracked = self.tracked
         order = tracked.order
         if order is None or tracked.phase is not Phase.STANDING:
@@ -313,17 +243,17 @@ class BeltKnowledge:
 
 
 class RemoteBelts(BeltKnowledge):
-    """Belts as a robot that is up has told them: those of the bus cycle on which a script decides."""
+    """Belts of a connected robot, in the bus cycle that a script decides on."""
 
     _tracked = Tracked()
 
     @property
     def tracked(self) -> Tracked:
-        """What the command has left."""
+        """State after the command."""
         return self._tracked
 
     def take(self, document: Mapping[str, Any]) -> None:
-        """Take what a reply tells."""
+        """Take the belt state of a reply."""
         self.observed = Observed.from_document(document['observed'])
         self._tracked = Tracked.from_document(document['tracked'])
         self.lost = self._tracked.lost

@@ -1,11 +1,11 @@
-"""Belts in the controller: what goes with a belt is added to the plan in each bus cycle.
+"""Belt tracking in the controller: an offset that follows a belt is added to the plan in each bus cycle.
 
-Pure: counts of encoders come in with the answers of a bus cycle, an offset goes out for each command. The command of
-MDT(k) rests on what AT(k - 1) has told of the belts, always: the same in one process and in several. The TCP reaches
-this command ``set_point_delay_cycles`` after the start of cycle k: so far, and one bus cycle more, a belt is predicted.
+Pure: encoder counts arrive with the feedback of a bus cycle, an offset leaves with each command. The command of MDT(k)
+always uses the belt readings of AT(k - 1), in one process as in several. The TCP reaches this command
+``set_point_delay_cycles`` after the start of cycle k, so belts are predicted over this delay plus one bus cycle.
 
-The plan says by an event when the robot gets on a belt, and when it leaves; ``TrackOrder`` says which one. So both
-follow the plan through every override and stop.
+Events of the plan determine when the robot gets on a belt and leaves it, so both follow the plan through every override
+and stop; ``TrackOrder`` selects the belt.
 """
 
 import math
@@ -39,15 +39,15 @@ from delta3_pacdrive.motion.plan import plan_motion_at
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.bus_time import NEVER
 
-PICTURES_MAX = 1000  # whose parts may not be told yet
-BOUNCE_M = 0.01  # nearer to each other than that no two parts pass a light barrier
-JUMPS_MAX = 3  # of an encoder: more, and nobody knows where the parts are
-SHORT_M = 0.005  # by which a part may be short of the window, if its belt is a little slower than it was
+PICTURES_MAX = 1000  # pictures with parts still to be reported
+BOUNCE_M = 0.01  # minimum distance of two parts at a light barrier
+JUMPS_MAX = 3  # of an encoder while on its belt; after more the position of parts is unknown
+SHORT_M = 0.005  # tolerance before the window, for a belt that slows down slightly
 
 
 @dataclass(frozen=True)
 class Sighted:
-    """A camera tells this of a part: type, place and angle on the belt, and the count of the encoder then."""
+    """A part seen by a camera: type, position and angle on the belt, and encoder count of the picture."""
 
     type: str
     along_m: float
@@ -58,47 +58,16 @@ class Sighted:
 
 @dataclass(frozen=True)
 class BeltReading:
-    """The AT of a bus cycle tells this of a belt.
+    """Reading of a belt in the AT of a bus cycle."""
 
-    Attributes
-    ----------
-    count
-        Of its encoder at the begin of the cycle.
-    latched
-        Counts that its light barrier has latched.
-    sighted
-        What its camera has seen.
-    pictures
-        How many pictures it has taken.
-
-    """
-
-    count: int
-    latched: tuple[int, ...] = ()
+    count: int  # of its encoder at the start of the cycle
+    latched: tuple[int, ...] = ()  # counts latched by its light barrier
     sighted: tuple[Sighted, ...] = ()
-    pictures: int = 0
+    pictures: int = 0  # number of pictures taken by its camera
 
 
 class BeltTracking(BeltKnowledge):
-    """A robot goes with belts.
-
-    Parameters
-    ----------
-    parameters
-        Of the robot.
-    belts
-        That its bus has, in the order of their readings.
-
-    Attributes
-    ----------
-    offset
-        What is added to the plan in the last command, in the frame ``base``.
-    forgets
-        Whether nobody goes on with the belt any more: what was added is to be forgotten once it stands.
-    again_cycle
-        Bus cycle from which on a robot that stands gets on its belt again, or leaves it, if it goes on; -1: none.
-
-    """
+    """Tracking of the belts of a bus by one robot; ``belts`` are in the order of their readings."""
 
     def __init__(self, parameters: Parameters, belts: Sequence[BeltAxes]) -> None:
         super().__init__(parameters, belts)
@@ -106,28 +75,29 @@ class BeltTracking(BeltKnowledge):
         self._tcp_speed_limit = parameters.motion.tcp_speed_limit_m_s
         self._observers = [BeltObserver(belt.increments_per_m, self._time) for belt in belts]
         self._history = [self.observed] * HISTORY
-        # of each belt the bus cycles in which the parts were told
+        # bus cycles in which the parts of each belt were reported
         self._reported: list[deque[int]] = [deque(maxlen=parts.maxlen) for parts in self.parts]
         self._dropped, self._bounced = [0] * len(self.belts), [0] * len(self.belts)
-        self._latched_m = [math.inf] * len(self.belts)  # the last part that a light barrier has told
-        self._pictures = [(0, 0.0)] * len(self.belts)  # how many, and the way of the belt at the last one [m]
-        # of the newest pictures, which may be told much later: count of the encoder, and way of the belt [m]
+        self._latched_m = [math.inf] * len(self.belts)  # last part reported by a light barrier
+        self._pictures = [(0, 0.0)] * len(self.belts)  # number of pictures, and travel at the last one [m]
+        # encoder count and travel [m] of the newest pictures; their parts may be reported much later
         self._ways: list[deque[tuple[int, float]]] = [deque(maxlen=PICTURES_MAX) for _ in self.belts]
-        # for the next event that gets on a belt, and that of the last one
+        # order for the next event that gets on a belt, and order of the last one
         self._pending_order: TrackOrder | None = None
         self._order: TrackOrder | None = None
         self._phase = self._before = Phase.FREE
         self._asked = False
         self._way, self._since, self._again = Transition.standing(ZERO, 0.0), 0, -1
+        # bus cycle from which on a resumed robot gets on its belt again, or leaves it; -1: none
         self.again_cycle = -1
         self._jumps = 0
-        self.clears_at_rest = False
-        self.offset = Motion(ZERO)
+        self.clears_at_rest = False  # whether the offset is cleared once it is at rest
+        self.offset = Motion(ZERO)  # added to the plan in the last command, in the frame ``base``
 
-    # what comes in ----------------------------------------------------------------------------------------------------
+    # feedback ---------------------------------------------------------------------------------------------------------
 
     def observe(self, cycle: int, readings: Sequence[BeltReading]) -> None:
-        """Take what the AT of a bus cycle tells of each belt, in the order of the cycles."""
+        """Take the readings of all belts in the AT of a bus cycle; cycles must be in order."""
         told = zip(self.belts, self._observers, readings, strict=True)
         for n, (belt, observer, reading) in enumerate(told):
             there = observer.step(reading.count)
@@ -136,11 +106,11 @@ class BeltTracking(BeltKnowledge):
                 self._pictures[n] = reading.pictures, there.way_m
                 self._ways[n].append((reading.count, observer.distance_of(reading.count)))
             for count in reading.latched:
-                # the count is that of an instant after the passing
+                # the count was latched after the part passed
                 way = observer.recent_distance_of(count) - speed * belt.barrier_delay_s
                 along = belt.barrier_m - way
                 if abs(along - self._latched_m[n]) < BOUNCE_M:
-                    self._bounced[n] += 1  # the first time counts
+                    self._bounced[n] += 1  # only the first passage counts
                 else:
                     self._latched_m[n] = along
                     self._report(cycle, n, QueuedPart('', along, 0.0, belt=belt.name))
@@ -160,7 +130,7 @@ class BeltTracking(BeltKnowledge):
         )
 
     def _way_of_picture(self, belt: int, count: int) -> float:
-        """Return the way of a belt when a picture was taken [m]: the encoder may have jumped since."""
+        """Return the travel of a belt at a picture [m]; the encoder may have jumped since."""
         for taken, way in reversed(self._ways[belt]):
             if taken == count:
                 return way
@@ -173,12 +143,12 @@ class BeltTracking(BeltKnowledge):
         self._reported[belt].append(cycle)
 
     def take_parts(self, belt: int, until: int = NEVER) -> list[QueuedPart]:
-        """Return what has been told of parts on a belt up to a bus cycle; it is told no more."""
+        """Remove and return the parts reported on a belt up to a bus cycle."""
         parts, told = self.parts[belt], self._reported[belt]
         return [(told.popleft(), parts.popleft())[1] for _ in range(bisect_right(told, until))]
 
     def begin(self, cycle: int) -> None:
-        """Forget parts that nobody can work on, for a script that begins with the answers of a bus cycle."""
+        """Discard parts beyond the window, for a script that starts with the feedback of a bus cycle."""
         estimates = self._history[cycle % HISTORY].estimates
         for n, belt in enumerate(self.belts):
             last = -math.inf if belt.window is None else belt.window.end_m - estimates[n].way_m
@@ -194,31 +164,31 @@ class BeltTracking(BeltKnowledge):
                 self.parts[n].append(part)
 
     def to_document(self, cycle: int, tracked: Tracked) -> dict[str, Any]:
-        """Return what a script is told that decides on a bus cycle, one of the last 64, as a reply has it.
+        """Return the belt state in one of the last 64 bus cycles for the reply to a script.
 
-        ``tracked`` is what the command of that cycle has left.
+        ``tracked`` is the state after the command of that cycle.
         """
         parts = [[astuple(one) for one in self.take_parts(n, cycle)] for n in range(len(self.belts))]
         observed = self._history[cycle % HISTORY]
         return {'observed': observed.to_document(), 'tracked': tracked.to_document(), 'parts': parts}
 
     def order(self, order: TrackOrder) -> None:
-        """Take an order for the next event of the plan that gets on a belt; it counts instead of the one before."""
+        """Set the order for the next event of the plan that gets on a belt."""
         self._pending_order = order
 
-    # what goes out ----------------------------------------------------------------------------------------------------
+    # commands ---------------------------------------------------------------------------------------------------------
 
     @property
     def tracked(self) -> Tracked:
-        """What the last command has left."""
+        """State after the last command."""
         return Tracked(
             self._phase, self._before, self._since, self._way.duration_s, self.offset, self._order, self.lost
         )
 
     def step(self, cycle: int, asked: bool) -> bool:
-        """Go on to the command of a bus cycle; return whether anything is added to the plan.
+        """Advance to the command of a bus cycle; return whether an offset is added to the plan.
 
-        ``asked`` says whether the plan wants the robot to be on a belt.
+        ``asked`` is whether the plan requires the robot to be on a belt.
         """
         if cycle == self._again:
             self._again = -1
@@ -230,7 +200,7 @@ class BeltTracking(BeltKnowledge):
             self._phase = Phase.LEAVING
             self._begin(cycle)
         elif not asked and self.works:
-            self._before = Phase.LEAVING  # the work was done while it came to rest
+            self._before = Phase.LEAVING  # the work was completed while coming to rest
         self._asked = asked
         return self._advance(cycle)
 
@@ -244,7 +214,7 @@ class BeltTracking(BeltKnowledge):
         self._begin(cycle)
 
     def _begin(self, cycle: int) -> None:
-        """Begin to get on the belt, or to leave it, with the command of a bus cycle."""
+        """Start to get on the belt, or to leave it, with the command of a bus cycle."""
         order = self._order
         if order is None:
             return
@@ -286,7 +256,7 @@ class BeltTracking(BeltKnowledge):
         return True
 
     def _watch(self, cycle: int, order: TrackOrder, part_m: float, speed_m_s: float, met: bool) -> None:
-        """Look whether the robot can stay on its belt."""
+        """Check whether the robot can stay on its belt."""
         belt, window = self.belts[order.belt], order.window
         where = f'belt {belt.name} in bus cycle {cycle}'
         if part_m > window.end_m:
@@ -310,9 +280,9 @@ class BeltTracking(BeltKnowledge):
             )
 
     def watch_speed(self, cycle: int, timeline: Timeline | None) -> None:
-        """Look whether the robot, if plan and belt come to rest from now on, keeps the limit of its TCP speed.
+        """Check the limit of the TCP speed for a stop of plan and belt from now on.
 
-        ``timeline`` is that of the plan that is driven, None without one.
+        ``timeline`` is that of the running plan, None without one.
         """
         if self._order is None or self._phase in (Phase.FREE, Phase.STANDING):
             return
@@ -337,11 +307,8 @@ class BeltTracking(BeltKnowledge):
             self.lost = Reason(Code.BELT, sentence)
 
     def halt(self, cycle: int, hard: bool = False) -> None:
-        """Bring what is added to rest from the command of a bus cycle on, wherever that is.
-
-        A hard stop takes over from a soft one that is under way.
-        """
-        self._again = self.again_cycle = -1  # who was to go on stands
+        """Bring the offset to rest from the command of a bus cycle on; a hard stop replaces an active soft one."""
+        self._again = self.again_cycle = -1  # cancels a pending resume
         order, standing = self._order, self._phase is Phase.STANDING
         if order is None or self._phase is Phase.FREE:
             return
@@ -372,11 +339,11 @@ class BeltTracking(BeltKnowledge):
         self.again_cycle = -1
 
     def clear_loss(self) -> None:
-        """Forget why the robot could not stay on a belt, and an order that nobody goes on with."""
+        """Clear the loss of the belt, and a pending order."""
         self.lost = self._pending_order = None
 
     def clear(self) -> None:
-        """Forget belt and order: what is added becomes part of the place at which the robot stands."""
+        """Clear belt and order; the offset becomes part of the position of the robot."""
         self.clear_loss()
         self._order, self._phase, self._asked = None, Phase.FREE, False
         self._again = self.again_cycle = -1

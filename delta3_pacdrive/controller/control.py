@@ -1,9 +1,9 @@
-"""Who has control of the robot: the right to move it, which one operator has at a time.
+"""Control of the robot: the right to move it, held by at most one operator.
 
-An operator takes control, keeps it by his heartbeat and releases it. While nobody has it, everybody may move the robot,
-operators without an identity too, as ROS clients without a heartbeat are. While somebody has it, others are refused by
-his name; reading and stopping are free for all. Another operator can take control over on purpose. Who falls silent has
-lost it, and the robot stops on its path: nobody watches it any more.
+An operator takes control, keeps it by heartbeats and releases it. While no operator has control, every client may move
+the robot, including ROS clients without identity or heartbeat. Otherwise requests of others are rejected with the name
+of the operator; reading and stopping remain available to all. Control can be taken over explicitly. When the
+heartbeat of an operator times out, it loses control and the robot stops on its path.
 """
 
 from dataclasses import dataclass
@@ -15,40 +15,25 @@ from delta3_pacdrive.sercos.watchdog import OPERATOR_APPEARS_S, OPERATOR_SILENT_
 
 @dataclass(frozen=True)
 class Operator:
-    """Somebody who may have control: an identity of his own choice, and a name for people."""
+    """An operator: a self-chosen identity, and a display name."""
 
     identity: str
     name: str
 
 
 class Control:
-    """Control of one robot.
-
-    Parameters
-    ----------
-    period_s
-        Time between two calls of ``lost`` [s].
-
-    Attributes
-    ----------
-    operator
-        Who has it, None for nobody.
-    changes
-        How often it has changed hands.
-    losses
-        How often somebody has lost it: taken over by another one, or silent.
-
-    """
+    """Control of one robot; ``period_s`` is the time between two calls of ``poll`` [s]."""
 
     def __init__(self, period_s: float) -> None:
         self.operator: Operator | None = None
+        # changes of control, and of these the losses by take-over or timeout
         self.changes = self.losses = 0
         self._watch = Watchdog(period_s)
         self._heartbeats = Numbering()
-        self._heartbeat_received = False  # whether a heartbeat of the operator has come
+        self._heartbeat_received = False  # from the present operator
 
     def take(self, operator: Operator, by_force: bool, now_s: float) -> Reason | None:
-        """Give control to an operator; returns why not."""
+        """Give control to an operator; return the reason of a rejection."""
         if not operator.identity or not operator.name.isprintable() or not 0 < len(operator.name) <= TEXT_MAX:
             return Reason(Code.CONTENT, f'{shown(operator.name)} cannot be the name of an operator')
         if self.operator is not None and self.operator.identity != operator.identity and not by_force:
@@ -61,21 +46,21 @@ class Control:
         return None
 
     def release(self, identity: str) -> Reason | None:
-        """Take control back from an operator who gives it up; returns why not."""
+        """Release control; return the reason of a rejection."""
         if self.operator is None or self.operator.identity != identity:
             return Reason(Code.CONTROL, 'you do not have control of the robot')
         self._end()
         return None
 
     def receive_heartbeat(self, identity: str, number: int, now_s: float) -> None:
-        """Take note of a heartbeat; one that is not newer than the last does not count."""
+        """Record a heartbeat; repeated ones are ignored."""
         new = self._heartbeats.is_new(identity, number)
         if new and self.operator is not None and self.operator.identity == identity:
             self._heartbeat_received = True
             self._watch.received(now_s)
 
     def poll(self, now_s: float) -> Operator | None:
-        """Look: the operator who has just lost control because he fell silent, None if none has."""
+        """Return the operator that has just lost control by timeout, None if none has."""
         silence = self._watch.silence_s(now_s)
         limit_s = OPERATOR_SILENT_S if self._heartbeat_received else OPERATOR_APPEARS_S
         if self.operator is None or silence <= limit_s:
@@ -86,7 +71,7 @@ class Control:
         return operator
 
     def refusal(self, identity: str) -> Reason | None:
-        """Say why somebody (empty: without an identity) may not move the robot, None if he may."""
+        """Return why an operator (empty: no identity) may not move the robot, None if it may."""
         if self.operator is None or self.operator.identity == identity:
             return None
         return control_refusal(self.operator.name)
@@ -97,5 +82,5 @@ class Control:
 
 
 def control_refusal(name: str) -> Reason:
-    """Return the refusal of whoever has no control, because somebody else has."""
+    """Return the rejection of a request while another operator has control."""
     return Reason(Code.CONTROL, f'{name} has control of the robot; it can be taken over (--take-over)')

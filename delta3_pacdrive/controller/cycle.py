@@ -1,8 +1,8 @@
-"""What the controller does in a bus cycle, without a bus: it commands, and later evaluates the answers of the drives.
+"""The controller's part of a bus cycle, without a bus: command, and later evaluation of the drives' feedback.
 
-The simulation calls both halves of a cycle one after the other. A node calls ``command`` when it sends the MDT of a
-cycle and ``evaluate`` when the answers of a cycle are complete, each in the order of the cycles; in between a few
-cycles may be outstanding. The rule which fault stops the robot, and how, stands here alone.
+The simulation runs both halves of a cycle in turn. A node calls ``command`` when it sends the MDT of a cycle and
+``evaluate`` when its feedback is complete, each in the order of the cycles; a few cycles may be outstanding in between.
+The decision which fault stops the robot, and how, is made only here.
 """
 
 from collections.abc import Sequence
@@ -17,43 +17,29 @@ from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
 
 
 class Command(NamedTuple):
-    """What the MDT of a bus cycle says to the drives."""
+    """Command to the drives in the MDT of a bus cycle."""
 
-    motors: Floats  # (3,) motor shafts [rad], on the increment grid; the next command overwrites them
-    torques: Floats  # (3,) of the motors [N m], S-0-0081, where the robot's parameters ask for them; else 0
+    motors: Floats  # (3,) motor shafts [rad], on the increment grid; overwritten by the next command
+    torques: Floats  # (3,) additive motor torques [N m], S-0-0081, if enabled in the parameters, else 0
     control: int  # S-0-0134
-    payload: float  # [kg], gripped
+    payload: float  # gripped [kg]
     outputs: int  # bit n is output n
-    turn: tuple[float, float] | None = (
-        None  # motor shaft [rad] and torque [N m] of the rotary axis, where there is one
-    )
+    # motor shaft [rad] and torque [N m] of the rotary axis, if present
+    turn: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class Stop:
-    """A fault asks for a stop of the robot.
-
-    Attributes
-    ----------
-    fault
-        What is wrong, and in which bus cycle it was found.
-    first
-        First bus cycle of the stop, still to come.
-    hard
-        Whether the stop may be harder than the move allows: an axis does not follow any more.
-    drive
-        Number of the drive that reports the fault, from 0 on; None if it is no drive's.
-
-    """
+    """Stop of the robot caused by a fault."""
 
     fault: RobotFault
-    first: int
-    hard: bool = False
-    drive: int | None = None
+    first: int  # first bus cycle of the stop
+    hard: bool = False  # whether it may exceed the deceleration of the move, because an axis does not follow
+    drive: int | None = None  # index of the drive that reports the fault, if any
 
 
 def emergency_stop(cycle: int) -> Stop:
-    """Return the stop of an operator or of an injected fault, from the command of a bus cycle on."""
+    """Return the stop by an operator or an injected fault, from the command of a bus cycle on."""
     sentence = f'emergency stop in bus cycle {cycle}'
     return Stop(RobotFault(FaultCode.EMERGENCY_STOP, sentence, cycle=cycle), cycle)
 
@@ -61,15 +47,7 @@ def emergency_stop(cycle: int) -> Stop:
 class ControllerCycle:
     """The controller's part of each bus cycle.
 
-    Parameters
-    ----------
-    task
-        Gives the commands and evaluates the answers.
-    axes
-        Keeps what the drives have answered.
-    parameters
-        Of the robot. A stop begins ``bus.outstanding_cycles_max`` cycles after the one whose answers tell of a fault.
-
+    A stop starts ``bus.outstanding_cycles_max`` cycles after the one with the fault in its feedback.
     """
 
     def __init__(self, task: Transformation, axes: AxisMonitor, parameters: Parameters) -> None:
@@ -86,24 +64,24 @@ class ControllerCycle:
     def evaluate(
         self, cycle: int, answers: Sequence[tuple[Any, ...] | None], program_starts: int, stopped: bool
     ) -> Stop | None:
-        """Evaluate the answers of the drives in a cycle.
+        """Evaluate the feedback of the drives in a cycle.
 
         Parameters
         ----------
         cycle
             Number of the bus cycle.
         answers
-            Of each axis (position [rad], speed [rad/s], torque [N m]) and the status word, perhaps more behind them;
-            None if it is lost: then the shaft is extrapolated.
+            Of each axis (position [rad], speed [rad/s], torque [N m]), the status word, and possibly more; None for a
+            lost AT: its position is extrapolated.
         program_starts
-            Bus cycle from which on every drive must be in torque, ``NEVER`` if the TCP stands.
+            First bus cycle in which every drive must be in torque, ``NEVER`` at rest.
         stopped
-            Whether a fault has stopped the robot before: only an axis that does not follow any more counts then.
+            Whether a fault has stopped the robot already: then only an axis that no longer follows is a new fault.
 
         Returns
         -------
         Stop | None
-            What the fault of a drive asks for, or a robot that is not in position. The evaluated answers are in
+            Stop for a fault of a drive, or for a robot that is not in position. The evaluated feedback is in
             ``Transformation.answer``.
 
         """

@@ -1,6 +1,6 @@
-"""Cyclic operation of the controller: bus cycles start when they are due, and count when they are answered.
+"""Cyclic operation of the controller: starts bus cycles when they are due, and evaluates complete ones.
 
-All of it happens in each bus cycle, a thousand times a second on a clock and more often without one.
+All of it runs in each bus cycle: a thousand times a second with a clock, more often without one.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,63 +31,29 @@ Content = tuple[Any, int, int]  # position, speed, torque; status word; word of 
 
 
 class CycleCallbacks(Protocol):
-    """What bus cycles do outside of the controller."""
+    """Functions called in bus cycles."""
 
     def start_ticks(self, delay_s: float) -> None:
-        """Start the timer whose ticks look for due cycles, after a while [s]; the first is due at the first tick."""
+        """Start the timer of bus cycles after a delay [s]; the first cycle is due at its first tick."""
 
     def send(self, cycle: int, command: Command) -> None:
         """Send the MDT of a bus cycle."""
 
     def publish_answers(self, cycle: int) -> None:
-        """Tell what the answers of a bus cycle say."""
+        """Publish the feedback of a bus cycle."""
 
     def reject_telegram(self, reason: str) -> None:
-        """Say that a telegram was refused."""
+        """Report a rejected telegram."""
 
     def run_actions(self) -> None:
-        """Carry out what the state of the robot wants done."""
+        """Carry out the actions of the robot state."""
 
     def publish_status(self) -> None:
-        """Do the same, and tell everybody how things stand."""
+        """Carry out the actions of the robot state, and publish status and progress."""
 
 
 class CyclicOperation:
-    """Bus cycles of one controller.
-
-    Parameters
-    ----------
-    parameters, period_s, look_s
-        Of the robot; wall-clock time per cycle, 0 = as fast as possible, and between two looks for silence [s].
-    state, task, axes, services
-        Of the same controller.
-    faults
-        Those of the ATs and of the operator.
-    port
-        Takes part in each cycle.
-    gate
-        Of the script that decides, if one does.
-    fall
-        Called with a fault for which the phase has to fall.
-    now_s, now_ns
-        Return the time: of a clock that never jumps [s], of day [ns].
-    shared
-        Clock by which other robots go as well.
-
-    Attributes
-    ----------
-    running
-        Whether the bus is in cyclic operation.
-    next_cycle, answered
-        Next cycle to start, next one to be complete.
-    answers, inputs, belts
-        What has been answered, until a cycle is complete; what the inputs were then, and the belts.
-    scheduler, watchdog, statistics
-        Decides when cycles start, knows for how long none was answered, counts.
-    last_answer_s
-        When the last cycle was complete [s].
-
-    """
+    """Bus cycles of one controller."""
 
     def __init__(
         self,
@@ -109,37 +75,38 @@ class CyclicOperation:
         self._state, self._axes, self._services, self._faults = state, axes, services, faults
         self._callbacks, self._gate, self._fall = callbacks, gate, fall
         self._task, self._cycle = task, ControllerCycle(task, axes, parameters)
-        self.watchdog = Watchdog(look_s)
+        self.watchdog = Watchdog(look_s)  # of complete cycles
         self.statistics = BusStatistics(parameters.bus.outstanding_cycles_max)
         self._now_s, self._now_ns = now_s, now_ns
         self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, callbacks.reject_telegram)
         self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max, shared)
+        # feedback of the drives, inputs and belts, until a cycle is complete
         self.answers: AnswerBuffer[Content] = AnswerBuffer(len(services.drives))
         self.inputs, self.belts = InputImage(), BeltImage()
-        self._observed = -1  # bus cycle up to which the task knows its belts
+        self._observed = -1  # last bus cycle with belt readings known to the task
         self.running = False
-        self.next_cycle = self.answered = 0
-        self.last_answer_s = 0.0
+        self.next_cycle = self.answered = 0  # next cycle to start, and first one without complete feedback
+        self.last_answer_s = 0.0  # time of the last complete cycle
 
     def first_cycle(self) -> int | None:
-        """Return the cycle with which cyclic operation may begin, None as long as others of its clock are not ready."""
+        """Return the first cycle of cyclic operation, None while robots on a shared clock are not ready."""
         return self.scheduler.first_cycle(self.next_cycle, self._now_s())
 
     def begin(self, cycle: int, inputs: Sequence[str] = ()) -> None:
-        """Begin cyclic operation with a cycle; ``inputs`` are the names of those that the plant has."""
+        """Start cyclic operation with a cycle; ``inputs`` are the names of the inputs of the plant."""
         self.next_cycle = self.answered = cycle
         self.answers.begin(cycle)
         self.inputs.begin(cycle, inputs)
         tracking = self._task.tracking
         self.belts.begin(cycle, 0 if tracking is None else len(tracking.belts))
         self._observed = cycle - 1
-        # a command rests on what the belts have told in the cycle before: two cannot start at once
+        # a command requires the belt readings of the cycle before, so two cycles cannot start together
         self.scheduler.catches_up = tracking is None
         self._link.clear()
         self.last_answer_s = self._now_s()
         self.watchdog.received(self.last_answer_s)
         delay_s = self.scheduler.begin(cycle, self.last_answer_s + self.scheduler.period_s)
-        self._callbacks.start_ticks(delay_s)  # at once: what comes between makes every cycle late
+        self._callbacks.start_ticks(delay_s)  # immediately: any delay here makes every cycle late
         self.running = True
 
     def end(self) -> None:
@@ -148,7 +115,7 @@ class CyclicOperation:
         self.scheduler.end()
 
     def due(self, index: int) -> bool:
-        """Whether an axis may have more to say; before cyclic operation nobody knows how often it answers."""
+        """Whether further AT of an axis are expected; outside cyclic operation their number is unknown."""
         return not self.running or self.answers.expected[index] < self.next_cycle
 
     def start_due(self) -> None:
@@ -180,27 +147,27 @@ class CyclicOperation:
                 self._callbacks.run_actions()
 
     def _outstanding(self) -> int:
-        """Return how many cycles wait for answers: as many as may, where a command has to know its belts first."""
+        """Return the number of outstanding cycles; the maximum while belt readings for the next command are missing."""
         if self.belts.is_complete(self.next_cycle - 1):
             return self.next_cycle - self.answered
         return self.scheduler.outstanding_max
 
     def _observe(self, cycle: int) -> None:
-        """Let the task know its belts up to a bus cycle."""
+        """Pass the belt readings up to a bus cycle to the task."""
         tracking = self._task.tracking
         while tracking is not None and self._observed < cycle:
             self._observed += 1
             tracking.observe(self._observed, self.belts.take(self._observed))
 
     def _begin_faults(self, cycle: int) -> None:
-        """Let injected faults happen; after a process that was frozen, time goes on as after any delay."""
+        """Start injected faults; after a frozen process, bus time continues as after any delay."""
         for fault, _ in self._faults.due(cycle):
             if fault.kind == 'emergency_stop':
                 self._state.stop_for(emergency_stop(cycle))
                 self._callbacks.run_actions()
 
     def take(self, index: int, cycle: int, content: Content, received_ns: int) -> None:
-        """Take the AT of an axis, and the time at which it came [ns], 0 if nobody knows it."""
+        """Take the AT of an axis and its time of arrival [ns], 0 if unknown."""
         if not self.running:
             return
         axis = self._services.drives[index]
@@ -219,7 +186,7 @@ class CyclicOperation:
                 self._callbacks.publish_status()
 
     def take_inputs(self, cycle: int, bits: int) -> None:
-        """Take the inputs that the plant tells in a bus cycle, as bits."""
+        """Take the inputs of the plant in a bus cycle, as bits."""
         if not self.running:
             return
         if self.next_cycle <= cycle:
@@ -229,7 +196,7 @@ class CyclicOperation:
         self.complete()
 
     def take_belts(self, cycle: int, readings: Sequence[BeltReading]) -> None:
-        """Take what the plant tells of its belts in a bus cycle; the next command has waited for it."""
+        """Take the belt readings of a bus cycle, which the next command has waited for."""
         if not self.running:
             return
         if self.next_cycle <= cycle:
@@ -241,11 +208,11 @@ class CyclicOperation:
             self.start_due()
 
     def complete(self, received_ns: int = 0) -> None:
-        """Evaluate the cycles of which all answers are there, or known to be lost because a later one came."""
+        """Evaluate all cycles with complete feedback; an AT counts as lost once a later one has arrived."""
         buffer, inputs, state, services = self.answers, self.inputs, self._state, self._services
         belts, first = self.belts, self.answered
         if not (buffer.is_complete(first) and inputs.is_complete(first) and belts.is_complete(first)):
-            return  # nothing that is held back may start, either
+            return  # the next cycle has to wait as well
         gate = self._gate
         while not gate.closed and (cycle := self.answered) < self.next_cycle:
             if not (buffer.is_complete(cycle) and inputs.is_complete(cycle) and belts.is_complete(cycle)):

@@ -1,6 +1,6 @@
-"""What operators ask of the drives: to be enabled, to be disabled, and to clear their faults.
+"""Requests of operators to enable and disable the drives and to clear their faults.
 
-Pure, as ``RobotState`` is, whose actions these requests add to.
+Pure, as ``RobotState``; actions are added to those of the robot state.
 """
 
 import math
@@ -17,30 +17,23 @@ from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, parse_idn
 
 RESET_CLASS_1 = Access(parse_idn('S-0-0099'), Operation.COMMAND)
-SETTLED_M = 1e-4  # by which a robot that is enabled may be away from its command
-DISPLACED_RAD = 0.02  # by which its tool may be turned then
-DISPLACED_M = 5e-3  # the same while a program is held, which the sag into the brakes must not end
+SETTLED_M = 1e-4  # deviation from the command up to which the position is kept when enabling
+DISPLACED_RAD = 0.02  # largest rotation of the tool while a program is held
+DISPLACED_M = 5e-3  # largest displacement while a program is held; allows for the sag into the brakes
 
 
 class Enabling:
-    """The drives of one robot are enabled and disabled, and their faults are cleared, as operators ask.
-
-    Parameters
-    ----------
-    bus, task, axes, state
-        Of the same robot.
-
-    """
+    """Enabling, disabling and fault reset of the drives of one robot."""
 
     def __init__(self, bus: Bus, task: Transformation, axes: AxisMonitor, state: RobotState) -> None:
         self._bus, self._task, self._axes, self._state = bus, task, axes, state
         self._reset = FaultReset()
-        self._waiting: list[Any] = []  # who wants drives enabled that are being switched off
+        self._waiting: list[Any] = []  # enable requests while the drives are being disabled
 
     def enable(self, request: Any) -> Reason | str | None:
-        """Enable the drives; returns why not, or from which cycle on; None if the answer to the request follows.
+        """Enable the drives; return why not, or from which cycle on, or None if the reply follows later.
 
-        Drives that were disabled hold their motors until the brakes do; so long this waits.
+        Drives that were disabled stay in torque until the brakes hold; a request waits until then.
         """
         fault, closed = self._state.fault, self._bus.closed()
         if fault:
@@ -59,7 +52,7 @@ class Enabling:
         return f'effective in bus cycle {self._bus.next_cycle + 1}'
 
     def disable(self) -> str:
-        """Disable the drives, after a stop on the path if the TCP moves; returns when."""
+        """Disable the drives, after a stop on the path if the TCP moves; return a description."""
         cycle, state = self._bus.next_cycle, self._state
         self._reply_to_waiting(lambda _: Reason(Code.STATE, 'the drives were disabled meanwhile'))
         if state.moves:
@@ -72,14 +65,14 @@ class Enabling:
         return f'effective in bus cycle {cycle + 1}'
 
     def _take_over_position(self) -> Reason | None:
-        """Command the TCP to be where the brakes hold it; returns why that is not possible."""
+        """Set the command to the position held by the brakes; return why that is not possible."""
         try:
             away = self._task.distance_m(self._axes.positions)
         except UnreachableError as error:
             return Reason.of(error)
         turned = self._task.tool_off_rad(self._axes.positions)
         if self._task.loaded:
-            # a program that is held goes on where it was left
+            # a held program continues from its position
             if turned > DISPLACED_RAD:
                 where = f'{math.degrees(turned):.3g} deg from where its program was held'
                 return Reason(Code.STATE, f'the tool was turned {where}: abort it first')
@@ -96,7 +89,7 @@ class Enabling:
         return None
 
     def _reply_to_waiting(self, outcome: Callable[[Any], Reason | str | None]) -> None:
-        """Answer who waits for drives to be enabled, unless he has to wait on."""
+        """Reply to waiting enable requests, unless they have to wait further."""
         waiting, self._waiting = self._waiting, []
         for request in waiting:
             found = outcome(request)
@@ -106,10 +99,10 @@ class Enabling:
             told = Replied(request, reason, sentence)
             self._state.actions.extend((Logged(f'enable: {found}', error=reason is not None), told))
 
-    # clearing of faults -----------------------------------------------------------------------------------------------
+    # fault reset ------------------------------------------------------------------------------------------------------
 
     def reset(self, request: Any) -> Reason | None:
-        """Clear the faults of all drives (S-0-0099); returns why not, else the answer to the request follows."""
+        """Clear the faults of all drives (S-0-0099); return why not, else the reply follows later."""
         fault = self._state.fault
         if not fault:
             return Reason(Code.STATE, 'there is no fault')
@@ -123,7 +116,7 @@ class Enabling:
         return None
 
     def poll(self) -> None:
-        """Look whether who asked need not wait any more; for a reset a drive that is to be enabled counts as such."""
+        """Continue waiting requests; a drive that is being enabled counts as in torque for a reset."""
         if self._waiting:
             self._reply_to_waiting(self.enable)
         if self._reset.state is ResetState.WAITING and self._state.without_torque:
@@ -133,7 +126,7 @@ class Enabling:
             self._state.actions.extend(asked)
 
     def handle_bus_loss(self, fault: RobotFault) -> None:
-        """Answer who waits, since cyclic operation has ended."""
+        """Reject waiting requests, because cyclic operation has ended."""
         self._reply_to_waiting(lambda _: Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
         if self._reset.handle(ResetEvent.BUS_LOST):
             self._reply(Reason(Code.BUS, f'the bus has fallen: {fault}', fault))
@@ -143,7 +136,7 @@ class Enabling:
             self._reply(self._clear_faults())
 
     def _clear_faults(self) -> Reason | None:
-        """Stand ready where the motors are, now that the drives have cleared their faults; returns why not."""
+        """Make the robot ready at its present position after the drives have cleared their faults; return why not."""
         fault = self._state.fault
         if self._reset.errors:
             errors = '; '.join(self._reset.errors)

@@ -1,6 +1,6 @@
-"""The clearing of faults that an operator has asked for: it waits for the torque to go, then for all drives.
+"""Fault reset requested by an operator: waits for all drives to be without torque, then for their replies.
 
-What is not in the table does not happen.
+Events that are not in the table are ignored.
 """
 
 from enum import Enum
@@ -8,19 +8,19 @@ from typing import Any
 
 
 class ResetState(Enum):
-    """How far a reset is."""
+    """State of a reset."""
 
-    NONE = 'none is under way'
+    NONE = 'no reset is active'
     WAITING = 'a drive is still in torque'
     ASKED = 'the drives are clearing their faults'
 
 
 class ResetEvent(Enum):
-    """What happens to a reset."""
+    """Event of a reset."""
 
-    REQUEST = 'an operator asks for it'
-    TORQUE_OFF = 'no drive is in torque, or about to be'
-    ANSWER = 'the last drive has answered'
+    REQUEST = 'an operator requests it'
+    TORQUE_OFF = 'no drive is in torque or being enabled'
+    ANSWER = 'the last drive has replied'
     BUS_LOST = 'the bus has fallen'
 
 
@@ -31,46 +31,35 @@ TRANSITIONS = {
     (ResetState.ASKED, ResetEvent.ANSWER): ResetState.NONE,
     (ResetState.ASKED, ResetEvent.BUS_LOST): ResetState.NONE,
 }
-"""Where an event leads from a state."""
+"""Transitions; other events are ignored."""
 
 
 class FaultReset:
-    """One reset after the other.
-
-    Attributes
-    ----------
-    state
-        How far it is.
-    request
-        Who is answered when it ends.
-    errors
-        What drives have answered that cannot clear their faults.
-
-    """
+    """One reset after the other."""
 
     def __init__(self) -> None:
         self.state = ResetState.NONE
-        self.request: Any = None
-        self.errors: list[str] = []
+        self.request: Any = None  # to reply to
+        self.errors: list[str] = []  # of drives that could not clear their faults
         self._awaited = 0
 
     @property
     def under_way(self) -> bool:
-        """Whether a reset has not ended yet."""
+        """Whether a reset is active."""
         return self.state is not ResetState.NONE
 
     def begin(self, request: Any) -> None:
-        """Begin with what an operator has asked for."""
+        """Start a reset for a request."""
         self.request, self.errors = request, []
         self.handle(ResetEvent.REQUEST)
 
     def ask(self, drives: int) -> None:
-        """Note that so many drives are asked, because none has torque any more."""
+        """Record that ``drives`` drives are clearing their faults."""
         self._awaited = drives
         self.handle(ResetEvent.TORQUE_OFF)
 
     def answered(self, error: str) -> bool:
-        """Take the answer of a drive, an empty error if it has cleared its faults; whether it was the last."""
+        """Take the reply of a drive, with an empty error on success; return whether it was the last."""
         if self.state is not ResetState.ASKED:
             return False
         self._awaited -= 1
@@ -79,7 +68,7 @@ class FaultReset:
         return self._awaited == 0 and self.handle(ResetEvent.ANSWER)
 
     def handle(self, event: ResetEvent) -> bool:
-        """Let an event happen; whether it could."""
+        """Apply an event; return whether it was possible."""
         after = TRANSITIONS.get((self.state, event))
         self.state = after or self.state
         return after is not None

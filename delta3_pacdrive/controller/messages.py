@@ -13,7 +13,7 @@ from delta3_pacdrive.errors import Code, Reason, RobotFault, TelegramError, show
 from delta3_pacdrive.motion.adaptation import Adaptation
 
 TEXT_MAX = 100  # characters of a name
-SENDERS_MAX = 64  # senders whose newest number is kept
+SENDERS_MAX = 64  # senders with a stored newest number
 COUNT_MAX = 2**53  # larger numbers are not exact in JSON
 
 Value = TypeVar('Value')

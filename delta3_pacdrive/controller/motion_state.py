@@ -1,11 +1,11 @@
-"""What is done with the TCP, and what leads from one state to the next."""
+"""Motion states of the robot and their transitions."""
 
 import math
 from enum import StrEnum
 
 
 class MotionState(StrEnum):
-    """What planner and transformation task are doing with the TCP."""
+    """Motion of the TCP."""
 
     IDLE = 'idle'
     MOVING = 'moving'
@@ -19,20 +19,20 @@ def sentence(state: str) -> str:
     return 'the robot is in the error state' if state == MotionState.ERROR else f'the robot is {state}'
 
 
-UNDER_WAY = (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)  # a program is driven, or held
+UNDER_WAY = (MotionState.MOVING, MotionState.STOPPING, MotionState.STOPPED)  # a program is running or held
 
 
 class Event(StrEnum):
-    """What happens to a motion."""
+    """Event of a motion."""
 
-    START = 'start'  # a program begins
-    CHANGE = 'change'  # the master goes over to another motion profile: override, resume
-    EXTEND = 'extend'  # more moves follow those of the program
+    START = 'start'  # a program starts
+    CHANGE = 'change'  # the master switches to another motion profile: override, resume
+    EXTEND = 'extend'  # moves are appended
     HOLD = 'hold'
     ABORT = 'abort'
-    REST = 'stand'  # the master stands on its path
-    CLEAR = 'give up'  # it stands, and the program was aborted
-    END = 'end'  # the last answer of the program is there
+    REST = 'stand'  # the master is at rest on its path
+    CLEAR = 'give up'  # at rest, and the program was aborted
+    END = 'end'  # the last feedback of the program has arrived
     FAIL = 'fail'  # a fault was found
     RESET = 'reset'  # faults are cleared
 
@@ -54,7 +54,7 @@ TRANSITIONS = {
     (MotionState.ERROR, Event.RESET): MotionState.IDLE,
     **{(state, Event.FAIL): MotionState.ERROR for state in MotionState},
 }
-"""Where an event leads from a state; what is not listed is refused, or does not happen."""
+"""Transitions; other events are rejected or ignored."""
 
 
 def percent_allowed(override_max: float) -> int:
@@ -66,5 +66,5 @@ def percent_allowed(override_max: float) -> int:
 
 
 def at_percent(override: float) -> str:
-    """Return the words that add an override to a sentence; none for 100 %."""
+    """Return the override as a suffix to a sentence, empty for 100 %."""
     return '' if override == 1.0 else f' at {100.0 * override:.4g} %'

@@ -1,6 +1,6 @@
-"""The transformation task's end of what the planner orders: plans and motion profiles in, verdicts and status out.
+"""Orders of the planner in the transformation task: plans and motion profiles in, verdicts and status out.
 
-A plan of thousands of moves is checked in slices of time, so that bus cycles start when they are due.
+A plan of thousands of moves is checked in slices of time, so that bus cycles start on time.
 """
 
 from collections import deque
@@ -27,28 +27,13 @@ from delta3_pacdrive.faults.fault import Fault
 from delta3_pacdrive.motion.execution import MotionProfile
 from delta3_pacdrive.parameters import Parameters
 
-ROWS_WAITING_MAX = 50_000  # rows of a plan that nobody has checked yet
+ROWS_WAITING_MAX = 50_000  # rows of a plan waiting to be checked
 
 
 class Orders:
-    """Orders of the planner of one robot.
+    """Orders of the planner and of the script of one robot.
 
-    Parameters
-    ----------
-    parameters, state, control, watch
-        Of the same robot.
-    check_faults
-        Raises ProgramError for faults of a program that cannot be injected.
-
-    Attributes
-    ----------
-    verdicts
-        What became of orders and changes, each with what it was about; whoever publishes them takes them away.
-    checked
-        Rows of the present plan that have been checked.
-    script
-        Identity of the script that decides, empty if none does: its orders are carried out as those of the planner.
-
+    ``check_faults`` raises ProgramError for faults of a program that cannot be injected.
     """
 
     def __init__(
@@ -61,21 +46,22 @@ class Orders:
     ) -> None:
         self._state, self._control, self._watch = state, control, watch
         self._check_faults = check_faults
-        self.script = ''
+        self.script = ''  # identity of the active script, which may send orders as well; empty without one
         self._intake, self._script_intake = PlanIntake(parameters), PlanIntake(parameters)
         self._changes = Numbering()
         self._rows: deque[tuple[Origin, Any]] = deque()
         self._revoked: set[tuple[str, int]] = set()
+        # topic and verdict, to be published and removed by the caller
         self.verdicts: list[tuple[str, Verdict]] = []
         self._session = self._previous = ''
         self._serial = self._profiles = 0
-        self._order = 0  # the newest one that was accepted
-        self._driven: set[int] = set()  # those of which the program consists
-        self._planner = ''  # whose program is loaded
+        self._order = 0  # newest accepted one
+        self._driven: set[int] = set()  # orders that form the running program
+        self._planner = ''  # sender of the loaded program
         self._listened_to = ''
 
     def begin_session(self, session: str) -> None:
-        """Forget what belongs to a session that is over."""
+        """Clear the state of the previous session."""
         self._previous, self._session = self._session, session
         self._rows.clear()
         self._revoked.clear()
@@ -88,7 +74,7 @@ class Orders:
     # the planner ------------------------------------------------------------------------------------------------------
 
     def receive_heartbeat(self, planner: str, session: str, number: int, now_s: float) -> bool:
-        """Take a heartbeat; whether another planner is listened to from now on."""
+        """Take a heartbeat; return whether the active planner has changed."""
         if session == self._session:
             self._watch.receive_heartbeat(planner, number, now_s)
         return self._has_another()
@@ -97,12 +83,12 @@ class Orders:
         if self._watch.planner == self._listened_to:
             return False
         self._listened_to = self._watch.planner
-        if not self.script or self._planner != self.script:  # what a script drives is none of the planners'
+        if not self.script or self._planner != self.script:  # a program of the script is not affected
             self._order, self._driven = 0, set()
         return True
 
     def poll(self, now_s: float) -> Reason | None:
-        """Look: say why the planner whose program moves the robot is lost, None if it is not."""
+        """Return why the planner of the running program is lost, None if it is not."""
         moving = self._state.motion in (MotionState.MOVING, MotionState.STOPPING)
         reason = self._watch.poll(now_s, self._planner if moving else '')
         self._has_another()
@@ -110,12 +96,12 @@ class Orders:
 
     @property
     def of_planner(self) -> bool:
-        """Whether what is driven is of the planner, which can resume it, and not of a script."""
+        """Whether the program was ordered by the planner, which can resume it, and not by a script."""
         return self._planner == self._watch.planner
 
     @property
     def checked(self) -> int:
-        """Rows of the present plan that have been checked."""
+        """Number of checked rows of the present plan."""
         return self._intake.checked
 
     @property
@@ -124,7 +110,7 @@ class Orders:
         return bool(self._rows)
 
     def status(self, phase: str, next_cycle: int) -> Status:
-        """Return all that the planner has to know."""
+        """Return the status for the planner."""
         self._serial += 1
         state, control = self._state, self._control
         refusal, operator = state.refusal(), control.operator
@@ -152,14 +138,14 @@ class Orders:
         )
 
     def profile_label(self) -> str:
-        """Return the label of the next motion profile that is told."""
+        """Return the label of the next published motion profile."""
         self._profiles += 1
         return Origin(PROFILE, self._planner, self._session, self._profiles).label()
 
     # plans and motion profiles ----------------------------------------------------------------------------------------
 
     def _origin(self, label: str) -> Origin:
-        """Return where a row comes from; raises TelegramError if that is none of this robot's planner."""
+        """Return the parsed label of a row; raises TelegramError if its sender or session is not active."""
         origin = Origin.from_label(label)
         if not self._listens_to(origin.planner) or origin.session != self._session:
             raise TelegramError(
@@ -172,7 +158,7 @@ class Orders:
         return planner == self._watch.planner or (bool(self.script) and planner == self.script)
 
     def take_row(self, label: str, row: Any) -> None:
-        """Take a row of a plan, to be checked later; raises TelegramError if it is of another writer or session."""
+        """Queue a row of a plan to be checked; raises TelegramError if its sender or session is not active."""
         origin = self._origin(label)
         if origin.kind == REVOKE:
             self._revoke(origin)
@@ -182,15 +168,15 @@ class Orders:
             self._rows.append((origin, row))
 
     def _revoke(self, origin: Origin) -> None:
-        """Take an order back; if it runs already, the program is given up."""
+        """Revoke an order; if it is running, abort the program."""
         self._revoked.add((origin.planner, origin.number))
         if origin.number in self._driven:
             self._state.abort()
 
     def check_row(self) -> None:
-        """Check one of the rows that wait; the order that ends them is carried out or refused.
+        """Check a waiting row; the order that ends the rows is carried out or rejected.
 
-        Rows of a planner or a script that is gone meanwhile are dropped.
+        Rows of a planner or script that is no longer active are dropped.
         """
         origin, row = self._rows.popleft()
         if not self._listens_to(origin.planner):
@@ -234,7 +220,7 @@ class Orders:
             )
             return Reason(Code.WITHDRAWN if taken_back else Code.STATE, what)
 
-        at_once = origin.planner == self.script  # the bus may wait for the script before they follow
+        at_once = origin.planner == self.script  # the bus may wait for the script until then
 
         def report(reason: Reason | None, _: str) -> None:
             if reason is None:
@@ -249,7 +235,7 @@ class Orders:
         return refused
 
     def take_profile(self, label: str, row: Any) -> None:
-        """Carry a change out or refuse it; raises TelegramError if it is of another writer or session."""
+        """Apply or reject a change; raises TelegramError if its sender or session is not active."""
         origin = self._origin(label)
         if not self._changes.is_new(f'{origin.planner} {origin.session}', origin.number):
             raise TelegramError(f'change {origin.number} of this planner was heard before')
@@ -261,7 +247,7 @@ class Orders:
         self._report('change', origin, reason, 0 if followed is None else followed.cycle)
 
     def _report(self, what: str, origin: Origin, reason: Reason | None = None, cycle: int = 0) -> None:
-        """Tell what became of an order; to a script also the bus cycle from which on it is followed."""
+        """Queue the verdict on an order; for a script it contains the bus cycle from which the order is active."""
         of_script = origin.planner == self.script
         code, sentence = (
             (reason.code, reason.sentence) if reason else (ACCEPTED, str(cycle) if of_script else '')

@@ -1,7 +1,6 @@
-"""A plan on its way in: rows of numbers that are checked one by one, until the order that ends them.
+"""Intake of a plan: rows of numbers are checked one by one, up to the order that ends them.
 
-Whoever waits for bus cycles may not check a plan of thousands of moves in one go: ``take`` is given one row at a time,
-and costs no more for the last one than for the first.
+Checking thousands of moves at once would delay bus cycles: ``take`` processes one row per call, at constant cost.
 """
 
 from dataclasses import dataclass
@@ -21,15 +20,15 @@ from delta3_pacdrive.motion.program_file import FAULTS_MAX
 from delta3_pacdrive.motion.turning_move import check_turn
 from delta3_pacdrive.parameters import Parameters
 
-ORDER_HEADER = 2  # start cycle (-1: as soon as possible), override; behind it the numbers of the moves
-NUMBERS_MAX = 20_000_000  # of all moves of a plan: 160 MB
+ORDER_HEADER = 2  # start cycle (-1: as soon as possible) and override, followed by the numbers of the moves
+NUMBERS_MAX = 20_000_000  # in all moves of a plan: 160 MB
 
 
 @dataclass(frozen=True)
 class Order:
-    """What a planner wants to be driven: a plan from a bus cycle on (-1: as soon as possible) at an override.
+    """Order of a plan from a bus cycle on (-1: as soon as possible) at an override.
 
-    One that is ``exact`` begins in that cycle or not at all; any other one as soon as it can, if that is later.
+    An ``exact`` order starts in that cycle or is rejected; any other one may start later.
     """
 
     plan: Plan
@@ -41,30 +40,14 @@ class Order:
 
 @dataclass(frozen=True)
 class MoreMoves:
-    """What a planner wants to be driven behind the moves of one of its orders.
+    """Order to append moves to an earlier order."""
 
-    Attributes
-    ----------
-    told
-        Of which order, what stays of its plan, and what the master follows.
-    more
-        What follows.
-
-    """
-
-    row: Row
+    row: Row  # number of the earlier order, remaining part of its plan, and motion profile
     more: Plan
 
 
 class PlanIntake:
-    """Rows of one planner, of one order after the other.
-
-    Attributes
-    ----------
-    checked
-        Rows of the present order that have been checked.
-
-    """
+    """Rows of one planner, of one order after the other."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._robot = parameters
@@ -72,19 +55,18 @@ class PlanIntake:
         self.begin()
 
     def begin(self) -> None:
-        """Forget what has come of an order."""
+        """Clear the rows of an incomplete order."""
         self._number = -1
         self._builder = PlanBuilder()
         self._overrides: list[float] = []  # at which a motor would reach its limit in each move
         self._faults: list[Fault] = []
         self._error: Reason | None = None
-        self.checked = 0
+        self.checked = 0  # rows of the present order
 
     def take(self, origin: Origin, row: Any) -> Order | MoreMoves | Reason | None:
-        """Take a row; returns the order that it ends, or why that is refused, or None while it goes on.
+        """Take a row; return the order that it ends, the reason of its rejection, or None while it is incomplete.
 
-        An order that is received a second time, and one that comes behind a later one, is refused. A row that is
-        spoilt spoils its order, and is told with it.
+        Repeated and outdated orders are rejected. An invalid row invalidates its order, and is reported at its end.
         """
         if origin.kind == REVOKE:
             return None
@@ -126,7 +108,7 @@ class PlanIntake:
         self._builder.add(move)
 
     def _check_speed(self, move: Move, override: float) -> float:
-        """Return the largest override that all motors bear in a move; raises ProgramError for a smaller one."""
+        """Return the largest override that all motors allow in a move; raises ProgramError below ``override``."""
         return min(check_speed(move, override, self._robot), check_turn(move, override, self._robot))
 
     def _ended(self, kind: str, row: Any) -> Order | MoreMoves:
@@ -149,7 +131,7 @@ class PlanIntake:
         numbers = row[ORDER_HEADER:]
         if override > min(self._overrides):
             self._check_speed(self._builder.moves[int(np.argmin(self._overrides))], override)
-        # so that a move that begins beyond limits can only be driven first, and once
+        # a move that starts beyond the limits can only be the first one, and only once
         self._builder.require_joined(numbers)
         return Order(self._builder.build(numbers), cycle, override, tuple(self._faults), exact)
 
@@ -157,7 +139,9 @@ class PlanIntake:
         extension = Row.from_array(row)
         if not self._builder.moves or self._faults:
             raise ProgramError('moves that follow come with moves, and without faults')
-        check_reach(self._builder.moves[0], self._robot)  # only who stands may come back from beyond limits
+        check_reach(
+            self._builder.moves[0], self._robot
+        )  # a start beyond the limits is only allowed from rest
         profile = extension.profile
         if profile.override > min(self._overrides):
             self._check_speed(self._builder.moves[int(np.argmin(self._overrides))], profile.override)

@@ -1,4 +1,4 @@
-"""A plan on its way to the transformation task: no more rows at once than it can check."""
+"""Rows of a plan sent to the transformation task, limited to the number that it can check."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -7,11 +7,11 @@ from typing import Any
 from delta3_pacdrive.controller.messages import FAULT, LAST
 from delta3_pacdrive.controller.planner_actions import Ordered
 
-UNCHECKED_MAX = 1000  # rows that are under way at once
+UNCHECKED_MAX = 1000  # rows sent but not checked yet
 
 
 class PlanRows:
-    """Rows of one plan after the other, as they are sent: moves, faults, and the order that ends them."""
+    """Rows of one plan after the other: moves, faults, and the order that ends them."""
 
     def __init__(self) -> None:
         self._rows: deque[tuple[str, Any]] = deque()
@@ -19,7 +19,7 @@ class PlanRows:
         self._sent = 0
 
     def begin(self, action: Ordered) -> None:
-        """Send a plan next."""
+        """Start to send a plan."""
         count = len(action.moves)
         self._number, self._sent = action.number, 0
         self._rows.extend((move.kind.name, (move, n, count)) for n, move in enumerate(action.moves))
@@ -27,11 +27,11 @@ class PlanRows:
         self._rows.append((action.kind, action.row))
 
     def clear(self) -> None:
-        """Send no more of it."""
+        """Clear the remaining rows."""
         self._rows.clear()
 
     def due(self, checked: int) -> Iterator[tuple[str, int, Any]]:
-        """Return kind, number of the order, and numbers of the rows that can be sent once so many were checked."""
+        """Yield kind, order number and values of the rows that can be sent, given the number of checked rows."""
         checked = checked if self._sent else 0
         while self._rows and self._sent - checked < UNCHECKED_MAX:
             kind, values = self._rows.popleft()

@@ -1,7 +1,7 @@
-"""The path that a robot drives, for those who only look: put together from the rows of plans as they are sent.
+"""Path of a robot for displays, assembled from the rows of plans as they are sent.
 
-Rows tell what a planner wants, ``motion/status`` which order the robot has accepted last: an order that is refused is
-never shown. The two come over different topics, and whoever joins late gets both in any order.
+Rows contain the orders of a planner; ``motion/status`` contains the number of the newest accepted order, so rejected
+orders are never shown. Both arrive on different topics, in any order for late subscribers.
 """
 
 import math
@@ -20,44 +20,44 @@ from delta3_pacdrive.parameters import Kinematics
 
 PIECES_MAX = 1000  # different moves of a path that are drawn
 POINTS_MAX = 4000
-ORDERS_MAX = 8  # that are remembered: of some nobody knows yet what becomes
+ORDERS_MAX = 8  # stored orders, some of them without a verdict yet
 STEP_M = 2e-3  # between two points of a move
 MOVE_POINTS_MIN, MOVE_POINTS_MAX = 24, 1000
-UNKNOWN = -1  # number of a move whose row came before anybody listened
+UNKNOWN = -1  # number of a move sent before the subscription
 UNKNOWN_MAX = 1_000_000
 
 
 @dataclass(frozen=True)
 class _Piece:
-    """A piece of the path is one move; that of arm angles is kept, for it is another one with other arms."""
+    """Points of one move; moves by arm angles are kept, because their path depends on the kinematics."""
 
     points_m: Floats
     move: Move | None
 
     @staticmethod
     def of(move: Move) -> '_Piece':
-        """Return the piece of a move, from where that begins: after a stop this is in its middle."""
+        """Return the piece of a move from its start, which after a stop is within the move."""
         first, last = float(move.master[0, 1]), move.length_m
-        steps = int(min((last - first) / STEP_M, MOVE_POINTS_MAX))  # whoever may have written it
+        steps = int(min((last - first) / STEP_M, MOVE_POINTS_MAX))  # the sender is not trusted
         wanted = max(MOVE_POINTS_MIN, 2 + steps, 2 * len(move.segments))
         points = move.sample(np.linspace(first, last, min(wanted, MOVE_POINTS_MAX)))[:, 0]
         return _Piece(points, move if move.kind == MoveKind.JOINTS else None)
 
     def by(self, kinematics: Kinematics) -> '_Piece':
-        """Return the piece of another robot."""
+        """Return the piece for other kinematics."""
         return self if self.move is None else _Piece.of(replace(self.move, kinematics=kinematics))
 
 
 @dataclass(frozen=True)
 class _Path:
-    """The path of an order: what its robot has driven before, different moves, and the order in which they follow."""
+    """Path of an order: completed pieces of earlier orders, its different moves, and their sequence."""
 
     before: tuple[_Piece, ...]
     pieces: dict[int, _Piece]
     order: NDArray[np.int64]
 
     def followed(self, told: Row, pieces: dict[int, _Piece]) -> '_Path':
-        """Return the longer path, of an order of moves that follow."""
+        """Return the path extended by an order of appended moves."""
         stays, gone = self.order[told.first : told.kept], self.order[: told.first]
         kept = _once(stays)
         driven = [n for n in _once(gone) if n not in kept and n in self.pieces]
@@ -70,12 +70,12 @@ class _Path:
         return _Path(before[-PIECES_MAX:], found, order)
 
     def by(self, kinematics: Kinematics) -> '_Path':
-        """Return the path of another robot."""
+        """Return the path for other kinematics."""
         pieces = {n: piece.by(kinematics) for n, piece in self.pieces.items()}
         return _Path(tuple(piece.by(kinematics) for piece in self.before), pieces, self.order)
 
     def points_m(self) -> Floats:
-        """Return points of all of it, each different move once, shape (n, 3)."""
+        """Return points of the whole path, with each different move once, shape (n, 3)."""
         ahead = [self.pieces[n] for n in _once(self.order) if n in self.pieces]
         found = [piece.points_m for piece in (*self.before, *ahead)]
         points = np.concatenate(found) if found else np.empty((0, 3))
@@ -84,39 +84,25 @@ class _Path:
 
 
 def _once(order: NDArray[np.int64]) -> list[int]:
-    """Return the numbers of an order, each where it comes first; without those that are unknown."""
+    """Return the known move numbers of an order, by first occurrence."""
     numbers, places = np.unique(order, return_index=True)
     return [int(n) for n in numbers[np.argsort(places)] if n != UNKNOWN]
 
 
 class PlannedPath:
-    """The collector puts the path of a robot together.
-
-    Parameters
-    ----------
-    kinematics
-        Of the robot, as far as they are known.
-
-    Attributes
-    ----------
-    points_m
-        Points of the path that is driven, or was driven last [m], shape (n, 3).
-    changes
-        How often that changed.
-
-    """
+    """Collector of the path of one robot."""
 
     def __init__(self, kinematics: Kinematics) -> None:
         self._kinematics = kinematics
-        self._coming: Origin | None = None  # of the rows that come
-        self._pieces: dict[int, _Piece] = {}  # of these
+        self._coming: Origin | None = None  # of the rows being received
+        self._pieces: dict[int, _Piece] = {}  # from these rows
         self._orders: dict[tuple[str, str, int], _Path] = {}  # by session, planner and number
         self._accepted = self._shown = ('', '', 0)
-        self.points_m: Floats = np.empty((0, 3))
-        self.changes = 0
+        self.points_m: Floats = np.empty((0, 3))  # path of the running program, or of the last one
+        self.changes = 0  # of points_m
 
     def use(self, kinematics: Kinematics) -> None:
-        """Draw the path of a robot with these kinematics from now on."""
+        """Switch to other kinematics."""
         self._kinematics = kinematics
         self._pieces = {n: piece.by(kinematics) for n, piece in self._pieces.items()}
         self._orders = {order: path.by(kinematics) for order, path in self._orders.items()}
@@ -124,7 +110,7 @@ class PlannedPath:
         self._show()
 
     def take(self, label: str, row: Any) -> None:
-        """Take a row of ``motion/plan``; raises TelegramError and ProgramError for one that is none."""
+        """Take a row of ``motion/plan``; raises TelegramError or ProgramError if it is invalid."""
         origin = Origin.from_label(label)
         coming = replace(origin, kind='')
         if coming != self._coming:
@@ -143,12 +129,12 @@ class PlannedPath:
             self._pieces[number] = _Piece.of(move)
 
     def update(self, status: Status) -> None:
-        """Look which order the robot has accepted, from ``motion/status``."""
+        """Update the newest accepted order from ``motion/status``."""
         self._accepted = status.session, status.planner, status.order
         self._show()
 
     def _keep(self, origin: Origin, path: _Path) -> None:
-        """Remember the path of an order that is complete."""
+        """Store the path of a complete order."""
         self._coming, self._pieces = None, {}
         self._orders[origin.session, origin.planner, origin.number] = path
         others = [order for order in self._orders if order != self._accepted]
@@ -157,7 +143,7 @@ class PlannedPath:
         self._show()
 
     def _show(self) -> None:
-        """Show the path of the order that was accepted, once it is known; of a session that is over none."""
+        """Show the path of the accepted order once it is known, none after the end of its session."""
         if self._accepted in self._orders:
             if self._accepted == self._shown:
                 return

@@ -1,4 +1,4 @@
-"""Decisions of UnitRobot: which request is served when, what is queued and ordered, and how it is answered.
+"""Decisions of UnitRobot: serving of requests, queue, orders, and replies.
 
 Pure: status of the transformation task, requests of operators and results of the planning thread arrive as calls;
 messages to publish, jobs to plan and replies leave as actions. Requests are served one at a time, in order of arrival.

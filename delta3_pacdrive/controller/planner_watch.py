@@ -7,7 +7,7 @@ from delta3_pacdrive.sercos.configuration_check import Identity, disagreements
 from delta3_pacdrive.sercos.watchdog import PLANNER_SILENT_S, Watchdog
 
 RESTARTED_S = 1.0  # without a heartbeat, after which another planner becomes active
-PLANNERS_MAX = 16  # whose parameters are kept
+PLANNERS_MAX = 16  # with stored parameters
 
 
 class PlannerWatch:
@@ -50,7 +50,7 @@ class PlannerWatch:
         return Reason(Code.CONTENT, sentences) if sentences else None
 
     def poll(self, now_s: float, running: str) -> Reason | None:
-        """Return why the planner whose program runs (empty: none) is lost, None if it is not."""
+        """Return why the planner of the running program (empty: none) is lost, None if it is not."""
         silence = self._watch.silence_s(now_s)
         reason = None
         if not self.planner or silence <= RESTARTED_S:

@@ -1,4 +1,4 @@
-"""The newest program ordered by the planner: verdict, run, fault, end, and what can be resumed.
+"""The newest program ordered by the planner: verdict, run, fault, end, and remainder.
 
 Pure state machine; events come in, actions go out. Events that are not in the table are ignored.
 """
@@ -35,7 +35,7 @@ class RunState(Enum):
 
 
 class Remains(Enum):
-    """What can be executed again of the last program."""
+    """Part of the last program that can be executed again."""
 
     NOTHING = 'nothing'
     CUT_OFF = 'its remainder can be resumed, or all of it started again'
@@ -59,7 +59,7 @@ class RunEvent(Enum):
 
 @dataclass(frozen=True)
 class Step:
-    """Next state, what remains then (None: unchanged), and an action."""
+    """Next state, remainder (None: unchanged), and an action."""
 
     state: RunState
     remains: Remains | None = None

@@ -15,7 +15,7 @@ from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
 
 WITHDRAWN = Reason(Code.WITHDRAWN, 'withdrawn by its operator')
 LOST_CONTROL = Reason(Code.CONTROL, 'its operator has lost control')
-OPERATORS_MAX = 1000  # operators whose newest accepted request is kept for withdrawals
+OPERATORS_MAX = 1000  # operators with a stored accepted request, for withdrawals
 
 FOR_MOVES = frozenset({'program', 'move', 'trajectory'})
 
@@ -104,7 +104,7 @@ class RequestService:
     def withdraw(
         self, request: Request, cancel: Callable[[], Reason | str], remove: Callable[[str], Reason | str]
     ) -> None:
-        """Withdraw the request of this operator whose number is the text, and reply what remains of it.
+        """Withdraw the request of this operator with the number in the text, and reply with its remainder.
 
         ``cancel`` cancels the request being served. ``remove`` removes the moves of an accepted request from the queue,
         and returns an empty text if it has none there. Both return a reason if they fail.

@@ -121,7 +121,7 @@ class RequestTracker:
             self._change(tracked, Phase.ABORTED, reason)
 
     def withdraw(self, identity: str, reason: Reason) -> None:
-        """Mark a request whose moves were removed from the queue as aborted."""
+        """Mark a request as aborted, after its moves were removed from the queue."""
         for tracked in [one for one in self._queued if one.identity == identity]:
             self._queued.remove(tracked)
             self._change(tracked, Phase.ABORTED, reason)

@@ -1,4 +1,4 @@
-"""The controller of one robot: the master of the bus, its cycles, the state of the robot, and who may change it.
+"""The controller of one robot: bus master, cyclic operation, robot state, and control by operators.
 
 Pure: inputs arrive as calls, outputs go through ``ControllerCallbacks`` and the actions of ``RobotState``.
 """
@@ -37,16 +37,16 @@ ALL_READY = Reason(Code.BUS, 'waiting for the robots that share its bus clock')
 
 
 class ControllerCallbacks(CycleCallbacks, Protocol):
-    """What the controller does on the graph."""
+    """Functions that the controller calls to act on the ROS graph."""
 
     def announce(self, announcement: master.Announce) -> None:
         """Announce a phase of the bus."""
 
     def greet(self, greeting: master.Greet) -> None:
-        """Greet the drives, outside of cyclic operation."""
+        """Send a greeting to the drives outside cyclic operation."""
 
     def check_faults(self, faults: Sequence[Fault]) -> None:
-        """Refuse faults of a program that cannot be injected; raises ProgramError."""
+        """Raise ProgramError for faults of a program that cannot be injected."""
 
 
 class RobotController:
@@ -55,32 +55,21 @@ class RobotController:
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     period_s, report_s
-        Wall-clock time per cycle, 0 = as fast as possible, and between two looks [s].
+        Wall-clock time per cycle, 0 = as fast as possible; time between two calls of ``poll``.
     wait_for_program
         Whether to stay in CP3 until a program is loaded.
     faults
-        Those that are injected into the controller.
-    port
-        Does what has to be done outside.
+        Faults injected into the controller.
+    callbacks
+        Functions that act on the ROS graph.
     now_s, now_ns
-        Return the time: of a clock that never jumps [s], of day [ns].
+        Return monotonic time [s], and time of day [ns].
     learned
-        Torques that were learned for a program.
+        Learned torques of a program.
     shared_clock
-        Clock of the bus by which other robots go as well.
-
-    Attributes
-    ----------
-    bus, cycles, state, task, axes
-        The phases of the bus, its cycles, the state of the robot, its transformation, what is known of the drives.
-    enabling, services, control, planners, orders
-        What operators and clients ask of the drives, who has control, which planner is there, what it has ordered.
-    gate, scripts
-        Of the script that decides, if one does, and what it asks for.
-    wait_for_program
-        Whether the bus still stays in CP3 until a program is loaded.
+        Bus clock shared with other robots.
 
     """
 
@@ -124,9 +113,7 @@ class RobotController:
             now_ns,
             shared_clock,
         )
-        self._awaited: Reason | None = (
-            None  # why cyclic operation does not begin, beside what the bus waits for
-        )
+        self._awaited: Reason | None = None  # additional condition for cyclic operation
         self.control = Control(report_s)
         self.planners = PlannerWatch(report_s, identity)
         self.orders = Orders(parameters, self.state, self.control, self.planners, callbacks.check_faults)
@@ -144,7 +131,7 @@ class RobotController:
         if parameters.motion.enable_cycle >= 0:
             self.task.enable(parameters.motion.enable_cycle)
 
-    # the bus as RobotState knows it -----------------------------------------------------------------------------------
+    # the bus as required by RobotState --------------------------------------------------------------------------------
 
     @property
     def next_cycle(self) -> int:
@@ -153,19 +140,19 @@ class RobotController:
 
     @property
     def answered(self) -> int:
-        """Next cycle to be complete."""
+        """First cycle without complete feedback."""
         return self.cycles.answered
 
     def closed(self) -> Reason | None:
-        """Say why nothing that needs cyclic operation can be done, None if it can."""
+        """Return why cyclic operation is not possible, None if it is."""
         return self.bus.closed()
 
     def waiting(self) -> Reason | None:
-        """Say what the present phase waits for, None if it waits for nothing."""
+        """Return the condition that the present phase waits for, if any."""
         return self.bus.waiting or self._awaited
 
     def earliest(self) -> int:
-        """First cycle at which something may start: all outstanding cycles are over then, and the drives follow."""
+        """Return the first cycle in which a motion may start: no earlier cycle is outstanding, drives follow."""
         enabled = self.task.enable_cycle
         follow = enabled + self._enabling_cycles if enabled < NEVER else 0
         if not self.next_cycle:
@@ -175,7 +162,7 @@ class RobotController:
     # phases -----------------------------------------------------------------------------------------------------------
 
     def poll_start_up(self, doubled: Reason | None) -> None:
-        """Advance the phases of the bus, knowing who writes what only one may write."""
+        """Advance the phases of the bus; ``doubled`` names a second writer of a topic, if any."""
         ready = not self.wait_for_program or self.state.starts != NEVER
         first = self.next_cycle
         self._awaited = None
@@ -186,13 +173,13 @@ class RobotController:
         self._do(self.bus.poll(first, doubled, ready and self._awaited is None))
 
     def receive_announcement(self, announcement: Announcement) -> None:
-        """Take the announcement of a participant of the bus, or of a planner."""
+        """Take the announcement of a bus participant or of a planner."""
         if announcement.name == UNIT_ROBOT:
             self.planners.receive_announcement(announcement.instance, announcement.identity)
         self._do(self.bus.announced(announcement, self.next_cycle, self.answered))
 
     def receive_greeting(self, index: int, content: Content) -> None:
-        """Take the AT with which an axis answers a greeting; those of bus cycles go to ``cycles``."""
+        """Take the AT of an axis in reply to a greeting; those of bus cycles go to ``cycles``."""
         if not self.bus.cyclic:
             self.bus.positioned(index, content[0][0])
             self.services.received(index, content[2])
@@ -236,7 +223,7 @@ class RobotController:
 
     def _begin(self, cycle: int) -> None:
         if cycle or self.state.fault:
-            self.task.disable()  # who comes back enables nothing by himself
+            self.task.disable()  # after a fault or a restart nothing is enabled automatically
         self.axes.begin()
         self.task.follow_belts(read_belts(self.bus.belts))
         self.cycles.begin(cycle, self.bus.inputs)
@@ -253,7 +240,7 @@ class RobotController:
         self.orders.begin_session(session.decode())
 
     def _exclude_drive(self, index: int, fault: RobotFault) -> None:
-        """Go on without a drive, to a stop; then the phase falls."""
+        """Continue without a drive, to a stop; then the phase falls."""
         self.axes.drop(index)
         self.cycles.answers.drop(index)
         self.state.stop(fault, hard=True)
@@ -262,22 +249,22 @@ class RobotController:
         else:
             self.cycles.complete()
 
-    # looks ------------------------------------------------------------------------------------------------------------
+    # supervision ------------------------------------------------------------------------------------------------------
 
     def poll(self, now_s: float) -> None:
-        """Look whether everybody is still there who should be."""
+        """Check the timeouts of drives, planner and scripts."""
         if self.state.fault:
-            self.gate.handle(GateEvent.FAIL)  # the bus waits for no script any more: the robot has to stop
+            self.gate.handle(GateEvent.FAIL)  # the robot has to stop, so the bus no longer waits for a script
         self._check_drives(now_s)
         lost = self.orders.poll(now_s)
         if lost is not None:
-            # nobody could change the motion profile of the program any more
+            # the motion profile of the program could no longer be changed
             silent = lost.code is Code.SILENT
             code = FaultCode.PLANNER_SILENT if silent else FaultCode.PLANNER_RESTARTED
             sentence = f'{lost}, in bus cycle {self.answered}'
             self.state.stop(RobotFault(code, sentence, UNIT_ROBOT, cycle=self.answered))
         self.scripts.poll()
-        self.cycles.complete()  # what was answered while the bus waited for a script that is gone
+        self.cycles.complete()  # feedback that arrived while the bus waited for a script
         self.enabling.poll()
 
     def _check_drives(self, now_s: float) -> None:
@@ -294,14 +281,14 @@ class RobotController:
     # reports ----------------------------------------------------------------------------------------------------------
 
     def progress(self) -> dict[str, Any]:
-        """Return the present state of bus and program, as published in ``motion/progress``."""
+        """Return the state of bus and program, as published in ``motion/progress``."""
         task, state, cycles = self.task, self.state, self.cycles
         move, distance, speed = task.progress()
         cycle_time, answered, end = self._parameters.bus.cycle_time_s, cycles.answered, task.end_cycle
         operator = self.control.operator
         place = task.answer['tcp_actual'] if answered else state.tcp_m if state.located else None
         remaining = max(end - answered, 0) if end < NEVER else 0
-        stops = task.loaded and task.held  # how long the rest takes then depends on the way to go on
+        stops = task.loaded and task.held  # the remaining time then depends on the resume
         return {
             'session': self.bus.session.decode(),
             'phase': self.bus.phase.name,
@@ -341,7 +328,7 @@ class RobotController:
         }
 
     def totals(self) -> dict[str, Any]:
-        """Return what the bus and the program did so far."""
+        """Return totals of bus and program."""
         return {
             'at_losses': self.axes.losses,
             'input_losses': self.cycles.inputs.lost,

@@ -199,7 +199,7 @@ class ScriptService:
         return self._stop(request, cancels_motion=True)
 
     def _wait_for_rest(self, request: Request) -> None:
-        """Wait for the standstill of a robot whose moves and belt are then cleared."""
+        """Wait for the standstill, after which moves and belt are cleared."""
         gate, self._awaiting_rest = self._gate, False
         last = max(gate.rest_cycle, gate.cycle + 1) + self._in_position_cycles - 1
         self._waiting = request

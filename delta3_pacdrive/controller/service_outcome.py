@@ -1,6 +1,6 @@
-"""What became of an access to the data of a drive, as the text of an answer.
+"""Text of the response to an access to drive data.
 
-It stands by itself, because who only asks and reads answers has no use for the drive's tables, which load the compiler.
+A separate module, because clients that only send requests do not need the drive's tables, which load the compiler.
 """
 
 from delta3_pacdrive.controller.service_texts import answer_text
@@ -10,7 +10,7 @@ from delta3_pacdrive.sercos.service_channel import Access, Answer, Operation, fo
 
 
 def outcome(index: int, access: Access, answer: Answer) -> str:
-    """Say what became of an access."""
+    """Return the response as text."""
     if answer.error:
         return answer_text(False, f'{ALL_DRIVES[index]}: {refusal(access, answer)}')
     row = TABLE[access.idn]

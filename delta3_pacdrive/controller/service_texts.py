@@ -1,7 +1,7 @@
-"""Requests to the service channels of the drives as text, and their answers: a word for the outcome, and a sentence.
+"""Requests to the service channels of the drives as text, and their responses.
 
-A request may begin with a mark of the asker's own choice, and its answer begins with the same: "#3fa9 axis1 read
-S-0-0104" is answered with "#3fa9 accepted: axis1: ...".
+A request may begin with a mark chosen by the client, which its response repeats: "#3fa9 axis1 read S-0-0104" is
+answered with "#3fa9 accepted: axis1: ...".
 """
 
 import re
@@ -17,30 +17,30 @@ OPERATIONS = {operation.name.lower(): operation for operation in Operation}
 
 
 def split_mark(text: str) -> tuple[str, str]:
-    """Return (mark such as "#3fa9", the rest) of a request or an answer; the mark is empty without one."""
+    """Return the mark of a request or a response, such as "#3fa9" or empty, and the remaining text."""
     match = _MARK.match(text)
     return (match[1].rstrip(), match[2]) if match else ('', text)
 
 
 def answer_text(accepted: bool, sentence: str) -> str:
-    """Return an answer as it is published."""
+    """Return a response as it is published."""
     return f'{ACCEPTED if accepted else REFUSED}: {sentence}'
 
 
 def parse_answer(text: str) -> tuple[bool, str]:
-    """Return (whether the request was accepted, sentence) of an answer; what is none refuses."""
+    """Return whether the request was accepted, and the sentence; invalid responses count as rejections."""
     word, _, sentence = text.partition(': ')
     return word == ACCEPTED, sentence
 
 
 def value_in(sentence: str) -> float:
-    """Return the value that the sentence of an accepted access tells; raises TelegramError if it tells none."""
+    """Return the value in the sentence of an accepted access; raises TelegramError if there is none."""
     _, equals, value = sentence.rpartition(' = ')
     return _number(value.split(' ')[0] if equals else '')
 
 
 def parse_request(text: str, drives: Sequence[str] = DRIVES) -> tuple[int, Access]:
-    """Return (number of the drive, access) of a request to one of these; raises TelegramError or ParameterError."""
+    """Return drive index and access of a request; raises TelegramError or ParameterError."""
     words = text.split()
     if words[:1] == [TOOL_DRIVE] and TOOL_DRIVE not in drives:
         raise TelegramError(NO_TOOL_DRIVE)
@@ -58,7 +58,7 @@ def parse_request(text: str, drives: Sequence[str] = DRIVES) -> tuple[int, Acces
 
 def _number(text: str) -> float:
     try:
-        # Python alone takes 1_0 for 10
+        # Python would accept 1_0 as 10
         return float(text if text.isascii() and '_' not in text else '')
     except ValueError:
         raise TelegramError(f'{shown(text)} is no number') from None

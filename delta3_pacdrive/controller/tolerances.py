@@ -100,7 +100,7 @@ class ToleranceWatch:
         self._default = self._tolerances = tolerances
         self._period_s = parameters.bus.cycle_time_s
         self._run = 0  # number of the program with these tolerances
-        self._settled = 0  # number of the last program whose goal was decided
+        self._settled = 0  # number of the last program with a decided goal
         self._behind_s = parameters.set_point_delay_cycles * self._period_s
         self._goal: Floats | None = None
         self._deadline = NEVER

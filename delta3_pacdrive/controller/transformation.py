@@ -123,7 +123,7 @@ class Transformation:
         )
         self._stop_cycle = NEVER
         self._stop_hard = False
-        # first cycle whose currents count for the program, and the first after them
+        # first cycle that counts for the figures of the program, and the first after those
         self._measured = NEVER, NEVER
         # motor currents of the program [A] by axis over all samples; None until read from the drives
         self.current_peak: list[float | None] = [None] * 3
@@ -322,7 +322,7 @@ class Transformation:
 
     @property
     def pending_last_cycle(self) -> int:
-        """Last cycle whose feedback counts, assuming that the pending profile or plan takes effect."""
+        """``last_cycle`` once the pending profile or plan takes effect."""
         if self._pending_plan is not None:
             return self._pending_plan[0].end_cycle + SETTLE_CYCLES - 1
         if self._pending_profile is None:
@@ -388,7 +388,7 @@ class Transformation:
 
     @property
     def last_cycle(self) -> int:
-        """Last cycle whose feedback counts for the figures of the program."""
+        """Last cycle that counts for the figures of the program."""
         return self.end_cycle + SETTLE_CYCLES - 1
 
     def control(self, cycle: int) -> int:
@@ -459,7 +459,7 @@ class Transformation:
         state['tracks'], state['planned'] = 0, state['tcp']
 
     def next_event(self, cycle: int) -> int:
-        """Return the first cycle from a cycle on whose command does more than continue the active motion profile."""
+        """Return the first cycle from a cycle on in which more happens than continuing the motion profile."""
         coming = NEVER if self._pending_profile is None else self._pending_profile.cycle
         longer = NEVER if self._pending_plan is None else self._pending_plan[0].start_cycle
         # the control word changes at both ends of the measured range

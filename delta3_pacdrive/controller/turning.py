@@ -1,7 +1,7 @@
-"""The rotary axis in the controller: a command in each bus cycle beside those of the arms, and what comes back.
+"""The rotary axis in the controller: its command in each bus cycle, and the evaluation of its feedback.
 
-The angle of the tool is a function of the distance on the path, so that it stays with the TCP through override, hold
-and resume. Where the plan says nothing of the tool, it stands where it is commanded to be.
+The angle of the tool is a function of the distance on the path, so it stays synchronous with the TCP through override,
+hold and resume. Without an angle in the plan the tool keeps its commanded angle.
 
 Arguments of the kernels here:
 
@@ -10,11 +10,11 @@ Arguments of the kernels here:
 ``task``, ``timeline``
     As in ``task_cycle``: array of one record ``TASK``, shape (1,), and ``motion.execution.TimelineArrays``.
 ``turns``
-    Those of the plan: a ``motion.turns.TurnTables``, with no piece if the plan says nothing of the tool.
+    Rotations of the plan: a ``motion.turns.TurnTables``, empty if the plan contains none.
 ``turning``
     Array of one record ``TURNING``, shape (1,).
 ``position``, ``torque``
-    Of the motor shaft of the axis, as its drive has answered [rad], [N m].
+    Position [rad] and torque [N m] of the motor shaft in the AT of the axis.
 """
 
 import math
@@ -42,21 +42,18 @@ TURNING_STATE = np.dtype(
         ('angle', 'f8'),  # of the tool, commanded [rad]
         ('angle_history', 'f8', (HISTORY,)),
         ('motor', 'f8'),  # motor command [rad]
-        ('torque', 'f8'),  # that the motor is to have beside it [N m], else 0
-        ('move', 'i8'),  # number of the move that is driven; one more once the program is over
-        (
-            'passed_history',
-            'f8',
-            (HISTORY,),
-        ),  # how many cycles before it a move has ended, in the last one; else PASSED_NONE
+        ('torque', 'f8'),  # additive torque command [N m], 0 without feed-forward
+        ('move', 'i8'),  # number of the active move; one more after the end of the program
+        # cycles from the end of a move to this cycle, if within the last one; else PASSED_NONE
+        ('passed_history', 'f8', (HISTORY,)),
         # of the last answer
-        ('answered', 'f8'),  # angle that was commanded in its cycle [rad]
-        ('due', 'f8'),  # angle that the actual one answers to [rad]
-        ('actual', 'f8'),  # angle of the tool by the encoder of the motor [rad]
-        ('error', 'f8'),  # of that, set-point delay removed [rad]
-        ('off', 'f8'),  # of the motor from its command [rad]
-        ('within', 'i8'),  # cycles for which that was no farther than the window
-        # figures of the program, as those of STATE
+        ('answered', 'f8'),  # commanded angle of its cycle [rad]
+        ('due', 'f8'),  # commanded angle that the actual one corresponds to [rad]
+        ('actual', 'f8'),  # angle of the tool by the motor encoder [rad]
+        ('error', 'f8'),  # due - actual [rad]
+        ('off', 'f8'),  # deviation of the motor from its command [rad]
+        ('within', 'i8'),  # consecutive cycles within the position window
+        # results of the program, as in STATE
         ('measured_cycles', 'i8'),
         ('error_max', 'f8'),
         ('place_error_max', 'f8'),
@@ -85,34 +82,23 @@ TURNING_CONSTANTS = np.dtype(
 TURNING = np.dtype([('state', TURNING_STATE), ('constants', TURNING_CONSTANTS), ('motor', MOTOR)], align=True)
 
 
-# figures of a program, which begin with it
+# reset at the start of a program
 MEASURED = ('measured_cycles', 'error_max', 'place_error_max', 'current_peak', 'current_square_sum')
 PASSED_NONE = -1.0
 
 
 @dataclass(frozen=True)
 class TurnFigures:
-    """A program has these results at the rotary axis, by the encoder and the currents that the AT of its drive tell.
-
-    Attributes
-    ----------
-    measured_cycles
-        Bus cycles that they are of.
-    error_max_rad, place_error_max_rad
-        Largest error of the angle, set-point delay removed: at any time, and where moves end.
-    current_peak_a, current_rms_a
-        Of its motor.
-
-    """
+    """Results of a program at the rotary axis, from encoder and current in the AT of its drive."""
 
     measured_cycles: int
-    error_max_rad: float
-    place_error_max_rad: float
+    error_max_rad: float  # set-point delay removed
+    place_error_max_rad: float  # at the ends of moves
     current_peak_a: float
     current_rms_a: float
 
     def to_dict(self) -> dict[str, float]:
-        """The figures under the names that results of runs have."""
+        """Return the results under their names in run results."""
         return {
             'turn_error_max_rad': self.error_max_rad,
             'turn_encoder_place_error_max_rad': self.place_error_max_rad,
@@ -122,7 +108,7 @@ class TurnFigures:
 
 
 def combined_turns(figures: Sequence[TurnFigures]) -> TurnFigures | None:
-    """Return the figures of several programs together; None: there are none."""
+    """Return the combined results of several programs, None without any."""
     if not figures:
         return None
     cycles = sum(one.measured_cycles for one in figures)
@@ -154,7 +140,7 @@ def _constants(parameters: Parameters) -> NDArray[Any]:
 
 @kernel
 def command_turn(cycle, task, timeline, turns, turning):
-    """Fill the command of the axis for a bus cycle, behind ``command_cycle`` for the same one."""
+    """Set the command of the axis for a bus cycle, after ``command_cycle`` for the same one."""
     s, t, c = task[0].state, turning[0].state, turning[0].constants
     turns_now = turns.rows.shape[0] > 0 and cycle >= s.start_cycle
     if turns_now:
@@ -178,9 +164,9 @@ def command_turn(cycle, task, timeline, turns, turning):
 
 @kernel
 def _passed(cycle, s, timeline, t, c):
-    """Return how many cycles before this one a move has ended, ``PASSED_NONE`` if none has since the last command.
+    """Return the cycles since the end of a move, ``PASSED_NONE`` if none has ended since the last command.
 
-    ``s``, ``t`` and ``c`` are the state of the task, and state and constants of the axis.
+    ``s`` is the state of the task, ``t`` and ``c`` are state and constants of the axis.
     """
     profile, before = timeline.profile[0], t.move
     if cycle < s.start_cycle:
@@ -194,14 +180,14 @@ def _passed(cycle, s, timeline, t, c):
 
 @kernel
 def error_at_places(cycle, error, before, turning):
-    """Return how far the tool is off where a move ends [rad], 0 if none ends between two set points that are due.
+    """Return the error of the tool at the end of a move [rad], 0 if no move ends between the last two set points.
 
     Parameters
     ----------
     cycle, turning
         As above.
     error, before
-        Of the angle [rad], set-point delay removed, in the answers of this cycle and of the one before.
+        Errors of the angle [rad], set-point delay removed, in the feedback of this cycle and of the one before.
 
     """
     passed, delay = turning[0].state.passed_history, turning[0].constants.set_point_delay
@@ -217,7 +203,7 @@ def error_at_places(cycle, error, before, turning):
 
 @kernel
 def answer_turn(cycle, position, torque, task, turning):
-    """Evaluate the answer of the axis in a bus cycle."""
+    """Evaluate the feedback of the axis in a bus cycle."""
     s, t, c = task[0].state, turning[0].state, turning[0].constants
     whole = math.floor(c.set_point_delay)
     share = c.set_point_delay - whole
@@ -244,56 +230,42 @@ NO_TURNS = TurnTables(
 
 
 class Turning:
-    """The commands of the rotary axis; its tool stands at ``rotary.home_deg`` at first.
-
-    Parameters
-    ----------
-    parameters
-        Of a robot that has one.
-
-    Attributes
-    ----------
-    record, state
-        Array of one record ``TURNING``, and its state, shapes (1,).
-    turns
-        Those of the plan that is driven, as the compiled code reads them.
-
-    """
+    """Commands of the rotary axis, starting with the tool at ``rotary.home_deg``."""
 
     def __init__(self, parameters: Parameters) -> None:
         self.record: NDArray[Any] = np.zeros(1, TURNING)
         self.record['constants'] = _constants(parameters)
         self.record['motor'] = motor(of_tool_axis(parameters))
         self.state: NDArray[Any] = self.record['state']
-        self.turns = NO_TURNS
+        self.turns = NO_TURNS  # of the active plan
         self.state['passed_history'] = PASSED_NONE
         self.set_angle(parameters.rotary.home_rad)
 
     def precompile(self, task: NDArray[Any], timeline: Timeline) -> None:
-        """Call the compiled code once, so that none is compiled in the middle of a bus cycle; nothing changes by it."""
+        """Call the compiled code once on a copy, so that it is not compiled during a bus cycle."""
         record = self.record.copy()
         command_turn(0, task, timeline.arrays, self.turns, record)
         answer_turn(0, 0.0, 0.0, task, record)
 
     def set_angle(self, angle_rad: float) -> None:
-        """Take over where the tool stands: it has always stood there."""
+        """Initialize command and history as if the tool had always been at this angle."""
         state = self.state
         state['angle'] = state['angle_history'] = angle_rad
         state['answered'] = state['due'] = state['actual'] = angle_rad
 
     def set_position(self, position_rad: float) -> None:
-        """Take over where the tool stands by the position of its motor shaft."""
+        """Initialize command and history by the position of the motor shaft."""
         self.set_angle(position_rad / float(self.record['constants']['gear_ratio'][0]))
 
     def off_rad(self, position_rad: float) -> float:
-        """Return how far the tool is from its command, by its motor shaft; 0 within the position window."""
+        """Return the deviation of the tool from its command; 0 within the position window of the motor."""
         constants = self.record['constants'][0]
         off = abs(position_rad - self.angle_rad * float(constants['gear_ratio']))
         return off / float(constants['gear_ratio']) if off > constants['position_window'] else 0.0
 
     @property
     def angle_rad(self) -> float:
-        """Where the tool is commanded to be."""
+        """Commanded angle of the tool."""
         return float(self.state['angle'][0])
 
     @property
@@ -304,27 +276,27 @@ class Turning:
 
     @property
     def feedback(self) -> list[float]:
-        """Where the tool is commanded to be, where it is by its motor, and its error, of the last answer [rad]."""
+        """Commanded angle, actual angle by the motor encoder, and error [rad] in the last feedback."""
         state = self.state[0]
         return [float(state['answered']), float(state['actual']), float(state['error'])]
 
     @property
     def within(self) -> int:
-        """For how many bus cycles the motor has been within its position window."""
+        """Number of consecutive bus cycles within the position window of the motor."""
         return int(self.state['within'][0])
 
     def follow(self, plan: Plan) -> None:
-        """Follow the turns of a plan from the next command on."""
+        """Use the rotations of a plan from the next command on."""
         self.turns = NO_TURNS if plan.turns is None else plan.turns
 
     def begin(self) -> None:
-        """Begin the figures of a program that is started."""
+        """Reset the results at the start of a program."""
         self.state['move'] = 0
         for name in MEASURED:
             self.state[name] = 0
 
     def figures(self) -> TurnFigures:
-        """Results so far."""
+        """Return the results so far."""
         s = self.state[0]
         cycles = int(s['measured_cycles'])
         return TurnFigures(
@@ -336,16 +308,16 @@ class Turning:
         )
 
     def command(self, cycle: int, task: NDArray[Any], timeline: Timeline) -> None:
-        """Form the command of a bus cycle, behind that of the arms: see ``command_turn``."""
+        """Compute the command of a bus cycle, after that of the arms; see ``command_turn``."""
         command_turn(cycle, task, timeline.arrays, self.turns, self.record)
 
     def receive(self, cycle: int, position_rad: float, torque_n_m: float, task: NDArray[Any]) -> None:
-        """Evaluate the answer of a bus cycle: see ``answer_turn``."""
+        """Evaluate the feedback of a bus cycle; see ``answer_turn``."""
         answer_turn(cycle, position_rad, torque_n_m, task, self.record)
 
 
 def require_turns(turning: Turning | None, plan: Plan) -> None:
-    """Refuse a plan that turns a tool that is not there, or from where it does not stand; raises ProgramError."""
+    """Raise ProgramError if a plan starts at another tool angle, or turns a tool that does not exist."""
     start = plan.start_turn_rad
     if start is None:
         return

@@ -1,7 +1,7 @@
-"""What a script waits for: evaluated on the answers of one bus cycle after the other, the same way on every bus.
+"""Conditions that a script waits for, evaluated on the feedback of each bus cycle, identically on every bus.
 
-Pure. Commands of later cycles may be out already when the answers of a cycle are evaluated. What counts is what the
-command of the same cycle has left: so a condition is met in the same cycle however many cycles are outstanding.
+Pure. Later cycles may have been commanded already when the feedback of a cycle is evaluated. The condition uses the
+state after the command of the same cycle, so the result does not depend on the number of outstanding cycles.
 """
 
 from dataclasses import dataclass, replace
@@ -13,38 +13,19 @@ from delta3_pacdrive.controller.transformation import Transformation
 
 @dataclass(frozen=True)
 class Commanded:
-    """The command of a bus cycle has left this.
+    """State after the command of a bus cycle."""
 
-    Attributes
-    ----------
-    end_cycle
-        First cycle in which the TCP stands at the end of the program, or of a stop; ``NEVER`` before a start.
-    held
-        Whether the master stops, or stands, on its path.
-    outputs
-        As bits: bit n is output n.
-    payload_kg
-        What the outputs have gripped.
-    planned_m
-        Where the plan has the TCP, beside what goes with a belt [m].
-    tracked
-        What goes with a belt; None: the robot has no belts.
-    turn_rad
-        Where the tool is commanded to be; None: the robot has no rotary axis.
-
-    """
-
-    end_cycle: int
-    held: bool
-    outputs: int
+    end_cycle: int  # first cycle at rest at the end of the program or of a stop; NEVER before a start
+    held: bool  # whether the master is stopping or at rest on its path
+    outputs: int  # bit n is output n
     payload_kg: float
-    planned_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    tracked: Tracked | None = None
-    turn_rad: float | None = None
+    planned_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # position of the plan, without belt offset
+    tracked: Tracked | None = None  # None: the robot has no belts
+    turn_rad: float | None = None  # commanded angle of the rotary axis, if present
 
     @classmethod
     def of(cls, task: Transformation) -> Self:
-        """Return what the last command of a task has left."""
+        """Return the state after the last command of a task."""
         turn = None if task.turning is None else task.turning.angle_rad
         held = task.loaded and task.held
         left = cls(task.end_cycle, held, task.outputs, task.payload, turn_rad=turn)
@@ -56,46 +37,31 @@ class Commanded:
 
 @dataclass(frozen=True)
 class WaitCondition:
-    """A script waits for this, from one bus cycle to another.
+    """Condition that a script waits for."""
 
-    Attributes
-    ----------
-    first, latest
-        Bus cycles: the condition is not looked at before the first one, and given up after the latest one.
-    left_cycles
-        So many bus cycles of motion, or fewer, are left; 0: the robot stands in position. None: that does not matter.
-    over
-        Whether no program may be under way any more: it has ended with its last answer.
-    inputs_on, inputs_off
-        Inputs that must be on and off, as bits.
-    in_position_cycles
-        For how many cycles every drive must have been within its window, to be in position.
-
-    """
-
-    first: int
-    latest: int
-    left_cycles: int | None = None
-    over: bool = False
-    inputs_on: int = 0
+    first: int  # first bus cycle that is evaluated
+    latest: int  # bus cycle of the timeout
+    left_cycles: int | None = None  # maximum remaining cycles of motion, 0: in position, None: any
+    over: bool = False  # whether the program must have ended with its last feedback
+    inputs_on: int = 0  # inputs that must be on, as bits
     inputs_off: int = 0
-    in_position_cycles: int = 1
+    in_position_cycles: int = 1  # required cycles within the position windows
 
     def met(self, cycle: int, commanded: Commanded, loaded: bool, within: int, inputs: int) -> bool:
-        """Say whether the answers of a bus cycle meet the condition.
+        """Return whether the feedback of a bus cycle meets the condition.
 
         Parameters
         ----------
         cycle
             Number of the bus cycle.
         commanded
-            What its command has left.
+            State after its command.
         loaded
-            Whether a program is under way, once the same answers are evaluated.
+            Whether a program is loaded after this feedback has been evaluated.
         within
-            For how many cycles every drive has been within its position window.
+            Number of cycles for which every drive has been within its position window.
         inputs
-            Of the same answers, as bits.
+            Inputs in this feedback, as bits.
 
         """
         if cycle < self.first:
@@ -110,7 +76,7 @@ class WaitCondition:
         return min(within, stood) >= self.in_position_cycles
 
     def earliest(self, commanded: Commanded, loaded: bool) -> int:
-        """Return the first bus cycle that can meet the condition, as far as is known after a command."""
+        """Return the first bus cycle that can meet the condition, given the state after a command."""
         if not loaded or (self.left_cycles is None and not self.over):
             return self.first
         return max(self.first, commanded.end_cycle - (self.left_cycles or 0))

@@ -1,4 +1,4 @@
-"""All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
+"""The whole machine in one loop, without ROS: the control and plant code of the nodes, cycle by cycle."""
 
 from delta3_pacdrive.simulation.run import placed, plan_of, run
 from delta3_pacdrive.simulation.warm_up import (

@@ -1,4 +1,4 @@
-"""Belts of a simulated cell on the bus: what the controller knows of them, and what their AT tell in a bus cycle."""
+"""Belts of a simulated cell on the bus: their description for the controller, and their readings in the AT."""
 
 from delta3_pacdrive.controller.belt_tracking import BeltReading, Sighted
 from delta3_pacdrive.motion.belt_meeting import BeltAxes
@@ -8,7 +8,7 @@ from delta3_pacdrive.peripherals.world import World
 
 
 def axes_of(cell: Cell) -> tuple[BeltAxes, ...]:
-    """Return the belts of a cell as a controller knows them, in the order of their readings."""
+    """Return the belts of a cell as described to a controller, in the order of their readings."""
     return tuple(
         BeltAxes(
             belt.name,
@@ -26,9 +26,9 @@ def axes_of(cell: Cell) -> tuple[BeltAxes, ...]:
 
 
 def readings(world: World) -> list[BeltReading]:
-    """Return what the AT of the present bus cycle tell of each belt.
+    """Return the reading of each belt in the AT of the present bus cycle.
 
-    The controller goes by the light barrier only where there is no camera: both would tell each part.
+    The light barrier is only used on belts without a camera, because both would report each part.
     """
     return [
         BeltReading(

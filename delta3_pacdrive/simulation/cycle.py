@@ -1,7 +1,7 @@
-"""The bus cycle without ROS: faults, command, exchange, answers, check, reaction.
+"""The bus cycle without ROS: faults, command, exchange, feedback, check, reaction.
 
-Everything that happens in a cycle stands in ``SimulatedOperation``. Stretches of motion alone, in which no fault begins
-or ends and no status word changes, are run as one compiled loop of the same kernels.
+``SimulatedOperation`` contains all steps of a cycle. Stretches of motion without changes of faults or status words are
+run in one compiled loop of the same kernels.
 
 Arguments of the kernels here:
 
@@ -12,11 +12,11 @@ Arguments of the kernels here:
 ``plant``
     Array of one record ``PLANT``.
 ``answers``
-    What the AT say: rows of position [rad], speed [rad/s] and torque [N m], shape (3, 3), a column for each axis.
+    Content of the AT: rows of position [rad], speed [rad/s] and torque [N m], shape (3, 3), a column for each axis.
 ``task``, ``robot``
     Arrays of one record ``TASK`` and ``ROBOT``, shape (1,).
 ``signals``
-    Takes the signals in the order of ``NAMES``, shape (18, cycles, 3).
+    Receives the signals in the order of ``NAMES``, shape (18, cycles, 3).
 """
 
 import math
@@ -51,8 +51,8 @@ from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 from delta3_pacdrive.simulation.tool_axis import NAMES as TURN_NAMES
 from delta3_pacdrive.simulation.tool_axis import answer_tool, command_tool, note_turn, note_turn_command
 
-REST_S = 1.0  # without torque, in which a machine comes to rest
-ROOM_CYCLES = 1024  # for signals, before anybody knows how long it takes
+REST_S = 1.0  # time without torque in which the machine comes to rest
+ROOM_CYCLES = 1024  # initial size of the signals when the duration is unknown
 
 NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *TORQUE_SIGNALS)
 (
@@ -64,7 +64,7 @@ NAMES = (*SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *TORQUE_SIGNALS)
 
 @kernel
 def note_command(cycle, motors, torques, plant, signals):
-    """Note what a bus cycle begins with: its command, and the machine as it is then."""
+    """Record the command of a bus cycle, and the state of the plant at its start."""
     tcp, shafts = true_tcp(plant), plant[0].shafts
     for i in range(3):
         signals[MOTOR_COMMAND, cycle, i] = motors[i]
@@ -78,7 +78,7 @@ def note_command(cycle, motors, torques, plant, signals):
 
 @kernel
 def note_currents(cycle, robot, signals):
-    """Note what the current loops have left in a bus cycle."""
+    """Record the current statistics of the drives in a bus cycle."""
     for i in range(3):
         s, c = robot[0].drives[i].state, robot[0].drives[i].constants
         signals[CURRENT_MEAN, cycle, i] = s.cycle_sum / c.steps_per_cycle
@@ -89,7 +89,7 @@ def note_currents(cycle, robot, signals):
 
 @kernel
 def note_answers(cycle, answers, task, signals):
-    """Note what the drives answer in a bus cycle, and what the task makes of it."""
+    """Record the feedback of a bus cycle, and its evaluation by the task."""
     evaluated = task[0].answer
     for i in range(3):
         signals[MOTOR_POSITION, cycle, i] = answers[0, i]
@@ -103,7 +103,7 @@ def note_answers(cycle, answers, task, signals):
 
 @kernel
 def run_stretch(cycles, control, task, timeline, corrections, robot, built, currents, signals, tool):
-    """Run bus cycles of motion alone, up to one in which a status word changes.
+    """Run bus cycles of motion only, up to one in which a status word changes.
 
     Parameters
     ----------
@@ -112,19 +112,18 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
     control
         Control word S-0-0134 of all of them.
     task, timeline, corrections
-        What ``command_cycle`` takes.
+        As in ``command_cycle``.
     robot, built, currents
-        What ``robot_cycle`` takes.
+        As in ``robot_cycle``.
     signals
-        Takes the signals, shape (signals, cycles, 3), torques [N m] in place of currents.
+        Receives the signals, shape (signals, cycles, 3), torques [N m] instead of currents.
     tool
-        What ``command_tool`` takes of a rotary axis, whose signals have the shape (6, cycles); None without one.
+        As in ``command_tool``, with signals of shape (6, cycles); None without a rotary axis.
 
     Returns
     -------
     int
-        The cycle whose answers are still to be evaluated, because a status word has changed; else the one after the
-        last.
+        The cycle with a changed status word, still to be evaluated; else the one after the last.
 
     """
     first, end = cycles
@@ -150,36 +149,34 @@ def run_stretch(cycles, control, task, timeline, corrections, robot, built, curr
 
 
 class SimulatedOperation:
-    """A robot and its controller go through cyclic operation, from bus cycle 0 on, with the faults of a program.
+    """Cyclic operation of a robot and its controller from bus cycle 0 on, with the faults of a program.
 
     Parameters
     ----------
     robot, task
-        The machine with its drives, and the task with its program loaded and started.
+        The simulated robot, and the task with its program loaded and started.
     faults
-        Faults that are injected, counted from ``motion.start_cycle``. Without any, a drive that trips is an error.
+        Injected faults, counted from ``motion.start_cycle``. Without any, a drive that trips is an error.
     parameters
-        Of the robot.
+        Parameters of the robot.
     signals
-        On request: see ``Requested``.
+        Optional signals: see ``OptionalSignals``.
     world
-        The cell around the robot; None: the robot carries what its program says.
+        The cell around the robot; None: the payload is that of the program.
 
     Attributes
     ----------
     stopped
-        Why the program was given up, empty while it was not.
+        Why the program was stopped, empty if it was not.
     stop_source, stop_cycle
-        ``RobotFault.source`` of it, and first bus cycle of the stop, ``NEVER`` without one.
-    cycle
-        The next bus cycle.
+        ``RobotFault.source``, and first bus cycle of the stop, ``NEVER`` without one.
     drive_status
-        Of each drive the bus cycles from which on it tells another status word S-0-0135, each with that word.
+        For each drive the bus cycles in which its status word S-0-0135 changed, each with the new word.
 
     Raises
     ------
     RunError
-        A fault disturbs a process: here there is only one.
+        A fault affects a process, which a simulation does not have.
 
     """
 
@@ -217,16 +214,16 @@ class SimulatedOperation:
 
     @property
     def lost(self) -> int:
-        """AT that did not reach the master."""
+        """Number of AT that did not reach the master."""
         return sum(self._axes.losses)
 
     def run(self) -> dict[str, Floats]:
-        """Run to the end of the program, or to rest; return the signals, torques [N m] in place of currents.
+        """Run to the end of the program, or to rest; return the signals, torques [N m] instead of currents.
 
         Raises
         ------
         RunError
-            The drives are not enabled when a program without faults should start, or one trips.
+            The drives are not enabled when a program without faults starts, or one trips.
 
         """
         rest_cycles = round(REST_S / self._parameters.bus.cycle_time_s)
@@ -238,7 +235,7 @@ class SimulatedOperation:
         return self.signals()
 
     def signals(self) -> dict[str, Floats]:
-        """Return the signals so far, torques [N m] in place of currents."""
+        """Return the signals so far, torques [N m] instead of currents."""
         signals = {name: signal[: self.cycle] for name, signal in zip(NAMES, self._signals, strict=True)}
         if not self._parameters.sends_torque:
             for name in TORQUE_SIGNALS:
@@ -251,7 +248,7 @@ class SimulatedOperation:
         return signals | self._requested.signals(self._fault_cycle)
 
     def _end(self, cycle: int, rests: int) -> int:
-        """Return the cycle before which the run ends, as far as is known in a cycle."""
+        """Return the cycle before which the run ends, as known in a cycle."""
         if self.stopped:
             return rests
         last = self._task.last_cycle
@@ -272,7 +269,7 @@ class SimulatedOperation:
         return self._robot.drives if tool is None else [*self._robot.drives, tool.drive]
 
     def _advance(self, cycle: int, end: int) -> int:
-        """Run one bus cycle, or a stretch of motion alone; return the next cycle."""
+        """Run one bus cycle, or a stretch of motion only; return the next cycle."""
         starts = self._start if cycle <= self._start else NEVER
         after = min(end, starts, self._task.next_event(cycle), self._schedule.next_event(cycle))
         robot, task, axes = self._robot, self._task, self._axes
@@ -292,7 +289,7 @@ class SimulatedOperation:
             robot.tool.record['received'] = 1
         machine = robot.record, robot.plant.built, robot.currents
         command = task.control(cycle), task.record, task.timeline.arrays, task.learned.torques
-        reached = int(run_stretch((cycle, after), *command, *machine, self._signals, self._beside()))
+        reached = int(run_stretch((cycle, after), *command, *machine, self._signals, self._tool_parts()))
         answers = robot.answers
         if robot.tool is not None:
             answers = np.column_stack([answers, robot.tool.answer])
@@ -305,7 +302,7 @@ class SimulatedOperation:
         return reached + 1
 
     def _settles(self, cycle: int) -> bool:
-        """Whether the answers of a cycle are looked at, because the program waits for the robot."""
+        """Whether the feedback of a cycle has to be evaluated, because the program waits for the robot."""
         task = self._task
         return task.settling(cycle) and (cycle < task.end_cycle or cycle >= task.last_cycle)
 
@@ -320,26 +317,26 @@ class SimulatedOperation:
                 longer[:, :room] = self._turn_signals
                 self._turn_signals = longer
 
-    def _beside(self) -> tuple[Any, ...] | None:
-        """Return what the compiled code takes of a rotary axis; None without one."""
+    def _tool_parts(self) -> tuple[Any, ...] | None:
+        """Return the arguments of the compiled code for the rotary axis; None without one."""
         tool, turning = self._robot.tool, self._task.turning
         if tool is None or turning is None:
             return None
         return turning.turns, turning.record, tool.record, tool.currents, self._turn_signals
 
     def _begin(self, cycle: int) -> None:
-        """Let faults happen, command, and exchange telegrams with the machine."""
+        """Apply faults, command, and exchange telegrams with the simulated robot."""
         robot = self._robot
         if cycle >= self._schedule.next_cycle:
             self._change_faults(cycle)
         if self._world is not None:
-            # the outputs of the MDT before: they are there now
+            # outputs of the previous MDT are active now
             turn_rad = 0.0 if robot.tool is None else robot.tool.axis.angle_rad
             self._world.step(cycle, robot.plant.tcp().tolist(), self._task.outputs, turn_rad)
         motors, torques, control, payload, *_ = self._controller.command(cycle)
         carried = None if self._world is None else self._world.carried_kg
         if carried is not None:
-            # what the controller has gripped is what it believes; this hangs there, from now on
+            # the controller only assumes its payload; the plant carries that of the cell
             payload = carried
             robot.grip(carried)
         note_command(cycle, motors, torques, robot.plant.record, self._signals)
@@ -353,7 +350,7 @@ class SimulatedOperation:
             tool.cycle(*turning.commanded, control, float(robot.plant.state['carried'][0]))
 
     def _evaluate(self, cycle: int) -> None:
-        """Evaluate the answers that reach the master, and react to what they tell."""
+        """Evaluate the feedback that reaches the master, and react to faults."""
         answers, status = self._robot.answers, self._status()
         for changes, word in zip(self.drive_status, status, strict=False):
             if not changes or changes[-1][1] != word:
@@ -372,8 +369,8 @@ class SimulatedOperation:
         if self._task.tracking is not None and self._world is not None:
             self._task.tracking.observe(cycle, readings(self._world))
         note_answers(cycle, answers, self._task.record, self._signals)
-        if (beside := self._beside()) is not None:
-            note_turn(cycle, beside)
+        if (parts := self._tool_parts()) is not None:
+            note_turn(cycle, parts)
         late = stop is not None and stop.fault.code is FaultCode.NOT_IN_POSITION
         if stop is not None and (late or not self._must_succeed):
             drives = self._drives()

@@ -1,4 +1,4 @@
-"""The drives from one exchange to the next, with what each finds and leaves in every period of its current loop."""
+"""One exchange of the drives, recording their state in every period of the current loop."""
 
 from delta3_pacdrive.drive.mc4 import mc4_run_period
 from delta3_pacdrive.numerics.kernel import kernel
@@ -14,20 +14,20 @@ def run_recorded_exchange(row, shafts, words, added, robot, currents, found, lef
     Parameters
     ----------
     row
-        Of the first period in what is recorded.
+        Row of the first period in the recorded arrays.
     shafts
         True shafts at the start: three positions [rad], three speeds [rad/s], three coupling torques d [N m].
     words
-        The states of the drives as numbers, a word each, shape (3, words).
+        States of the drives as numbers, one word each, shape (3, words).
     added
-        Places of the words that something is added to, factors, number of the drive, and a value for each period.
+        Indices of the words to add to, factors, number of the drive, and a value for each period.
     robot
-        Array of one record ``ROBOT``; ``brakes`` is filled.
+        Array of one record ``ROBOT``; ``brakes`` is set.
     currents
-        Takes the motor currents of an exchange period [A], shape (steps, 3).
+        Receives the motor currents of an exchange period [A], shape (steps, 3).
     found, left
-        Places of the words of ``FOUND``, which are recorded at the start of each period, and of those at its end; and
-        what takes them, shape (fields, samples, 3).
+        Indices of the words recorded at the start (``FOUND``) and at the end of each period, and the arrays that
+        receive them, shape (fields, samples, 3).
 
     """
     places, factors, axis, values = added
@@ -44,7 +44,7 @@ def run_recorded_exchange(row, shafts, words, added, robot, currents, found, lef
             if i == axis:
                 for k in range(places.shape[0]):
                     state[places[k]] += factors[k] * values[row + n]
-            # from the drive's own shaft on: to the drive it is all one exchange
+            # continue with the drive's own shaft: to the drive this is one exchange
             r.brakes[i] = mc4_run_period(shaft, r.drives, i, currents[n : n + 1])
             if i == axis:
                 for k in range(places.shape[0]):

@@ -1,7 +1,6 @@
-"""Signals of a simulation on request: what the task and the drives know beside their telegrams, once in a bus cycle.
+"""Optional signals of a simulation: internal values of the task and the drives, recorded once per bus cycle.
 
-Who asks for none gets none, and the same loops as ever. With some the bus cycles are run one by one, which changes no
-bit.
+Without any, compiled stretches of cycles run as usual. With some, cycles run one by one, with identical results.
 """
 
 from collections.abc import Sequence
@@ -21,17 +20,17 @@ OF_TASK = ('payload', 'outputs', 'lost_telegrams', 'overruns', 'fault')
 
 
 class OptionalSignals:
-    """The requested signals are noted while a simulation runs.
+    """Recorder of the optional signals of a simulation.
 
     Parameters
     ----------
     names
-        Of ``OF_TASK``, ``drive_`` and a channel of the drives, or ``cell_`` and what a cell tells; others are left to
-        who computes them.
+        Names in ``OF_TASK``, ``drive_`` with a channel of the drives, or ``cell_`` with a signal of the cell; others
+        are ignored.
     robot, parameters
-        The machine, and what it is.
+        The simulated robot, and its parameters.
     world
-        The cell around it, if there is one.
+        The cell around it, if any.
 
     """
 
@@ -52,17 +51,17 @@ class OptionalSignals:
         self._task: dict[str, list[list[float]]] = {name: [] for name in self._of_task}
 
     def __bool__(self) -> bool:
-        """Whether anything is noted."""
+        """Whether anything is recorded."""
         return bool(self._channels or self._of_task or self._of_cell)
 
     def note_begin(self) -> None:
-        """Note what the bus cycle before has left in the drives: their samples of the instant of the AT."""
+        """Record the state of the drives before a bus cycle, which are their samples at the instant of the AT."""
         if self._channels:
             states = (drive.state[0] for drive in self._drives)
             self._states.append([[float(state[name]) for name in self._columns] for state in states])
 
     def note_end(self, task: Transformation, axes: AxisMonitor) -> None:
-        """Note what the task commands in a bus cycle, and what is lost up to it; nothing is late without a clock."""
+        """Record the state of the task after a bus cycle; without a clock nothing is late."""
         if self._of_cell and self._world is not None:
             told = self._world.signals()
             for name, rows in self._of_cell.items():
@@ -78,7 +77,7 @@ class OptionalSignals:
                 rows.append([0.0])
 
     def signals(self, fault_cycle: int) -> dict[str, Floats]:
-        """Return the signals, shapes (cycles, columns); a fault of the robot was found in a cycle, or ``NEVER``."""
+        """Return the signals, shapes (cycles, columns); ``fault_cycle`` is that of a robot fault, or ``NEVER``."""
         found = {
             name: np.array(rows, dtype=np.float64).reshape(-1, len(columns_of(name, '')))
             for name, rows in (self._task | self._of_cell).items()

@@ -1,4 +1,4 @@
-"""The robot behind the bus: three drives and the plant, one bus cycle after the other, without ROS."""
+"""The simulated robot on the bus: three drives and the plant, bus cycle by bus cycle, without ROS."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,14 +21,14 @@ ROBOT = np.dtype(
     [
         ('drives', DRIVE, (3,)),
         ('plant', PLANT, (1,)),
-        ('exchanges', 'i8'),  # in a bus cycle
-        ('received', 'i8', (3,)),  # whether a drive gets the MDT
+        ('exchanges', 'i8'),  # per bus cycle
+        ('received', 'i8', (3,)),  # whether a drive receives the MDT
         ('status', 'i8', (3,)),  # S-0-0135
         # rows of the AT: position [rad], speed [rad/s], torque [N m]; a column for each axis
         ('answers', 'f8', (3, 3)),
-        ('torques', 'f8', (3,)),  # that the MDT commands beside the shafts [N m]
-        ('payload', 'f8'),  # gripped now [kg]
-        ('next_payload', 'f8'),  # what the last MDT said [kg]
+        ('torques', 'f8', (3,)),  # additive torque commands of the MDT [N m]
+        ('payload', 'f8'),  # in this cycle [kg]
+        ('next_payload', 'f8'),  # in the last MDT [kg]
         ('brakes', 'i8', (3,)),  # brake outputs, 1 = release
     ],
     align=True,
@@ -37,19 +37,19 @@ ROBOT = np.dtype(
 
 @kernel
 def robot_cycle(motors, control, payload_kg, robot, built, currents):
-    """Run one bus cycle of drives and plant, exchange by exchange; ``status`` and ``answers`` are filled.
+    """Run one bus cycle of drives and plant, exchange by exchange; sets ``status`` and ``answers``.
 
     Parameters
     ----------
     motors, control, payload_kg
-        What the MDT says: motor shaft commands [rad], shape (3,), S-0-0134, and what is gripped [kg]. The torques
-        that it commands beside them stand in ``robot``.
+        Content of the MDT: motor shaft commands [rad], shape (3,), S-0-0134, and payload [kg]. Its additive torques are
+        in ``robot``.
     robot
-        Array of one record ``ROBOT``: what is taken out of a record costs no counting of references.
+        Array of one record ``ROBOT``, because access to a record within an array needs no reference counting.
     built
         Array of one record ``BUILT``, or None for a rigid robot: see ``plant.advance``.
     currents
-        Takes the motor currents of an exchange period [A], shape (steps, 3).
+        Receives the motor currents of an exchange period [A], shape (steps, 3).
 
     """
     r = robot[0]
@@ -77,14 +77,14 @@ def run_commands(commands, torques, control, robot, built, currents, answers):
     commands
         Motor shafts [rad] of the MDT, shape (cycles, 3).
     torques
-        Torques [N m] that the MDT commands beside them, shape (cycles, 3).
+        Additive torques [N m] of the MDT, shape (cycles, 3).
     control
-        Control word S-0-0134 of all MDT; the payload stays as it is.
+        Control word S-0-0134 of all MDT; the payload does not change.
     robot, built, currents
         As in ``robot_cycle``.
     answers
-        Takes the AT, shape (cycles, rows, 3): position [rad], speed [rad/s] and torque [N m] by axis; each further row
-        is the motor current [A] of a current-loop period, from that of the AT back.
+        Receives the AT, shape (cycles, rows, 3): position [rad], speed [rad/s] and torque [N m] by axis, then motor
+        currents [A] of current-loop periods, from that of the AT backwards.
 
     """
     newest = currents.shape[0] - 1
@@ -101,27 +101,20 @@ def run_commands(commands, torques, control, robot, built, currents, answers):
 
 
 class Robot:
-    """A robot is what the bus meets: plant and drives, one exchange after the other.
-
-    Parameters
-    ----------
-    parameters
-        Of the robot.
+    """Plant and drives of a robot, run bus cycle by bus cycle.
 
     Attributes
     ----------
-    plant, drives
-        The machine and its three drives.
     record, currents
-        What the compiled loops work on: an array of one record ``ROBOT``, shape (1,), and the motor currents of an
-        exchange period [A].
+        Arrays of the compiled loops: one record ``ROBOT``, shape (1,), and the motor currents of an exchange period
+        [A].
     tool
-        The fourth drive and its axis, which do not couple with the arms; None: the robot has none. Who runs the bus
-        cycles of the arms runs also those of it.
+        Fourth drive and rotary axis, dynamically decoupled from the arms; None if not present. The caller runs its bus
+        cycles together with those of the arms.
     observed
-        Whether something looks into the drives between exchanges: then no stretch is run as one compiled loop.
+        Whether the drives are observed between exchanges; bus cycles are then not run in one compiled loop.
     answers, status
-        What the last AT say: position [rad], speed [rad/s] and torque [N m] by axis, shape (3, 3), and S-0-0135.
+        Content of the last AT: position [rad], speed [rad/s] and torque [N m] by axis, shape (3, 3), and S-0-0135.
 
     """
 
@@ -144,21 +137,21 @@ class Robot:
         self.tool = ToolDrive(parameters) if parameters.rotary.present else None
 
     def grip(self, payload_kg: float) -> None:
-        """Let the drives know a payload [kg], of this MDT and the one before."""
+        """Set the payload [kg] of this MDT and the one before."""
         self.record['payload'] = self.record['next_payload'] = payload_kg
 
     def take_payload(self, payload_kg: float) -> None:
-        """Take the payload [kg] of an MDT with the cycle that it begins: that of the MDT before hangs there now."""
+        """Take the payload [kg] of the MDT at the start of a cycle; that of the MDT before becomes active."""
         self.record['payload'] = self.record['next_payload']
         self.record['next_payload'] = payload_kg
 
     @property
     def payload(self) -> float:
-        """What is gripped in this bus cycle [kg]."""
+        """Payload in this bus cycle [kg]."""
         return float(self.record['payload'][0])
 
     def encoder_positions(self) -> list[float]:
-        """Motor shaft positions [rad] as the encoders read them."""
+        """Return motor shaft positions [rad] as read by the encoders."""
         positions = self.plant.shafts()[:3]
         return [drive.encoder_position(p) for drive, p in zip(self.drives, positions, strict=True)]
 
@@ -172,9 +165,9 @@ class Robot:
         control
             Control word S-0-0134 of all MDT.
         torques
-            Of the MDT [N m], shape (cycles, 3).
+            Additive torques of the MDT [N m], shape (cycles, 3).
         earlier
-            Number of motor currents to return, from that of the AT back; at most the periods of an exchange.
+            Number of motor currents to return, from that of the AT backwards; at most the periods of an exchange.
 
         Returns
         -------
@@ -186,8 +179,10 @@ class Robot:
         self.received[:] = 1
         answers = np.empty((len(commands), 3 + earlier, 3))
         commands = np.ascontiguousarray(commands, dtype=np.float64)
-        beside = np.ascontiguousarray(np.broadcast_to(np.asarray(torques, dtype=np.float64), commands.shape))
-        run_commands(commands, beside, control, self.record, self.plant.built, self.currents, answers)
+        additive = np.ascontiguousarray(
+            np.broadcast_to(np.asarray(torques, dtype=np.float64), commands.shape)
+        )
+        run_commands(commands, additive, control, self.record, self.plant.built, self.currents, answers)
         return answers
 
     def cycle(
@@ -198,7 +193,7 @@ class Robot:
         received: Sequence[bool] = (True, True, True),
         torques: ArrayLike = 0.0,
     ) -> None:
-        """Run one bus cycle; ``status`` and ``answers`` are those of its AT.
+        """Run one bus cycle; ``status`` and ``answers`` are then those of its AT.
 
         Parameters
         ----------
@@ -207,11 +202,11 @@ class Robot:
         control
             Control word S-0-0134 of the MDT.
         payload_kg
-            Payload of the MDT [kg]; None: as before.
+            Payload of the MDT [kg]; None: unchanged.
         received
-            Which drives get the MDT, shape (3,).
+            Whether each drive receives the MDT, shape (3,).
         torques
-            Of the MDT [N m], shape (3,).
+            Additive torques of the MDT [N m], shape (3,).
 
         """
         self.received[:] = received

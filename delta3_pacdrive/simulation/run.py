@@ -1,4 +1,4 @@
-"""All of the machine in one loop, without ROS: the same control and plant code as the nodes, cycle by cycle."""
+"""The whole machine in one loop, without ROS: the control and plant code of the nodes, cycle by cycle."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -26,14 +26,14 @@ Planner = Callable[[Program, Floats, Parameters], program_planner.Planned]
 
 
 def placed(parameters: Parameters, program: Program) -> Parameters:
-    """Return the parameters of a robot that stands where the program starts.
+    """Return the parameters of a robot that is at the start of a program.
 
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     program
-        Its ``start_m`` and ``start_turn_rad``, if it has them, become the home of the robot and of its tool.
+        Its ``start_m`` and ``start_turn_rad``, if present, replace the home position and the home angle of the tool.
 
     """
     places: dict[str, Any] = {}
@@ -47,16 +47,16 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
 def plan_of(
     program: Program, parameters: Parameters, machine: Parameters | None = None
 ) -> program_planner.Planned:
-    """Return the plan of a program as ``run`` makes it; raises ProgramError.
+    """Return the plan of a program as made by ``run``; raises ProgramError.
 
     Parameters
     ----------
     program
-        What is driven.
+        The program.
     parameters
-        Of the robot, as ``placed`` returns them.
+        Parameters of the robot, as returned by ``placed``.
     machine
-        Of the robot, where the controller takes it for another one: its encoders say where it stands.
+        Parameters of the plant if they differ from those of the controller; its encoders determine the position.
 
     """
     robot = Robot(parameters if machine is None else machine)
@@ -75,42 +75,42 @@ def run(
     planner: Planner = program_planner.plan,
     cell: Cell | None = None,
 ) -> Trace:
-    """Run a program from the start of cyclic operation to the settled end; the robot stands where it starts.
+    """Run a program from its start position, from the start of cyclic operation until the robot has settled.
 
     Parameters
     ----------
     program
-        What is driven, with its faults.
+        The program, with its faults.
     parameters
-        Of the robot.
+        Parameters of the robot.
     acquisition
-        Takes what oscilloscopes in the drives show, if any have some; the signals are the same.
+        Receives the records of oscilloscopes in the drives, if any; the signals do not change.
     signals
-        Held on request, beside the usual ones, which are the same: ``payload``, ``outputs``, ``lost_telegrams``, and
-        ``drive_`` with the name of a channel of the drives.
+        Optional signals in addition to the usual ones: ``payload``, ``outputs``, ``lost_telegrams``, ``drive_`` with
+        the name of a channel of the drives, and ``cell_...`` with a cell.
     learned
-        Torques that the controller commands beside those of its model; for another plan they are none.
+        Torques commanded in addition to those of the model, only with the plan they were learned for.
     machine
-        Of the robot, where the controller takes it for another one.
+        Parameters of the plant if they differ from those of the controller.
     planner
-        Plans the program from where the robot stands; one that knows many plans saves the time to make them again.
+        Plans the program from the position of the robot; may return cached plans.
     cell
-        What stands around the robot: its gripper takes real parts then, and the payload of the program is what the
-        controller believes. Signals ``cell_...`` are held on request.
+        The cell around the robot. Its gripper then takes simulated parts, and the payload of the program is only the
+        assumption of the controller.
 
     Returns
     -------
     Trace
-        All signals cycle by cycle, shapes (cycles, 3), and figures of the run in ``meta``.
+        All signals cycle by cycle, shapes (cycles, 3), and results of the run in ``meta``.
 
     Raises
     ------
     ProgramError
-        The program is refused.
+        The program is rejected.
     ParameterError
-        What the program grips is too heavy for arms that are decoupled.
+        The gripped payload is too heavy for decoupled arms.
     RunError
-        The drives are not enabled when the program should start, or one trips.
+        The drives are not enabled at the start of the program, or one trips.
 
     """
     parameters = placed(parameters, program)
@@ -155,7 +155,7 @@ def run(
 
 
 def note_currents(robot: Robot, task: Transformation) -> None:
-    """Let the task know the currents of the motors in its program, as the drives have formed them of all samples."""
+    """Set the currents of the task to those that the drives formed of all samples of the program."""
     for axis, drive in enumerate(robot.drives):
         task.current_peak[axis], task.current_rms[axis] = drive.program_current()
 
@@ -172,15 +172,15 @@ def trace_of(
     Parameters
     ----------
     found
-        Its signals, torques [N m] in place of currents.
+        Its signals, with torques [N m] instead of currents.
     driven
-        What was driven, for the ``meta``.
+        Description of the program, for the ``meta``.
     operation
         Its bus cycles.
     parameters
-        Of the robot.
+        Parameters of the robot.
     world
-        The cell around it, if there is one.
+        The cell around it, if any.
 
     """
     found['current'] /= parameters.motor.torque_constant_n_m_a

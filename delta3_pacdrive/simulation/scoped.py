@@ -1,4 +1,4 @@
-"""A robot whose drives have oscilloscopes: exchange by exchange, as the nodes run it, with the same bits."""
+"""A robot with oscilloscopes in its drives, run exchange by exchange as in the nodes, with identical results."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,19 +18,19 @@ from delta3_pacdrive.simulation.tool_axis import ToolDrive
 
 
 class ScopedRobot(Robot):
-    """A robot that is observed.
+    """A robot with oscilloscopes in its drives.
 
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     acquisition
-        Takes what the oscilloscopes hand over; its setting says what they show.
+        Receives the records of the oscilloscopes, and selects their channels.
 
     Raises
     ------
     ParameterError
-        They show something of a rotary axis, and the robot has none.
+        A channel belongs to the rotary axis, and the robot has none.
 
     """
 
@@ -69,14 +69,14 @@ class ScopedRobot(Robot):
         received: Sequence[bool] = (True, True, True),
         torques: ArrayLike = 0.0,
     ) -> None:
-        """Run one bus cycle as ``Robot.cycle`` does, with the oscilloscopes."""
+        """Run one bus cycle as ``Robot.cycle``, with the oscilloscopes."""
         r = self.record[0]
         self.take_payload(float(r['next_payload']) if payload_kg is None else payload_kg)
-        exchanges, beside = int(r['exchanges']), np.broadcast_to(torques, 3).tolist()
+        exchanges, additive = int(r['exchanges']), np.broadcast_to(torques, 3).tolist()
         for i, (drive, shaft) in enumerate(zip(self.drives, self._shafts(), strict=True)):
             if received[i]:
                 self.status[i] = drive.begin_cycle(
-                    commands[i], control, shaft[0], shaft[1], shaft[2], torque=beside[i]
+                    commands[i], control, shaft[0], shaft[1], shaft[2], torque=additive[i]
                 )
             else:
                 self.status[i] = drive.extrapolate_cycle(*shaft)
@@ -97,21 +97,21 @@ class ScopedRobot(Robot):
         return self._drive(i).run_period(*shaft)
 
     def finish(self) -> None:
-        """Hand over what the oscilloscopes still hold."""
+        """Hand over the remaining samples of the oscilloscopes."""
         for scope in self._scopes.values():
             scope.flush()
         self._acquisition.finish()
 
 
 class _ScopedTool(ToolDrive):
-    """The drive of the rotary axis of a robot that is observed; ``run`` is ``ScopedRobot._run``."""
+    """The drive of the rotary axis of a ``ScopedRobot``; ``run`` is ``ScopedRobot._run``."""
 
     def __init__(self, parameters: Parameters, run: Callable[[int, int, Sequence[float]], bool]) -> None:
         super().__init__(parameters)
         self._run, self._exchange = run, 0
 
     def cycle(self, command_rad: float, torque_n_m: float, control: int, payload_kg: float) -> None:
-        """Run one bus cycle as ``ToolDrive.cycle`` does, with its oscilloscope."""
+        """Run one bus cycle as ``ToolDrive.cycle``, with its oscilloscope."""
         r, shaft = self.record[0], self.axis.shaft()
         if r['received']:
             r['status'] = self.drive.begin_cycle(command_rad, control, *shaft, torque=torque_n_m)

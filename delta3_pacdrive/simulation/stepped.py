@@ -1,4 +1,4 @@
-"""A simulation that goes on only as far as it is asked to: what is driven may be ordered meanwhile."""
+"""A simulation that is advanced step by step; moves may be ordered between the steps."""
 
 from collections.abc import Callable, Sequence
 
@@ -14,20 +14,20 @@ Inputs = Callable[[int], int]
 
 
 class SteppedOperation(SimulatedOperation):
-    """A robot and its controller go through cyclic operation step by step; programs end as on the bus.
+    """Cyclic operation of a robot and its controller, step by step; programs end as on the bus.
 
     Parameters
     ----------
     robot, task
-        The machine with its drives, and the task.
+        The simulated robot, and the task.
     parameters
-        Of the robot. From ``motion.start_cycle`` on every drive must be in torque.
+        Parameters of the robot. From ``motion.start_cycle`` on every drive must be in torque.
     inputs
         Returns the inputs of a bus cycle as bits: bit n is input n.
     ended
-        Called when a program is over, before the task forgets it.
+        Called at the end of a program, before the task clears it.
     signals
-        On request: see ``Requested``.
+        Optional signals: see ``OptionalSignals``.
     world
         The cell around the robot.
 
@@ -45,21 +45,21 @@ class SteppedOperation(SimulatedOperation):
     ) -> None:
         super().__init__(robot, task, (), parameters, signals, world)
         self._inputs, self._ended = inputs, ended
-        self._loss_reported = False  # that a belt was lost
+        self._loss_reported = False  # loss of a belt
 
     def commanded(self) -> Commanded:
-        """Return what the last command has left."""
+        """Return the state after the last command."""
         return Commanded.of(self._task)
 
     def wait(self, condition: WaitCondition) -> bool:
-        """Go on until the answers of a cycle meet a condition, or to its latest cycle; return whether they do.
+        """Advance until the feedback of a cycle meets a condition, or to its latest cycle; return whether it does.
 
         Raises
         ------
         RunError
-            The robot has stopped by a fault: it is at rest then.
+            A fault has stopped the robot, which is at rest.
         RefusedError
-            It could not stay on a belt, and stands; this is told once.
+            The robot has lost its belt and is at rest; raised once per loss.
 
         """
         while not self._met(condition):
@@ -70,7 +70,7 @@ class SteppedOperation(SimulatedOperation):
         return True
 
     def go_to(self, cycle: int) -> None:
-        """Go on until a bus cycle is the next one; raises RunError as ``wait`` does."""
+        """Advance until ``cycle`` is the next bus cycle; raises RunError as ``wait`` does."""
         self.wait(WaitCondition(cycle - 1, cycle - 1))
 
     def _raise_loss(self) -> None:
@@ -92,7 +92,7 @@ class SteppedOperation(SimulatedOperation):
         )
 
     def _step(self, condition: WaitCondition) -> None:
-        """Run one bus cycle, or as many as can neither meet a condition nor end the program."""
+        """Run one bus cycle, or as many as can neither meet the condition nor end the program."""
         cycle, task = self.cycle, self._task
         end = min(condition.earliest(self.commanded(), task.loaded), condition.latest) + 1
         if task.loaded and not task.held:

@@ -1,13 +1,13 @@
-"""The rotary axis behind the bus: its drive and its machine, one bus cycle after the other beside the robot.
+"""The simulated rotary axis on the bus: its drive and its mechanics, bus cycle by bus cycle.
 
 Arguments of the kernels here:
 
 ``tool``
     Array of one record ``TOOL``, shape (1,).
 ``currents``
-    Takes the currents of its motor in an exchange period [A], shape (steps, 1).
+    Receives the currents of its motor in an exchange period [A], shape (steps, 1).
 ``payload_kg``
-    What hangs at the robot in this bus cycle [kg].
+    Payload of the robot in this bus cycle [kg].
 ``control``
     Control word S-0-0134 of the MDT.
 """
@@ -30,10 +30,10 @@ TOOL = np.dtype(
     [
         ('drive', DRIVE, (1,)),
         ('plant', TOOL_PLANT, (1,)),
-        ('exchanges', 'i8'),  # in a bus cycle
-        ('received', 'i8'),  # whether the drive gets the MDT
+        ('exchanges', 'i8'),  # per bus cycle
+        ('received', 'i8'),  # whether the drive receives the MDT
         ('status', 'i8'),  # S-0-0135
-        # of the true angle [rad], set-point delay removed: in the last answer, and at most where moves end
+        # error of the true angle [rad], set-point delay removed: in the last AT, and maximum at the ends of moves
         ('true_error', 'f8'),
         ('true_place_error_max', 'f8'),
     ],
@@ -45,7 +45,7 @@ TURN_COMMAND, TURN_POSITION, TURN_ERROR, TURN_SPEED, TURN_CURRENT, TURN_TRUE = r
 
 @kernel
 def run_tool(command, torque, control, payload_kg, tool, currents):
-    """Run one bus cycle of drive and axis; the status is filled.
+    """Run one bus cycle of drive and axis; sets the status.
 
     Parameters
     ----------
@@ -67,28 +67,28 @@ def run_tool(command, torque, control, payload_kg, tool, currents):
 
 @kernel
 def note_turn_command(cycle, angle, tool, signals):
-    """Note the ``angle`` [rad] commanded in a ``cycle``, and the true one in ``signals``, shape (6, cycles)."""
+    """Record the commanded ``angle`` [rad] of a ``cycle``, and the true one, in ``signals``, shape (6, cycles)."""
     signals[TURN_COMMAND, cycle] = angle
     signals[TURN_TRUE, cycle] = tool[0].plant[0].state.angle
 
 
 @kernel
-def command_tool(cycle, control, task, timeline, payload_kg, beside):
-    """Command the axis and run its bus cycle, behind the arms; return whether its status word changes.
+def command_tool(cycle, control, task, timeline, payload_kg, parts):
+    """Command the axis and run its bus cycle, after the arms; return whether its status word changes.
 
     Parameters
     ----------
     cycle
         Number of the bus cycle.
     task, timeline
-        What ``command_cycle`` takes.
+        As in ``command_cycle``.
     control, payload_kg
         As above.
-    beside
-        What ``ToolDrive.beside`` returns, with the signals that it takes, shape (6, cycles).
+    parts
+        Rotations, ``TURNING`` and ``TOOL`` records, currents, and signals of shape (6, cycles).
 
     """
-    turns, turning, tool, currents, signals = beside
+    turns, turning, tool, currents, signals = parts
     before = tool[0].status
     command_turn(cycle, task, timeline, turns, turning)
     t = turning[0].state
@@ -98,35 +98,35 @@ def command_tool(cycle, control, task, timeline, payload_kg, beside):
 
 
 @kernel
-def answer_tool(cycle, task, beside):
-    """Evaluate the answer of the axis in a bus cycle, and note it.
+def answer_tool(cycle, task, parts):
+    """Evaluate the feedback of the axis in a bus cycle, and record it.
 
     Parameters
     ----------
     cycle
         Number of the bus cycle.
     task
-        What ``command_cycle`` takes.
-    beside
+        As in ``command_cycle``.
+    parts
         As in ``command_tool``, with signals of shape (6, cycles).
 
     """
-    answer = beside[2][0].drive[0].state.answer
-    answer_turn(cycle, answer[0], answer[2], task, beside[1])
-    note_turn(cycle, beside)
+    answer = parts[2][0].drive[0].state.answer
+    answer_turn(cycle, answer[0], answer[2], task, parts[1])
+    note_turn(cycle, parts)
 
 
 @kernel
-def note_turn(cycle, beside):
-    """Note what the axis answers in a bus cycle, what the task makes of it, and what is true.
+def note_turn(cycle, parts):
+    """Record the feedback of the axis in a bus cycle, its evaluation, and the true values.
 
     Parameters
     ----------
-    cycle, beside
+    cycle, parts
         As in ``answer_tool``.
 
     """
-    _, turning, tool, _, signals = beside
+    _, turning, tool, _, signals = parts
     answer, constants = tool[0].drive[0].state.answer, tool[0].drive[0].constants
     t, ratio = turning[0].state, turning[0].constants.gear_ratio
     signals[TURN_POSITION, cycle] = answer[0] / ratio
@@ -141,25 +141,12 @@ def note_turn(cycle, beside):
 
 
 class ToolDrive:
-    """The fourth drive and its axis.
-
-    Parameters
-    ----------
-    parameters
-        Of a robot that has a rotary axis.
-
-    Attributes
-    ----------
-    record, currents
-        What the compiled loops work on: one record ``TOOL``, shape (1,), and the currents of an exchange period [A].
-    drive, axis
-        The MC-4 and the machine.
-
-    """
+    """The fourth drive and its axis."""
 
     def __init__(self, parameters: Parameters) -> None:
         bus, own = parameters.bus, of_tool_axis(parameters)
         samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
+        # arrays of the compiled loops: one record TOOL, and the motor currents of an exchange period [A]
         self.record: NDArray[Any] = np.zeros(1, TOOL)
         self.currents: Floats = np.zeros((samples, 1))
         self.drive = MC4(own, 0, (self.record['drive'][0], self.currents))
@@ -168,7 +155,7 @@ class ToolDrive:
         self.record['received'] = 1
 
     def cycle(self, command_rad: float, torque_n_m: float, control: int, payload_kg: float) -> None:
-        """Run one bus cycle: see ``run_tool``."""
+        """Run one bus cycle; see ``run_tool``."""
         run_tool(command_rad, torque_n_m, control, payload_kg, self.record, self.currents)
 
     @property
@@ -177,7 +164,7 @@ class ToolDrive:
         return int(self.record['status'][0])
 
     def to_dict(self) -> dict[str, float]:
-        """What only a simulation knows, under the names that results of runs have."""
+        """Return results known only to a simulation, under their names in run results."""
         return {'turn_place_error_max_rad': float(self.record['true_place_error_max'][0])}
 
     @property

@@ -1,4 +1,4 @@
-"""Every kernel compiled and loaded before it is needed: a cycle has no time for that."""
+"""Compilation and loading of all kernels in advance, because a bus cycle has no time for it."""
 
 import json
 import os
@@ -36,33 +36,31 @@ from delta3_pacdrive.simulation.run import run
 
 
 def load_kernels(parameters: Parameters) -> None:
-    """Load what ``run`` needs, so that no later one waits for it; compile what nobody has compiled yet.
+    """Load everything that ``run`` needs; compile missing kernels.
 
     Parameters
     ----------
     parameters
-        Of the robot that will run.
+        Parameters of the robot that will run.
 
     """
     compile_kernels(parameters)
     _stand(parameters)
 
 
-KERNELS = 177  # that a plain robot needs
+KERNELS = 177  # of a plain robot
 Show = Callable[[int, int], None]
 
 
 def compile_kernels(parameters: Parameters | None = None, show: Show = lambda done, total: None) -> None:
-    """Compile what no process has compiled yet, on all cores.
-
-    A process that comes while another one compiles waits for it.
+    """Compile missing kernels on all cores; if another process is compiling them, wait for it.
 
     Parameters
     ----------
     parameters
-        Of the robot that will run; None: a plain one.
+        Parameters of the robot that will run; None: a plain one.
     show
-        Is told how many kernels are done, of how many; of those that only this kind of robot needs, of 0.
+        Called with the number of compiled kernels and their total, which is 0 for those only this kind of robot needs.
 
     """
     if not all_compiled():
@@ -73,7 +71,7 @@ def compile_kernels(parameters: Parameters | None = None, show: Show = lambda do
 
 
 def _compile_together(parameters: Parameters, tell: Callable[[], None]) -> None:
-    """Compile what a robot needs, unless another process does it meanwhile."""
+    """Compile the kernels of a robot, unless another process has done so meanwhile."""
     tell()
     with alone(tell), watched(tell):
         if not all_compiled(parameters.kind):
@@ -82,9 +80,9 @@ def _compile_together(parameters: Parameters, tell: Callable[[], None]) -> None:
 
 
 def _compile(parameters: Parameters) -> None:
-    """Compile the parts side by side, one process for each core, and at last what needs all of them.
+    """Compile the parts in parallel, one process per core, then everything that depends on all of them.
 
-    Processes, not threads: the compiler holds a lock. New interpreters, not forked ones: who calls may have threads.
+    Processes are used because the compiler holds a lock, and new interpreters because the caller may have threads.
     """
     processes = min(len(_ORDERS), len(os.sched_getaffinity(0)))
     robot = json.dumps(flat_document(parameters))
@@ -98,14 +96,14 @@ def _compile(parameters: Parameters) -> None:
         for number in range(1, processes)
     ]
     try:
-        precompile_parts(0, parameters)  # what helpers have not done, for whatever reason, is done here
+        precompile_parts(0, parameters)  # includes parts that a helper failed to compile
     finally:
         for helper in helpers:
             helper.kill()
             helper.wait()
 
 
-# a helper dies with its parent
+# a helper process ends with its parent
 _HELPER = """\
 import ctypes, json, signal, sys
 ctypes.CDLL(None).prctl(1, signal.SIGKILL)
@@ -121,9 +119,9 @@ def precompile_parts(number: int, parameters: Parameters) -> None:
     Parameters
     ----------
     number
-        Of the process, 0 to 3: each has an order of its own.
+        Number of the process, 0 to 3, which selects the order of the parts.
     parameters
-        Of the robot that will run.
+        Parameters of the robot that will run.
 
     """
     with shared():
@@ -140,12 +138,12 @@ def _stand(parameters: Parameters) -> None:
 
 
 def precompile(parameters: Parameters) -> None:
-    """Run every kernel once, so that none is compiled or loaded in the middle of a cycle.
+    """Run every kernel once, so that none is compiled or loaded during a bus cycle.
 
     Parameters
     ----------
     parameters
-        Of the robot that will run.
+        Parameters of the robot that will run.
 
     """
     compile_kernels(parameters)
@@ -153,14 +151,14 @@ def precompile(parameters: Parameters) -> None:
 
 
 def load_cyclic_kernels(parameters: Parameters) -> None:
-    """Load what nodes call in their bus cycles, in the process that they are forked from.
+    """Load the kernels of the nodes' bus cycles, in the process from which the nodes are forked.
 
-    The first cycles would be late otherwise, by up to 72 ms on a slow machine.
+    Otherwise their first cycles are late, by up to 72 ms on a slow machine.
 
     Parameters
     ----------
     parameters
-        Of the robot that will run.
+        Parameters of the robot that will run.
 
     """
     for part in (_precompile_plant, _precompile_drive, _precompile_task):
@@ -180,7 +178,7 @@ def _call_all(parameters: Parameters) -> None:
 
 
 def _started(program: Program, parameters: Parameters) -> tuple[Robot, Transformation]:
-    """Return a robot and a task that has started a program, of drives that are not enabled."""
+    """Return a robot with disabled drives, and a task that has started a program."""
     quick = parameters.replace(motion__enable_cycle=-1)
     robot, task = Robot(quick), Transformation(quick)
     task.load(program_planner.plan(program, task.locate(robot.encoder_positions()), quick).plan)
@@ -199,7 +197,7 @@ def _precompile_drive(parameters: Parameters) -> None:
     drive, shaft = MC4(parameters), (0.0, 0.0, 0.0)
     drive.begin_cycle(shaft[0], CONTROL_ON, *shaft)
     drive.run_period(*shaft)
-    drive.powered  # noqa: B018 (a kernel tells it)
+    drive.powered  # noqa: B018 (calls a kernel)
     drive.clear_fault()
     drive.extrapolate_cycle(*shaft)
     scope = DriveScope(drive, tuple(CHANNELS.values()), 1, lambda: parameters, lambda _: None)
@@ -213,7 +211,7 @@ def _precompile_planning(parameters: Parameters) -> None:
 
 
 def _precompile_task(parameters: Parameters) -> None:
-    """Call the task as its node does: it looks at plans, commands, and receives answers."""
+    """Call the task as its node does: check plans, command, and receive feedback."""
     _, task = _started(Program('rehearsal', (Dwell(1.0),)), parameters)
     check_speed(task.timeline.plan.move(0), 1.0, parameters)
     task.command(0)
@@ -222,7 +220,7 @@ def _precompile_task(parameters: Parameters) -> None:
 
 
 def _precompile_joints(parameters: Parameters) -> None:
-    """Call what tells the joint states."""
+    """Call the computation of the joint states."""
     tree_joints(np.zeros((1, 3)), np.zeros((1, 3)), np.empty((1, 2, len(JOINTS))), geometry(parameters))
 
 
@@ -231,8 +229,8 @@ def _precompile_robot(parameters: Parameters) -> None:
     Robot(parameters).cycle(np.zeros(3), CONTROL_ON)
 
 
-# One for each process. What takes longest comes first, one part with each process; who has done his own helps with that
-# of another one, since none compiles what another one is compiling. The robot takes what plant and drive have done.
+# One order per process, longest part first, each process with another part. A process that has finished its part helps
+# with those of the others, since a kernel being compiled is skipped. The robot reuses the kernels of plant and drive.
 _ORDERS = (
     (_precompile_plant, _precompile_drive, _precompile_robot, _precompile_planning, _precompile_task),
     (_precompile_drive, _precompile_plant, _precompile_task, _stand, _precompile_planning),
@@ -242,7 +240,7 @@ _ORDERS = (
 
 
 def _rehearsal(parameters: Parameters) -> Program:
-    """Return a program that asks for everything the planner knows."""
+    """Return a program that uses all functions of the planner."""
     limits = Limits(1.0, 10.0, 500.0)
     up, along = Target((0.0, 0.0, -0.01), relative=True), Target((0.02, 0.0, 0.0), relative=True)
     return Program(
