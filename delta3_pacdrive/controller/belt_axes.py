@@ -31,9 +31,9 @@ def read_belts(text: str) -> tuple[BeltAxes, ...]:
         told = json.loads(text)
         found = tuple(_belt(one) for one in told)
     except (KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
-        raise ValueError('belts are announced otherwise') from error
+        raise ValueError('the announcement of the belts is invalid') from error
     if not isinstance(told, list) or len({belt.name for belt in found}) < len(found):
-        raise ValueError('belts are announced otherwise, or two have one name')
+        raise ValueError('the announcement of the belts is invalid, or two have one name')
     return found
 
 
@@ -43,7 +43,7 @@ def _belt(facts: dict[str, Any]) -> BeltAxes:
     numbers = {name: float(facts[name]) for name in names}
     begin_m, end_m = (0.0, 0.0) if window is None else map(float, window)
     if facts.keys() != set(BeltAxes._fields) or not all(map(_is_name, (facts['name'], *facts['types']))):
-        raise ValueError('a belt is announced otherwise')
+        raise ValueError('the announcement of a belt is invalid')
     if not all(abs(number) < LARGEST for number in (x, y, z, begin_m, end_m, *numbers.values())):
         raise ValueError(f'a number of belt {facts["name"]} is out of its range')
     if numbers['increments_per_m'] <= 0.0 or math.copysign(1.0, end_m - begin_m) < 0.0:

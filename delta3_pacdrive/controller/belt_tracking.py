@@ -207,7 +207,7 @@ class BeltTracking(BeltKnowledge):
     def _get_on(self, cycle: int) -> None:
         self._order, self._pending_order = self._pending_order, None
         if self._order is None:
-            self._set_lost(f'the plan gets on a belt in bus cycle {cycle}, but nobody has said on which one')
+            self._set_lost(f'the plan gets on a belt in bus cycle {cycle}, but no belt has been selected')
             return
         self._jumps = self.jumps(self._order.belt)
         self._phase = Phase.ON_BELT
@@ -275,8 +275,8 @@ class BeltTracking(BeltKnowledge):
             )
         elif self.jumps(order.belt) - self._jumps > JUMPS_MAX:
             self._set_lost(
-                f'{where}: its encoder has jumped {self.jumps(order.belt) - self._jumps} times, so that nobody knows '
-                'where the part is'
+                f'{where}: its encoder has jumped {self.jumps(order.belt) - self._jumps} times, so the '
+                'position of the part is unknown'
             )
 
     def watch_speed(self, cycle: int, timeline: Timeline | None) -> None:

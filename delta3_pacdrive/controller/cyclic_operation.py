@@ -181,7 +181,7 @@ class CyclicOperation:
             if self.answers.put(index, arrived, what):
                 self.complete(received_ns)
             else:
-                sentence = f'{axis}: two different AT of bus cycle {arrived}: who is the second writer?'
+                sentence = f'{axis}: two different AT of bus cycle {arrived}: there is a second writer'
                 self._state.stop(RobotFault(FaultCode.SECOND_WRITER, sentence, axis))
                 self._callbacks.publish_status()
 

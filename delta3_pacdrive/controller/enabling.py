@@ -60,7 +60,7 @@ class Enabling:
             state.stop(RobotFault(FaultCode.DISABLED, sentence, cycle=cycle))
             return f'stops on its path from bus cycle {cycle} on'
         if state.fault:
-            return 'the fault has taken the torque off, or will as soon as the TCP stands'
+            return 'the fault has disabled the drives, or will once the TCP is at rest'
         self._task.disable()
         return f'effective in bus cycle {cycle + 1}'
 
@@ -152,7 +152,7 @@ class Enabling:
 
     def _reply(self, reason: Reason | None) -> None:
         sentence = (
-            f'reset refused: {reason}' if reason else f'faults cleared in bus cycle {self._bus.answered}'
+            f'reset rejected: {reason}' if reason else f'faults cleared in bus cycle {self._bus.answered}'
         )
         said, answered = (
             Logged(sentence, error=reason is not None),

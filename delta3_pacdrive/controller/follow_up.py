@@ -75,7 +75,7 @@ class AppendRequest:
                 self._appended.end()  # the program has reached its end meanwhile
                 self._from_rest(request)
             elif self._run.state is not RunState.RUNNING:
-                lost = Reason(Code.STATE, 'the program that they were to follow was given up')
+                lost = Reason(Code.STATE, 'the program before them was aborted')
                 raise RefusedError(self._readiness.refusal or lost)
         except SpliceError:
             self.plan(request, rounded=False)
@@ -97,8 +97,8 @@ class AppendRequest:
         if request is not None:
             tracker.append(request.identity, statements, appended.ends)
         if self._run.state is not RunState.RUNNING:  # a fault followed immediately
-            tracker.abort(self._readiness.refusal or Reason(Code.STATE, 'the program was given up'))
+            tracker.abort(self._readiness.refusal or Reason(Code.STATE, 'the program was aborted'))
         motion = self._readiness.motion
         if motion != MotionState.MOVING:
-            sentence += f'; {motion_sentence(motion)}: resume goes on'
+            sentence += f'; {motion_sentence(motion)}: resume continues'
         self._requests.reply(sentence)

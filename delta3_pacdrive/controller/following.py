@@ -107,7 +107,7 @@ class AppendedMoves:
         """
         timeline, known = self._run.timeline, self._driven
         if known is None or timeline is None:
-            raise ProgramError('a program that goes on after a fault takes no more moves')
+            raise ProgramError('a program resumed after a fault takes no more moves')
         self._splice = splice = known.splice(rounded)
         first = timeline.at(cycle).number if timeline.start_cycle <= cycle else 0
         x, y, z = known.plan.end_m().tolist()

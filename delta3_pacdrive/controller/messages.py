@@ -33,7 +33,7 @@ class _Message:
         try:
             values = json.loads(text)
         except (ValueError, RecursionError):
-            raise TelegramError(f'{shown(text)} is no {cls.__name__.lower()}') from None
+            raise TelegramError(f'{shown(text)} is not a valid {cls.__name__.lower()}') from None
         kinds = get_type_hints(cls)
         needed = [f.name for f in fields(cls) if f.default is not None]
         told = set(values) if isinstance(values, Mapping) else set()
@@ -226,7 +226,7 @@ def refuse_malformed(text: str, sentence: str) -> Reply | None:
 def refuse_recording(request: Request) -> Reply:
     """Return the rejection of a request to another receiver."""
     sentence = (
-        f'the request was made to {shown(request.receiver)}, which is not here any more; is it a recording?'
+        f'the request was made to {shown(request.receiver)}, which is no longer active; is it a recording?'
     )
     return Reply(request.operator, request.number, True, False, str(Code.FOREIGN), sentence)
 
@@ -249,7 +249,7 @@ class Origin:
         """Parse the output of ``label``; raises TelegramError."""
         words = label.split(' ') if len(label) <= TEXT_MAX else []
         if len(words) != 4 or not words[3].isdecimal() or len(words[3]) > 15:
-            raise TelegramError(f'{shown(label)} is no label "KIND planner session number"')
+            raise TelegramError(f'{shown(label)} is not a label "KIND planner session number"')
         return Origin(words[0], words[1], words[2], int(words[3]))
 
 

@@ -192,7 +192,7 @@ class Orders:
 
     def _start(self, origin: Origin, order: Order) -> Reason | None:
         if (origin.planner, origin.number) in self._revoked:
-            return Reason(Code.WITHDRAWN, 'the planner has taken it back')
+            return Reason(Code.WITHDRAWN, 'the planner has revoked it')
         try:
             self._check_faults(order.faults)
         except ProgramError as error:
@@ -214,9 +214,7 @@ class Orders:
         taken_back = (origin.planner, origin.number) in self._revoked
         if taken_back or (origin.planner, order.row.base) != (self._planner, self._order):
             what = (
-                'the planner has taken it back'
-                if taken_back
-                else f'order {order.row.base} of it is not driven'
+                'the planner has revoked it' if taken_back else f'order {order.row.base} of it is not driven'
             )
             return Reason(Code.WITHDRAWN if taken_back else Code.STATE, what)
 
@@ -238,7 +236,7 @@ class Orders:
         """Apply or reject a change; raises TelegramError if its sender or session is not active."""
         origin = self._origin(label)
         if not self._changes.is_new(f'{origin.planner} {origin.session}', origin.number):
-            raise TelegramError(f'change {origin.number} of this planner was heard before')
+            raise TelegramError(f'change {origin.number} of this planner was received before')
         try:
             reason = self._state.change(MotionProfile.from_array(row))
         except ProgramError as error:

@@ -31,7 +31,7 @@ class Override:
         try:
             percent = float(text)
         except ValueError:
-            raise ProgramError(f'override is {text!r:.40}, which is no number') from None
+            raise ProgramError(f'override is {text!r:.40}, which is not a number') from None
         if not 100.0 * OVERRIDE_MIN <= percent <= 100.0 * OVERRIDE_MAX:
             raise ProgramError(
                 f'override is {percent:g} %, but must be between {100 * OVERRIDE_MIN:g} and {100 * OVERRIDE_MAX:g} %'

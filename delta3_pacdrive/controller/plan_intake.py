@@ -72,7 +72,7 @@ class PlanIntake:
             return None
         if origin.number != self._number:
             if not self._numbering.is_new(f'{origin.planner} {origin.session}', origin.number):
-                return Reason(Code.FOREIGN, f'order {origin.number} of this planner was heard before')
+                return Reason(Code.FOREIGN, f'order {origin.number} of this planner was received before')
             self.begin()
             self._number = origin.number
         self.checked += 1
@@ -117,11 +117,11 @@ class PlanIntake:
     def _order(self, row: Any, exact: bool) -> Order:
         if len(row) <= ORDER_HEADER or not np.isfinite(row).all() or (row[ORDER_HEADER:] % 1.0).any():
             raise ProgramError(
-                'the order of a plan must be whole numbers behind a start cycle and an override'
+                'the order of a plan must be whole numbers after a start cycle and an override'
             )
         cycle, override = row[:ORDER_HEADER].tolist()
         if cycle % 1.0:
-            raise ProgramError(f'an order starts in bus cycle {cycle:g}, which is no whole number')
+            raise ProgramError(f'an order starts in bus cycle {cycle:g}, which is not a whole number')
         if not OVERRIDE_MIN <= override <= OVERRIDE_MAX:
             raise ProgramError(
                 f'the override of an order is {override:g}, but must be between {OVERRIDE_MIN:g} and {OVERRIDE_MAX:g}'
@@ -138,7 +138,7 @@ class PlanIntake:
     def _more(self, row: Any) -> MoreMoves:
         extension = Row.from_array(row)
         if not self._builder.moves or self._faults:
-            raise ProgramError('moves that follow come with moves, and without faults')
+            raise ProgramError('appended moves need at least one move, and no faults')
         check_reach(
             self._builder.moves[0], self._robot
         )  # a start beyond the limits is only allowed from rest

@@ -250,7 +250,7 @@ class Planner:
             )
         else:
             lost = event is RunEvent.PHASE_UP
-            self._tracker.abort(PHASED_UP if lost else Reason(Code.STATE, 'the program was given up'))
+            self._tracker.abort(PHASED_UP if lost else Reason(Code.STATE, 'the program was aborted'))
 
     def _clear_queue(self, reason: Reason) -> None:
         """Clear the queue."""

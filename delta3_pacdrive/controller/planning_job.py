@@ -175,7 +175,7 @@ def _unwrapped(document: Any) -> tuple[Any, bool]:
     if isinstance(document, str):
         names = ', '.join(programs.packaged_names())
         raise ProgramError(
-            f'{shown(document)} is no packaged program, expected one of {names}, or moves in YAML'
+            f'{shown(document)} is not a packaged program, expected one of {names}, or moves in YAML'
         )
     if not isinstance(document, dict):
         return document, True
@@ -185,7 +185,7 @@ def _unwrapped(document: Any) -> tuple[Any, bool]:
     if 'program' in document:
         if len(document) > 1 or document['program'] not in programs.packaged_names():
             names = ', '.join(programs.packaged_names())
-            raise ProgramError(f'program, beside start, must be the name of a packaged program: {names}')
+            raise ProgramError(f'program, next to start, must be the name of a packaged program: {names}')
         return yaml_file.read(programs.find(document['program']), 'program file', ProgramError), starts
     if len(document) == 1 and next(iter(document)) in programs.STATEMENTS:
         return {'moves': [document]}, starts
@@ -210,7 +210,7 @@ def _appended(queue: Program | None, more: Program) -> Program:
         raise ProgramError('a queue with a repeated program takes no other moves; clear it first')
     if more.payload_kg not in (None, queue.payload_kg):
         raise ProgramError(
-            'payload_kg of a program, and the mass of its tool, count from its start: none behind moves in the queue; '
-            'clear it first'
+            'payload_kg of a program, and the mass of its tool, count from its start: not allowed after moves '
+            'in the queue; clear it first'
         )
     return replace(queue, statements=queue.statements + more.statements, faults=queue.faults + more.faults)

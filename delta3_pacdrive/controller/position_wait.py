@@ -116,7 +116,7 @@ class PositionWait:
             off, within = np.append(off, abs(tool['off'])), min(within, int(tool['within']))
         worst = int(np.argmax(np.where(np.isfinite(off), off / self._windows_rad, np.inf)))
         axis, window = (*DRIVES, TOOL_DRIVE)[worst], self._windows_rad[worst]
-        told = f'not in position {waited_s:.3g} s after the set points stand {where}'
+        told = f'not in position {waited_s:.3g} s after the set points came to rest {where}'
         if off[worst] <= window:
             counted = min(within, cycle + 1 - since)
             told += (

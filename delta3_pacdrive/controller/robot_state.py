@@ -34,7 +34,7 @@ PEAK_CURRENT, RMS_CURRENT = (Access(parse_idn(idn), Operation.READ) for idn in (
 START_CYCLES_MAX = 1_000_000  # maximum lead of a start cycle
 FAULTS_LEAD_CYCLES = 60  # from acceptance to the earliest injected fault, so that all nodes know of it
 ENABLE_FIRST = 'the drives are not enabled: enable them first'
-STOPPED_OFF_BELT = Reason(Code.BELT, 'somebody has stopped the robot, which goes with its belt no longer')
+STOPPED_OFF_BELT = Reason(Code.BELT, 'an operator has stopped the robot, which no longer follows its belt')
 
 
 Callback = Callable[[Reason | None, str], None]
@@ -223,7 +223,7 @@ class RobotState:
         stands = self._task.state['tcp' if self._task.tracking is None else 'planned'][0]
         away = float(sum((order.plan.start_m() - stands) ** 2)) ** 0.5
         if away > STANDING_M:
-            return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from where the robot stands')
+            return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from the position of the robot')
         try:
             self._task.require_turns(order.plan)
         except ProgramError as error:
@@ -272,7 +272,7 @@ class RobotState:
             return None
         if tracking.again_cycle < 0:
             return Reason(
-                Code.STATE, 'the robot stands beside its belt: nobody has said when it gets on again'
+                Code.STATE, 'the robot is stopped off its belt: no bus cycle is set to get on again'
             )
         if tracking.again_cycle < self._task.next_cycle:
             over = f'bus cycle {tracking.again_cycle} is over, the next one is {self._task.next_cycle}'
@@ -283,11 +283,11 @@ class RobotState:
         """Return the profile for a future bus cycle, or why it cannot be followed now."""
         reason = self._event_refusal(event)
         if reason is None and self._aborting:
-            reason = Reason(Code.STATE, 'the program is being given up')
+            reason = Reason(Code.STATE, 'the program is being aborted')
         if reason is None and not self.enabled:
             reason = Reason(Code.DISABLED, ENABLE_FIRST)
         if reason is None and self._task.extending:
-            reason = Reason(Code.STATE, 'the moves that follow are still to be taken')
+            reason = Reason(Code.STATE, 'appended moves are still pending')
         if reason is not None:
             return reason
         if self.motion == MotionState.STOPPED:
@@ -324,7 +324,7 @@ class RobotState:
         (before, report), self._extending = self._extending, None
         reason = None
         if self._task.extensions == before:
-            reason = Reason(Code.LATE, 'the robot was stopped before the moves that follow were taken')
+            reason = Reason(Code.LATE, 'the robot was stopped before the appended moves took effect')
         else:
             self._publish_profile()
         self.actions.append(robot_actions.Replied(report, reason, ''))
@@ -344,14 +344,14 @@ class RobotState:
         if tracking is None or not tracking.works or self.motion is not MotionState.IDLE:
             return ''
         self._task.cancel_tracking()
-        return f'goes with its belt no longer, in bus cycle {tracking.rest_cycle} it stands'
+        return f'no longer follows its belt, at rest in bus cycle {tracking.rest_cycle}'
 
     def _stop_on_path(self, event: Event) -> str:
         profile = self._task.hold()
         self._update_extension()
         self._follow()
         self._enter(event)
-        return f'stops from bus cycle {profile.cycle} on, in cycle {self._task.end_cycle} it stands'
+        return f'stops from bus cycle {profile.cycle} on, at rest in cycle {self._task.end_cycle}'
 
     def abort(self) -> Reason | str:
         """Stop on the path and cancel the program; return why not, or a description of the stop."""
@@ -361,7 +361,7 @@ class RobotState:
         if self.motion == MotionState.MOVING:
             sentence = self._stop_on_path(Event.ABORT)
         else:
-            sentence = 'the program is given up'
+            sentence = 'the program is aborted'
             self._due = min(self._due, self._task.end_cycle)
             self._enter(Event.ABORT)
         self._aborting = True

@@ -73,7 +73,7 @@ def first_decision(parameters: Parameters) -> int:
     if motion.enable_cycle < 0 or begin <= motion.enable_cycle:
         raise RunError(
             f'motion.start_cycle is {motion.start_cycle}, but a script needs {parameters.decision_cycles} bus '
-            f'cycles before it, behind motion.enable_cycle, which is {motion.enable_cycle}'
+            f'cycles before it, after motion.enable_cycle, which is {motion.enable_cycle}'
         )
     return begin
 

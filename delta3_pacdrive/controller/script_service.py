@@ -27,9 +27,9 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 ATTACH, LOOK, WAIT, HOLD, LEAVE = 'attach', 'look', 'wait', 'hold', 'leave'
 GET_ON, GET_ON_AGAIN, ABANDON = 'get on', 'get on again', 'abandon'
 Reply = Callable[[Request, Reason | None, str, bool], None]
-HELD = Reason(Code.STATE, 'somebody has stopped the robot on its path: resume() goes on')
-ABORTED = Reason(Code.WITHDRAWN, 'an operator has given the script up')
-LOST = Reason(Code.CONTROL, 'the script does not have control of the robot any more')
+HELD = Reason(Code.STATE, 'an operator has stopped the robot on its path: resume() continues')
+ABORTED = Reason(Code.WITHDRAWN, 'an operator has aborted the script')
+LOST = Reason(Code.CONTROL, 'the script no longer has control of the robot')
 
 
 class ScriptService:
@@ -81,7 +81,7 @@ class ScriptService:
                 ABANDON: self._abandon,
             }
             act = acts.get(request.action)
-            content = Reason(Code.CONTENT, f'a script cannot ask for {shown(request.action)}')
+            content = Reason(Code.CONTENT, f'a script cannot request {shown(request.action)}')
             outcome = content if act is None else act(request)
         if isinstance(outcome, Reason):
             self.reply(request, outcome, '', True)
@@ -106,13 +106,13 @@ class ScriptService:
 
     def _attach(self, request: Request) -> Reason | str:
         if self.operator and self.operator != request.operator:
-            return Reason(Code.STATE, 'another script decides')
+            return Reason(Code.STATE, 'another script is active')
         refusal = self._state.refusal()
         if refusal is not None:
             held = self._state.motion is MotionState.STOPPED
-            out = 'delta3 move abort gives up what it drives'
+            out = 'delta3 move abort ends its program'
             if self._orders.of_planner:
-                out += ', delta3 move resume goes on with it'
+                out += ', delta3 move resume continues it'
             more = f': {out}' if held else ''
             return Reason(refusal.code, f'{refusal.sentence}{more}', refusal.fault)
         self._orders.script = request.operator
@@ -122,7 +122,7 @@ class ScriptService:
         tracking = self._task.tracking
         if tracking is not None and not tracking.free:
             self._orders.script = ''
-            return Reason(Code.LATE, 'the robot still goes with a belt: ask again once it has left that')
+            return Reason(Code.LATE, 'the robot still follows a belt: try again once it has left it')
         self._gate.begins = NEVER
         self._held_outside = None
         self._gate.attach(self._cycles.answered)
@@ -160,9 +160,7 @@ class ScriptService:
     def _cycle_of(self, request: Request) -> int | Reason:
         """Return the bus cycle of a request; with a clock, at least the next possible one."""
         if not request.text.isdecimal() or len(request.text) > 15:
-            return Reason(
-                Code.CONTENT, f'{request.action} is asked for a bus cycle, not {shown(request.text)}'
-            )
+            return Reason(Code.CONTENT, f'{request.action} needs a bus cycle, not {shown(request.text)}')
         cycle = int(request.text)
         return max(cycle, self._cycles.next_cycle + 1) if self._has_clock else cycle
 
@@ -171,10 +169,10 @@ class ScriptService:
         try:
             order = TrackOrder.from_document(json.loads(request.text))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError):
-            return Reason(Code.CONTENT, f'a script gets on a belt by an order, not by {shown(request.text)}')
+            return Reason(Code.CONTENT, f'getting on a belt needs an order, not {shown(request.text)}')
         belts = () if tracking is None else tracking.belts
         if tracking is None or not 0 <= order.belt < len(belts) or belts[order.belt].window is None:
-            return Reason(Code.CONTENT, f'nobody may work on belt number {order.belt}, of {len(belts)}')
+            return Reason(Code.CONTENT, f'the robot cannot work on belt number {order.belt}, of {len(belts)}')
         tracking.order(order)
         return 'the order counts for the next event that gets on a belt'
 
@@ -192,7 +190,7 @@ class ScriptService:
         if cycle < self._cycles.next_cycle:
             return Reason(Code.LATE, f'bus cycle {cycle} is over, the next one is {self._cycles.next_cycle}')
         tracking.again_cycle = cycle
-        return f'from bus cycle {cycle} on, if the robot goes on then'
+        return f'from bus cycle {cycle} on, if the robot resumes then'
 
     def _abandon(self, request: Request) -> Reason | None:
         self._awaiting_rest = True
@@ -355,7 +353,7 @@ def read_condition(text: str) -> WaitCondition | Reason:
         values = None
     names = {field.name for field in fields(WaitCondition)}
     if not isinstance(values, dict) or set(values) != names:
-        return Reason(Code.CONTENT, f'a script waits for a condition, not for {shown(text)}')
+        return Reason(Code.CONTENT, f'a script waits for a condition, not {shown(text)}')
     whole = {name: value for name, value in values.items() if name not in ('over', 'left_cycles')}
     if values['left_cycles'] is not None:
         whole['left_cycles'] = values['left_cycles']

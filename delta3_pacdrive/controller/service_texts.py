@@ -46,7 +46,7 @@ def parse_request(text: str, drives: Sequence[str] = DRIVES) -> tuple[int, Acces
         raise TelegramError(NO_TOOL_DRIVE)
     if len(words) < 3 or words[0] not in drives or words[1] not in OPERATIONS:
         raise TelegramError(
-            f'{shown(text)} is no request: expected "axis1 read S-0-0104", "axis1 write S-0-0104 60" or '
+            f'{shown(text)} is not a request: expected "axis1 read S-0-0104", "axis1 write S-0-0104 60" or '
             '"axis1 command S-0-0099"'
         )
     operation = OPERATIONS[words[1]]
@@ -61,4 +61,4 @@ def _number(text: str) -> float:
         # Python would accept 1_0 as 10
         return float(text if text.isascii() and '_' not in text else '')
     except ValueError:
-        raise TelegramError(f'{shown(text)} is no number') from None
+        raise TelegramError(f'{shown(text)} is not a number') from None

@@ -56,5 +56,5 @@ class StopRequest:
         if completed:
             return 'it was at its end before it could be stopped'
         if self._asked_in == MotionState.STOPPED:
-            return 'it stands on its path and is given up'
-        return 'stopped on the path and given up'
+            return 'at rest on the path and aborted'
+        return 'stopped on the path and aborted'

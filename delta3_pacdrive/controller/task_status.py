@@ -44,6 +44,6 @@ class TaskStatus:
             return None
         return Reason(
             Code.FOREIGN,
-            'a recording is played back here, or there is another transformation task: what comes by topic is '
+            'a recording is played back here, or there is another transformation task: requests by topic are '
             f'refused until {FOREIGN_S:g} s after that',
         )

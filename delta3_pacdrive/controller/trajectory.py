@@ -40,7 +40,7 @@ class TrajectoryRequest:
         try:
             values = json.loads(text)
         except (ValueError, RecursionError):
-            raise ProgramError(f'{shown(text)} is no trajectory') from None
+            raise ProgramError(f'{shown(text)} is not a trajectory') from None
         if not isinstance(values, dict) or values.keys() - {'tolerances'} != {'stamp_s', 'points'}:
             raise ProgramError('a trajectory must have the keys stamp_s and points, and may have tolerances')
         stamp, points = values['stamp_s'], values['points']
@@ -70,7 +70,7 @@ class TrajectoryRequest:
         if cycle > newest_cycle + START_CYCLES_MAX:
             raise ProgramError(
                 f'header.stamp is {self.stamp_s:.6g} s, but bus time is {newest_cycle * cycle_time_s:.3f} s, and the '
-                f'limit is {START_CYCLES_MAX * cycle_time_s:g} s ahead: it is no wall clock'
+                f'limit is {START_CYCLES_MAX * cycle_time_s:g} s ahead: bus time is not wall-clock time'
             )
         lead_s = LEAD_S + LEAD_PER_POINT_S * len(self.points)
         soonest = newest_cycle + math.ceil(lead_s / cycle_time_s)
@@ -97,5 +97,5 @@ def _time_of(point: Any) -> float:
     """Time of a point after the start [s]; raises ProgramError."""
     time = point.get('time_s') if isinstance(point, dict) else None
     if isinstance(time, bool) or not isinstance(time, int | float):
-        raise ProgramError(f'{shown(point)} is no point with a time_s')
+        raise ProgramError(f'{shown(point)} is not a point with a time_s')
     return float(time)

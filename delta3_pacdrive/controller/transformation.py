@@ -314,7 +314,7 @@ class Transformation:
         self.state['end_cycle'] = self.timeline.end_cycle
         self._mark_measured()
         self._wait.lengthen(self.timeline, left_out)
-        self.learned.fade_out(cycle, 'the program has become longer')
+        self.learned.fade_out(cycle, 'moves were appended to the program')
         self.extensions += 1
 
     def _clear_pending(self) -> None:
@@ -330,7 +330,7 @@ class Transformation:
         return self.timeline.end_cycle_of(self._pending_profile) + SETTLE_CYCLES - 1
 
     def _follow(
-        self, profile: MotionProfile, unlearned: str = 'the program is driven otherwise than planned'
+        self, profile: MotionProfile, unlearned: str = 'the program is not executed as planned'
     ) -> None:
         self.timeline.change(profile)
         self.learned.fade_out(profile.cycle, unlearned)
@@ -345,7 +345,7 @@ class Transformation:
     def clear_program(self) -> None:
         """Clear the program; the TCP stays at its commanded position."""
         over = self.next_cycle >= self.end_cycle
-        self.learned.fade_out(self.next_cycle, '' if over else 'the program was given up')
+        self.learned.fade_out(self.next_cycle, '' if over else 'the program was aborted')
         self._wait.clear()
         self._clear_pending()
         self.loaded = False
@@ -469,7 +469,7 @@ class Transformation:
 
     def _begin_wait(self, cycle: int) -> None:
         self.own_profile = self._wait.rest_at(cycle, self.timeline)
-        self._follow(self.own_profile, 'the program waits at an exact stop: how long is not known beforehand')
+        self._follow(self.own_profile, 'the program waits at an exact stop, for a time unknown in advance')
 
     def settling(self, cycle: int) -> bool:
         """Whether the program waits, after the feedback of a cycle, for the robot at an exact stop or at its end."""

@@ -325,6 +325,6 @@ def require_turns(turning: Turning | None, plan: Plan) -> None:
         raise ProgramError(f'the plan cannot be loaded: {NO_AXIS}')
     if not abs(start - turning.angle_rad) <= JOINED_RAD:
         raise ProgramError(
-            f'the plan begins with the tool at {math.degrees(start):.6g} deg, but it stands at '
+            f'the plan begins with the tool at {math.degrees(start):.6g} deg, but it is at '
             f'{math.degrees(turning.angle_rad):.6g} deg'
         )

@@ -106,7 +106,7 @@ def test_nothing_is_added_before_and_it_begins_and_ends_at_rest_without_a_jump()
 def test_without_an_order_nobody_gets_on_a_belt():
     bench = Bench(steady).run(FIRST + 1)
     assert bench.tracking.free
-    assert 'gets on a belt in bus cycle 200, but nobody has said on which one' in bench.tracking.lost.sentence
+    assert 'gets on a belt in bus cycle 200, but no belt has been selected' in bench.tracking.lost.sentence
 
 
 def test_a_part_that_leaves_the_window_is_lost_with_the_number_of_the_cycle():
@@ -224,7 +224,7 @@ def test_a_jump_of_the_encoder_moves_nothing_and_too_many_are_told():
     often = {400 + 60 * n: 0.03 for n in range(JUMPS_MAX + 1)}
     bench = Bench(steady, often).order(0.4).run(700)
     assert (
-        'its encoder has jumped 4 times, so that nobody knows where the part is'
+        'its encoder has jumped 4 times, so the position of the part is unknown'
         in bench.tracking.lost.sentence
     )
 

@@ -62,7 +62,7 @@ def test_an_operator_stops_a_robot_that_works_on_a_belt_and_the_script_goes_on(n
     called.dwell(0.8)
     called.wait_time(0.1)
     assert isinstance(node.controller.scripts.hold(), str)
-    with pytest.raises(cell.ScriptError, match='somebody has stopped the robot on its path'):
+    with pytest.raises(cell.ScriptError, match='an operator has stopped the robot on its path'):
         called.wait()
     called.wait_time(0.3)
     assert node.controller.state.motion is MotionState.STOPPED
@@ -82,7 +82,7 @@ def test_a_robot_that_goes_with_a_belt_without_moves_is_stopped_too(node, called
     assert not node.stands()
     located = node.controller.state.located
     answer = getattr(node.controller.scripts, ask)()
-    assert answer.startswith('goes with its belt no longer, in bus cycle ')
+    assert answer.startswith('no longer follows its belt, at rest in bus cycle ')
     node.controller.gate.handle(GateEvent.END)
     node.goes_on()
     assert node.stands()
@@ -112,7 +112,7 @@ def test_a_script_does_not_begin_on_a_robot_that_still_leaves_a_belt(node, calle
     node.controller.gate.handle(GateEvent.END)
     reason, _ = node.ask('attach')
     assert (reason.code, str(reason)) == (
-        Code.LATE, 'the robot still goes with a belt: ask again once it has left that'
+        Code.LATE, 'the robot still follows a belt: try again once it has left it'
     )  # fmt: skip
 
 
@@ -168,7 +168,7 @@ def test_who_asks_to_get_on_again_and_does_not_go_on_stands(node, called):
     called.wait_time(0.1)
     reason, answer = node.ask(GET_ON_AGAIN, str(node.controller.next_cycle + 2))
     assert reason is None
-    assert answer.endswith(', if the robot goes on then')
+    assert answer.endswith(', if the robot resumes then')
     node.controller.control.release(node.identity)
     node.controller.poll(1.0)
     node.goes_on()
@@ -188,7 +188,7 @@ def test_a_robot_that_stands_beside_its_belt_goes_on_only_if_it_gets_on_again(no
     called.hold()
     called.wait_time(0.1)
     node.get_on_again = lambda _: None
-    with pytest.raises(cell.ScriptError, match='nobody has said when it gets on again'):
+    with pytest.raises(cell.ScriptError, match='no bus cycle is set to get on again'):
         called.resume()
     del node.get_on_again
     called.resume()
@@ -209,7 +209,7 @@ def test_an_order_that_nobody_follows_is_not_that_of_the_next_part(node, called,
 def test_a_plan_that_gets_on_a_belt_without_an_order_is_held(node, called, robot):
     node.get_on = lambda _: None
     pick(called)
-    with pytest.raises(cell.ScriptError, match='but nobody has said on which one') as lost:
+    with pytest.raises(cell.ScriptError, match='but no belt has been selected') as lost:
         called.wait()
     assert lost.value.code is Code.BELT
     assert node.controller.task.tracking.free
@@ -298,7 +298,7 @@ def test_no_order_that_was_on_its_way_undoes_the_stop_of_an_operator(node, calle
     called.move_l(to_mm=[0, 100, 60], **QUICK)
     called.dwell(0.5)
     with pytest.raises(
-        cell.ScriptError, match='somebody has stopped the robot, which goes with its belt no longer'
+        cell.ScriptError, match='an operator has stopped the robot, which no longer follows its belt'
     ) as stopped:
         called.wait()
     assert refused == [Code.BELT]
@@ -313,7 +313,7 @@ def test_a_script_that_catches_the_stop_of_an_operator_does_nothing_on_the_belt_
     block = gets_on(called)
     called.wait_time(0.1)
     assert isinstance(node.controller.scripts.hold(), str)
-    with pytest.raises(cell.ScriptError, match='goes with its belt no longer') as stopped:
+    with pytest.raises(cell.ScriptError, match='no longer follows its belt') as stopped:
         called.wait_time(0.1)
     assert stopped.value.code is Code.BELT
     with pytest.raises(cell.ScriptError, match='the robot is not held'):
@@ -333,7 +333,7 @@ def test_a_script_without_control_is_told_so_in_its_block(node, called):
     block = gets_on(called)
     node.controller.control.release(node.identity)
     node.controller.poll(1.0)
-    with pytest.raises(cell.ScriptError, match='does not have control of the robot any more') as lost:
+    with pytest.raises(cell.ScriptError, match='the script no longer has control of the robot') as lost:
         called.wait_time(0.1)
     assert block.__exit__(type(lost.value), lost.value, None) is False
     assert lost.value.code is Code.CONTROL
@@ -417,21 +417,21 @@ def changed(**values):
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
-        ('null', 'gets on a belt by an order'),
-        ('{}', 'gets on a belt by an order'),
-        (changed(part_m='far'), 'gets on a belt by an order'),
-        (changed(part_m=math.nan), 'gets on a belt by an order'),
-        (changed(window_m=[0.1]), 'gets on a belt by an order'),
-        (changed(limits=[4.0, -40.0, 4000.0, 2.0]), 'gets on a belt by an order'),
-        (changed(belt=math.inf), 'gets on a belt by an order'),
-        (changed(belt=0.5), 'gets on a belt by an order'),
-        (changed(belt=10**400), 'nobody may work on belt number 1000'),
-        (changed(part_m=10**400), 'gets on a belt by an order'),
-        (changed(limits=[4.0, 1e300, 4000.0, 2.0]), 'gets on a belt by an order'),
-        (changed(limits=[4.0, 40.0, 1e-12, 2.0]), 'gets on a belt by an order'),
-        (changed(more=1), 'gets on a belt by an order'),
-        (changed(belt=1), 'nobody may work on belt number 1, of 1'),
-        (changed(belt=-1), 'nobody may work on belt number -1, of 1'),
+        ('null', 'getting on a belt needs an order'),
+        ('{}', 'getting on a belt needs an order'),
+        (changed(part_m='far'), 'getting on a belt needs an order'),
+        (changed(part_m=math.nan), 'getting on a belt needs an order'),
+        (changed(window_m=[0.1]), 'getting on a belt needs an order'),
+        (changed(limits=[4.0, -40.0, 4000.0, 2.0]), 'getting on a belt needs an order'),
+        (changed(belt=math.inf), 'getting on a belt needs an order'),
+        (changed(belt=0.5), 'getting on a belt needs an order'),
+        (changed(belt=10**400), 'the robot cannot work on belt number 1000'),
+        (changed(part_m=10**400), 'getting on a belt needs an order'),
+        (changed(limits=[4.0, 1e300, 4000.0, 2.0]), 'getting on a belt needs an order'),
+        (changed(limits=[4.0, 40.0, 1e-12, 2.0]), 'getting on a belt needs an order'),
+        (changed(more=1), 'getting on a belt needs an order'),
+        (changed(belt=1), 'the robot cannot work on belt number 1, of 1'),
+        (changed(belt=-1), 'the robot cannot work on belt number -1, of 1'),
     ],
 )
 def test_an_order_that_is_none_is_refused(node, called, text, sentence):

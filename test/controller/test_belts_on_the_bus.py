@@ -215,7 +215,7 @@ def test_a_robot_without_belts_names_none(robot):
     with pytest.raises(cell.ScriptError, match=r"unknown belt 'line', the belts are: none"):
         called.part('line')
     reason, _ = node.ask(GET_ON, json.dumps(ORDER.to_document()))
-    assert str(reason) == 'nobody may work on belt number 0, of 0'
+    assert str(reason) == 'the robot cannot work on belt number 0, of 0'
 
 
 def test_belts_are_announced_to_the_bit():

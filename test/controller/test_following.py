@@ -143,7 +143,7 @@ def test_moves_follow_while_the_robot_is_held_and_are_driven_when_it_resumes(
     assert driver.rig.do('hold')[0]
     driver.rig.run(200)
     stands = driver.tcp[-1]
-    assert 'the robot is stopped: resume goes on' in driver.ask(UP)
+    assert 'the robot is stopped: resume continues' in driver.ask(UP)
     driver.rig.run(50)
     assert np.array_equal(driver.tcp[-1], stands)
     assert driver.rig.state.motion == 'stopped'

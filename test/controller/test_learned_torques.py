@@ -183,4 +183,4 @@ def test_an_exact_stop_drops_them_and_is_told_as_the_reason(model):
     task.load(plan)
     task.start(START)
     torques_of(task, START + cycles)
-    assert task.learned.reason == 'the program waits at an exact stop: how long is not known beforehand'
+    assert task.learned.reason == 'the program waits at an exact stop, for a time unknown in advance'

@@ -81,7 +81,7 @@ def test_an_origin_reads_back_and_other_labels_are_refused() -> None:
         'ORDER a b 1 2',
         'ORDER a b ' + '9' * 16,
     ):
-        with pytest.raises(TelegramError, match='is no label'):
+        with pytest.raises(TelegramError, match='is not a label'):
             Origin.from_label(label)
 
 

@@ -119,7 +119,7 @@ def test_an_order_that_is_heard_twice_starts_once(rig: Any, rows: list[Any]) -> 
 def test_an_order_that_was_taken_back_does_not_start(rig: Any, rows: list[Any]) -> None:
     send(rig, 100, rows)
     rig.orders.take_row(Origin(REVOKE, ME, SESSION, 100).label(), np.zeros(0))
-    assert verdicts(rig) == [(100, False, 'the planner has taken it back')]
+    assert verdicts(rig) == [(100, False, 'the planner has revoked it')]
     assert rig.state.motion == 'idle'
 
 
@@ -148,7 +148,7 @@ def test_a_plan_that_begins_elsewhere_is_refused(rig: Any, robot: Any, rows: lis
     send(rig, 100, rows_from(robot, [0.0, 0.002, -0.75]))
     ((_, accepted, sentence),) = verdicts(rig)
     assert not accepted
-    assert sentence.startswith('it starts 2.000 mm away from where the robot stands')
+    assert sentence.startswith('it starts 2.000 mm away from the position of the robot')
 
 
 def test_a_change_that_is_heard_twice_counts_once(rig: Any, rows: list[Any]) -> None:
@@ -158,7 +158,7 @@ def test_a_change_that_is_heard_twice_counts_once(rig: Any, rows: list[Any]) -> 
     label = Origin('COURSE', ME, SESSION, 500).label()
     rig.orders.take_profile(label, replace(profile, cycle=rig.next_cycle + 50).to_array())
     rig.orders.verdicts.clear()
-    with pytest.raises(TelegramError, match='change 500 of this planner was heard before'):
+    with pytest.raises(TelegramError, match='change 500 of this planner was received before'):
         rig.orders.take_profile(label, profile.to_array())
 
 

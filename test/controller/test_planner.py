@@ -219,7 +219,7 @@ def test_requests_are_served_in_their_order_and_only_so_many_wait(client: Client
 
 def test_a_number_that_somebody_else_has_used_up_is_leapt_over(client: Client) -> None:
     ordered = client.order()
-    client.verdict(ordered.number, 'foreign', 'order 1 of this planner was heard before')
+    client.verdict(ordered.number, 'foreign', 'order 1 of this planner was received before')
     again = client.do(Ordered)
     assert again.number > ordered.number + 500
     assert again.moves == ordered.moves

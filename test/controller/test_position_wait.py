@@ -127,8 +127,8 @@ def test_a_robot_that_does_not_come_to_a_stop_in_time_is_stopped_with_a_sentence
     fault = rig.state.fault
     assert (fault.code, fault.source) == (FaultCode.NOT_IN_POSITION, 'axis2')
     assert str(fault) == (
-        'not in position 0.3 s after the set points stand at the end of move 1: axis2 is 0.02 rad off, the position '
-        'window (S-0-0057) is 0.01 rad'
+        'not in position 0.3 s after the set points came to rest at the end of move 1: axis2 is 0.02 rad off, the '
+        'position window (S-0-0057) is 0.01 rad'
     )
     rig.run(100)
     assert stands_at_the_stop(rig)
@@ -241,7 +241,7 @@ def test_a_robot_that_is_there_but_not_for_long_enough_is_told_so(robot):
     state = {'off': np.array([0.0, 2.2e-5, 0.0]), 'within': 2}
     fault = PositionWait(impatient).fault(104, 100, 'at the end of the program', state)
     assert str(fault) == (
-        'not in position 0.004 s after the set points stand at the end of the program: all drives are within their '
-        'position windows (S-0-0057) for only 2 bus cycles, 20 are needed'
+        'not in position 0.004 s after the set points came to rest at the end of the program: all drives are within '
+        'their position windows (S-0-0057) for only 2 bus cycles, 20 are needed'
     )
     assert not fault.sources

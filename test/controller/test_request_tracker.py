@@ -126,7 +126,7 @@ def test_moves_may_be_written_as_one_as_a_list_as_a_program_or_by_name(
 @pytest.mark.parametrize(
     ('text', 'expected'),
     [
-        ('nothing', "'nothing' is no packaged program"),
+        ('nothing', "'nothing' is not a packaged program"),
         ('3', 'the program must be a mapping'),
         ('{move_l: {to_m: [0.1, 0.0, -0.8]}, start: maybe}', "start is 'maybe', but must be true or false"),
         ('{move_l: {to_m: [0.1, 0.0]}}', 'moves[0].move_l.to_m must be a list of 3 numbers'),

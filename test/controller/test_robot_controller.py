@@ -213,7 +213,7 @@ def test_a_repeated_at_counts_and_changes_nothing_but_two_that_differ_stop_the_r
     assert cell.robot.progress()['repeated_telegrams'] == 1
     assert cell.fault == ''
     cell.robot.cycles.take(0, 0, ((1.0, 0.0, 0.0), READY, 0), 0)
-    assert 'who is the second writer?' in cell.fault
+    assert 'there is a second writer' in cell.fault
 
 
 def test_an_at_of_a_cycle_to_come_lets_the_phase_fall(cell: Cell) -> None:

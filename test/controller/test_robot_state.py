@@ -95,7 +95,7 @@ def test_every_state_can_be_reached_and_left() -> None:
 
 def test_a_resume_after_an_abort_is_refused_although_the_master_still_stops(rig: Any) -> None:
     rig.lead_to('stopping')
-    assert rig.do('abort') == (True, 'the program is given up')
+    assert rig.do('abort') == (True, 'the program is aborted')
     profile = rig.task.profile
     assert not rig.ask('resume')[0]
     rig.run(200)
@@ -106,9 +106,9 @@ def test_a_resume_after_an_abort_is_refused_although_the_master_still_stops(rig:
 def test_a_program_that_is_given_up_where_it_stands_does_not_go_on_in_the_same_cycle(rig: Any) -> None:
     rig.lead_to('stopped')
     timeline = rig.task.profile
-    assert rig.state.abort() == 'the program is given up'
+    assert rig.state.abort() == 'the program is aborted'
     outcome = rig.state.change(timeline)
-    assert outcome == Reason(Code.STATE, 'the program is being given up')
+    assert outcome == Reason(Code.STATE, 'the program is being aborted')
 
 
 def test_the_drives_are_asked_for_the_currents_of_a_program_when_it_is_over(rig: Any) -> None:

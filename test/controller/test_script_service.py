@@ -84,7 +84,7 @@ def test_who_has_not_begun_asks_for_nothing(node, action):
 
 def test_an_action_that_there_is_not_is_refused(node, called):
     reason, _ = node.ask('explode')
-    assert str(reason) == "a script cannot ask for 'explode'"
+    assert str(reason) == "a script cannot request 'explode'"
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_a_hold_from_outside_ends_the_wait_and_the_script_may_resume(node, calle
     assert isinstance(node.controller.scripts.hold(), str)
     reason, _, _ = node.replies[-1]
     assert (reason.code, str(reason)) == (
-        Code.STATE, 'somebody has stopped the robot on its path: resume() goes on',
+        Code.STATE, 'an operator has stopped the robot on its path: resume() continues',
     )  # fmt: skip
     assert len(held_at) > 0
 
@@ -152,7 +152,7 @@ def test_a_hold_from_outside_while_the_script_decides_ends_its_next_wait_at_once
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     assert isinstance(node.controller.scripts.hold(), str)
-    with pytest.raises(ScriptError, match='somebody has stopped the robot on its path'):
+    with pytest.raises(ScriptError, match='an operator has stopped the robot on its path'):
         called.wait()
     called.resume()
     called.wait()
@@ -176,7 +176,7 @@ def test_a_script_whose_wait_is_held_by_somebody_follows_that_and_resumes(robot,
     from delta3_pacdrive.errors import RefusedError
 
     monkeypatch.setattr(node, 'wait', held)
-    with pytest.raises(ScriptError, match='somebody has stopped the robot on its path'):
+    with pytest.raises(ScriptError, match='an operator has stopped the robot on its path'):
         called.wait()
     called.resume()
     called.wait()
@@ -225,7 +225,7 @@ def test_a_script_does_not_begin_on_a_robot_that_is_held(node, called):
     node.ask(LEAVE)
     reason, _ = node.ask(ATTACH)
     assert reason.code is Code.STATE
-    assert str(reason).endswith(': delta3 move abort gives up what it drives')
+    assert str(reason).endswith(': delta3 move abort ends its program')
 
 
 def test_what_a_planner_drives_and_somebody_holds_can_be_resumed_before_a_script_begins(robot, node, called):
@@ -236,9 +236,7 @@ def test_what_a_planner_drives_and_somebody_holds_can_be_resumed_before_a_script
     node.controller.planners.receive_announcement(node.identity, Identity.of(robot))  # it was the planner's
     node.controller.orders.receive_heartbeat(node.identity, node.bus.session, 1, 0.0)
     reason, _ = node.ask(ATTACH)
-    assert str(reason).endswith(
-        'delta3 move abort gives up what it drives, delta3 move resume goes on with it'
-    )
+    assert str(reason).endswith('delta3 move abort ends its program, delta3 move resume continues it')
 
 
 def test_an_order_of_a_script_does_not_look_like_one_of_the_planner(node, called):

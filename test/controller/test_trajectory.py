@@ -72,7 +72,7 @@ def test_a_trajectory_that_is_over_is_refused_with_its_times():
 
 def test_a_stamp_of_a_wall_clock_is_refused():
     with pytest.raises(
-        ProgramError, match=r'header\.stamp is 1\.76e\+09 s, but bus time is 5\.000 s, .*no wall clock'
+        ProgramError, match=r'header\.stamp is 1\.76e\+09 s, but bus time is 5\.000 s, .*not wall-clock time'
     ):
         due(1.76e9, 1.0)
 
@@ -80,7 +80,7 @@ def test_a_stamp_of_a_wall_clock_is_refused():
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [
-        ('no json', 'is no trajectory'),
+        ('no json', 'is not a trajectory'),
         ('[]', 'must have the keys stamp_s and points'),
         (
             '{"stamp_s": 0, "points": [], "tolerances": 1}',
@@ -99,7 +99,7 @@ def test_what_is_no_trajectory_is_refused(text, reason):
 
 
 def test_a_late_trajectory_of_points_without_times_is_refused():
-    with pytest.raises(ProgramError, match='is no point with a time_s'):
+    with pytest.raises(ProgramError, match='is not a point with a time_s'):
         TrajectoryRequest(1.0, [{'angles_rad': [0, 0, 0]}]).due(NEWEST, CYCLE_S)
 
 
@@ -184,12 +184,12 @@ def test_an_empty_trajectory_takes_the_order_back_that_is_driven(client):
 
 
 ENDS_OF_A_STOP = {
-    'held before': (['stopped'], {'state': 'idle', 'located': 2}, 'it stands on its path and is given up'),
-    'stopping before': (['stopping'], {'state': 'idle', 'located': 2}, 'stopped on the path and given up'),
+    'held before': (['stopped'], {'state': 'idle', 'located': 2}, 'at rest on the path and aborted'),
+    'stopping before': (['stopping'], {'state': 'idle', 'located': 2}, 'stopped on the path and aborted'),
     'held meanwhile': (
         ['moving', 'stopped'],
         {'state': 'idle', 'located': 2},
-        'stopped on the path and given up',
+        'stopped on the path and aborted',
     ),
     'a fault': (
         ['moving'],

@@ -264,7 +264,7 @@ def test_a_second_goal_is_refused_and_the_first_one_stops_on_its_path_when_it_is
     cell.graph.spin_until(cancelled.done, 'the cancellation')
     assert len(cancelled.result().goals_canceling) == 1
     status, _, sentence = driver.end(first)
-    assert (status, sentence) == (GoalStatus.STATUS_CANCELED, 'the program was given up')
+    assert (status, sentence) == (GoalStatus.STATUS_CANCELED, 'the program was aborted')
     assert cell.missed(0.3) > HALF_INCREMENT
     assert driver.drive(message((1.0, still(0.1)))) == SUCCEEDED
 

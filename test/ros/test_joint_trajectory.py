@@ -121,7 +121,7 @@ def test_a_trajectory_is_held_resumed_and_stopped_by_an_empty_one(cell: Cell) ->
     cell.wait_for('moving')
     assert 'the robot is moving' in cell.send(message((1.0, still(0.1))))
     # it has hardly begun to move again: the stop may be over before it is answered
-    stopping = 'accepted: stops on the path', 'accepted: stopped on the path and given up'
+    stopping = 'accepted: stops on the path', 'accepted: stopped on the path and aborted'
     assert cell.send(JointTrajectory()) in stopping
     cell.wait_for('idle')
     assert cell.missed(0.2) > HALF_INCREMENT

@@ -334,7 +334,7 @@ def test_spoilt_plans_and_motion_profiles_from_a_stranger_move_nothing(cell: Cel
         'a plan message must be a row of finite numbers',
         'an order came without moves',
         '10.000 mm away',
-        "'ORDER' is no label",
+        "'ORDER' is not a label",
         'a motion profile must be a row of finite numbers',
         'the robot is idle',
     ):

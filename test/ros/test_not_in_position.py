@@ -30,5 +30,5 @@ def test_a_move_that_does_not_arrive_fails_with_its_sentence(
     program.write_text('in_position: true\nmoves:\n- move_l: {to_m: {by_m: [0.01, 0.0, -0.01]}}\n')
     assert main(['move', 'program', str(program)]) == 1
     told = capsys.readouterr()
-    assert 'not in position 0.05 s after the set points stand' in told.err
+    assert 'not in position 0.05 s after the set points came to rest' in told.err
     assert 'the robot stands' not in told.out

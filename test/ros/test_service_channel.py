@@ -96,9 +96,9 @@ def test_the_answer_repeats_the_mark_of_its_request(cell: Cell) -> None:
         'axis1 read S-0-0104': 'accepted: axis1: S-0-0104 Position loop KV-factor = 60 1/s',
         '#7 axis2 read S-0-0104': '#7 accepted: axis2: S-0-0104 Position loop KV-factor = 60 1/s',
         '#a-b  axis2 command S-0-0104': '#a-b refused: axis2: 8503: S-0-0104: ',
-        '#3fa9': "#3fa9 refused: '' is no request: ",
-        '#3fa9 axis7 read S-0-0104': "#3fa9 refused: 'axis7 read S-0-0104' is no request: ",
-        '# axis1 read S-0-0104': "refused: '# axis1 read S-0-0104' is no request: ",
+        '#3fa9': "#3fa9 refused: '' is not a request: ",
+        '#3fa9 axis7 read S-0-0104': "#3fa9 refused: 'axis7 read S-0-0104' is not a request: ",
+        '# axis1 read S-0-0104': "refused: '# axis1 read S-0-0104' is not a request: ",
     }
     answers = cell.graph.listen(String, 'sercos/service/answer', REQUEST)
     publisher = cell.graph.listener.create_publisher(String, 'sercos/service/request', REQUEST)
@@ -146,16 +146,16 @@ REFUSED = [
     ('axis1 write S-0-0104 nan', '(error 0x7008)'),
     ('axis1 command S-0-0104', '(error 0x7013)'),
     ('axis4 read S-0-0104', 'the robot has no axis4 for a rotary axis (rotary.present is false)'),
-    ('axis5 read S-0-0104', 'is no request'),
+    ('axis5 read S-0-0104', 'is not a request'),
     ('axis1 write S-0-0104', 'it needs one'),
-    ('axis1 write S-0-0104 much', "'much' is no number"),
-    ('axis1 write S-0-0104 1_0', "'1_0' is no number"),
-    ('axis1 write S-0-0104 \u0667\u0660', 'is no number'),
+    ('axis1 write S-0-0104 much', "'much' is not a number"),
+    ('axis1 write S-0-0104 1_0', "'1_0' is not a number"),
+    ('axis1 write S-0-0104 \u0667\u0660', 'is not a number'),
     ('axis1 command S-0-0127', '(error 0x7012)'),
     ('axis1 command S-0-0128', '(error 0x7012)'),
     ('axis1 read S-0-0017', '(error 0x1001)'),
     ('axis1 read position', 'is not a valid IDN'),
-    ('', 'is no request'),
+    ('', 'is not a request'),
 ]
 
 

@@ -43,7 +43,9 @@ def off(trace):
 
 def test_a_robot_with_25_kg_on_it_is_not_in_position_and_is_stopped(robot):
     meta = simulation.run(far(robot), robot, machine=hung(robot, 25.0)).meta
-    assert 'not in position 0.5 s after the set points stand at the end of the program' in meta['stopped']
+    assert (
+        'not in position 0.5 s after the set points came to rest at the end of the program' in meta['stopped']
+    )
     assert meta['stop_source'] in ('axis1', 'axis2', 'axis3')
 
 

@@ -327,7 +327,7 @@ def test_controller_and_machine_must_both_have_the_axis(machine):
 def test_a_plan_from_where_the_tool_does_not_stand_is_not_loaded(machine):
     one = program(LINE, machine)
     plan = program_planner.plan(one, PICK, machine, turn_rad=0.5).plan
-    with pytest.raises(ProgramError, match=r'begins with the tool at 28\.6479 deg, but it stands at 0 deg'):
+    with pytest.raises(ProgramError, match=r'begins with the tool at 28\.6479 deg, but it is at 0 deg'):
         Transformation(machine).load(plan)
     with pytest.raises(ProgramError, match='the robot has no rotary axis'):
         Transformation(machine.replace(rotary__present=False)).load(plan)

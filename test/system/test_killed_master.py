@@ -49,7 +49,7 @@ def test_a_cell_whose_master_is_killed_ends_its_script_and_works_again_once_it_i
     _, errors = script.communicate(timeout=60.0)
     assert script.returncode != 0
     # where the new master takes longer to load than a script waits for an answer, that is what it says
-    lost = 'the script does not have control of the robot any more'
+    lost = 'the script no longer has control of the robot'
     assert re.search(f'{lost}|no verdict of the transformation task|no reply of script', errors)
     delta3('move', 'wait')  # phased up again, with the fault of the drives
     for action in ('reset', 'enable'):

@@ -79,8 +79,8 @@ def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
     assert client.stdout.readline().split(' ')[0] == 'started'
     client.send_signal(signal.SIGINT)
     assert 'stops from bus cycle' in client.communicate(timeout=60.0)[0]
-    assert said('resume').endswith('not followed: the program is driven otherwise than planned')
-    assert 'the program is driven otherwise than planned' in delta3('move', 'state').stdout
+    assert said('resume').endswith('not followed: the program is not executed as planned')
+    assert 'the program is not executed as planned' in delta3('move', 'state').stdout
     assert delta3('move', 'override', '50').returncode == 0
     assert said('program', str(program)).endswith('not followed: they belong to an override of 100 %')
     assert delta3('move', 'override', '100').returncode == 0

@@ -344,7 +344,7 @@ def test_a_robot_that_is_not_in_position_fails_a_run(
     done = delta3('run', program, '--json', *options)
     assert done.returncode == 1
     result = json.loads(done.stdout)
-    assert 'not in position 0.05 s after the set points stand at the end of move 1' in result['error']
+    assert 'not in position 0.05 s after the set points came to rest at the end of move 1' in result['error']
 
 
 @pytest.mark.long

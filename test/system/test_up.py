@@ -223,7 +223,7 @@ def test_moves_are_appended_while_the_robot_moves_and_while_it_is_held(
     deadline = time.monotonic() + 10.0
     while not delta3('move', 'state').stdout.startswith('stopped'):
         assert time.monotonic() < deadline
-    assert 'resume goes on' in delta3('move', 'l', '0', '0', '0.01', '--relative').stdout
+    assert 'resume continues' in delta3('move', 'l', '0', '0', '0.01', '--relative').stdout
     assert delta3('move', 'override', '150').returncode == 0
     assert delta3('move', 'resume').stdout.endswith('the robot stands\n')
     assert 'TCP at (100.000, 10.000, -740.000) mm' in delta3('move', 'state').stdout

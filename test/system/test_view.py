@@ -107,7 +107,7 @@ def test_what_is_clicked_on_the_page_happens_to_the_robot(url: str, browser: Any
         wait_for(lambda: state_of(delta3)['state'] == 'moving', 'the robot goes on')
         assert 'delta3 view' in state_of(delta3)['operator']
         press(visit, 'Abort')
-        wait_for(lambda: state_of(delta3)['state'] == 'idle', 'the program is given up')
+        wait_for(lambda: state_of(delta3)['state'] == 'idle', 'the program is aborted')
         wait_for(lambda: not state_of(delta3)['operator'], 'control is given back')
         press(visit, 'Start')  # there is nothing to start
         visit.page.get_by_text('Refused').first.wait_for()
