@@ -1,15 +1,15 @@
-"""State and constants of one drive as records that the compiled loops share.
+"""State and constants of one drive as records shared by the compiled loops.
 
-Arguments of the kernels of this room:
+Arguments of the kernels of this package:
 
 ``s``, ``c``, ``m``
     Records ``STATE``, ``CONSTANTS`` and ``motor.MOTOR``.
 ``drives``, ``i``
-    Array of records ``DRIVE``, and the number of one; that of a single drive has shape (1,).
+    Array of records ``DRIVE``, and an index; the array of a single drive has shape (1,).
 ``shaft``
     True motor shaft: position [rad], speed [rad/s], coupling torque d [N m], shape (3,).
 ``position``, ``speed``
-    Of the motor shaft [rad], [rad/s].
+    Motor shaft [rad], [rad/s].
 ``command``, ``control``
     Motor shaft [rad] and control word S-0-0134 of an MDT.
 ``torque``
@@ -17,15 +17,15 @@ Arguments of the kernels of this room:
 ``follows``
     Whether the drive follows its commands.
 ``current``, ``mean_current``, ``feedforward``
-    I_eff [A]: of the end stage, the mean of a period, what is added to the reference.
+    I_eff [A]: of the power stage, mean of a period, addition to the reference.
 ``voltage_max``
-    Largest voltage of a phase [V rms].
+    Largest phase voltage [V rms].
 ``value``, ``limit``
-    Number and the bound of its amount, in the same unit.
+    Number and its largest magnitude, in the same unit.
 ``state``, ``fault``, ``reaction``
     Numbers of ``DriveState``, ``DriveFault`` and ``Reaction``.
 ``seed``
-    Number: state of a generator, 64 bits.
+    State of a random generator, 64 bits.
 """
 
 import math
@@ -45,7 +45,7 @@ from delta3_pacdrive.parameters.notch import NUMBERS, notches
 
 
 class DriveState(IntEnum):
-    """A drive is in one of these states."""
+    """States of a drive."""
 
     NOT_READY = 0  # no master: power off, brake applied
     READY = 1  # power off, brake applied
@@ -54,13 +54,13 @@ class DriveState(IntEnum):
     STOPPING = 4  # controlled stop
     HOLDING = 5  # brake being applied, current loop still on
     FAULT = 6  # power off, brake applied, cause latched
-    HALTED = 7  # stands, or comes to a stand, in torque and follows no command
+    HALTED = 7  # at rest or stopping, in torque, does not follow the command
 
 
-IMPLAUSIBLE_SPEED = 1.5  # encoder: of the speed that trips the drive, within one cycle
-SHORT_CIRCUIT = 1.3  # of the peak current, at which the end stage blocks itself
-STANDSTILL_RAD_S = 0.5  # speed below which a shaft stands, S-0-0124
-UNDER_VOLTAGE, OVER_VOLTAGE = 0.75, 1.35  # of the nominal voltage of the DC link: 420 V and 756 V
+IMPLAUSIBLE_SPEED = 1.5  # encoder step within one cycle, relative to the trip speed
+SHORT_CIRCUIT = 1.3  # current that blocks the power stage, relative to the peak current
+STANDSTILL_RAD_S = 0.5  # S-0-0124
+UNDER_VOLTAGE, OVER_VOLTAGE = 0.75, 1.35  # relative to the nominal DC link voltage: 420 V and 756 V
 
 STATE = np.dtype(
     [
@@ -70,49 +70,52 @@ STATE = np.dtype(
         ('timer', 'i8'),  # [cycles] in the present state
         ('started', 'i8'),
         ('control', 'i8'),  # valid in this cycle
-        ('next_control', 'i8'),  # of the MDT of this cycle
+        ('next_control', 'i8'),  # from the MDT of this cycle
         ('brake_release', 'i8'),  # brake output
-        ('reaction', 'i8'),  # under way
-        ('warning', 'i8'),  # at present
+        ('reaction', 'i8'),  # in progress
+        ('warning', 'i8'),
         ('brake_holds', 'i8'),  # the applied brake has stopped the shaft
-        ('held_position', 'f8'),  # [rad], there
+        ('held_position', 'f8'),  # [rad], where the brake stopped the shaft
         ('slipping', 'i8'),  # the brake does not hold
-        ('along', 'i8'),  # a stop follows the master's commands
+        ('along', 'i8'),  # the stop follows the master's commands
         ('still_cycles', 'i8'),  # since the command changed
-        ('halt_done', 'i8'),  # a halted drive stands and holds its place
+        ('halt_done', 'i8'),  # a halted drive is at rest and holds its position
         # telegrams
         ('mdt_losses', 'i8'),  # S-0-0028 and S-0-0029
         ('losses_in_a_row', 'i8'),
         ('losses_in_window', 'i8'),
         ('good_cycles', 'i8'),  # since the last loss, or since one was cleared
-        ('silent', 'i8'),  # nothing was received from the master for too long
+        ('silent', 'i8'),  # timeout of the master
         # encoder
-        ('absolute_distance', 'f8'),  # increments of its zero point from that of the machine (S-0-0177)
+        (
+            'absolute_distance',
+            'f8',
+        ),  # [increments], from the machine's zero point to the encoder's (S-0-0177)
         ('encoder_broken', 'i8'),
-        ('encoder_offset', 'f8'),  # [rad], of what it reads from the truth
-        ('encoder_drift', 'f8'),  # [rad/s], by which the offset grows: a mounting that slips
+        ('encoder_offset', 'f8'),  # [rad], reading less true position
+        ('encoder_drift', 'f8'),  # [rad/s], growth of the offset: a slipping mount
         ('encoder_noise', 'f8'),  # [rad], amplitude
         ('encoder_seed', 'u8'),  # of the noise
-        ('last_sampled', 'f8'),  # [rad], one cycle before
+        ('last_sampled', 'f8'),  # [rad], one cycle earlier
         ('following_error', 'f8'),  # [rad]
-        # commands [rad]: the set point works one cycle after its MDT
+        # commands [rad]: a set point takes effect one cycle after its MDT
         ('next_command', 'f8'),
         ('command', 'f8'),
         ('command_before', 'f8'),
         ('command_before_that', 'f8'),
-        # additive torque commands [N m], which work as commands do
+        # additive torque commands [N m], with the timing of set points
         ('next_torque', 'f8'),
         ('torque', 'f8'),
         ('torque_before', 'f8'),
         ('torque_before_that', 'f8'),
-        ('torque_works', 'i8'),  # whether it is in the current reference, beside the integrator
+        ('torque_works', 'i8'),  # included in the current reference, in addition to the integrator
         # loops
         ('step', 'i8'),  # current-loop period within the bus cycle
         ('reference', 'f8'),  # interpolated set point [rad]
         ('speed_reference', 'f8'),  # [rad/s]
         ('speed_filtered', 'f8'),  # [rad/s]
         ('velocity_integral', 'f8'),  # [A]
-        # [A] that the loops ask for and that leaves the notch filters, in the last two periods of the velocity loop
+        # [A], inputs and outputs of the notch filters in the last two periods of the velocity loop
         ('current_asked', 'f8'),
         ('current_asked_before', 'f8'),
         ('notched_once', 'f8'),
@@ -124,32 +127,32 @@ STATE = np.dtype(
         ('current_filtered', 'f8'),  # [A]
         ('current_integral', 'f8'),  # [V]
         ('voltage', 'f8'),  # [V], computed in the last period, applied in this one
-        ('stage_current', 'f8'),  # I_eff [A] of the end stage
-        ('current', 'f8'),  # [A], the same as its sensors measure it
+        ('stage_current', 'f8'),  # I_eff [A] of the power stage
+        ('current', 'f8'),  # [A], measured stage current
         ('current_gain', 'f8'),  # of the sensors
         ('current_offset', 'f8'),  # [A], of a phase
         ('current_seed', 'u8'),  # of their noise
         ('overload', 'f8'),  # [s]
-        # of the motor's current in all periods of the bus cycle so far [A]
+        # motor current over all periods of the bus cycle so far [A]
         ('cycle_sum', 'f8'),
         ('cycle_square', 'f8'),  # sum of squares
         ('cycle_min', 'f8'),
         ('cycle_max', 'f8'),
-        ('measured_square', 'f8'),  # sum of squares of what the sensors measure
-        # of the cycles of a program that the master marks
+        ('measured_square', 'f8'),  # sum of squares of the measured current
+        # over the cycles of a program that the master marks
         ('program', 'i8'),  # real-time control bits
         ('measuring', 'i8'),
         ('window_cycles', 'i8'),
         ('window_square', 'f8'),  # sum of the mean squares of the cycles [A^2]
-        ('window_peak', 'f8'),  # [A], largest amount
-        ('told_peak', 'f8'),  # of the last program whose window has ended
-        ('told_rms', 'f8'),
-        # end stage and motor
+        ('window_peak', 'f8'),  # [A], largest magnitude
+        ('last_peak', 'f8'),  # of the last complete window
+        ('last_rms', 'f8'),
+        # power stage and motor
         ('dc_link', 'f8'),  # [V], actual value
-        ('blocked', 'i8'),  # the end stage has switched itself off, over-current
-        ('winding_short', 'i8'),  # injected: a short at the motor's terminals
-        ('motor_current', 'f8'),  # I_eff [A] in the motor's winding; without a short that of the end stage
-        # shaft as the drive sees it between exchanges
+        ('blocked', 'i8'),  # the power stage has switched itself off, over-current
+        ('winding_short', 'i8'),  # injected: short circuit at the motor's terminals
+        ('motor_current', 'f8'),  # I_eff [A] in the motor's winding; equals the stage current without a short
+        # observed shaft between exchanges
         ('position', 'f8'),  # [rad]
         ('speed', 'f8'),  # [rad/s]
         ('coupling', 'f8'),  # d [N m]
@@ -157,7 +160,7 @@ STATE = np.dtype(
         # sampled at the start of the bus cycle for the AT
         ('sampled_position', 'f8'),  # [rad], on the grid
         ('status', 'i8'),  # S-0-0135
-        # of the AT: position [rad] on the increment grid, speed [rad/s], torque [N m]
+        # AT: position [rad] on the increment grid, speed [rad/s], torque [N m]
         ('answer', 'f8', (3,)),
     ],
     align=True,
@@ -165,7 +168,7 @@ STATE = np.dtype(
 
 
 def _smoothing(period_s: float, time_constant_s: float) -> float:
-    """Share of the new value in a first-order low-pass; 1 without a filter."""
+    """Weight of the new value in a first-order low-pass; 1 without a filter."""
     return 1.0 if time_constant_s == 0.0 else 1.0 - math.exp(-period_s / time_constant_s)
 
 
@@ -174,7 +177,7 @@ def _cycles(p: Parameters, seconds: float) -> int:
 
 
 def _sensor(p: Parameters, name: str) -> float:
-    """Return a figure of the sensors of a built robot; 0 for ideal ones."""
+    """Return a sensor parameter of a built robot; 0 for ideal sensors."""
     return float(getattr(p.rich.effects, name)) if p.rich.effects.sensors else 0.0
 
 
@@ -182,7 +185,7 @@ def _notch_coefficient(number: int, place: int, p: Parameters) -> float:
     return coefficients(notches(p.drive)[number - 1], p.drive.velocity_period_s)[place]
 
 
-# name and type of each constant, and what it is of the parameters
+# name, type and formula of each constant
 # fmt: off
 _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('increments_per_rad', 'f8', lambda p: p.bus.increments_per_rev / math.tau),
@@ -198,7 +201,7 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('steps_per_position', 'i8', lambda p: round(p.drive.position_period_s / p.drive.current_period_s)),
     ('steps_per_velocity', 'i8', lambda p: round(p.drive.velocity_period_s / p.drive.current_period_s)),
     ('positions_per_cycle', 'f8', lambda p: round(p.bus.cycle_time_s / p.drive.position_period_s)),
-    ('takes_torque', 'i8', lambda p: p.sends_torque),  # whether an MDT has an additive torque command
+    ('takes_torque', 'i8', lambda p: p.sends_torque),  # MDTs contain an additive torque command
     ('cubic', 'i8', lambda p: p.drive.interpolation == CUBIC),  # fine interpolation
     ('position_gain', 'f8', lambda p: p.drive.position_gain_rad_s_rad),
     ('velocity_gain', 'f8', lambda p: p.drive.velocity_gain_a_s_rad),
@@ -214,7 +217,7 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('velocity_smoothing', 'f8', lambda p: _smoothing(p.drive.velocity_period_s, p.drive.velocity_filter_s)),
     ('current_reference_smoothing', 'f8',
      lambda p: _smoothing(p.drive.current_period_s, p.drive.current_reference_filter_s)),
-    # whether one of the notch filters works
+    # whether a notch filter is active
     ('notches', 'i8', lambda p: any(notch.frequency_hz > 0.0 for notch in notches(p.drive))),
     *((f'notch_{number}_{name}', 'f8', partial(_notch_coefficient, number, place))
       for number in NUMBERS for place, name in enumerate(COEFFICIENTS)),
@@ -223,17 +226,17 @@ _CONSTANTS: tuple[tuple[str, str, Callable[[Parameters], float]], ...] = (
     ('speed_trip', 'f8', lambda p: p.motor.max_speed_rad_s * p.drive.overspeed_factor),
     ('current_max', 'f8',
      lambda p: min(p.motor.peak_current_a, p.drive.torque_limit_n_m / p.motor.torque_constant_n_m_a)),
-    ('current_trip', 'f8', lambda p: SHORT_CIRCUIT * p.motor.peak_current_a),  # blocks the end stage
+    ('current_trip', 'f8', lambda p: SHORT_CIRCUIT * p.motor.peak_current_a),  # blocks the power stage
     ('current_nominal', 'f8', lambda p: p.motor.nominal_current_a),
     ('dc_link_min', 'f8', lambda p: UNDER_VOLTAGE * p.drive.dc_link_voltage_v),  # [V]
     ('dc_link_max', 'f8', lambda p: OVER_VOLTAGE * p.drive.dc_link_voltage_v),
     ('torque_constant', 'f8', lambda p: p.motor.torque_constant_n_m_a),
     ('observer_inertia', 'f8', lambda p: p.drive.observer_arm_inertia_kg_m2 / p.dynamics.gear_ratio**2),  # motor side
-    # of the warning; eight times as much trips
+    # of the warning; trip at eight times this value
     ('following_error_limit', 'f8', lambda p: p.drive.following_error_limit_rad),
     ('travel_min', 'f8', lambda p: math.radians(p.dynamics.end_stop_min_deg) * p.dynamics.gear_ratio),  # [rad]
     ('travel_max', 'f8', lambda p: math.radians(p.dynamics.end_stop_max_deg) * p.dynamics.gear_ratio),
-    # [rad], in a cycle
+    # [rad], per cycle
     ('encoder_step_max', 'f8',
      lambda p: IMPLAUSIBLE_SPEED * p.motor.max_speed_rad_s * p.drive.overspeed_factor * p.bus.cycle_time_s),
     ('stop_deceleration', 'f8', lambda p: p.drive.stop_deceleration_rad_s2),  # [rad/s^2], of BD2
@@ -252,7 +255,7 @@ WORD_BYTES = 8
 
 
 def words_of_state(names: Iterable[str]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return where fields of ``STATE`` are in a record ``DRIVE``, in words of 8 bytes, and which are whole numbers."""
+    """Return the offsets of fields of ``STATE`` in a record ``DRIVE`` (8-byte words), and which are integers."""
     fields = [STATE.fields[name] for name in names]  # type: ignore[index]
     words = np.array([field[1] // WORD_BYTES for field in fields], dtype=np.int64)
     return words, np.array([field[0].kind != 'f' for field in fields], dtype=np.bool_)

@@ -1,6 +1,6 @@
-"""A drive that takes part in the bus: it joins, follows commands, answers, notices that its master is lost, and leaves.
+"""A drive as a bus participant: joins, follows commands, sends ATs, detects the loss of its master, and leaves.
 
-Pure: telegrams come in as calls, what has to go out is done by a ``DrivePort``. Tests let it run without ROS.
+Free of ROS: telegrams arrive as calls, and a ``DrivePort`` sends.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,40 +22,40 @@ from delta3_pacdrive.sercos.slave import BusSlave
 from delta3_pacdrive.sercos.watchdog import BUS_SILENT_S, MASTER_SILENT_S, Watchdog
 from delta3_pacdrive.sercos.words import Phase
 
-AHEAD = 2  # cycles by which a drive may be behind the others
+AHEAD = 2  # cycles by which a drive may lag behind the others
 
 
 def own_parameters(parameters: Parameters, index: int) -> tuple[Parameters, int]:
-    """Return the parameters of a drive, and its number among those that share them: a rotary axis has its own."""
+    """Return the parameters of a drive, and its index among the drives with equal parameters."""
     return (parameters, index) if index < len(DRIVES) else (of_tool_axis(parameters), 0)
 
 
 class DrivePort(Protocol):
-    """What a drive does on the bus."""
+    """Outgoing messages of a drive."""
 
     def announce(self, session: bytes, occasion: Occasion) -> None:
-        """Announce itself in a session."""
+        """Announce the drive in a session."""
 
     def forget(self) -> None:
-        """Forget frames of the session before."""
+        """Clear the frames of the previous session."""
 
     def send_answer(self, cycle: int, status: int) -> None:
-        """Send the AT of a bus cycle, which ``MC4.answer`` holds."""
+        """Send the AT of a bus cycle from ``MC4.answer``."""
 
     def send_current(self, exchange: int, released: bool) -> None:
-        """Send the currents of an exchange period, which ``MC4.currents`` holds, and the brake output."""
+        """Send the currents of an exchange period from ``MC4.currents``, with the brake output."""
 
     def repeat_current(self) -> None:
-        """Send the currents of the newest exchange again: the drive is still there."""
+        """Send the latest currents again, as a sign of life."""
 
     def changed(self, parameters: Parameters, cycle: int) -> None:
-        """Take note of parameters that were written in a bus cycle."""
+        """Handle parameters changed over the service channel in a bus cycle."""
 
     def refuse(self, reason: str) -> None:
-        """Say that a telegram was refused."""
+        """Report a rejected telegram."""
 
-    def tell_loss(self, reason: str) -> None:
-        """Say why the drive goes on without its master."""
+    def report_loss(self, reason: str) -> None:
+        """Report the reason why the drive continues without its master."""
 
 
 class BusDrive:
@@ -64,22 +64,15 @@ class BusDrive:
     Parameters
     ----------
     parameters, index
-        Of the robot; number of the axis, 0 to 2, and 3 for the rotary one.
+        Parameters of the robot, and axis number: 0 to 2, or 3 for the rotary axis.
     faults
-        Of the drive.
+        Injected faults.
     port
-        Does what has to be done outside.
-    look_s
-        Time between two looks [s].
+        Sends messages.
+    poll_s
+        Time between polls [s].
     now_s
-        Returns the time of a clock that never jumps [s].
-
-    Attributes
-    ----------
-    drive, slave, clock, register
-        The drive, its part in the bus, its bus time, its operation data.
-    phase
-        That the last MDT told.
+        Returns the time of a monotonic clock [s].
 
     """
 
@@ -89,18 +82,18 @@ class BusDrive:
         index: int,
         faults: Schedule,
         port: DrivePort,
-        look_s: float,
+        poll_s: float,
         now_s: Callable[[], float],
     ) -> None:
         self._axis, self._port, self._now_s = ALL_DRIVES[index], port, now_s
         own, number = own_parameters(parameters, index)
         self._ahead_max = parameters.bus.outstanding_cycles_max + AHEAD
         self._link: FaultyLink[Command] = FaultyLink(faults, MDT_FAULTS, port.refuse)
-        self._master = Watchdog(look_s)
+        self._master = Watchdog(poll_s)
         self._resting_position: float | None = None
-        self._exchange_seen = 0  # at the last look
-        self.phase = Phase.CP0
-        self._shown = own  # with which samples were taken
+        self._exchange_seen = 0  # at the last poll
+        self.phase = Phase.CP0  # of the last MDT
+        self._sampled_with = own  # parameters of the samples since the last flush
         self.drive, self.slave = MC4(own, number), BusSlave()
         self.register = Register(own, self._actual, self._configure, self.drive.clear_fault)
         self.clock = DriveClock(
@@ -108,35 +101,35 @@ class BusDrive:
             self._axis,
             own,
             faults,
-            lambda access: self.register.serve(access, self.phase),
-            port.send_answer,
-            port.send_current,
-            lambda: self._do(self.slave.rest()),
+            serve=lambda access: self.register.serve(access, self.phase),
+            send_answer=port.send_answer,
+            send_current=port.send_current,
+            stopped=lambda: self._do(self.slave.rest()),
         )
 
     def _actual(self, name: str) -> float:
-        """Field of the drive's state, for the service channel."""
+        """Return a field of the drive's state, for the service channel."""
         return float(self.drive.state[name][0])
 
     def arm(self, channels: Sequence[Channel], decimation: int, hand_over: Callable[[Block], None]) -> None:
-        """Arm the oscilloscope of the drive, from the next exchange on, instead of one that was armed before."""
-        self.clock.scope = DriveScope(self.drive, channels, decimation, lambda: self._shown, hand_over)
+        """Arm the oscilloscope from the next exchange on, replacing an armed one."""
+        self.clock.scope = DriveScope(self.drive, channels, decimation, lambda: self._sampled_with, hand_over)
 
     def disarm(self) -> None:
-        """Run the loops without oscilloscope again."""
+        """Disarm the oscilloscope."""
         self.clock.scope = None
 
     def _configure(self, parameters: Parameters) -> None:
         if self.clock.scope is not None:
-            self.clock.scope.flush()  # what it holds was so with the parameters before
-        self._shown = parameters
+            self.clock.scope.flush()  # its samples were taken with the old parameters
+        self._sampled_with = parameters
         self.drive.configure(parameters)
         self._port.changed(parameters, self.clock.cycle)
 
     # phases -----------------------------------------------------------------------------------------------------------
 
     def announced(self, phase: Phase, session: bytes, cycle: int, alone: bool) -> None:
-        """Take the announcement of a phase; ``alone``: only one master announces any."""
+        """Process the announcement of a phase; ``alone``: only one master announces phases."""
         self._do(self.slave.announced(phase, session, cycle, self.drive.powered, alone))
 
     def _do(self, actions: Sequence[slave.Action]) -> None:
@@ -153,7 +146,7 @@ class BusDrive:
                     self.clock.begin(start)
                 case slave.Part(reason):
                     self._master.received(self._now_s())
-                    self._port.tell_loss(f'{self._axis}: {reason} in bus cycle {self.clock.cycle}')
+                    self._port.report_loss(f'{self._axis}: {reason} in bus cycle {self.clock.cycle}')
                     self.clock.part()
                 case slave.Leave():
                     self.clock.leave()
@@ -164,7 +157,7 @@ class BusDrive:
     # telegrams --------------------------------------------------------------------------------------------------------
 
     def take_command(self, cycle: int, command: Command) -> None:
-        """Take the MDT of a bus cycle."""
+        """Process the MDT of a bus cycle."""
         now = self.clock.cycle
         if self.slave.cyclic and cycle > now + self._ahead_max:
             self._port.refuse(
@@ -175,26 +168,26 @@ class BusDrive:
         for arrived, what in self._link.arrivals(self._axis, cycle, command):
             taken = self.clock.take_command(arrived, what)
             if taken in (Taken.LATE, Taken.REPEATED) and self.clock.awaits_command:
-                self._port.repeat_current()  # the bus waits, and everybody on it is there
+                self._port.repeat_current()  # the bus is waiting, but all participants are running
             elif taken is Taken.CONTRADICTED:
                 reason = f'two different MDT of bus cycle {arrived}, is there a second master? (8506)'
                 self._do(self.slave.lose_master(reason))
 
-    def stand(self, position: float) -> None:
-        """Take note of where the motor shaft stands [rad], outside of cyclic operation."""
+    def set_rest_position(self, position: float) -> None:
+        """Store the motor shaft position [rad] outside cyclic operation."""
         self._resting_position = position
 
     def greeted(self, service: int) -> float | None:
-        """Take a greeting; returns the encoder position [rad] to answer with, None if there is none."""
+        """Process a greeting; return the encoder position [rad] for the reply, None if it is unknown."""
         if self._resting_position is None or self.slave.cyclic:
             return None
         self.clock.service.received(service)
         return self.drive.encoder_position(self._resting_position)
 
-    # looks ------------------------------------------------------------------------------------------------------------
+    # polling ----------------------------------------------------------------------------------------------------------
 
-    def look(self) -> None:
-        """Look in cyclic operation whether the master, or at a stop without it the plant, is still there."""
+    def poll(self) -> None:
+        """Check for a timeout of the master, or of the plant during a stop without master."""
         now_s, clock = self._now_s(), self.clock
         silence = self._master.silence_s(now_s)
         if self.slave.parting:
@@ -202,8 +195,8 @@ class BusDrive:
                 self._exchange_seen = clock.exchange
                 self._master.received(now_s)
             elif silence > BUS_SILENT_S:
-                self._do(self.slave.rest())  # the plant is silent as well: nothing is left to stop
+                self._do(self.slave.rest())  # the plant is silent as well: there is nothing to stop
         elif not clock.awaits_command:
-            self._master.received(now_s)  # it is the plant that is waited for
+            self._master.received(now_s)  # waiting for the plant
         elif silence > MASTER_SILENT_S:
             self._do(self.slave.lose_master(f'no MDT for {silence:.1f} s (8506)'))

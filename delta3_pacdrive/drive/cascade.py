@@ -1,16 +1,16 @@
 """The cascade: position P, velocity PI, current PI with feed-forwards, filters, limits and anti-windup (8.1).
 
-Fine interpolation is linear, as in the thesis, or cubic. Linear, the speed feed-forward is a stair that steps at each
-bus cycle, and the current follows with a pulse. Cubic, the set points are joined by Hermite polynomials whose slopes
-are those of the chords over two cycles (Catmull and Rom): the speed is continuous, its feed-forward that of the curve,
-and the acceleration feed-forward goes straight from one second difference to the next.
+Fine interpolation is linear, as in the thesis, or cubic. With linear interpolation the speed feed-forward steps at each
+bus cycle, and the current responds with a pulse. Cubic interpolation connects the set points by Hermite polynomials
+with the slopes of the chords over two cycles (Catmull-Rom): the speed is continuous, its feed-forward is that of the
+curve, and the acceleration feed-forward changes linearly from one second difference to the next.
 
-Arguments of the kernels here, beside those of ``arrays``:
+Arguments of the kernels, in addition to those of ``arrays``:
 
 ``before``, ``now``, ``after``
-    Steps [rad] of the set point, as ``set_point_steps`` gives them.
+    Steps [rad] of the set point from ``set_point_steps``.
 ``passed``
-    Share [1] of the bus cycle that has passed, from 0 to 1.
+    Elapsed fraction [1] of the bus cycle, 0 to 1.
 """
 
 import math
@@ -27,9 +27,9 @@ def clamp(value, limit):
 
 @kernel
 def set_point_steps(s):
-    """Steps [rad] of the set point: to the last one, from there to the present one, from there to the next one.
+    """Steps [rad] of the set point: to the last one, from the last to the present one, and on to the next one.
 
-    The next one is that of the MDT of this cycle. Where it is no number, which is a fault, the speed goes on.
+    The next set point is that of the MDT of this cycle. If it is not a number (a fault), the present speed is kept.
     """
     now = s.command - s.command_before
     after = s.next_command - s.command if math.isfinite(s.next_command) else now
@@ -38,7 +38,7 @@ def set_point_steps(s):
 
 @kernel
 def cubic_way(before, now, after, passed):
-    """Way [rad] from the last set point on, after a share of the bus cycle; ``now`` at its end."""
+    """Distance [rad] from the last set point after a fraction of the bus cycle; ``now`` at its end."""
     start, end = 0.5 * (before + now), 0.5 * (now + after)
     return passed * (start + passed * (3.0 * now - 2.0 * start - end + passed * (start + end - 2.0 * now)))
 
@@ -52,16 +52,16 @@ def cubic_slope(before, now, after, passed):
 
 @kernel
 def cubic_bend(before, now, after, passed):
-    """Second difference [rad/cycle^2], straight from that of the last set point to that of the present one."""
+    """Second difference [rad/cycle^2], interpolated between those of the last and the present set point."""
     return (1.0 - passed) * (now - before) + passed * (after - now)
 
 
 @kernel
 def position_loop(s, c):
-    """Interpolate the set point to this instant and form the speed reference.
+    """Interpolate the set point to this instant and compute the speed reference.
 
-    The bus set point is approached in steps of T_pos and reached at the last of them: together with the cycle on the
-    bus, CT + (CT - T_pos) after it was commanded.
+    The set point is approached in steps of T_pos and reached at the last of them: including the cycle on the bus,
+    CT + (CT - T_pos) after it was commanded.
     """
     passed = (s.step // c.steps_per_position + 1) / c.positions_per_cycle
     actual = s.increments / c.increments_per_rad
@@ -77,14 +77,14 @@ def position_loop(s, c):
 
 @kernel
 def hold_place(s, c):
-    """Form the speed reference of a drive that holds the place at which it was halted."""
+    """Compute the speed reference of a halted drive that holds its position."""
     actual = s.increments / c.increments_per_rad
     s.speed_reference = clamp(c.position_gain * (s.reference - actual), c.speed_max)
 
 
 @kernel
 def velocity_loop(speed, feedforward, s, c):
-    """Form the current reference from the actual speed; the integrator stands while the current is limited."""
+    """Compute the current reference from the actual speed; the integrator is frozen while the current is limited."""
     s.speed_filtered += c.velocity_smoothing * (speed - s.speed_filtered)
     error = s.speed_reference - s.speed_filtered
     integral = s.velocity_integral + c.velocity_integral_step * error
@@ -100,7 +100,7 @@ def velocity_loop(speed, feedforward, s, c):
 
 @kernel
 def current_feedforward(s, c):
-    """Current for the acceleration in the second difference of the set points."""
+    """Current for the acceleration given by the second difference of the set points."""
     if c.cubic != 0:
         before, now, after = set_point_steps(s)
         second = cubic_bend(before, now, after, (s.step + c.steps_per_velocity) / c.steps_per_cycle)
@@ -111,10 +111,10 @@ def current_feedforward(s, c):
 
 @kernel
 def torque_feedforward(follows, s, c):
-    """Current [A] of the additive torque command beyond that of the drive's own feed-forward.
+    """Current [A] of the additive torque command beyond the drive's own feed-forward.
 
-    Whether a drive follows commands or not, the torque stays where it is: what the command has held so far the
-    integrator takes over when a stop begins, and gives back when the drive follows again.
+    The torque stays continuous: the integrator takes over the torque of the command when a stop begins, and returns it
+    when the drive follows again.
     """
     if not follows and s.torque_works == 0:
         return 0.0
@@ -134,7 +134,7 @@ def torque_feedforward(follows, s, c):
 
 @kernel
 def current_loop(voltage_max, s, c):
-    """Form the voltage for the next period (one period of computing delay)."""
+    """Compute the voltage for the next period (one period of computing delay)."""
     s.current_reference_filtered += c.current_reference_smoothing * (
         s.current_reference - s.current_reference_filtered
     )

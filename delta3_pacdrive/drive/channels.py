@@ -1,12 +1,12 @@
-"""Channels of a drive: what its oscilloscope can show, by name, as one table; and every IDN whose value is a number.
+"""Oscilloscope channels of a drive as one table, by name; every IDN with a numeric value is a channel, too.
 
-A sample of a channel is what a period of the current loop (62.5 us) has left behind. Its time is the end of that
-period, which is the start of the next one: the last sample of bus cycle k-1 has the time, and the current, of AT(k).
+A sample is the state after a period of the current loop (62.5 us). Its time is the end of that period: the last sample
+of bus cycle k-1 has the time and the current of AT(k).
 
 speed loop, current loop
-    ``drive/cascade.py``. What a loop left stays until its next period: of position 250 us, of speed 125 us later.
+    ``drive/cascade.py``. Values stay until the next period of the loop: 250 us (position) or 125 us (speed) later.
 shaft between exchanges
-    ``drive/shaft_observer.py``. It begins anew with the plant's shaft at every exchange.
+    ``drive/shaft_observer.py``. It is reset to the plant's shaft at every exchange.
 """
 
 import re
@@ -26,10 +26,10 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
 from delta3_pacdrive.sercos.service_channel import format_idn, parse_idn
 
-SCOPE_CHANNELS_MAX = 8  # that an oscilloscope shows at once
+SCOPE_CHANNELS_MAX = 8  # of one oscilloscope
 _IDN = re.compile('[SP]-[0-9]-[0-9]{4}', re.IGNORECASE)
 
-Formula = Callable[..., Floats]  # parameters, constants of the drive, and a column of each source
+Formula = Callable[..., Floats]  # of parameters, drive constants, and one column per source
 
 
 def _is(_: Parameters, __: Any, value: Floats) -> Floats:
@@ -45,7 +45,7 @@ def _angle(_: Parameters, constants: Any, increments: Floats) -> Floats:
 
 
 def _of_phase(number: int) -> Formula:
-    """Return the instantaneous value of a phase, 1 to 3: voltage and current turn with the same angle."""
+    """Return the formula of an instantaneous phase value, 1 to 3; voltage and current have the same angle."""
 
     def value(_: Parameters, constants: Any, effective: Floats, position: Floats) -> Floats:
         phases = np.empty((len(effective), 3))
@@ -57,14 +57,14 @@ def _of_phase(number: int) -> Formula:
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel is one row of the table.
+    """One row of the table.
 
     Attributes
     ----------
     sources
-        Fields of the drive's ``STATE`` record of which its value is made.
+        Fields of the drive's ``STATE`` record.
     formula
-        Makes it of the parameters, of the drive's ``CONSTANTS`` and of the sources, each a column of samples.
+        Computes the value from parameters, the drive's ``CONSTANTS`` and the sources, each a column of samples.
 
     """
 
@@ -125,25 +125,27 @@ FAULT, PROGRAM = CHANNELS['fault'], CHANNELS['program']
 
 
 def _of_operation_data(row: OperationData) -> Channel:
-    """Return the channel that shows operation data; what parameters say is as it was when the sample was taken."""
-    # where no field is shown, one tells how many samples there are
+    """Return the channel of operation data, computed with the parameters at the time of the sample."""
+    # without a state field, any field provides the number of samples
     fields = tuple(source for source in row.sources if '.' not in source) or ('state',)
 
     def value(parameters: Parameters, _: Any, *columns: Floats) -> Floats:
-        def told(source: str, of: dict[str, float]) -> Any:
+        def value_of(source: str, sample: dict[str, float]) -> Any:
             group, dot, name = source.partition('.')
-            return getattr(getattr(parameters, group), name) if dot else of[source]
+            return getattr(getattr(parameters, group), name) if dot else sample[source]
 
         samples = zip(*(column.tolist() for column in columns), strict=True)
         named = [dict(zip(fields, sample, strict=True)) for sample in samples]
-        return np.array([float(row.formula(*(told(source, of) for source in row.sources))) for of in named])
+        return np.array(
+            [float(row.formula(*(value_of(source, one) for source in row.sources))) for one in named]
+        )
 
     return Channel(format_idn(row.idn), row.unit, row.name, fields, value)
 
 
 @cache
 def channel_named(name: str) -> Channel:
-    """Return a channel of the table, or that of an IDN; raises ParameterError."""
+    """Return a channel by its name or IDN; raises ParameterError."""
     if name in CHANNELS:
         return CHANNELS[name]
     if _IDN.fullmatch(name):
@@ -157,12 +159,12 @@ def channel_named(name: str) -> Channel:
 
 
 def chosen(texts: Sequence[str]) -> tuple[tuple[int, Channel], ...]:
-    """Return axis (0 to 3) and channel of texts such as ``axis1.current_reference``, at most eight.
+    """Return axis (0 to 3) and channel for texts such as ``axis1.current_reference``, at most eight.
 
     Raises
     ------
     ParameterError
-        An axis or a channel is unknown, or there are too many, none, or one twice.
+        An axis or a channel is unknown or duplicated, or the number of channels is invalid.
 
     """
     found = []
@@ -171,23 +173,23 @@ def chosen(texts: Sequence[str]) -> tuple[tuple[int, Channel], ...]:
         if axis not in ALL_DRIVES:
             names = f'{", ".join(ALL_DRIVES)}, a point, and a channel'
             raise ParameterError(
-                f'{shown(text)} is no channel: expected {names}, such as axis1.current_reference'
+                f'{shown(text)} is not a valid channel: expected {names}, such as axis1.current_reference'
             )
         found.append((ALL_DRIVES.index(axis), channel_named(name)))
     for place, (one, text) in enumerate(zip(found, texts, strict=True)):
         if one in found[:place]:
-            raise ParameterError(f'{text} is asked for twice')
+            raise ParameterError(f'{text} is given twice')
     if not 1 <= len(found) <= SCOPE_CHANNELS_MAX:
         raise ParameterError(f'an oscilloscope shows 1 to {SCOPE_CHANNELS_MAX} channels, not {len(found)}')
     return tuple(found)
 
 
 def full_name(axis: int, channel: Channel) -> str:
-    """Return the name of a channel of an axis, 0 to 3."""
+    """Return the full name of a channel of an axis, 0 to 3."""
     return f'{ALL_DRIVES[axis]}.{channel.name}'
 
 
 def is_full_name(text: str) -> bool:
-    """Whether a text names a drive and, behind a point, a channel of it."""
+    """Whether a text has the form of a full channel name."""
     axis, point, _ = text.partition('.')
     return axis in ALL_DRIVES and bool(point)

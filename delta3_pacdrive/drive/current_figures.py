@@ -1,7 +1,7 @@
-"""Figures of the motor current over every period of the current loop: of a bus cycle, and of a program.
+"""Statistics of the motor current over all periods of the current loop, per bus cycle and per program.
 
-The AT tells one sample in a bus cycle. These figures are formed from all of them, 16 in a millisecond: those of a cycle
-begin with it, those of a program are made of the cycles that the master marks in S-0-0134 (``Control.MEASURE``).
+The AT contains one sample per bus cycle; these statistics use all of them, 16 per millisecond. A program is the set of
+cycles marked by the master in S-0-0134 (``Control.MEASURE``).
 """
 
 import math
@@ -14,7 +14,7 @@ PROGRAM, MEASURE = int(Control.PROGRAM), int(Control.MEASURE)
 
 @kernel
 def begin_current_figures(s):
-    """Begin the figures of a bus cycle, and obey the real-time control bits of its MDT."""
+    """Reset the statistics of a bus cycle, and evaluate the real-time control bits of its MDT."""
     s.cycle_sum = s.cycle_square = s.measured_square = 0.0
     s.cycle_min = s.cycle_max = 0.0
     program = s.next_control & PROGRAM
@@ -23,21 +23,21 @@ def begin_current_figures(s):
         s.window_cycles = 0
         s.window_square = s.window_peak = 0.0
     elif s.measuring != 0 and not measuring and s.window_cycles > 0:
-        s.told_peak = s.window_peak
-        s.told_rms = window_rms(s)
+        s.last_peak = s.window_peak
+        s.last_rms = window_rms(s)
     s.program = 1 if program else 0
     s.measuring = 1 if measuring else 0
 
 
 @kernel
 def window_rms(s):
-    """Root of the mean square [A] over the cycles that were marked so far."""
+    """Root mean square [A] over the cycles marked so far."""
     return math.sqrt(s.window_square / max(s.window_cycles, 1))
 
 
 @kernel
 def add_current(s):
-    """Take the current at the end of a period of the current loop."""
+    """Add the current at the end of a period of the current loop."""
     current = s.motor_current
     if s.step == 0:
         s.cycle_min = s.cycle_max = current
@@ -52,7 +52,7 @@ def add_current(s):
 
 @kernel
 def end_current_figures(s, c):
-    """Add a bus cycle to the figures of the program, if it belongs to them."""
+    """Add a bus cycle to the statistics of the program, if it is marked."""
     if s.measuring != 0:
         s.window_cycles += 1
         s.window_square += s.cycle_square / c.steps_per_cycle

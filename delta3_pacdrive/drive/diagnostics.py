@@ -1,8 +1,9 @@
 """Diagnostics of the drive as one table: message number, class, reaction, bit of S-0-0011 or S-0-0012, and text.
 
-Message numbers are PacDrive's where it has one (Schneider, PD.Diagnostic); numbers 89xx are ours. Classes: 2 warns, 3
-stops the drive and is latched until S-0-0099 clears it. Reactions: AD takes the torque away and lets the brake fall;
-BD1 brakes with all the torque there is; BD2 brakes along a ramp; then the brake holds and the power goes off.
+Message numbers are PacDrive's where one exists (Schneider, PD.Diagnostic); numbers 89xx are specific to this emulator.
+Class 2 is a warning; class 3 stops the drive and is latched until S-0-0099 clears it. Reactions: AD switches the torque
+off and applies the brake; BD1 brakes with maximum torque; BD2 brakes along a ramp. After BD1 and BD2 the brake is
+applied and the power switched off.
 """
 
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from delta3_pacdrive.sercos.words import Class1, Class2
 
 
 class Reaction(IntEnum):
-    """A reaction is what a drive does about a diagnostic, the stronger the larger."""
+    """Reaction to a diagnostic; larger values are stronger."""
 
     NONE = 0
     BD2 = 1
@@ -21,7 +22,7 @@ class Reaction(IntEnum):
 
 
 class DriveFault(IntEnum):
-    """A fault stops the drive and is latched; 0 is none."""
+    """Latched fault that stops the drive."""
 
     NONE = 0
     FOLLOWING_ERROR = 1
@@ -40,7 +41,7 @@ class DriveFault(IntEnum):
 
 
 class DriveWarning(IntFlag):
-    """A warning tells what is wrong at present and stops nothing."""
+    """Present warning, which does not stop the drive."""
 
     NONE = 0
     FOLLOWING_ERROR = 1
@@ -49,7 +50,7 @@ class DriveWarning(IntFlag):
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """A diagnostic is one row of the table; ``bit`` is one of class 1 for faults, of class 2 for warnings."""
+    """One row of the table; ``bit`` belongs to class 1 for faults and to class 2 for warnings."""
 
     number: int
     class_: int
@@ -73,12 +74,12 @@ FAULTS = {
     DriveFault.OVER_CURRENT: Diagnostic(8905, 3, Reaction.AD, Class1.OVER_CURRENT, 'over-current in the winding'),
     DriveFault.OVERTRAVEL: Diagnostic(8906, 3, Reaction.BD1, Class1.OVERTRAVEL, 'arm beyond its limit: end stop'),
     DriveFault.MASTER_SILENT: Diagnostic(8506, 3, Reaction.BD2, Class1.COMMUNICATION, 'no telegram of the master'),
-    # without its DC link the drive has no power for a controlled stop
+    # without DC link voltage a controlled stop is impossible
     DriveFault.UNDER_VOLTAGE: Diagnostic(8909, 3, Reaction.AD, Class1.UNDER_VOLTAGE,
         'DC link below 75 % of its voltage'),
     DriveFault.OVER_VOLTAGE: Diagnostic(8910, 3, Reaction.AD, Class1.OVER_VOLTAGE,
         'DC link above 135 % of its voltage'),
-    # all that is left: the torque is off already
+    # the torque is already off
     DriveFault.BRAKE: Diagnostic(8911, 3, Reaction.AD, Class1.MANUFACTURER, 'holding brake does not hold the shaft'),
 }
 WARNINGS = {
@@ -88,24 +89,24 @@ WARNINGS = {
 }
 # fmt: on
 
-# for compiled code, by number of the fault
+# by fault number, for compiled code
 REACTIONS = tuple(int(FAULTS[fault].reaction) if fault else 0 for fault in DriveFault)
 
 FAULT_OF_NUMBER = {row.number: fault for fault, row in FAULTS.items()}
 
 
 def class_1_diagnostic(fault: DriveFault) -> int:
-    """S-0-0011 of a latched fault."""
+    """Return S-0-0011 for a latched fault."""
     return int(FAULTS[fault].bit) if fault else 0
 
 
 def class_2_diagnostic(warning: DriveWarning) -> int:
-    """S-0-0012 of what the drive warns of."""
+    """Return S-0-0012 for the present warnings."""
     return sum(int(row.bit) for bit, row in WARNINGS.items() if warning & bit)
 
 
 def fault_text(fault: DriveFault) -> str:
-    """Message number, class, reaction and words of a fault."""
+    """Return message number, class, reaction and text of a fault."""
     if not fault:
         return 'no fault'
     row = FAULTS[fault]

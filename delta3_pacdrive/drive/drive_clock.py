@@ -1,4 +1,4 @@
-"""When a drive goes on: exchange by exchange, as commands and shafts come, in the order of their stamps."""
+"""Bus time of a drive: processes exchanges as commands and shafts arrive, in the order of their stamps."""
 
 import math
 from collections.abc import Callable
@@ -13,12 +13,12 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.service_channel import Access, Answer
 from delta3_pacdrive.sercos.service_slave import ServiceSlave
 
-PARTING_CYCLES = 100  # of bus time that a drive stays on the bus beyond the longest stop
+PARTING_CYCLES = 100  # bus cycles that a drive stays on the bus after the longest stop
 Shaft = tuple[float, float, float]  # position, speed, coupling torque
 
 
 class Command(NamedTuple):
-    """An MDT says this to a drive: shaft [rad], S-0-0134, word of the service channel, payload [kg], torque [N m]."""
+    """MDT data for a drive: shaft [rad], S-0-0134, service word, payload [kg], torque [N m]."""
 
     position: float
     control: int
@@ -28,47 +28,43 @@ class Command(NamedTuple):
 
 
 class Taken(Enum):
-    """What became of a command that came."""
+    """Result of receiving a command."""
 
     IN_TIME = auto()
-    LATE = auto()  # or a second time
-    REPEATED = auto()  # the newest one again, while the next one is awaited: the bus waits
-    CONTRADICTED = auto()  # by another one of the same cycle
+    LATE = auto()  # or a duplicate
+    REPEATED = auto()  # the latest command again, while the next one is awaited: the bus is waiting
+    CONTRADICTED = auto()  # differs from another command of the same cycle
 
 
 class DriveClock:
     """One drive in bus time.
 
-    A command is awaited until a later one says that it was lost, since telegrams of one sender keep their order; a
-    shaft is awaited for as long as it takes. A drive that parts awaits no commands any more.
+    A command is awaited until a later one proves its loss, since telegrams of one sender keep their order; a shaft is
+    awaited indefinitely. A drive that stops without its master awaits no commands.
 
     Parameters
     ----------
-    drive, axis, parameters
-        The drive, its axis and the robot's parameters.
     faults
-        Of the drive.
+        Injected faults.
     serve
-        Answers accesses of the service channel.
+        Executes accesses of the service channel.
     send_answer
-        Called with bus cycle and status word when ``drive.answer`` is that of a cycle.
+        Called with bus cycle and status word when ``drive.answer`` is up to date.
     send_current
-        Called with the number of an exchange and the brake output when ``drive.currents`` are those of its period.
-    stood
-        Called when the stop of a drive that parts is over.
+        Called with exchange number and brake output when ``drive.currents`` are up to date.
+    stopped
+        Called at the end of a stop without master.
 
     Attributes
     ----------
     exchange
         Number of the present exchange period.
     running
-        Whether bus time goes on.
-    service
-        The drive's end of the service channel.
+        Whether bus time advances.
     late
-        Commands that came late or twice, but for those of a bus that waits, whose master repeats the newest one.
+        Number of late or duplicate commands, without repetitions while the bus is waiting.
     scope
-        The oscilloscope, while it is armed.
+        Armed oscilloscope, if any.
 
     """
 
@@ -81,11 +77,11 @@ class DriveClock:
         serve: Callable[[Access], Answer],
         send_answer: Callable[[int, int], None],
         send_current: Callable[[int, bool], None],
-        stood: Callable[[], None],
+        stopped: Callable[[], None],
     ) -> None:
         bus = parameters.bus
         self._drive, self._axis, self._faults, self._serve = drive, axis, faults, serve
-        self._send_answer, self._send_current, self._stood = send_answer, send_current, stood
+        self._send_answer, self._send_current, self._stopped = send_answer, send_current, stopped
         self._dc_link_v = parameters.drive.dc_link_voltage_v
         self._per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         stop_s = parameters.drive.stop_time_max_s + parameters.motor.brake_apply_s
@@ -96,10 +92,10 @@ class DriveClock:
         self.late = 0
         self.scope: DriveScope | None = None
         self._parting = False
-        self._parted = 0  # bus cycles since the drive parts
+        self._parted = 0  # bus cycles since the start of a stop without master
         self._commands: dict[int, Command] = {}
-        self._lost: set[int] = set()  # cycles whose command an injected fault has taken away
-        self._newest = -1  # cycle of the newest command
+        self._lost: set[int] = set()  # cycles whose command was removed by an injected fault
+        self._newest = -1  # cycle of the latest command
         self._last_taken: tuple[int, Command | None] = -1, None
         self._shafts: dict[int, Shaft] = {}
 
@@ -110,11 +106,11 @@ class DriveClock:
 
     @property
     def awaits_command(self) -> bool:
-        """Whether it is a command that is waited for, not a shaft."""
+        """Whether the drive is waiting for a command, not for a shaft."""
         return self.exchange % self._per_cycle == 0 and self.exchange in self._shafts
 
     def begin(self, cycle: int) -> None:
-        """Begin cyclic operation with a bus cycle; what came of it already waits."""
+        """Start cyclic operation at a bus cycle; telegrams received in advance are kept."""
         self.exchange = cycle * self._per_cycle
         self._commands = {key: value for key, value in self._commands.items() if key >= cycle}
         self._shafts = {key: value for key, value in self._shafts.items() if key >= self.exchange}
@@ -123,13 +119,13 @@ class DriveClock:
         self._advance()
 
     def part(self) -> None:
-        """Go on without a master: stop by reaction BD2, with the plant only."""
+        """Continue without a master: stop by reaction BD2, with the plant only."""
         self._parting, self._parted = True, 0
         self._drive.state['silent'] = 1
         self._advance()
 
     def leave(self) -> None:
-        """End bus time without torque; a fault stays latched."""
+        """Stop bus time without torque; a fault stays latched."""
         self.running = self._parting = False
         self._commands.clear()
         self._lost.clear()
@@ -138,7 +134,7 @@ class DriveClock:
         self.service = ServiceSlave(self._serve)
 
     def take_command(self, cycle: int, command: Command | None) -> Taken:
-        """Take the command of a bus cycle, None for one that an injected fault has taken away."""
+        """Store the command of a bus cycle, None for one removed by an injected fault."""
         if command is None:
             self._lost.add(cycle)
             self._advance()
@@ -158,12 +154,12 @@ class DriveClock:
         return Taken.LATE if taken is None or taken == command else Taken.CONTRADICTED
 
     def take_shaft(self, exchange: int, shaft: Shaft) -> None:
-        """Take the true shaft at the start of an exchange period."""
+        """Store the true shaft at the start of an exchange period."""
         self._shafts[exchange] = shaft
         self._advance()
 
     def _advance(self) -> None:
-        """Run every exchange whose telegrams are there."""
+        """Run all exchanges whose telegrams have arrived."""
         drive = self._drive
         while self.running:
             exchange = self.exchange
@@ -186,7 +182,7 @@ class DriveClock:
                     status = drive.extrapolate_cycle(*shaft)
                     self._parted += self._parting
                     if self._parted > self._parting_cycles:
-                        self._stood()
+                        self._stopped()
                         return
                 else:
                     return

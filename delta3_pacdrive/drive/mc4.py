@@ -1,4 +1,4 @@
-"""One MC-4: everything it does between two exchanges with the plant."""
+"""One MC-4 drive between two exchanges with the plant."""
 
 from typing import Any
 
@@ -31,9 +31,9 @@ from delta3_pacdrive.sercos.words import payload_on_grid
 
 @kernel
 def _encoder(position, s, c):
-    """Increments from the machine's zero point that the encoder tells for a shaft position.
+    """Encoder reading for a shaft position, in increments from the machine's zero point.
 
-    It has its errors; an injected fault adds its own.
+    Includes the errors of the encoder and of injected faults.
     """
     noise = c.encoder_noise + s.encoder_noise
     position += sensors.interpolation_error(position, c)
@@ -50,17 +50,17 @@ def mc4_begin_cycle(received, command, torque, control, shaft, drives, i):
     Parameters
     ----------
     received
-        Whether the MDT is there.
+        Whether the MDT was received.
     command
-        Motor shaft that it commands [rad].
+        Commanded motor shaft [rad].
     torque
-        Torque that it commands beside it [N m].
+        Additive torque command [N m].
     control
-        Its control word S-0-0134.
+        Control word S-0-0134.
     shaft
         True shaft at the start of the cycle: position [rad], speed [rad/s], coupling torque d [N m], shape (3,).
     drives, i
-        Array of records ``DRIVE``, and the number of one; the ``answer`` of its state is filled.
+        Array of records ``DRIVE``, and an index; fills ``answer`` of its state.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def mc4_begin_cycle(received, command, torque, control, shaft, drives, i):
 
 @kernel
 def _end_stage(s, c, m):
-    """Feed the winding through one current-loop period."""
+    """Simulate the power stage and the winding for one current-loop period."""
     voltage = s.voltage
     cascade.current_loop(phase_voltage_max(s.dc_link), s, c)
     if s.winding_short != 0:
@@ -98,7 +98,7 @@ def _end_stage(s, c, m):
     else:
         s.stage_current = winding_current(s.stage_current, voltage, s.speed, m)
     if abs(s.stage_current) > c.current_trip:
-        # its comparator does not wait for the next bus cycle
+        # the comparator does not wait for the next bus cycle
         s.stage_current = cascade.clamp(s.stage_current, c.current_trip)
         s.blocked = 1
     s.current = sensors.measured_current(s.stage_current, s, c, m)
@@ -106,16 +106,16 @@ def _end_stage(s, c, m):
 
 @kernel
 def _run_sample(n, start_speed, drives, i, currents):
-    """Close the loops through one current-loop period.
+    """Run the control loops for one current-loop period.
 
     Parameters
     ----------
     n
-        Its number in the exchange period.
+        Index within the exchange period.
     start_speed
-        Of the true shaft at the start of the exchange [rad/s].
+        Speed of the true shaft at the start of the exchange [rad/s].
     drives, i, currents
-        As in ``mc4_run_period``.
+        As for ``mc4_run_period``.
 
     """
     s, c = drives[i].state, drives[i].constants
@@ -162,16 +162,16 @@ def _run_sample(n, start_speed, drives, i, currents):
 
 @kernel
 def mc4_run_period(shaft, drives, i, currents):
-    """Close the loops through one exchange period, filling a column of currents; return the brake output, 1 = release.
+    """Run the control loops for one exchange period, filling a column of currents; return the brake output.
 
     Parameters
     ----------
     shaft
         True shaft at the start of the period: position [rad], speed [rad/s], coupling torque d [N m], shape (3,).
     drives, i
-        Array of records ``DRIVE``, and the number of one.
+        Array of records ``DRIVE``, and an index.
     currents
-        Takes I_eff [A] of the windings at the end of each current-loop period, shape (periods, drives).
+        Output: I_eff [A] of the windings at the end of each current-loop period, shape (periods, drives).
 
     """
     s, c = drives[i].state, drives[i].constants
@@ -185,21 +185,21 @@ def mc4_run_period(shaft, drives, i, currents):
 
 @kernel
 def mc4_run_captured(shaft, drives, i, currents, capture):
-    """Close the loops as ``mc4_run_period`` does, and keep fields of the state at the ends of chosen periods.
+    """Run the control loops as ``mc4_run_period`` does, and record fields of the state at the ends of chosen periods.
 
     Parameters
     ----------
     shaft, drives, i, currents
-        As in ``mc4_run_period``.
+        As for ``mc4_run_period``.
     capture
-        The state of this drive as numbers and as whole numbers, a word each; the places of the words that are kept, and
-        whether each is a whole number; the periods until the first one whose end is kept, and from there to the next;
-        and what takes the words, shape (rows, words).
+        The state of this drive as floats and as integers, one word each; indices of the recorded words and whether each
+        is an integer; the number of periods before the first record and between records; and the output, shape
+        (rows, words).
 
     Returns
     -------
     tuple
-        The brake output, and how many rows were filled.
+        Brake output (1 = release), and number of rows filled.
 
     """
     numbers, wholes, places, is_whole, due, every, rows = capture
@@ -225,30 +225,30 @@ def _phase_currents(s, c):
 
 
 class MC4:
-    """A drive begins each bus cycle with ``begin_cycle`` and each exchange with the plant with ``run_period``.
+    """One drive: call ``begin_cycle`` for each bus cycle and ``run_period`` for each exchange with the plant.
 
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     axis
-        Which of the three drives it is, 0 to 2: each has sensors of its own.
+        Index of the drive, 0 to 2; each has its own sensors.
     shared
-        Of a robot, whose compiled loop runs all drives: records ``DRIVE``, shape (3,), and currents, shape (steps, 3).
+        Records ``DRIVE``, shape (3,), and currents, shape (steps, 3), of a robot whose compiled loop runs all drives.
     constants
-        Of the drives, as ``drive_constants`` returns them; None: they are computed.
+        From ``drive_constants``; computed if None.
 
     Attributes
     ----------
     state, constants
         Records ``STATE`` and ``CONSTANTS``, shape (1,).
     answer
-        What the AT of the last ``begin_cycle`` says, sampled at the start of the cycle: motor shaft position [rad] on
-        the increment grid, speed [rad/s], torque K_m I_eff [N m].
+        AT of the last ``begin_cycle``, sampled at the start of the cycle: motor shaft position [rad] on the increment
+        grid, speed [rad/s], torque K_m I_eff [N m].
     currents
         I_eff [A] of the motor's winding at the end of each current-loop period of the last ``run_period``.
     payload
-        Payload [kg] that the controller's outputs have gripped; like a command, it is that of the MDT before.
+        Payload [kg] commanded by the MDT of the previous cycle.
 
     """
 
@@ -289,7 +289,7 @@ class MC4:
         Parameters
         ----------
         command, control, payload, torque
-            Of the MDT of this cycle; they take effect in the next one. No payload: it stays as it is.
+            From the MDT of this cycle; they take effect in the next one. Without a payload the last one is kept.
         position, speed, coupling
             True shaft at the start of the cycle: [rad], [rad/s], d [N m].
 
@@ -304,21 +304,21 @@ class MC4:
         )
 
     def extrapolate_cycle(self, position: float, speed: float, coupling: float) -> int:
-        """Begin a cycle whose MDT was lost, on an extrapolated command; fill ``answer`` and return the status word."""
+        """Begin a cycle without MDT by extrapolation; fill ``answer`` and return the status word."""
         self.payload = self._next_payload
         return int(
             mc4_begin_cycle(False, 0.0, 0.0, 0, (position, speed, coupling), self._drives, self._place)
         )
 
     def configure(self, parameters: Parameters) -> None:
-        """Take over other gains, feed-forwards, filters and limits from the next cycle on.
+        """Apply changed gains, feed-forwards, filters and limits from the next cycle on.
 
-        Other notch filters begin where the last ones have ended: what these held back, or ahead, the integrator of the
-        velocity loop takes over, so that the current reference does not jump. Without an integral gain nothing would
-        take that out of the integrator again: then it stays as it is.
+        Changed notch filters start from the output of the old ones. The integrator of the velocity loop takes over the
+        difference, so that the current reference is continuous. Without integral gain it stays unchanged, since nothing
+        would remove the difference again.
         """
         constants = drive_constants(parameters)
-        constants['motor'] = self.constants['motor']  # is the same
+        constants['motor'] = self.constants['motor']  # unchanged
         others = any(constants[name] != self.constants[name] for name in NOTCH_CONSTANTS)
         self.constants[:] = constants
         if others:
@@ -328,70 +328,67 @@ class MC4:
             settle_notches(left, self.state[0])
 
     def clear_fault(self) -> bool:
-        """Clear the latched fault if its cause is gone (S-0-0099); return whether there is none now."""
+        """Clear the latched fault if its cause has gone (S-0-0099); return whether no fault is left."""
         return bool(state_machine.clear_fault(self.state[0], self.constants[0]))
 
     def leave_bus(self) -> None:
-        """Leave cyclic operation, without torque; a latched fault stays."""
+        """Leave cyclic operation without torque; a latched fault is kept."""
         state_machine.leave_bus(self.state[0])
 
     @property
     def powered(self) -> bool:
-        """Whether the end stage feeds the motor."""
+        """Whether the power stage feeds the motor."""
         return bool(state_machine.is_powered(self.state[0]))
 
     def run_period(self, position: float, speed: float, coupling: float) -> bool:
-        """Run the loops from the true shaft at its start, fill ``currents``; return whether the brake is released."""
+        """Run the loops from a true shaft, fill ``currents``; return whether the brake is released."""
         return bool(mc4_run_period((position, speed, coupling), self._drives, self._place, self._currents))
 
     def run_captured(
         self, position: float, speed: float, coupling: float, capture: tuple[Any, ...]
     ) -> tuple[bool, int]:
-        """Run the loops as ``run_period`` does; return also how many rows of ``capture`` were filled.
-
-        ``capture`` is what ``mc4_run_captured`` takes.
-        """
+        """Run the loops as ``run_period`` does, with the ``capture`` of ``mc4_run_captured``; also return its rows."""
         shaft = position, speed, coupling
         released, filled = mc4_run_captured(shaft, self._drives, self._place, self._currents, capture)
         return bool(released), int(filled)
 
     def run_sample(self, position: float, speed: float, coupling: float) -> bool:
-        """Run one current-loop period by itself, from a shaft at its start, filling ``currents[0]``."""
+        """Run a single current-loop period from a given shaft, filling ``currents[0]``."""
         currents = self._currents[:1]
         return bool(mc4_run_period((position, speed, coupling), self._drives, self._place, currents))
 
     def state_words(self) -> tuple[Floats, NDArray[np.int64]]:
-        """Record ``STATE`` as words of 8 bytes, each as a number and as a whole number: views, not copies."""
+        """Return views of the record ``STATE`` as 8-byte words, as floats and as integers."""
         words = self._drives[self._place : self._place + 1].view(np.int64)[: STATE.itemsize // 8]
         return words.view(np.float64), words
 
     @property
     def drive_state(self) -> DriveState:
-        """What the drive does now."""
+        """Present state."""
         return DriveState(int(self.state['state'][0]))
 
     @property
     def fault(self) -> DriveFault:
-        """Latched cause of a fault."""
+        """Latched fault."""
         return DriveFault(int(self.state['fault'][0]))
 
     @property
     def warning(self) -> DriveWarning:
-        """What the drive warns of now."""
+        """Present warnings."""
         return DriveWarning(int(self.state['warning'][0]))
 
     def program_current(self) -> tuple[float, float]:
-        """Peak and rms [A] of the motor's current in the cycles of the program that the master has marked so far."""
+        """Return peak and rms [A] of the motor current over the cycles of the program marked so far."""
         state = self.state[0]
         return float(state['window_peak']), float(window_rms(state))
 
     def encoder_position(self, position: float) -> float:
-        """Position [rad] from the machine's zero point that the encoder tells for a shaft position."""
+        """Return the encoder reading [rad] from the machine's zero point for a shaft position."""
         per_rad = float(self.constants['increments_per_rad'][0])
         read = position + sensors.interpolation_error(position, self.constants[0])
         return float(to_increments(read, per_rad) + self.state['absolute_distance'][0]) / per_rad
 
     def phase_currents(self) -> tuple[float, float, float]:
-        """I1s, I2s, I3s [A] at this moment (Fig. 8.3)."""
+        """Return I1s, I2s, I3s [A] at this moment (Fig. 8.3)."""
         i1, i2, i3 = _phase_currents(self.state[0], self.constants[0])
         return float(i1), float(i2), float(i3)

@@ -1,11 +1,11 @@
-"""Two notch filters in the current reference, in front of its limit: they take away what excites a resonance.
+"""Two notch filters of the current reference, before its limit, which suppress the excitation of resonances.
 
     N(s) = (s^2 + 2 g D w s + w^2) / (s^2 + 2 D w s + w^2),  w = 2 pi f
 
-made discrete by the bilinear transformation, so that the centre is exactly at f. ``g`` is the depth: the share of the
-amplitude that passes at the centre. What is slow passes as it is, late by the dead time 2 D (1 - g) / w.
+discretized by the bilinear transformation with the centre exactly at f. The depth ``g`` is the fraction of the
+amplitude that passes at the centre. Slow signals pass unchanged, delayed by the dead time 2 D (1 - g) / w.
 
-The filters keep signals, not sums of products: another filter goes on from the values of the last one.
+The state consists of signals, not of sums of products, so that a changed filter continues from the same values.
 """
 
 import math
@@ -13,12 +13,12 @@ import math
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.parameters.notch import Notch
 
-# of one filter, as its constants end
+# suffixes of a filter's constants
 COEFFICIENTS = ('b0', 'b1', 'b2', 'a1', 'a2')
 
 
 def coefficients(filter_: Notch, period_s: float) -> tuple[float, float, float, float, float]:
-    """Return b0, b1, b2, a1, a2 of y = b0 x + b1 x' + b2 x'' - a1 y' - a2 y''; without a filter y = x."""
+    """Return b0, b1, b2, a1, a2 of y = b0 x + b1 x' + b2 x'' - a1 y' - a2 y''; y = x without a filter."""
     if filter_.frequency_hz == 0.0:
         return 1.0, 0.0, 0.0, 0.0, 0.0
     slow = 1.0 / math.tan(math.pi * filter_.frequency_hz * period_s)
@@ -37,7 +37,7 @@ def coefficients(filter_: Notch, period_s: float) -> tuple[float, float, float, 
 
 @kernel
 def notched(asked, s, c):
-    """Current [A] behind both filters; ``asked`` is what the loops ask for."""
+    """Output current [A] of both filters for the current ``asked`` by the loops."""
     once = (
         c.notch_1_b0 * asked
         + c.notch_1_b1 * s.current_asked
@@ -60,7 +60,7 @@ def notched(asked, s, c):
 
 @kernel
 def settle_notches(current, s):
-    """Let the filters be as if a current had been asked for, and had left them, all the time."""
+    """Set the filters to the steady state of a constant current."""
     s.current_asked = s.current_asked_before = current
     s.notched_once = s.notched_once_before = current
     s.notched_twice = s.notched_twice_before = current

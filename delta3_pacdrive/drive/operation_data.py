@@ -1,11 +1,11 @@
-"""Operation data of the drive: what the service channel reads and writes, by identification number, as one table.
+"""Operation data of the drive, by identification number, as one table for the service channel.
 
-S numbers and names are those of SERCOS II (IEC 61491), P numbers are ours. Units are SI and radians on the motor side,
-currents A rms, voltages of one phase; nothing is scaled on the bus. Where the standard gives a loop an integral action
-time, it can be read; the gain that sets it is a P number.
+S numbers and names are those of SERCOS II (IEC 61491), P numbers are specific to this emulator. Units are SI and
+radians on the motor side, currents A rms, voltages of one phase; nothing is scaled on the bus. Where the standard
+defines an integral action time, it is read-only; a P number sets the gain.
 
-A value is one number. Lists and texts (S-0-0017, S-0-0095, S-0-0140) do not fit the channel, and what this drive does
-not have or do (S-0-0110, S-0-0112, S-0-0138) is not made up: both are answered with "no such IDN".
+A value is one number. Lists and texts (S-0-0017, S-0-0095, S-0-0140) do not fit the channel, and data that this drive
+does not have (S-0-0110, S-0-0112, S-0-0138) are omitted: both lead to the error "no such IDN".
 """
 
 import dataclasses
@@ -42,15 +42,15 @@ from delta3_pacdrive.sercos.words import Class3, Interface, OperationMode, Phase
 READ_ONLY: frozenset[Phase] = frozenset()
 BEFORE_CP4 = frozenset({Phase.CP2, Phase.CP3})
 ALWAYS = frozenset({Phase.CP2, Phase.CP3, Phase.CP4})
-ONE = '1'  # unit of what has no dimension
-BITS = 'bits'  # unit of words, which are shown in hexadecimal
+ONE = '1'  # dimensionless
+BITS = 'bits'  # unit of words, displayed in hexadecimal
 PHASE = 'phase'  # source: communication phase of the access
-# S-0-0015: no standard telegram has a payload in the MDT, or position, velocity and torque in the AT
+# S-0-0015: no standard telegram contains a payload (MDT), or position, velocity and torque (AT)
 APPLICATION_TELEGRAM = 7
 
 
 class Group(StrEnum):
-    """Operation data belongs to one of these groups."""
+    """Groups of operation data."""
 
     GAINS = 'gains'
     FEEDFORWARDS = 'feed-forwards'
@@ -66,17 +66,16 @@ class Group(StrEnum):
 
 @dataclass(frozen=True)
 class OperationData:
-    """Operation data is one row of the table.
+    """One row of the table.
 
     Attributes
     ----------
     sources
-        Where the value lives: with a dot a parameter (``drive.velocity_feedforward``), without one a field of the
-        drive's ``STATE`` record, or ``PHASE``.
+        Parameters (with a dot: ``drive.velocity_feedforward``), fields of the drive's ``STATE`` record, or ``PHASE``.
     formula
-        Makes the value of the sources, in their order.
+        Computes the value from the sources, in order.
     writable_in
-        Phases in which the value may be changed; data that may be has one source, a parameter, and no formula.
+        Phases in which the value may be changed; writable data has one parameter as its source and no formula.
 
     """
 
@@ -90,7 +89,7 @@ class OperationData:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Minimum and maximum of the value, those of the parameter that holds it."""
+        """Minimum and maximum of the value, from its parameter."""
         group, _, name = self.sources[0].partition('.') if self.sources else ('', '', '')
         if self.formula is float and group in groups():
             for field in dataclasses.fields(groups()[group]):
@@ -100,7 +99,7 @@ class OperationData:
 
 
 def _action_time(gain: float, integral_gain: float) -> float:
-    """Integral action time [s]; 0 without an integrator, as drives have it."""
+    """Integral action time [s]; 0 without an integrator, as usual in drives."""
     return gain / integral_gain if integral_gain else 0.0
 
 
@@ -135,7 +134,7 @@ def _operation_mode(velocity_feedforward: float) -> float:
 
 
 def _travel(end_stop_deg: float, gear_in: float, gear_out: float) -> float:
-    """Position of the motor [rad] beyond which the drive stops: overtravel."""
+    """Motor position [rad] of an overtravel."""
     return math.radians(end_stop_deg) * gear_in / gear_out
 
 
@@ -144,7 +143,7 @@ def _angle(increments: float, increments_per_rev: float) -> float:
 
 
 def _diagnostic_number(fault: float, warning: float) -> float:
-    """Message number of the fault, else of the first warning, else 0."""
+    """Message number of the fault, otherwise of the first warning, otherwise 0."""
     if fault:
         return FAULTS[DriveFault(int(fault))].number
     return next((row.number for bit, row in WARNINGS.items() if int(warning) & bit), 0)
@@ -156,12 +155,12 @@ def _interface_status(phase: float, fault: float) -> float:
 
 
 def _constant(value: float) -> Callable[[], float]:
-    """Return the formula of what neither parameters nor states change."""
+    """Return the formula of a constant."""
     return lambda: value
 
 
 def _row(idn: str, name: str, unit: str, *sources: str, **more: Any) -> partial[OperationData]:
-    """Return a row that still lacks its group."""
+    """Return a row without its group."""
     return partial(OperationData, parse_idn(idn), name, unit, sources=sources, **more)
 
 
@@ -204,7 +203,7 @@ _GROUPS = {
     ),
     Group.LIMITS: (
         _set('S-0-0159', 'Monitoring window', 'rad', 'drive.following_error_limit_rad', ALWAYS),
-        # the master goes by the same window, so that nobody changes it on the bus
+        # the master uses the same window, so it cannot be changed on the bus
         _row('S-0-0057', 'Position window', 'rad', 'drive.position_window_rad'),
         _set('S-0-0429', 'Emergency stop deceleration', 'rad/s2', 'drive.stop_deceleration_rad_s2', ALWAYS),
         _set('P-0-0041', 'Overspeed trip over maximum motor speed', ONE, 'drive.overspeed_factor', ALWAYS),
@@ -262,8 +261,8 @@ _GROUPS = {
         _row('P-0-0069', 'Torque of the holding brake', 'N m', 'motor.brake_torque_n_m'),
         _row('P-0-0070', 'Nominal DC bus voltage', 'V', 'drive.dc_link_voltage_v'),
     ),
-    # actual values, of the bus cycle in which the drive answers: those of loops are as their last period before it left
-    # them, at the end of the bus cycle before, which is the instant of an AT
+    # actual values of the bus cycle of the reply: those of loops are from their last period in the previous bus cycle,
+    # the instant of an AT
     Group.ACTUAL_VALUES: (
         _row('S-0-0036', 'Velocity command value', 'rad/s', 'speed_reference'),
         _row('S-0-0040', 'Velocity feedback value 1', 'rad/s', 'speed'),
@@ -279,9 +278,9 @@ _GROUPS = {
         _row('S-0-0389', 'Effective current', 'A', 'current'),
         _row('P-0-0071', 'Voltage command value of a phase', 'V', 'voltage'),
         _row('P-0-0072', 'Integral of the I2t monitoring', 's', 'overload'),
-        # of all samples of the current loop in the bus cycles that real-time control bit 1 marked, last program
-        _row('P-0-0073', 'Peak of the effective current in a program', 'A', 'told_peak'),
-        _row('P-0-0074', 'Root mean square of the effective current in a program', 'A', 'told_rms'),
+        # over all samples of the current loop in the cycles marked by real-time control bit 1, last program
+        _row('P-0-0073', 'Peak of the effective current in a program', 'A', 'last_peak'),
+        _row('P-0-0074', 'Root mean square of the effective current in a program', 'A', 'last_rms'),
     ),
     Group.DIAGNOSTICS: (
         _row('S-0-0011', 'Class 1 diagnostic', BITS, 'fault', formula=_class_1),
@@ -291,14 +290,14 @@ _GROUPS = {
              'current_reference', 'drive.torque_limit_n_m', 'motor.torque_constant_n_m_a',
              'motor.peak_current_a', formula=_class_3),
         _row('S-0-0014', 'Interface status', BITS, PHASE, 'fault', formula=_interface_status),
-        # one message is MST and MDT: its stamp synchronises, its values command. A drive that loses it, or gets it
-        # garbled and so without a stamp, has lost both: the two IDNs show one counter
+        # one message is MST and MDT: its stamp synchronises, its values command. A lost or garbled message, which has
+        # no valid stamp, counts as both: the two IDNs show one counter
         _row('S-0-0028', 'MST error counter', ONE, 'mdt_losses'),
         _row('S-0-0029', 'MDT error counter', ONE, 'mdt_losses'),
         _row('S-0-0134', 'Drive control', BITS, 'control'),
         _row('S-0-0135', 'Drive status', BITS, 'status'),
         _row('S-0-0300', 'Real-time control bit 1 (measure the current)', ONE, 'measuring'),
-        _row('S-0-0302', 'Real-time control bit 2 (a program is driven)', ONE, 'program'),
+        _row('S-0-0302', 'Real-time control bit 2 (a program is running)', ONE, 'program'),
         _row('S-0-0336', 'In position', ONE,
              'following_error', 'drive.position_window_rad', formula=_in_position),
         _row('S-0-0390', 'Diagnostic number', ONE, 'fault', 'warning', formula=_diagnostic_number),
@@ -306,7 +305,7 @@ _GROUPS = {
         _row('P-0-0082', 'Reaction under way', ONE, 'reaction'),
         _row('P-0-0083', 'Brake output', ONE, 'brake_release'),
     ),
-    # procedure commands: they are executed at once, so that none is ever found active
+    # procedure commands are executed immediately, so that none is ever found active
     Group.COMMANDS: (
         _row('S-0-0099', 'Reset class 1 diagnostic', BITS, formula=_constant(0.0)),
         _row('S-0-0127', 'CP3 transition check', BITS, formula=_constant(0.0)),
@@ -317,7 +316,7 @@ _GROUPS = {
 
 ROWS = tuple(row(group=group) for group, rows in _GROUPS.items() for row in rows)
 TABLE = {row.idn: row for row in ROWS}
-# IDN by the name of the parameter that is its value
+# IDN by the name of its parameter
 OF_PARAMETER = {
     row.sources[0]: row.idn
     for row in reversed(ROWS)
@@ -334,7 +333,7 @@ EXECUTABLE_IN = {
 
 
 def value_text(row: OperationData, value: float) -> str:
-    """Value of operation data for people: words in hexadecimal, numbers with their unit."""
+    """Return the value of operation data as text: words in hexadecimal, numbers with their unit."""
     if row.unit == BITS:
         return f'0x{int(value):04x}'
     return f'{value:.12g}' if row.unit == ONE else f'{value:.12g} {row.unit}'
@@ -345,7 +344,7 @@ def _with_unit(value: float, unit: str) -> str:
 
 
 def refusal(access: Access, answer: Answer) -> str:
-    """Diagnostic message 8503 of a failed access, with the name, the value and its limits; empty without an error."""
+    """Return diagnostic message 8503 of a failed access, with name, value and limits; empty without an error."""
     row = TABLE.get(access.idn)
     if row is None or not answer.error:
         return answer.sentence
@@ -354,7 +353,7 @@ def refusal(access: Access, answer: Answer) -> str:
     if access.operation == Operation.WRITE:
         value = _with_unit(access.value, row.unit)
         if answer.error == ServiceError.TOO_SMALL:
-            # a positive quantity has the smallest number there is as its minimum
+            # positive quantities have the smallest positive float as their minimum
             bound = 'positive' if 0.0 < low < 1e-300 else f'at least {_with_unit(low, row.unit)}'
             text = f'{value} is too small, it must be {bound}'
         elif answer.error == ServiceError.TOO_LARGE:

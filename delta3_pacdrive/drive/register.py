@@ -1,4 +1,4 @@
-"""The register of a drive: it reads, writes and executes operation data as the communication phase allows."""
+"""Access to the operation data of a drive: read, write and execute, as the communication phase permits."""
 
 import math
 from collections.abc import Callable
@@ -17,25 +17,25 @@ from delta3_pacdrive.sercos.words import Phase
 
 
 class Register:
-    """A register serves the operation data of one drive.
+    """Operation data of one drive.
 
     Parameters
     ----------
     parameters
-        With which the drive starts.
+        Initial parameters.
     actual
         Returns a field of the drive's ``STATE`` record by name.
     on_change
-        Called with the new parameters after each accepted writing.
+        Called with the new parameters after each accepted write.
     reset
         Executes S-0-0099; returns whether no fault is left.
 
     Attributes
     ----------
     parameters
-        As written.
+        Current parameters.
     refusal
-        Diagnostic message 8503 of the last access that failed; empty before one.
+        Diagnostic message 8503 of the last failed access; empty before the first.
 
     """
 
@@ -54,7 +54,7 @@ class Register:
         self._reset = reset
 
     def serve(self, access: Access, phase: Phase) -> Answer:
-        """Answer an access of the service channel in a communication phase."""
+        """Execute an access of the service channel in a communication phase."""
         self._phase = phase
         if phase < Phase.CP2:
             return self._refuse(access, ServiceError.NOT_OPEN)
@@ -72,7 +72,7 @@ class Register:
         return Answer(idn, value=float(row.formula(*(self._source(source) for source in row.sources))))
 
     def write(self, idn: int, value: float, phase: Phase) -> Answer:
-        """Change a parameter, if its limits, the phase and the rules that join it with others allow the value."""
+        """Change a parameter if its limits, the phase and the rules between parameters permit the value."""
         access = Access(idn, Operation.WRITE, value)
         error = writing_error(access, phase)
         if error:
@@ -87,15 +87,15 @@ class Register:
         return Answer(idn, value=value)
 
     def restore(self, parameters: Parameters) -> None:
-        """Go back to parameters that were valid before."""
+        """Restore earlier, valid parameters."""
         self.parameters = parameters
         self._on_change(parameters)
 
     def command(self, idn: int, phase: Phase) -> Answer:
-        """Execute a procedure command in a phase that has it.
+        """Execute a procedure command in a phase that permits it.
 
-        The transition checks find nothing: every value is checked, with the rules that join it with others, when the
-        drive starts and when it is written.
+        The transition checks always succeed: all values and the rules between them are checked at start-up and when
+        written.
         """
         access = Access(idn, Operation.COMMAND)
         if idn not in TABLE:
@@ -122,7 +122,7 @@ class Register:
 
 
 def writing_error(access: Access, phase: Phase) -> ServiceError:
-    """Return what forbids to write a value, whatever the other parameters are."""
+    """Return the error of a write access, regardless of other parameters."""
     row = TABLE.get(access.idn)
     if phase < Phase.CP2:
         return ServiceError.NOT_OPEN

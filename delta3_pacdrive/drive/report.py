@@ -1,4 +1,4 @@
-"""What a drive says of itself to people."""
+"""Human-readable report of a drive."""
 
 from typing import Any
 

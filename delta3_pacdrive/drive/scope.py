@@ -1,8 +1,8 @@
-"""The oscilloscope of a drive: while it is armed, it keeps samples of channels and hands them over in blocks.
+"""Oscilloscope of a drive: records samples of channels and delivers them in blocks.
 
-A drive whose oscilloscope is not armed runs the loops without it. An armed one keeps words of the state as they stand
-at the ends of chosen periods of the current loop, in the compiled loop; what channels make of them is computed once
-for every block. Nothing that a drive computes depends on it.
+A drive without an armed oscilloscope runs the plain loops. An armed one records words of the state at the ends of
+chosen current-loop periods, inside the compiled loop; the channel values are computed once per block. Recording does
+not affect the drive.
 """
 
 import math
@@ -17,29 +17,20 @@ from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-BLOCK_CYCLES = 8  # bus cycles of a block
-WHOLE = 1e-9  # of a period: what divisions leave
+BLOCK_CYCLES = 8  # bus cycles per block
+WHOLE = 1e-9  # rounding error of divisions, in periods
 
 
 @dataclass(frozen=True)
 class Block:
-    """A block holds samples of the channels of a drive, one after the other.
+    """Consecutive samples of the channels of a drive."""
 
-    Attributes
-    ----------
-    first
-        Number of its first sample. Sample n has the time n times decimation times period of the current loop.
-    values
-        A column for each channel, shape (samples, channels).
-
-    """
-
-    first: int
-    values: Floats
+    first: int  # number of the first sample; sample n has the time n * decimation * current-loop period
+    values: Floats  # one column per channel, shape (samples, channels)
 
 
 def decimation_of(rate_hz: float, parameters: Parameters) -> int:
-    """Return how many periods of the current loop lie between samples, so that there are not more than ``rate_hz``."""
+    """Return the number of current-loop periods per sample for a sampling rate of at most ``rate_hz``."""
     periods = 1.0 / (rate_hz * parameters.drive.current_period_s)
     return max(1, math.ceil(periods - WHOLE))
 
@@ -50,20 +41,15 @@ class DriveScope:
     Parameters
     ----------
     drive
-        Of which it shows channels.
+        Observed drive.
     channels
-        Which ones.
+        Recorded channels.
     decimation
-        Every how many periods of the current loop a sample is kept.
+        Current-loop periods per sample.
     parameters
-        Returns the parameters of the drive, as they were written.
+        Returns the current parameters of the drive.
     hand_over
-        Takes the blocks.
-
-    Attributes
-    ----------
-    drive
-        As given.
+        Receives the blocks.
 
     """
 
@@ -85,14 +71,11 @@ class DriveScope:
         self._words = (*drive.state_words(), *words_of_state(fields))
         self._rows = np.empty((self._exchanges * (self._periods // decimation + 1), len(fields)))
         self._filled = 0
-        self._first = 0  # sample in the first row
-        self._next = -1  # exchange that would follow the last one
+        self._first = 0  # number of the sample in the first row
+        self._next = -1  # exchange following the last one
 
     def run_period(self, exchange: int, position: float, speed: float, coupling: float) -> bool:
-        """Run the drive through an exchange period, as ``MC4.run_period`` does; return whether the brake is released.
-
-        ``exchange`` is the number of the period since bus time 0.
-        """
+        """Run the drive through the exchange period ``exchange``; return whether the brake is released."""
         if exchange != self._next:
             self.flush()
         every, begin = self._every, exchange * self._periods
@@ -108,7 +91,7 @@ class DriveScope:
         return released
 
     def flush(self) -> None:
-        """Hand over what there is: before a parameter changes, and at the end."""
+        """Deliver the recorded samples: before a parameter changes, and at the end."""
         if self._filled == 0:
             return
         rows = self._rows[: self._filled]

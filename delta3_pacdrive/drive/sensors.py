@@ -1,6 +1,6 @@
-"""Errors of a drive's sensors: of the current that its loop sees, and of its encoder within a sine period.
+"""Sensor errors of a drive: measured current, and interpolation error of the encoder.
 
-Noise comes from a generator in the drive's own record, so that it is the same in one process and in six.
+The random generators are part of the drive's record, so that results do not depend on the number of processes.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ def next_random(seed):
 
 @kernel
 def signed_share(seed):
-    """Uniformly distributed number from -1 to 1 of a generator's state."""
+    """Uniformly distributed number from -1 to 1 from the state of a generator."""
     return 2.0 * (np.float64(seed >> np.uint64(11)) / _SHARES) - 1.0
 
 
@@ -37,7 +37,7 @@ def interpolation_error(position, c):
 
 @kernel
 def measured_current(current, s, c, m):
-    """I_eff [A] that the current sensors see; the offset of a phase turns with the electrical angle."""
+    """Measured I_eff [A]; the offset of a phase rotates with the electrical angle."""
     measured = s.current_gain * current
     if s.current_offset != 0.0:
         measured += s.current_offset * math.cos(m.pole_pairs * s.position)
@@ -53,10 +53,9 @@ def _seed(axis: int, sensor: str, seed: int) -> int:
 
 
 def calibrate(axis: int, parameters: Parameters, state: NDArray[Any]) -> None:
-    """Give the record of a drive the sensors of its axis, 0 to 2: ideal ones, or those of ``parameters.rich``.
+    """Set the sensors of an axis, 0 to 2, in the record of a drive: ideal ones, or those of ``parameters.rich``.
 
-    The zero point of the machine is that of the calibrated arm angles. The drive knows it: whatever goes over the bus
-    counts from it.
+    The machine's zero point is that of the calibrated arm angles. The drive knows it: positions on the bus refer to it.
     """
     effects = parameters.rich.effects
     distance = parameters.dynamics.gear_ratio * parameters.kinematics.corrections.angle_rad[axis]

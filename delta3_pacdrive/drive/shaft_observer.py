@@ -1,4 +1,4 @@
-"""The drive's own shaft between two exchanges with the plant."""
+"""Observer of the drive for its shaft between two exchanges with the plant."""
 
 from delta3_pacdrive.motor import friction_torque
 from delta3_pacdrive.numerics.kernel import kernel
@@ -6,13 +6,13 @@ from delta3_pacdrive.numerics.kernel import kernel
 
 @kernel
 def reset_observer(shaft, s):
-    """Set the shaft to what the plant says: position [rad], speed [rad/s], coupling torque d [N m]."""
+    """Reset the shaft to that of the plant: position [rad], speed [rad/s], coupling torque d [N m]."""
     s.position, s.speed, s.coupling = shaft
 
 
 @kernel
 def advance_observer(mean_current, s, c, m):
-    """Move the shaft through one current-loop period under its current, friction and the last coupling torque."""
+    """Advance the shaft by one current-loop period under its current, friction and the last coupling torque."""
     torque = c.torque_constant * mean_current - friction_torque(s.speed, m) - s.coupling
     acceleration = torque / c.observer_inertia
     s.position += c.current_period * (s.speed + 0.5 * c.current_period * acceleration)

@@ -1,4 +1,4 @@
-"""State machine, limits and reactions of the drive, once per bus cycle."""
+"""State machine, monitoring and reactions of the drive, once per bus cycle."""
 
 import math
 
@@ -10,7 +10,7 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.sercos.losses import count_loss, count_telegram, too_many
 from delta3_pacdrive.sercos.words import Control, Status
 
-# plain integers for compiled code, in the order of their enumerations
+# plain integers for compiled code, in the order of the enumerations
 NOT_READY, READY, ENABLING, ENABLED, STOPPING, HOLDING, FAULT, HALTED = map(int, DriveState)
 (
     NO_FAULT, FOLLOWING_ERROR, OVERSPEED, OVERLOAD, COMMAND_STEP, COMMAND_NOT_FINITE, TELEGRAM,
@@ -26,17 +26,17 @@ STATUS_IN_TORQUE, STATUS_FOLLOWS, STATUS_ERROR, STATUS_WARNING = (
     int(Status.ERROR),
     int(Status.WARNING),
 )
-TRIP_OVER_WARNING = 8.0  # following error of 8111 over that of 8132
-BRAKE_SLIP_RAD = 0.5  # of a shaft that its brake holds
-BRAKE_STOP_S = 0.5  # by which an applied brake has stopped its shaft
+TRIP_OVER_WARNING = 8.0  # following error of 8111 relative to that of 8132
+BRAKE_SLIP_RAD = 0.5  # movement of a shaft held by its brake that counts as slipping
+BRAKE_STOP_S = 0.5  # time within which an applied brake must stop its shaft
 OVERLOAD_WARNING = 0.8
-RESET_OVERLOAD = 0.5  # of the limit, below which an overload may be cleared
-STILL_CYCLES = 20  # without a change of the command, after which the master has stopped
+RESET_OVERLOAD = 0.5  # fraction of the limit below which an overload may be cleared
+STILL_CYCLES = 20  # cycles without a change of the command that count as a stop of the master
 
 
 @kernel
 def accept_telegram(command, torque, control, s):
-    """Store the MDT of this cycle and make that of the last one valid, in this drive as in all."""
+    """Store the MDT of this cycle and put that of the last one into effect, simultaneously in all drives."""
     if s.started == 0:
         s.started = 1
         first = command if math.isfinite(command) else s.sampled_position
@@ -54,7 +54,7 @@ def accept_telegram(command, torque, control, s):
 
 @kernel
 def _validate_last(s):
-    """Make command and control word of the last MDT valid."""
+    """Put command and control word of the last MDT into effect."""
     s.command_before_that = s.command_before
     s.command_before = s.command
     if math.isfinite(s.next_command):
@@ -67,9 +67,9 @@ def _validate_last(s):
 
 @kernel
 def extrapolate_telegram(s):
-    """Go on without the MDT of this cycle: the command that is due is extrapolated at constant speed.
+    """Replace a missing MDT: the command is extrapolated at constant speed.
 
-    Additive torque and control words stay as they are. Two losses in a row or ten in a window are a fault (8112).
+    Additive torque and control words stay unchanged. Two losses in a row or ten in a window are a fault (8112).
     """
     if s.started == 0:
         s.started = 1
@@ -85,7 +85,7 @@ def extrapolate_telegram(s):
 
 @kernel
 def detect_fault(s, c):
-    """Return the fault that this cycle shows; the strongest reaction first."""
+    """Return the fault found in this cycle; the strongest reaction takes precedence."""
     if s.encoder_broken != 0 or abs(s.sampled_position - s.last_sampled) > c.encoder_step_max:
         return ENCODER
     if s.blocked != 0:
@@ -125,7 +125,7 @@ def change_state(state, s):
 
 @kernel
 def switch_on(s, c):
-    """Close the current loop with the torque that the load asks for, so that the arm will not sag."""
+    """Close the current loop with the torque required by the load, so that the arm does not sag."""
     hold = clamp(s.coupling / c.torque_constant, c.current_max)
     s.velocity_integral = hold
     s.torque_works = 0
@@ -142,9 +142,9 @@ def switch_on(s, c):
 
 @kernel
 def react(reaction, s):
-    """Begin a reaction, unless a stronger one is under way.
+    """Start a reaction, unless a stronger one is in progress.
 
-    BD2 of an overload follows the master's commands to their standstill, so that the TCP stays on its path.
+    BD2 of an overload follows the master's commands until they stop, so that the TCP stays on its path.
     """
     if reaction == AD:
         s.reaction = AD if s.fault != NO_FAULT else NO_REACTION
@@ -163,7 +163,7 @@ def react(reaction, s):
 
 @kernel
 def advance_state(s, c):
-    """Take the transitions of one bus cycle and form the status word."""
+    """Execute the transitions of one bus cycle and compute the status word."""
     s.timer += 1
     _measure(s, c)
     _watch_brake(s, c)
@@ -171,8 +171,8 @@ def advance_state(s, c):
     if fault != NO_FAULT:
         _latch(fault, s)
     s.last_sampled = s.sampled_position
-    _obey(s, c)
-    _go_on(s, c)
+    _follow_control(s, c)
+    _end_states(s, c)
     s.status = _status_word(s)
 
 
@@ -184,7 +184,7 @@ def overload_after(overload, ratio, period):
 
 @kernel
 def _measure(s, c):
-    """Follow the load of the motor and the following error, and warn."""
+    """Update the I2t integral, the following error and the warnings."""
     ratio = math.sqrt(s.measured_square / c.steps_per_cycle) / c.current_nominal
     s.overload = overload_after(s.overload, ratio, c.cycle_time)
     s.following_error = 0.0
@@ -201,7 +201,7 @@ def _measure(s, c):
 
 @kernel
 def _watch_brake(s, c):
-    """Look whether the brake, once it is applied, stops the shaft and holds it."""
+    """Check that the brake, once applied, stops the shaft and holds it."""
     s.slipping = 0
     if s.brake_release != 0 or s.state not in (READY, FAULT) or s.timer < c.apply_cycles:
         s.brake_holds = 0
@@ -216,18 +216,18 @@ def _watch_brake(s, c):
 
 @kernel
 def _latch(fault, s):
-    """Keep the first cause, and react as the strongest asks."""
+    """Latch the first fault, and react as the strongest one requires."""
     if s.fault == NO_FAULT:
         s.fault = fault
     if s.state == READY:
-        s.state = FAULT  # the brake has been applied for as long as before
+        s.state = FAULT  # the brake timer continues
     elif REACTIONS[fault] > s.reaction:
         react(REACTIONS[fault], s)
 
 
 @kernel
-def _obey(s, c):
-    """Follow the control word of this cycle."""
+def _follow_control(s, c):
+    """Execute the control word of this cycle."""
     on, enable, run = s.control & DRIVE_ON, s.control & ENABLE, s.control & RUN
     if not on and is_powered(s):
         react(AD, s)
@@ -237,7 +237,7 @@ def _obey(s, c):
         s.halt_done = 0
         change_state(HALTED, s)
     elif s.state == HALTED and run:
-        # the master has to begin where the drive stands; a step is a fault as always
+        # the master must start at the actual position; a step is a fault as always
         change_state(ENABLED, s)
         if abs(s.command - s.sampled_position) > c.command_step_max:
             s.fault = COMMAND_STEP
@@ -245,15 +245,15 @@ def _obey(s, c):
     elif s.state == READY and on and enable and run and s.fault == NO_FAULT:
         s.reaction = NO_REACTION
         if abs(s.command - s.sampled_position) > TRIP_OVER_WARNING * c.following_error_limit:
-            _latch(FOLLOWING_ERROR, s)  # the arm was moved: the drive would throw it back
+            _latch(FOLLOWING_ERROR, s)  # the arm was moved: the drive would jump back
         else:
             switch_on(s, c)
             change_state(ENABLING, s)
 
 
 @kernel
-def _go_on(s, c):
-    """Leave states that end by themselves."""
+def _end_states(s, c):
+    """Leave states that end after a time or a stop."""
     if s.state == ENABLING:
         if s.timer >= c.settle_cycles:
             s.brake_release = 1
@@ -281,7 +281,7 @@ def _go_on(s, c):
 
 @kernel
 def _status_word(s):
-    """Form the status word S-0-0135."""
+    """Return the status word S-0-0135."""
     status = 0
     if s.state in (ENABLED, STOPPING, HOLDING, HALTED):
         status = STATUS_IN_TORQUE
@@ -298,7 +298,7 @@ def _status_word(s):
 
 @kernel
 def clear_fault(s, c):
-    """Clear the latched fault (S-0-0099) if its cause is gone and the drive stands; return whether it is clear."""
+    """Clear the latched fault (S-0-0099) if its cause has gone and the drive is at rest; return whether it is clear."""
     if s.fault == NO_FAULT:
         return True
     if s.state != FAULT or s.encoder_broken != 0 or s.silent != 0 or s.winding_short != 0:
@@ -311,14 +311,14 @@ def clear_fault(s, c):
     s.reaction = NO_REACTION
     s.losses_in_window = 0
     s.blocked = 0
-    s.state = READY  # the brake stays applied, and watched
+    s.state = READY  # the brake stays applied and monitored
     s.brake_holds = 0
     return True
 
 
 @kernel
 def leave_bus(s):
-    """Take no part in cyclic operation any more: without torque, brake applied; a fault stays latched."""
+    """Leave cyclic operation: no torque, brake applied; a fault stays latched."""
     s.started = 0
     s.silent = 0
     s.along = 0
@@ -338,19 +338,19 @@ def leave_bus(s):
 
 @kernel
 def is_powered(s):
-    """Whether the end stage feeds the motor."""
+    """Whether the power stage feeds the motor."""
     return s.state in (ENABLING, ENABLED, STOPPING, HOLDING, HALTED)
 
 
 @kernel
 def follows(s):
-    """Whether the position loop is closed on the master's commands."""
+    """Whether the position loop follows the master's commands."""
     return s.state in (ENABLING, ENABLED) or (s.state == STOPPING and s.along != 0)
 
 
 @kernel
 def stopping_speed(s, c):
-    """Speed reference of a stop, one velocity period later: 0 at once (BD1), or down a ramp (BD2)."""
+    """Speed reference of a stop, one velocity period later: 0 immediately (BD1), or along a ramp (BD2)."""
     if s.reaction >= BD1:
         return 0.0
     step = c.stop_deceleration * c.velocity_period

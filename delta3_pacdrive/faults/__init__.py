@@ -1,1 +1,1 @@
-"""Faults on purpose: what there is, how it is written down, and what it does."""
+"""Injected faults: kinds, notation, schedule and effects."""

@@ -1,4 +1,4 @@
-"""What faults do: to the state of a drive, and to that of the plant."""
+"""Effects of injected faults on the states of drives and plant."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,10 +11,10 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 def apply_to_drive(
     state: Any, axis: str, changes: Sequence[tuple[Fault, bool]], active: Sequence[Fault], dc_link_v: float
 ) -> None:
-    """Bring the state of a drive up to date after faults have begun (True) or ended (False).
+    """Update the state of a drive after faults have begun (True) or ended (False).
 
-    ``active`` are the faults that last, ``dc_link_v`` is the nominal voltage of the DC link [V]. Where several of one
-    kind last, jumps, drifts and noises add up, and the last voltage holds.
+    ``active`` are the current faults, ``dc_link_v`` is the nominal voltage of the DC link [V]. If several of one kind
+    are active, jumps, drifts and noises add up, and the latest voltage applies.
     """
     for fault, begins in changes:
         if fault.kind == 'clear':
@@ -30,14 +30,14 @@ def apply_to_drive(
 
 
 def apply_to_plant(state: Any, changes: Sequence[tuple[Fault, bool]], active: Sequence[Fault]) -> None:
-    """Bring the state of the plant up to date, as ``apply_to_drive`` does; torques add up, so do losses of a brake."""
+    """Update the state of the plant likewise; torques add up, and remaining brake fractions multiply."""
     if any(fault.kind == 'payload_lost' for fault, _ in changes):
         state['payload_lost'] = 1
     apply_to_motors(state, active, DRIVES)
 
 
 def apply_to_motors(state: Any, active: Sequence[Fault], axes: Sequence[str]) -> None:
-    """Bring brakes and loads of motors up to date, whose axes are named in their order."""
+    """Update brakes and loads of motors, whose axes are given in order."""
     for index, axis in enumerate(axes):
         values = _values(axis, active)
         state['brake_share'][..., index] = math.prod(1.0 - lost for lost in values('brake_worn'))
@@ -46,5 +46,5 @@ def apply_to_motors(state: Any, active: Sequence[Fault], axes: Sequence[str]) ->
 
 
 def _values(axis: str, active: Sequence[Fault]) -> Callable[[str], list[float]]:
-    """Return the function that gives the numbers of all active faults of a kind at an axis."""
+    """Return a function that lists the values of all active faults of a kind at an axis."""
     return lambda kind: [fault.value for fault in active if fault.kind == kind and fault.target == axis]

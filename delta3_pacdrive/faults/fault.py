@@ -1,15 +1,15 @@
-"""Faults that are injected into the machine on purpose: which there are, how they are written down, whom they concern.
+"""Injected faults: kinds, notation and targets.
 
-In a program file the time counts from the start of the program, in a request from now on:
+Times count from program start in a program file, and from now in a request:
 
 faults:
-- {fault: encoder_jump, axis: axis2, jump_rad: 0.05, after_s: 0.3}     # for good
+- {fault: encoder_jump, axis: axis2, jump_rad: 0.05, after_s: 0.3}     # permanent
 - {fault: overload, axis: axis1, torque_n_m: 6.0, after_s: 0.2, for_s: 0.5}
 - {fault: drop_mdt, axis: axis3, after_s: 0.25}                        # one cycle
 - {fault: drop_at, axis: axis3, cycles: 2, after_s: 0.25}
 - {fault: freeze, node: plant, seconds: 0.5, after_s: 0.4}
 
-A fault takes effect at a bus cycle that is fixed when it is accepted, and ends at another one, by ``clear``, or never.
+A fault begins at a bus cycle that is fixed on acceptance. It ends at another cycle, by ``clear``, or never.
 """
 
 import math
@@ -31,7 +31,7 @@ NODES = (UNIT_ROBOT, TASK, *DRIVES, PLANT)
 
 
 class Target(StrEnum):
-    """What a fault happens to; the key that names it."""
+    """Kind of target; the value is its key."""
 
     AXIS = 'axis'
     NODE = 'node'
@@ -47,20 +47,16 @@ class Kind:
 
     Attributes
     ----------
-    target
-        What it happens to.
-    text
-        What it is.
     value
-        Key of its number, empty if it has none.
+        Key of its parameter, empty without one.
     low, high
-        Limits of the number.
+        Limits of the parameter.
     telegram
-        Which telegrams it disturbs, 'mdt' or 'at': it lasts ``cycles`` instead of ``for_s``. Empty: none.
+        Affected telegrams, 'mdt' or 'at', for faults that last ``cycles`` instead of ``for_s``.
     once
-        Whether it happens once, and cannot end.
+        Whether it is an event without an end.
     injected_by
-        Which node carries it out: a name, ``ITSELF`` for the target, or ``EVERYBODY``.
+        Node that executes it: a name, ``ITSELF`` for the target, or ``EVERYBODY``.
 
     """
 
@@ -75,7 +71,7 @@ class Kind:
 
 
 _AXIS, _NODE, _ROBOT = Target.AXIS, Target.NODE, Target.ROBOT
-# whoever receives a telegram injects its fault
+# the receiver of a telegram injects its fault
 _MDT: Any = {'telegram': 'mdt'}
 _AT: Any = {'telegram': 'at', 'injected_by': TASK}
 _OF_PLANT: Any = {'injected_by': PLANT}
@@ -104,22 +100,22 @@ KINDS = {
     'payload_lost': Kind(_ROBOT, 'payload that falls off', once=True, **_OF_PLANT),
     'emergency_stop': Kind(_ROBOT, 'emergency stop of the operator', once=True, injected_by=TASK),
     'clear': Kind(_ROBOT, 'end of all injected faults', once=True, injected_by=EVERYBODY),
-    # the last one, so that the others keep their numbers in messages
+    # last, so that the numbers of the others in messages do not change
     'deaf': Kind(_NODE, 'process that works, but receives nothing any more', once=True),
 }
 NAMES = tuple(KINDS)
 MDT_FAULTS = frozenset(name for name, kind in KINDS.items() if kind.telegram == 'mdt')
 AT_FAULTS = frozenset(name for name, kind in KINDS.items() if kind.telegram == 'at')
 DUPLICATES = frozenset({'duplicate_mdt', 'duplicate_at'})
-# a telegram that comes later than its cycle is as good as lost
+# a telegram later than its cycle counts as lost
 MDT_LOSSES, AT_LOSSES = MDT_FAULTS - DUPLICATES, AT_FAULTS - DUPLICATES
 PROCESS_FAULTS = frozenset({'freeze', 'kill', 'deaf'})
-_PLACES = ('', *NODES, TOOL_DRIVE)  # by number, in messages
+_PLACES = ('', *NODES, TOOL_DRIVE)  # numbered in messages
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault, and when it happens.
+    """A fault with its time.
 
     Attributes
     ----------
@@ -128,13 +124,13 @@ class Fault:
     target
         Axis or node, empty for the robot.
     value
-        The number that belongs to the kind.
+        Parameter of the kind.
     after_s
-        Bus time from the start of the program, or from the request, to the fault [s].
+        Bus time from program start, or from the request, to the fault [s].
     for_s
-        How long it lasts [s], infinite: until it is cleared; for telegrams see ``cycles``.
+        Duration [s], infinite: until cleared; for telegrams see ``cycles``.
     cycles
-        How many telegrams it disturbs.
+        Number of affected telegrams.
 
     """
 
@@ -147,13 +143,13 @@ class Fault:
 
     @property
     def text(self) -> str:
-        """What happens, in words."""
+        """Description of the fault."""
         row = KINDS[self.kind]
         number = f' {row.value} {self.value:g}' if row.value else ''
         return f'{self.kind}{" " + self.target if self.target else ""}{number}'
 
     def to_document(self) -> dict[str, Any]:
-        """Return the fault as files write it."""
+        """Return the fault in the notation of files."""
         kind = KINDS[self.kind]
         document: dict[str, Any] = {'fault': self.kind, 'after_s': self.after_s}
         if kind.target:
@@ -167,7 +163,7 @@ class Fault:
         return document
 
     def to_row(self) -> list[float]:
-        """Return the fault as numbers (for a message)."""
+        """Return the fault as numbers for a message."""
         place = _PLACES.index(self.target)
         for_s = -1.0 if math.isinf(self.for_s) else self.for_s
         return [
@@ -181,7 +177,7 @@ class Fault:
 
     @staticmethod
     def from_row(row: Sequence[float]) -> 'Fault':
-        """Read back what ``to_row`` wrote; raises ProgramError."""
+        """Read the output of ``to_row``; raises ProgramError."""
         if len(row) != ROW_COLUMNS or not all(math.isfinite(value) for value in row):
             raise ProgramError(f'a fault must be a row of {ROW_COLUMNS} finite numbers')
         kind, place, value, after, for_s, cycles = row
@@ -202,12 +198,12 @@ ROW_COLUMNS = 6
 
 
 def parse(value: Any, where: str, *more_keys: str) -> Fault:
-    """Read one fault of a request, of which ``more_keys`` belong to others.
+    """Read one fault of a request; the caller handles ``more_keys``.
 
     Raises
     ------
     ProgramError
-        It breaks rules; names the places and the rules.
+        The fault breaks rules; lists the places and the rules.
 
     """
     errors = Errors(getattr(value, 'source', ''))
@@ -218,12 +214,12 @@ def parse(value: Any, where: str, *more_keys: str) -> Fault:
 
 
 def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault:
-    """Read one fault, of which ``more_keys`` belong to others; it is good for nothing if there are errors.
+    """Read one fault; the caller handles ``more_keys``. The result is invalid if errors were recorded.
 
     Raises
     ------
     Refusal
-        It is no mapping, or of no known kind.
+        The value is not a mapping, or its kind is unknown.
 
     """
     if not isinstance(value, dict):
@@ -252,7 +248,7 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
 
 
 def require_axes(faults: Sequence[Fault], rotary: bool) -> None:
-    """Refuse a fault of an axis that a robot does not have; ``rotary``: whether it has a rotary axis.
+    """Reject faults of an axis that the robot does not have; ``rotary``: it has a rotary axis.
 
     Raises
     ------
@@ -266,6 +262,6 @@ def require_axes(faults: Sequence[Fault], rotary: bool) -> None:
 
 
 def applies_to(fault: Fault, node: str) -> bool:
-    """Whether a node has to do something about a fault."""
+    """Whether a node must execute a fault."""
     by = KINDS[fault.kind].injected_by
     return by == EVERYBODY or node == (fault.target if by == ITSELF else by)

@@ -1,4 +1,4 @@
-"""When faults happen: the bus cycles that each begins and ends with."""
+"""Schedule of faults: the bus cycles at which they begin and end."""
 
 import math
 from dataclasses import dataclass
@@ -11,16 +11,7 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 
 @dataclass(frozen=True)
 class Scheduled:
-    """A fault with the bus cycles that it begins and ends with.
-
-    Attributes
-    ----------
-    first
-        First cycle in which it is there.
-    end
-        First cycle in which it is over.
-
-    """
+    """A fault in the bus cycles from ``first`` up to, but not including, ``end``."""
 
     fault: Fault
     first: int
@@ -28,7 +19,7 @@ class Scheduled:
 
     @staticmethod
     def of(fault: Fault, cycle: int, cycle_time_s: float) -> 'Scheduled':
-        """Place a fault on the bus cycles from a cycle on that its time counts from."""
+        """Schedule a fault relative to a bus cycle."""
         first = cycle + round(fault.after_s / cycle_time_s)
         if KINDS[fault.kind].telegram:
             return Scheduled(fault, first, first + fault.cycles)
@@ -37,42 +28,42 @@ class Scheduled:
         )
 
     def to_document(self) -> dict[str, Any]:
-        """Return it for a message."""
+        """Return the fault as a document for a message."""
         return self.fault.to_document() | {'first': self.first, 'end': self.end}
 
     @staticmethod
     def from_document(value: Any) -> 'Scheduled':
-        """Read back what ``to_document`` wrote; raises ProgramError."""
+        """Read the output of ``to_document``; raises ProgramError."""
         fault = parse(value, 'fault', 'first', 'end')
         first, end = value.get('first'), value.get('end')
         if not isinstance(first, int) or not isinstance(end, int) or not 0 <= first < end:
-            raise ProgramError(f'a fault from bus cycle {shown(first)} to {shown(end)} is none')
+            raise ProgramError(f'a fault from bus cycle {shown(first)} to {shown(end)} is not valid')
         return Scheduled(fault, first, end)
 
 
 class Schedule:
-    """Faults of one participant, in the order of bus time.
+    """Faults of one participant, in bus time.
 
     Attributes
     ----------
     next_cycle
         Cycle of the next change, ``NEVER`` if none is due.
     active
-        Faults that have begun and not ended, in the order in which they began.
+        Faults in progress, in the order of their beginning.
 
     """
 
     def __init__(self) -> None:
         self.next_cycle = NEVER
         self.active: list[Fault] = []
-        self._changes: list[tuple[int, bool, Scheduled]] = []  # cycle, whether it begins then
+        self._changes: list[tuple[int, bool, Scheduled]] = []  # cycle, whether the fault begins
         self._telegrams: list[Scheduled] = []
 
     def add(self, scheduled: Scheduled) -> None:
         """Add a fault."""
         if KINDS[scheduled.fault.kind].telegram:
             self._telegrams.append(scheduled)
-            # what is lost cannot come twice
+            # a lost telegram cannot be duplicated
             self._telegrams.sort(key=lambda one: one.fault.kind in DUPLICATES)
             return
         self._changes.append((scheduled.first, True, scheduled))
@@ -85,7 +76,7 @@ class Schedule:
         self.next_cycle = self._changes[0][0] if self._changes else NEVER
 
     def due(self, cycle: int) -> list[tuple[Fault, bool]]:
-        """Return faults that begin (True) or end (False) up to a cycle, in their order, once."""
+        """Remove and return the faults that begin (True) or end (False) up to a cycle, in order."""
         due = [change for change in self._changes if change[0] <= cycle]
         self._changes = [change for change in self._changes if change[0] > cycle]
         self._sort()
@@ -102,7 +93,7 @@ class Schedule:
         return [(scheduled.fault, begins) for _, begins, scheduled in due]
 
     def telegram(self, kinds: frozenset[str], axis: str, cycle: int) -> Fault | None:
-        """Return the fault of some kinds that disturbs the telegram of an axis in a cycle."""
+        """Return the fault of the given kinds that affects the telegram of an axis in a cycle."""
         for scheduled in self._telegrams:
             fault = scheduled.fault
             if scheduled.first <= cycle < scheduled.end and fault.kind in kinds and fault.target == axis:
@@ -110,15 +101,15 @@ class Schedule:
         return None
 
     def next_event(self, cycle: int) -> int:
-        """Return the first cycle from a cycle on in which a fault begins, ends or disturbs a telegram."""
+        """Return the first cycle, from a given one on, in which a fault begins, ends or affects a telegram."""
         disturbed = [max(one.first, cycle) for one in self._telegrams if one.end > cycle]
         return min([self.next_cycle, *disturbed])
 
-    def forget_telegrams_before(self, cycle: int) -> None:
-        """Forget faults of telegrams that are over."""
+    def clear_telegrams_before(self, cycle: int) -> None:
+        """Remove telegram faults that have ended."""
         self._telegrams = [scheduled for scheduled in self._telegrams if scheduled.end > cycle]
 
     @property
     def disturbs_telegrams(self) -> bool:
-        """Whether any fault of telegrams is to come, or not forgotten yet."""
+        """Whether any telegram fault is pending or not yet removed."""
         return bool(self._telegrams)

@@ -1,4 +1,4 @@
-"""Links that lose, delay, double or garble the telegrams that they carry."""
+"""Links that lose, delay, duplicate or corrupt telegrams."""
 
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
@@ -9,32 +9,32 @@ Content = TypeVar('Content')
 
 
 class FaultyLink(Generic[Content]):
-    """The way of the MDT to one drive, or of the ATs to the master, with the faults that are injected there.
+    """Transmission of MDTs to one drive, or of ATs to the master, with injected faults.
 
     Parameters
     ----------
     faults
         Schedule of the receiver.
     kinds
-        Faults that concern these telegrams.
+        Kinds of faults that affect these telegrams.
     refuse
-        Called about a telegram that came garbled.
+        Called for a corrupted telegram.
 
     """
 
     def __init__(self, faults: Schedule, kinds: frozenset[str], refuse: Callable[[str], None]) -> None:
         self._faults, self._kinds, self._refuse = faults, kinds, refuse
-        # held back: until which cycle, axis, cycle, content
+        # delayed telegrams: release cycle, axis, cycle, content
         self._held_back: list[tuple[int, str, int, Content]] = []
 
     def clear(self) -> None:
-        """Forget what is on its way."""
+        """Discard delayed telegrams."""
         self._held_back.clear()
 
     def arrivals(self, axis: str, cycle: int, content: Content) -> Sequence[tuple[int, Content | None]]:
-        """Return what arrives when an axis' telegram of a bus cycle is due: cycles, and contents or ``None``: lost.
+        """Return the telegrams that arrive when that of a cycle is due: cycles with contents, ``None`` if lost.
 
-        A telegram that was held back arrives behind the one in whose cycle it is let go, too late for its own.
+        A delayed telegram arrives after that of its release cycle, too late for its own.
         """
         if not self._faults.disturbs_telegrams and not self._held_back:
             return ((cycle, content),)

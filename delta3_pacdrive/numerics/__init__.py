@@ -1,1 +1,1 @@
-"""What numbers are computed with: compiled kernels."""
+"""Numerical basis: compiled kernels and vectors."""

@@ -1,19 +1,19 @@
-"""Compilation of the hot scalar loops, cached on disk under a key of their own sources.
+"""Compilation of hot scalar loops, cached on disk by the content of their sources.
 
-Numba's disk cache notices a change of the file that holds a function, but not of the functions it calls, and it knows a
-file by its path. Ours knows it by its content: the folder of a module's kernels is named after a digest of the module
-and of all modules that it imports, directly or not. A changed formula or constant never meets an old binary, an edit of
-a report compiles nothing again, and a second copy of the same sources finds what the first one has compiled.
-Fast-math stays off, so that compiled kernels give the same bits wherever they are called from.
+Numba's disk cache detects changes of the file of a function, but not of the functions it calls, and identifies a
+file by its path. Here the folder of a module's kernels is named after a digest of the module and all modules that it
+imports, directly or indirectly. A changed formula or constant never uses an old binary, an edit of a report does not
+trigger a compilation, and copies of the same sources share their binaries. Fast-math is off, so that compiled kernels
+give the same bits wherever they are called from.
 
-Arguments of the kernel here:
+Arguments of the kernel:
 
 ``table``
     Numbers, shape (n, columns), sorted by the first column.
 ``value``
     Number in the unit of the first column.
 ``first``, ``last``
-    Numbers of the first row that is looked at, and of the last.
+    Indices of the first and last row of the search.
 """
 
 import fcntl
@@ -41,9 +41,9 @@ from delta3_pacdrive.private_files import private_folder, temporary_path
 
 
 def _import_arrays_of_numba() -> None:
-    """Import numba's arrays without scipy's linear algebra, which takes longer than numba.
+    """Import numba's array functions without scipy's linear algebra, whose import takes longer than numba's.
 
-    All they do with it is to see whether it is there. A kernel that multiplies matrices imports it when it is compiled.
+    They only test its presence. A kernel that multiplies matrices imports it when it is compiled.
     """
     name = 'scipy.linalg.cython_blas'
     if name not in sys.modules:
@@ -62,9 +62,9 @@ _IMPORT = re.compile(
     re.M,
 )
 POLL_S = 0.1
-MARK = 'complete-'  # beginning of the names of files that mark versions as compiled
+MARK = 'complete-'  # prefix of files that mark versions as compiled
 VERSIONS_KEPT, DAY_S = 4, 86_400.0
-TURN_S, TURN_MAX_S = 5e-3, 20.0  # between two looks for another process's kernel; how long they go on
+TURN_S, TURN_MAX_S = 5e-3, 20.0  # polling period and timeout while another process compiles a kernel
 
 _Function = TypeVar('_Function', bound=Callable[..., Any])
 
@@ -78,7 +78,7 @@ def sources_digest() -> str:
 
 
 def modules_behind(module: str) -> set[str]:
-    """Return the modules of this package that a module imports, directly or not, and itself."""
+    """Return a module and all modules of this package that it imports, directly or indirectly."""
     found: set[str] = set()
     new = {module}
     while new:
@@ -89,7 +89,7 @@ def modules_behind(module: str) -> set[str]:
 
 @cache
 def _source(module: str) -> bytes | None:
-    """Return what stands in a module's file, None if there is no such module."""
+    """Return the content of a module's file, None if there is no such module."""
     path = _PACKAGE.joinpath(*module.split('.')[1:])
     for file in (path / '__init__.py', path.with_suffix('.py')):
         with suppress(OSError):
@@ -101,12 +101,12 @@ def _source(module: str) -> bytes | None:
 def _imports(module: str) -> frozenset[str]:
     found = {
         module.rsplit('.', depth)[0] for depth in range(1, module.count('.'))
-    }  # the rooms around it are loaded first
+    }  # enclosing packages are imported first
     for origin, names, plain in _IMPORT.findall((_source(module) or b'').decode()):
         found.add(origin or plain)
         words = [word.split()[0] for word in names.strip('()').split(',') if word.strip()]
         found.update(f'{origin}.{word}' for word in words)
-    found.discard(_PACKAGE.name)  # the face of the package: it imports everything and holds no formula
+    found.discard(_PACKAGE.name)  # the public API imports everything and contains no formula
     return frozenset(name for name in found if _source(name) is not None)
 
 
@@ -121,17 +121,17 @@ def digest_behind(module: str) -> str:
 
 
 def _maker() -> str:
-    """Return a digest of all that turns sources into binaries, and of the processor that runs them."""
+    """Return a digest of the compiler versions and of the processor."""
     versions = ' '.join([sys.version, *(metadata.version(name) for name in ('numba', 'llvmlite', 'numpy'))])
     processor = cpu_target.target_context.codegen().magic_tuple()
     return hashlib.sha256(f'{versions} {processor}'.encode()).hexdigest()[:16]
 
 
 def cache_directory() -> Path:
-    """Return the writable folder of the kernels that this interpreter compiles for this processor.
+    """Return the writable folder for the kernels of this interpreter and processor.
 
-    It is in ``$NUMBA_CACHE_DIR``, else in the user's cache folder, else among the temporary files. Kernels are
-    executed, so only folders that no other user can change count.
+    It is in ``$NUMBA_CACHE_DIR``, otherwise in the user's cache folder, otherwise among the temporary files. Kernels
+    are executed, so the folder must not be writable for other users.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def cache_directory() -> Path:
     elif user_cache := os.environ.get('XDG_CACHE_HOME'):
         roots.append(Path(user_cache) / _NAME)
     else:
-        with suppress(RuntimeError):  # a user without a home
+        with suppress(RuntimeError):  # a user without home folder
             roots.append(Path.home() / '.cache' / _NAME)
     reasons = []
     for root in (*roots, temporary_path('kernels')):
@@ -177,7 +177,7 @@ def _folder(module: str) -> Path:
 
 
 def compiled() -> int:
-    """Return how many kernels have been compiled, by whichever process."""
+    """Return the number of kernels compiled so far by all processes."""
     done = 0
     for module in modules_with_kernels():
         with suppress(FileNotFoundError):
@@ -186,16 +186,16 @@ def compiled() -> int:
 
 
 def _complete(kind: str) -> tuple[Path, str]:
-    """Return the file that marks these sources as compiled for a kind of robot, and what stands in it: the folders."""
+    """Return the file that marks these sources as compiled for a kind of robot, and its content: the folders."""
     folders = ' '.join(_folder(module).name for module in modules_with_kernels())
     digest = hashlib.sha256(folders.encode()).hexdigest()[:16]
     return CACHE_DIRECTORY / f'{MARK}{digest}{kind and "-"}{kind}', folders
 
 
 def all_compiled(kind: str = '') -> bool:
-    """Whether every kernel of these sources that a kind of robot needs has been compiled on this machine.
+    """Whether all kernels of these sources required by a kind of robot are compiled on this machine.
 
-    Without a name it is the plain one, whose kernels all other kinds need as well: theirs are compiled first.
+    The default kind is the plain robot; all other kinds also require its kernels.
     """
     mark, _ = _complete(kind)
     try:
@@ -208,25 +208,27 @@ def all_compiled(kind: str = '') -> bool:
 
 
 def mark_compiled(kind: str = '') -> None:
-    """Note that what a kind of robot needs has been compiled, and remove what no version of late has used."""
+    """Mark the kernels of a kind of robot as compiled, and remove old versions."""
     mark, folders = _complete(kind)
-    with suppress(OSError):  # then it is found out anew each time
+    with suppress(OSError):  # without the mark, the state is determined anew each time
         mark.write_text(folders, encoding='utf-8')
         _remove_old()
 
 
 def _remove_old() -> None:
-    """Remove the kernels of all but the last ``VERSIONS_KEPT`` versions, unless they are younger than a day."""
+    """Remove all kernels except those of the latest ``VERSIONS_KEPT`` versions and those younger than a day."""
     marks = sorted(CACHE_DIRECTORY.glob(f'{MARK}*'), key=lambda mark: -mark.stat().st_mtime)
     folders = {mark: mark.read_text(encoding='utf-8') for mark in marks}
-    versions = list(dict.fromkeys(folders.values()))[:VERSIONS_KEPT]  # each may have several kinds of robots
+    versions = list(dict.fromkeys(folders.values()))[
+        :VERSIONS_KEPT
+    ]  # a version may have several kinds of robots
     kept = {name for version in versions for name in version.split()}
     yesterday = time.time() - DAY_S
     for mark in marks:
         if folders[mark] not in versions:
             mark.unlink()
     for folder in CACHE_DIRECTORY.iterdir():
-        # another version may be at work on a younger one
+        # another version may be using a younger one
         if folder.is_dir() and folder.name not in kept and folder.stat().st_mtime < yesterday:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -236,7 +238,7 @@ LINE_S = 5.0
 
 
 class Lines:
-    """Lines on standard error that report the progress of the compilation, at its start and every few seconds."""
+    """Progress lines of the compilation on standard error, at its start and every few seconds."""
 
     def __init__(self) -> None:
         self._next_s = -math.inf
@@ -252,7 +254,7 @@ class Lines:
 
 @contextmanager
 def alone(wait: Callable[[], None] = lambda: None) -> Iterator[None]:
-    """Keep other processes from compiling the same kernels meanwhile; ``wait`` is called now and then while they do."""
+    """Prevent other processes from compiling the same kernels; ``wait`` is called periodically while they do."""
     with (CACHE_DIRECTORY / 'lock').open('w') as file:
         while True:
             try:
@@ -266,7 +268,7 @@ def alone(wait: Callable[[], None] = lambda: None) -> Iterator[None]:
 
 
 class _Locator(_CacheLocator):  # type: ignore[misc]
-    """Finds the files of a kernel by the content of its sources, wherever they lie."""
+    """Finds the files of a kernel by the content of its sources, independent of their path."""
 
     def __init__(self, function: Any) -> None:
         self._line = function.__code__.co_firstlineno
@@ -291,7 +293,7 @@ class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class _Cache(FunctionCache):  # type: ignore[misc]
-    """Cache of one kernel that several processes fill at once; files that cannot be read are made again."""
+    """Cache of one kernel, filled by several processes concurrently; unreadable files are replaced."""
 
     _impl_class = _Implementation
     saved: Callable[[], None] = staticmethod(lambda: None)
@@ -301,8 +303,8 @@ class _Cache(FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = self._load(sig, target_context)
         if found is None and self.shares:
-            # what another process is compiling need not be compiled here; no two wait for each other, because a
-            # kernel that waits is one that the other one does not call
+            # another process may be compiling the same kernel. There is no deadlock: a waiting kernel is not called
+            # by the one being compiled
             self._take_turn()
             found = self._load(sig, target_context)
             if found is not None:
@@ -312,7 +314,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]
     def _load(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
-        except Exception:  # noqa: BLE001 (a damaged pickle raises whatever it likes)
+        except Exception:  # noqa: BLE001 (a damaged pickle may raise anything)
             self.flush()
             return None
 
@@ -334,8 +336,8 @@ class _Cache(FunctionCache):  # type: ignore[misc]
             self._turn = None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        # numba reads the index, adds a number and writes: two writers would take the same number. Without space on
-        # the disk the kernel lasts as long as this process.
+        # numba reads the index, adds an entry and writes: concurrent writers would use the same number. On a full disk
+        # the kernel lasts as long as this process
         with suppress(OSError):
             Path(self.cache_path).mkdir(exist_ok=True)
             with (CACHE_DIRECTORY / 'index_lock').open('w') as file:
@@ -347,7 +349,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
 @contextmanager
 def shared() -> Iterator[None]:
-    """Share the work with other processes: none compiles what another one is compiling."""
+    """Share the work with other processes: none compiles a kernel that another one is compiling."""
     _Cache.shares = True
     try:
         yield
@@ -357,7 +359,7 @@ def shared() -> Iterator[None]:
 
 @contextmanager
 def watched(saved: Callable[[], None]) -> Iterator[None]:
-    """Have a function called whenever this process has compiled a kernel."""
+    """Call a function whenever this process has compiled a kernel."""
     before, _Cache.saved = _Cache.saved, staticmethod(saved)
     try:
         yield
@@ -368,10 +370,10 @@ def watched(saved: Callable[[], None]) -> Iterator[None]:
 def kernel(function: _Function) -> _Function:
     """Compile ``function`` with numba, strict IEEE arithmetic, binaries cached in ``CACHE_DIRECTORY``.
 
-    What a module outside this package calls is not known here: its kernels are compiled in each process.
+    Kernels of modules outside this package are compiled in each process, because their dependencies are unknown.
     """
     compiled = numba.njit(error_model='numpy')(function)
-    # with numba switched off, compiled is the function
+    # with numba disabled, compiled is the function
     if compiled is not function and function.__module__.partition('.')[0] == _NAME:
         compiled._cache = _Cache(function)
     return compiled  # type: ignore[no-any-return]
@@ -379,12 +381,12 @@ def kernel(function: _Function) -> _Function:
 
 def interpreted(function: _Function) -> _Function:
     """Return the Python function of a kernel, for plain objects instead of records."""
-    return getattr(function, 'py_func', function)  # itself where numba is switched off
+    return getattr(function, 'py_func', function)  # itself if numba is disabled
 
 
 @kernel
 def row_at(value, table, first, last):
-    """Last row of a table, between two rows, whose first column does not exceed a value; bisection."""
+    """Last row of a table, within a range of rows, whose first column does not exceed a value; bisection."""
     low, high = first, last
     while low < high:
         middle = (low + high + 1) // 2

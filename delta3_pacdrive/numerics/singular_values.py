@@ -1,4 +1,4 @@
-"""Singular values of 3x3 matrices by one-sided Jacobi rotations: exact to rounding, also of small ones.
+"""Singular values of 3x3 matrices by one-sided Jacobi rotations: accurate to rounding, including small values.
 
 ``a``, ``b``, ``c``
     Columns of a matrix, shape (3,).
@@ -9,13 +9,13 @@ import math
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.vector3 import combine, dot
 
-SWEEPS_MAX = 12  # of rotations; about five do
-ORTHOGONAL = 1e-15  # cosine of two columns that are orthogonal but for rounding
+SWEEPS_MAX = 12  # about five suffice
+ORTHOGONAL = 1e-15  # cosine of two columns considered orthogonal
 
 
 @kernel
 def _rotated(a, b):
-    """Return two columns rotated in their plane until they are orthogonal, and whether they were so already."""
+    """Return two columns rotated in their plane until they are orthogonal, and whether they already were."""
     aa, bb, ab = dot(a, a), dot(b, b), dot(a, b)
     if abs(ab) <= ORTHOGONAL * math.sqrt(aa * bb):
         return a, b, True

@@ -1,4 +1,4 @@
-"""Types that all rooms share."""
+"""Shared array types."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,9 +1,9 @@
-"""Quantities in the units of people."""
+"""Text of quantities in common units."""
 
 from collections.abc import Iterable
 
 
 def millimetres(place_m: Iterable[float]) -> str:
-    """Return a place [m] in millimetres; what is rounded to zero has no sign."""
+    """Return a position [m] in millimetres; values rounded to zero have no sign."""
     x, y, z = (round(1e3 * float(value), 3) + 0.0 for value in place_m)
     return f'({x:.3f}, {y:.3f}, {z:.3f}) mm'

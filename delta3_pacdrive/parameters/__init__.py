@@ -1,4 +1,4 @@
-"""Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups, the rules that their values keep, their files."""
+"""Parameters P1 to P4 (Table 9-1), bus and motion: frozen groups, rules between values, and parameter files."""
 
 from delta3_pacdrive.parameters.file import (
     DEFAULT_FILE,

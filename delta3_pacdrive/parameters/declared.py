@@ -1,4 +1,4 @@
-"""Declarations of parameters: the text and the range of each, which every reader enforces."""
+"""Field declarations of parameters with description and range."""
 
 import math
 from dataclasses import field
@@ -6,10 +6,7 @@ from typing import Any
 
 
 def quantity(description: str, low: float = -math.inf, high: float = math.inf, **more: Any) -> Any:
-    """Declare a field with the text and the closed range that every reader of it enforces.
-
-    A value with a ``default`` may be missing in a file.
-    """
+    """Declare a field with its description and closed range; a value with a ``default`` is optional in files."""
     return field(metadata={'description': description, 'low': low, 'high': high}, **more)
 
 
@@ -19,11 +16,11 @@ def positive(description: str, high: float = math.inf, **more: Any) -> Any:
 
 
 def switch(description: str) -> Any:
-    """Declare what is on or off."""
+    """Declare a boolean."""
     return quantity(description, False, True)
 
 
 def choice(description: str, choices: tuple[str, ...]) -> Any:
-    """Declare a word out of several; the first is the default."""
+    """Declare a string out of several; the first is the default."""
     metadata = {'description': f'{description}: {" or ".join(choices)}', 'choices': choices}
     return field(default=choices[0], metadata=metadata)

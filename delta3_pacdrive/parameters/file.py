@@ -1,4 +1,4 @@
-"""Parameter files: the packaged ones and those of users."""
+"""Parameter files, packaged or user-defined."""
 
 from collections.abc import Iterable
 from importlib import resources
@@ -11,21 +11,21 @@ from delta3_pacdrive.parameters.robot import Parameters, flat_document, from_tre
 
 DEFAULT_FILE = 'delta3.yaml'
 ALIASES = {'built': 'rich'}  # the packaged file has the name of its parameter group
-THESIS_CONTROLLER, MODEL_CONTROLLER = 'delta3', 'model'  # files that say which controller a run has
+THESIS_CONTROLLER, MODEL_CONTROLLER = 'delta3', 'model'  # files that select the controller of a run
 
 
 def load(path: str | Path | None = None) -> Parameters:
-    """Read the parameter file ``path``, the packaged default without one; a bare name means a packaged file as well.
+    """Read a parameter file; default: the packaged robot. A bare name may also mean a packaged file.
 
-    The packaged files ``rich`` and ``model`` hold only what differs from the default, as a file for nodes may; any
-    other is complete. Files are joined with ``+``, as in ``rich+model`` or ``mine.yaml+model``: the first is complete
-    or a packaged one, the others hold what differs from it. What two of these say differently is refused.
+    The packaged files ``rich`` and ``model`` contain only differences from the default; any other file is complete.
+    ``+`` joins files, as in ``rich+model`` or ``mine.yaml+model``: the first is complete or packaged, the others
+    contain differences. Contradictions between them are rejected.
 
     Raises
     ------
     ParameterError
-        The file is not there, is no ROS parameter file, or holds an unknown, missing, mistyped or forbidden value, or
-        files that are joined contradict one another.
+        The file is missing or is not a ROS parameter file, a value is unknown, missing or invalid, or joined files
+        contradict each other.
 
     """
     default = config_directory() / DEFAULT_FILE
@@ -38,25 +38,25 @@ def load(path: str | Path | None = None) -> Parameters:
 
 
 def of_run(given: str | None, program: str | Path | None = None) -> str:
-    """Return the parameter file of a run: the one with its controller, unless another one is given.
+    """Return the parameter file of a run, which selects its controller.
 
-    Packaged programs of the thesis are driven by its controller, all others, and a robot that is up without any, by the
-    one that knows the model. A file of differences, such as ``rich``, differs from that.
+    Packaged programs of the thesis run with its controller. All other programs, and a robot without a program, use the
+    model-based controller; a file of differences, such as ``rich``, is then added to it.
 
     Parameters
     ----------
     given
-        What was asked for, None for nothing.
+        File given by the user, if any.
     program
-        Its file, or the name of a packaged one; None for a robot that waits for moves.
+        File or packaged name of the program; None for a robot that waits for moves.
 
     """
     own = THESIS_CONTROLLER if program is not None and _is_of_the_thesis(program) else MODEL_CONTROLLER
     if given is None:
         return own
     first, *_ = files = parts(given)
-    says = [file.stem for file in files if file.parent.resolve() == config_directory().resolve()]
-    if own == MODEL_CONTROLLER and _is_packaged_difference(first) and own not in says:
+    stems = [file.stem for file in files if file.parent.resolve() == config_directory().resolve()]
+    if own == MODEL_CONTROLLER and _is_packaged_difference(first) and own not in stems:
         return f'{own}+{given}'
     return given
 
@@ -69,7 +69,7 @@ def _is_of_the_thesis(program: str | Path) -> bool:
 
 
 def parts(path: str | Path) -> list[Path]:
-    """Return the files that ``path`` means: itself, a packaged one, or several that ``+`` joins."""
+    """Return the files denoted by ``path``: itself, a packaged one, or several joined by ``+``."""
     found = find(path)
     several = [find(part) for part in str(path).split('+')]
     if packaged.is_own(found) or not any(packaged.is_own(part) for part in several):
@@ -78,7 +78,7 @@ def parts(path: str | Path) -> list[Path]:
 
 
 def find(path: str | Path) -> Path:
-    """Return the parameter file that ``path`` means: itself, else the packaged one of that name."""
+    """Return ``path`` if it exists, else the packaged parameter file of that name."""
     path = Path(path)
     name = ALIASES.get(str(path), str(path))
     for own in config_directory().glob('*.yaml'):
@@ -92,17 +92,17 @@ def _is_packaged_difference(path: Path) -> bool:
 
 
 def _joined(trees: list[tuple[str, parameter_file.Tree]], where: str) -> parameter_file.Tree:
-    """Return the values of the first file with the differences that the others tell; each has its name beside it."""
+    """Return the values of the first file, updated by the differences in the others; each tree has its file name."""
     (_, tree), *differences = trees
-    said: dict[tuple[str, str], tuple[str, Any]] = {}
+    given: dict[tuple[str, str], tuple[str, Any]] = {}
     for name, difference in differences:
         for group, values in difference.items():
             if not isinstance(values, dict):
-                said_here, tree = {'': values}, tree | {group: values}
+                changed, tree = {'': values}, tree | {group: values}
             else:
-                said_here, tree = values, tree | {group: (tree.get(group) or {}) | values}
-            for key, value in said_here.items():
-                other, before = said.setdefault((group, key), (name, value))
+                changed, tree = values, tree | {group: (tree.get(group) or {}) | values}
+            for key, value in changed.items():
+                other, before = given.setdefault((group, key), (name, value))
                 if value != before:
                     raise ParameterError(
                         f'{where}: {group}{"." * bool(key)}{key} is {shown(before)} in {other}, '
@@ -118,7 +118,7 @@ def config_directory() -> Path:
 
 
 def write(parameters: Parameters, path: Path, head: Iterable[str] = ()) -> Path:
-    """Write ``parameters`` to ``path``, as ``load`` and every node read it, below the comments ``head``; return it."""
+    """Write ``parameters`` to ``path``, with the comment lines ``head`` at its top; return the path."""
     document: dict[str, Any] = {group: {} for group in groups()}
     for name, value in flat_document(parameters).items():
         group, _, key = name.partition('.')

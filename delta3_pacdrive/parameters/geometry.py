@@ -1,4 +1,4 @@
-"""P1 (Table 9-1): geometry of the arms, of the drawing and calibrated, and the limits of the workspace."""
+"""P1 (Table 9-1): nominal and calibrated geometry of the arms, and the limits of the workspace."""
 
 import math
 from dataclasses import dataclass
@@ -16,28 +16,17 @@ def _correction(description: str, limit: float) -> Any:
 
 @dataclass(frozen=True)
 class ArmDeviations:
-    """Each arm deviates from the drawing by these figures: lengths [m] and angles [rad] of arms 1 to 3.
+    """Deviations of arms 1 to 3 from the drawing."""
 
-    Attributes
-    ----------
-    upper_arm_m, forearm_m, radius_m
-        Of l_A, of l_B and of R.
-    azimuth_rad
-        Of alpha.
-    angle_rad
-        Arm angle beyond that which its shaft, as it was referenced, stands for.
-
-    """
-
-    upper_arm_m: PerArm = EQUAL
-    forearm_m: PerArm = EQUAL
-    radius_m: PerArm = EQUAL
-    azimuth_rad: PerArm = EQUAL
-    angle_rad: PerArm = EQUAL
+    upper_arm_m: PerArm = EQUAL  # of l_A
+    forearm_m: PerArm = EQUAL  # of l_B
+    radius_m: PerArm = EQUAL  # of R
+    azimuth_rad: PerArm = EQUAL  # of alpha
+    angle_rad: PerArm = EQUAL  # arm angle less the angle of its referenced shaft
 
 
 def radians(degrees: PerArm) -> PerArm:
-    """Return angles of the three arms [rad]."""
+    """Convert the angles of the three arms to [rad]."""
     first, second, third = degrees
     return math.radians(first), math.radians(second), math.radians(third)
 
@@ -81,7 +70,7 @@ class Kinematics:
 
     @property
     def corrections(self) -> ArmDeviations:
-        """How the arms deviate from the drawing, as far as the controller knows: what a calibration has found."""
+        """Deviations from the drawing known to the controller from a calibration."""
         return ArmDeviations(
             self.upper_arm_correction_m,
             self.forearm_correction_m,
@@ -107,7 +96,7 @@ class Kinematics:
 
     @property
     def base_radii_m(self) -> PerArm:
-        """R_A of each arm, calibrated; R_B is that of the drawing."""
+        """R_A of each arm, calibrated; R_B is nominal."""
         return _sums(self.base_radius_m, self.radius_correction_m)
 
     @property

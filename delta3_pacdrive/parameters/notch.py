@@ -1,4 +1,4 @@
-"""Notch filters of the current reference as the drives' parameters have them: centre, damping, depth."""
+"""Notch filters of the current reference as drive parameters: centre, damping, depth."""
 
 import math
 from typing import NamedTuple
@@ -9,21 +9,21 @@ NUMBERS = (1, 2)
 
 
 class Notch(NamedTuple):
-    """A notch filter: centre [Hz], 0 without one; damping D of its width; share that passes at the centre."""
+    """Notch filter: centre [Hz], 0 if off; damping D (width); fraction of the amplitude that passes at the centre."""
 
     frequency_hz: float
     damping: float
     depth: float
 
     def dead_time_s(self, period_s: float) -> float:
-        """Dead time [s] for what is slow, 2 D (1 - depth) / w as it is with samples every ``period_s``."""
+        """Dead time [s] for slow signals, 2 D (1 - depth) / w for samples every ``period_s``."""
         if self.frequency_hz == 0.0:
             return 0.0
         return self.damping * (1.0 - self.depth) * period_s / math.tan(math.pi * self.frequency_hz * period_s)
 
 
 def notches(drive: Drive) -> tuple[Notch, ...]:
-    """Return both filters of a drive, in the order in which a current reference passes them."""
+    """Return both filters of a drive in signal order."""
     return tuple(
         Notch(*(getattr(drive, f'notch_{number}_{name}') for name in Notch._fields)) for number in NUMBERS
     )

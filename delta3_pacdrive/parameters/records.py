@@ -1,4 +1,4 @@
-"""P2 to P4 (Table 9-1), what a built robot has beside them, bus and motion."""
+"""P2 to P4 (Table 9-1), additional effects of a built robot, bus and motion."""
 
 import dataclasses
 import functools
@@ -11,10 +11,10 @@ from delta3_pacdrive.parameters.geometry import ArmDeviations, radians
 
 LINEAR, CUBIC = INTERPOLATIONS = ('linear', 'cubic')
 EXACT, DECOUPLED = ARM_COUPLINGS = ('exact', 'decoupled')
-# the first one is no `off`: readers of YAML take that word for a switch
+# the first is not `off`, which readers of YAML take for a boolean
 INERTIA, MODEL = FEED_FORWARDS = ('inertia', 'model')
 UNSHAPED, ZV, ZVD, SMOOTH, MODES = SHAPINGS = ('none', 'zv', 'zvd', 'smooth', 'modes')
-# Half of what the robot holds where it is weakest in its workspace: 21.0 kg by the holding brakes, 22.6 kg by the
+# Half of the capacity at the weakest point of the workspace: 21.0 kg by the holding brakes, 22.6 kg by the
 # nominal currents. The other half is for acceleration and for the loops, which are tuned to the rated 2 kg.
 PAYLOAD_MAX_KG = 10.0
 RATED_PAYLOAD_KG = 2.0
@@ -76,7 +76,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Control:
-    """What the transformation task sends the drives beyond the set points of the thesis."""
+    """Commands of the transformation task beyond the set points of the thesis."""
 
     feed_forward: str = choice(
         'torque feed-forward: one constant inertia per axis in the drives, or that of the whole model',
@@ -180,7 +180,7 @@ class Motor:
 
 @dataclass(frozen=True)
 class Rich:
-    """What the thesis leaves out: the plant, and the drives' sensors, as those of a built robot."""
+    """Effects of a built robot beyond the thesis, in the plant and in the drives' sensors."""
 
     enabled: bool = switch(
         'whether any of the effects below is on; without it the plant is that of the thesis'
@@ -240,7 +240,7 @@ class Rich:
 
     @property
     def effects(self) -> 'Rich':
-        """The effects that are on: their switches, all off without ``enabled``."""
+        """Effects that are on; all are off without ``enabled``."""
         return self if self.enabled else self._without_effects
 
     @functools.cached_property
@@ -250,7 +250,7 @@ class Rich:
 
     @property
     def deviations(self) -> ArmDeviations:
-        """How the arms as they are built deviate from the drawing: not at all without ``geometry``."""
+        """Deviations of the built arms from the drawing; zero without ``geometry``."""
         if not self.effects.geometry:
             return ArmDeviations()
         return ArmDeviations(
@@ -276,7 +276,7 @@ class Bus:
 
 @dataclass(frozen=True)
 class Motion:
-    """Defaults of moves and the fixed cycles of a run."""
+    """Defaults of moves, and fixed bus cycles of a run."""
 
     home_m: tuple[float, float, float] = quantity('TCP where the plant starts', -8.0, 8.0)
     speed_max_m_s: float = positive('default TCP speed of a move', 20.0)

@@ -33,7 +33,7 @@ PLANTS = ('plain', 'rich')
 
 @dataclass(frozen=True)
 class Parameters:
-    """All groups of one robot."""
+    """All parameter groups of one robot."""
 
     kinematics: Kinematics
     drive: Drive
@@ -46,39 +46,39 @@ class Parameters:
     rotary: Rotary = field(default_factory=Rotary)
 
     def __post_init__(self) -> None:
-        """Check the rules that join several values."""
+        """Check the rules between values."""
         broken = [sentence for _, sentence in broken_rules(**vars(self))]
         if broken:
             raise ParameterError.of_all(broken)
 
     @property
     def set_point_delay_cycles(self) -> float:
-        """Latency of a set point [cycles]: one of the bus, and the fine interpolation up to its last step.
+        """Latency of a set point [cycles]: one bus cycle, and the fine interpolation up to its last step.
 
-        The cubic interpolation goes through the same points at the same times. Beside them it takes the set point that
-        is due in the next cycle, which the drive has got when it begins this one, and so no time.
+        Cubic interpolation passes through the same points at the same times. It also uses the set point of the next
+        cycle, which the drive already has at the beginning of this one, so it adds no latency.
         """
         return 2.0 - self.drive.position_period_s / self.bus.cycle_time_s
 
     @property
     def sends_torque(self) -> bool:
-        """Whether the master commands an additive torque (S-0-0081) with each set point."""
+        """Whether the master sends an additive torque command (S-0-0081) with each set point."""
         return self.control.feed_forward == MODEL
 
     @property
     def gear_gives(self) -> bool:
-        """Whether the controller knows of gears that give."""
+        """Whether the controller models elastic gears or backlash."""
         return self.control.gear_stiffness_n_m_rad > 0.0 or self.control.gear_backlash_rad > 0.0
 
     @property
     def kind(self) -> str:
-        """What has compiled kernels of its own: ``built``, ``rotary``, both joined by +; empty for a plain robot."""
+        """Kind of robot with separate kernels: ``built``, ``rotary``, both joined by +; empty for a plain robot."""
         kinds = (('built', self.rich.enabled), ('rotary', self.rotary.present))
         return '+'.join(kind for kind, is_one in kinds if is_one)
 
     @property
     def controller(self) -> str:
-        """Which controller it is, in words."""
+        """Description of the controller."""
         torque = 'the whole model' if self.sends_torque else 'one inertia per axis'
         words = [f'torque of {torque}', f'{self.drive.interpolation} set points']
         if self.gear_gives:
@@ -90,16 +90,16 @@ class Parameters:
 
     @property
     def gear_compliance_rad_n_m(self) -> float:
-        """What a gear gives, as the controller knows it, arm side; 0 for a rigid one."""
+        """Gear compliance known to the controller, arm side; 0 for a rigid gear."""
         stiffness = self.control.gear_stiffness_n_m_rad
         return 1.0 / stiffness if stiffness > 0.0 else 0.0
 
     @property
     def torque_dead_time_s(self) -> float:
-        """Dead time [s] of the drive from an additive torque command to the torque of its motor.
+        """Dead time [s] from an additive torque command to the torque of the motor.
 
-        A reference passes its low-pass late by F_currRef. The current follows late by the velocity error of its loop:
-        R over K_Icurr of a phase, or L over R + K_Pcurr where the integrator is slower. Notch filters are late as well.
+        F_currRef delays the reference. The current lags by the velocity error of its loop: R over K_Icurr of a phase,
+        or L over R + K_Pcurr where the integrator is slower. Notch filters add their dead times.
         """
         drive, motor = self.drive, self.motor
         lag_s = motor.winding_inductance_h / (motor.winding_resistance_ohm + 2.0 * drive.current_gain_v_a)
@@ -110,61 +110,61 @@ class Parameters:
 
     @property
     def torque_max_n_m(self) -> float:
-        """Largest torque of a motor [N m]: by its peak current, or as its drive limits it (S-0-0092)."""
+        """Largest motor torque [N m], limited by peak current or by the drive (S-0-0092)."""
         motor = self.motor
         return min(motor.peak_current_a * motor.torque_constant_n_m_a, self.drive.torque_limit_n_m)
 
     @property
     def following_error_delay_cycles(self) -> float:
-        """Dead time of the following error [cycles]: feedback and set point, unless it was prescribed."""
+        """Dead time of the following error [cycles]: feedback and set point, unless prescribed."""
         prescribed = self.motion.following_error_delay_cycles
         return prescribed if prescribed >= 0.0 else 1.0 + self.set_point_delay_cycles
 
     @property
     def in_position_cycles(self) -> int:
-        """Bus cycles in a row in which every drive must be within its position window to be in position."""
+        """Consecutive bus cycles in which every drive must be within its position window to be in position."""
         return max(math.ceil(self.motion.in_position_time_s / self.bus.cycle_time_s - 1e-9), 1)
 
     @property
     def shortest_wait_s(self) -> float:
-        """Time [s] from the last set point of an exact stop until the program can go on, if the robot is there at once.
+        """Shortest time [s] from the last set point of an exact stop until the program can continue.
 
-        The drives must be in position for their time, a dead time after the set point, and what their answers bring
-        about takes effect when no outstanding cycle can know less.
+        The drives must be in position for their time, a dead time after the set point; the ATs take effect after all
+        outstanding cycles.
         """
         cycles = self.in_position_cycles + math.ceil(self.following_error_delay_cycles)
         return (cycles + self.bus.outstanding_cycles_max) * self.bus.cycle_time_s
 
     @property
     def decision_cycles(self) -> int:
-        """Bus cycles from the answers that a script decides on to the command in which its decision takes effect.
+        """Bus cycles from the ATs on which a script decides to the first command affected by the decision.
 
-        When the answers are known, the commands of as many cycles as may be outstanding are out already, and what
-        begins at a cycle is told as many cycles before.
+        When the ATs are known, the commands of all outstanding cycles have been sent, and a change is announced as
+        many cycles in advance.
         """
         return 2 * self.bus.outstanding_cycles_max + 2
 
     @functools.cached_property
     def checksum(self) -> str:
-        """Digest of every value: two participants agree exactly if theirs are equal.
+        """Digest of every value; participants agree if their digests are equal.
 
-        Values of a rotary axis that is not there do not count: such a robot has the digest that it has ever had.
+        Values of an absent rotary axis are excluded, so that the digests of such robots do not change.
         """
         left_out = () if self.rotary.present else ('rotary.',)
         text = repr(sorted(one for one in flatten(self).items() if not one[0].startswith(left_out)))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def replace(self, **values: Any) -> 'Parameters':
-        """Return a copy with values replaced by dotted name, dots written as ``__``."""
+        """Return a copy with values replaced by dotted name, with ``__`` for dots."""
         return self.replaced({key.replace('__', '.'): value for key, value in values.items()})
 
     def replaced(self, values: Mapping[str, Any]) -> 'Parameters':
-        """Return a copy with values replaced by dotted name; only groups with such values are read anew.
+        """Return a copy with values replaced by dotted name; only the groups concerned are checked again.
 
         Raises
         ------
         ParameterError
-            A name is unknown, or a value has the wrong type or breaks a rule; names the key and the rule.
+            A name is unknown, or a value has the wrong type or breaks a rule.
 
         """
         tree: dict[str, Any] = {}
@@ -203,7 +203,7 @@ def flatten(parameters: Parameters) -> dict[str, Any]:
 
 
 def flat_document(parameters: Parameters) -> dict[str, Any]:
-    """Return every value of ``parameters`` by its dotted name as JSON has it; ``from_flat`` reads it."""
+    """Return every value of ``parameters`` by its dotted name in JSON types; ``from_flat`` reads it."""
     return {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in flatten(parameters).items()
@@ -211,14 +211,12 @@ def flat_document(parameters: Parameters) -> dict[str, Any]:
 
 
 def from_flat(values: dict[str, Any], where: str = 'parameters') -> Parameters:
-    """Build parameters from ``values`` by dotted name; every name must be there, and no other.
-
-    Sentences of errors begin with ``where``.
+    """Build parameters from a complete set of ``values`` by dotted name; errors begin with ``where``.
 
     Raises
     ------
     ParameterError
-        A name is unknown or missing, or a value has the wrong type or breaks a rule; names the key and the rule.
+        A name is unknown or missing, or a value has the wrong type or breaks a rule.
 
     """
     tree: dict[str, Any] = {}
@@ -231,9 +229,9 @@ def from_flat(values: dict[str, Any], where: str = 'parameters') -> Parameters:
 
 
 def is_rich(plant: Any, where: str) -> bool:
-    """Whether ``plant``, which may stand in a file for ``rich.enabled``, is the built robot.
+    """Whether ``plant``, an alternative to ``rich.enabled`` in files, is the built robot.
 
-    Raises ParameterError with a sentence that begins with ``where``.
+    Raises ParameterError with a message that begins with ``where``.
     """
     if plant not in PLANTS:
         raise ParameterError(f'{where}: plant is {shown(plant)}, but must be {" or ".join(PLANTS)}')
@@ -241,7 +239,7 @@ def is_rich(plant: Any, where: str) -> bool:
 
 
 def from_tree(tree: parameter_file.Tree, where: str) -> Parameters:
-    """Build parameters from groups as the file ``where`` has them; raises ParameterError with up to ten complaints."""
+    """Build parameters from the groups of a file; raises ParameterError with up to ten complaints."""
     if 'plant' in tree and isinstance(tree.get('rich'), dict):
         tree = tree | {'rich': tree['rich'] | {'enabled': is_rich(tree['plant'], where)}}
         del tree['plant']
@@ -251,7 +249,7 @@ def from_tree(tree: parameter_file.Tree, where: str) -> Parameters:
 def _built(
     tree: parameter_file.Tree, groups: Mapping[str, Any], others: Mapping[str, Any], where: str
 ) -> Parameters:
-    """Build parameters from groups that are read, and others that are there; raises ParameterError."""
+    """Build parameters from unchecked groups and existing ones; raises ParameterError."""
     errors = Errors(where)
     with errors.raised_as(ParameterError):
         built = {**others, **parameter_file.checked_groups(tree, groups, errors)}

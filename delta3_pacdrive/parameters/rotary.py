@@ -1,4 +1,4 @@
-"""The optional rotary axis of the tool: its motor, gear and bar, its limits, and what its drive has of its own."""
+"""The optional rotary axis of the tool: motor, gear, bar, limits, and parameters of its drive."""
 
 import math
 from collections.abc import Iterator
@@ -12,10 +12,10 @@ ANGLE_MAX_DEG = 36_000.0  # a hundred turns
 
 @dataclass(frozen=True)
 class Rotary:
-    """Motor on the base plate, gear, telescopic bar and tool (thesis 2.2.4); none of it is there without ``present``.
+    """Motor on the base plate, gear, telescopic bar and tool (thesis 2.2.4); all absent without ``present``.
 
-    Currents are A rms, R and L phase to phase, as those of the other motors. What is not here, the axis shares with
-    them: periods, filters, interpolation and supervision of their drives, smoothing of friction, times of the brake.
+    Currents are A rms, R and L phase to phase, as for the other motors. The axis shares with them: periods, filters,
+    interpolation and supervision of the drives, friction smoothing, brake times.
     """
 
     present: bool = quantity('whether the robot has a rotary axis', False, True, default=False)
@@ -93,16 +93,16 @@ class Rotary:
         return self.max_speed_rpm * math.tau / 60.0
 
     def inertia_kg_m2(self, payload_kg: float) -> float:
-        """Return the inertia about z of bar and tool with what is gripped."""
+        """Return the inertia about z of bar and tool with the payload."""
         return self.tool_inertia_kg_m2 + payload_kg * self.part_gyration_radius_m**2
 
     def shaft_inertia_kg_m2(self, payload_kg: float) -> float:
-        """Return all of the inertia that the motor turns, at its shaft."""
+        """Return the total inertia at the motor shaft."""
         return self.rotor_inertia_kg_m2 + self.inertia_kg_m2(payload_kg) / self.gear_ratio**2
 
 
 def broken_rotary(rotary: Rotary) -> Iterator[tuple[str, str]]:
-    """Tell which rules that join values of the axis are broken; what is not there limits nothing."""
+    """Yield violated rules between values of the axis; an absent axis has none."""
     if not rotary.present:
         return
     low, high = rotary.angle_min_deg, rotary.angle_max_deg

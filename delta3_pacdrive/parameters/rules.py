@@ -1,4 +1,4 @@
-"""Rules that join several values."""
+"""Rules between parameter values."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -10,15 +10,15 @@ from delta3_pacdrive.parameters.records import DECOUPLED, Bus, Control, Drive, D
 from delta3_pacdrive.parameters.rotary import Rotary, broken_rotary
 
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
-# With older coupling torques the drives oscillate.
+# older coupling torques make the drives oscillate
 EXCHANGE_PERIODS_S = (125.0e-6, 250.0e-6, 500.0e-6, 1.0e-3)
-# Behind an elastic gear a rotor escapes an observer that takes it for the whole arm.
+# behind an elastic gear the rotor departs from an observer with the inertia of the whole arm
 ELASTIC_EXCHANGE_S = 250.0e-6
-# Below, a notch filter is as slow as the loops; above, its sampling leaves nothing of it.
+# below, a notch filter is as slow as the loops; above, sampling removes its effect
 NOTCH_MIN_HZ, NOTCH_SHARE = 10.0, 0.4
-SHAPED_MIN_HZ = 1.0  # below it a shaped move would take seconds more
+SHAPED_MIN_HZ = 1.0  # a lower frequency would prolong a shaped move by seconds
 
-Rules = Iterator[tuple[str, str]]  # the name of a value, and which rule it breaks with others
+Rules = Iterator[tuple[str, str]]  # name of a value, and the rule that it violates
 
 
 def _is_multiple(value: float, unit: float) -> bool:
@@ -38,7 +38,7 @@ def broken_rules(
     motion: Motion,
     **_: Any,
 ) -> Rules:
-    """Tell which rules that join several values are broken."""
+    """Yield violated rules between values."""
     yield from _broken_timing(bus, drive)
     yield from _broken_notches(drive)
     yield from _broken_geometry(kinematics, dynamics)
@@ -117,7 +117,7 @@ def _broken_geometry(kinematics: Kinematics, dynamics: Dynamics) -> Rules:
 
 
 def _broken_effects(rich: Rich, bus: Bus, motor: Motor) -> Rules:
-    # what is switched off must not limit the friction of the nominal robot
+    # effects that are off must not limit the friction of the nominal robot
     if rich.effects.friction and rich.break_away_torque_n_m < motor.static_friction_n_m:
         yield (
             'rich.break_away_torque_n_m',

@@ -1,23 +1,16 @@
-"""The drive of the rotary axis is an MC-4 as the others: its parameters in their places."""
+"""Parameters of the rotary axis in the format of an arm's drive: its drive is an MC-4, too."""
 
 import math
 from dataclasses import replace
 
 from delta3_pacdrive.parameters.robot import Parameters
 
-BEYOND_DEG = 5.0  # behind the limits of a turn: from there on the drive tells an overtravel
-SEED = 4  # its sensors have a noise of their own
+BEYOND_DEG = 5.0  # beyond the limits of the tool angle: overtravel of the drive
+SEED = 4  # offset of the sensor seed
 
 
 def of_tool_axis(parameters: Parameters) -> Parameters:
-    """Return parameters whose motor, gear and drive are those of the rotary axis, as drives and motors take them.
-
-    Parameters
-    ----------
-    parameters
-        Of a robot that has a rotary axis: a ``Parameters``.
-
-    """
+    """Return parameters whose motor, gear and drive are those of the rotary axis; the robot must have one."""
     p, rotary = parameters, parameters.rotary
     payload_kg = p.dynamics.payload_mass_kg
     inertia, gear = rotary.shaft_inertia_kg_m2(payload_kg), rotary.gear_ratio
@@ -67,7 +60,7 @@ def of_tool_axis(parameters: Parameters) -> Parameters:
             position_window_rad=rotary.position_window_deg * to_shaft,
             velocity_limit_rad_s=rotary.max_speed_rad_s,
             torque_limit_n_m=rotary.peak_current_a * rotary.torque_constant_n_m_a,
-            # those of the arms' drives are tuned to the resonances of the arms
+            # the filters of the arms' drives are tuned to the resonances of the arms
             notch_1_frequency_hz=0.0,
             notch_2_frequency_hz=0.0,
         ),

@@ -1,38 +1,38 @@
-"""State and constants of the plant as records that the compiled loops share.
+"""State and constants of the plant as records shared by the compiled loops.
 
-Arguments of the kernels of this room:
+Arguments of the kernels of this package:
 
 ``s``, ``c``
     Records ``STATE`` and ``CONSTANTS``.
 ``n``, ``m``, ``r``
     Records ``dynamics.INERTIA``, ``motor.MOTOR`` and ``built_robot.BUILT_CONSTANTS``.
 ``plant``, ``built``, ``plate``
-    Records ``PLANT``, ``built_robot.BUILT`` and ``plate_pose.PLATE``; around a step the first two are arrays of one
+    Records ``PLANT``, ``built_robot.BUILT`` and ``plate_pose.PLATE``; outside a step the first two are arrays of one
     record, and ``built`` is None for a rigid robot.
 ``i``
-    Number of an axis, 0 to 2.
+    Index of an axis, 0 to 2.
 ``theta``, ``thetadot``
     Arm angles [rad] and speeds [rad/s], shape (3,), or those of one arm.
 ``shaft``, ``rate``
     Motor shafts over k_r [rad] and their speeds [rad/s], shape (3,), or those of one.
 ``speed``, ``angle``
-    Of motor shafts: speed [rad/s] and position [rad]; for brakes on the arm side.
+    Speed [rad/s] and position [rad] of motor shafts; for brakes on the arm side.
 ``bristle``
     Deflection z of the bristles [rad, motor side], shape (3,), or that of one shaft.
 ``current``, ``before``, ``now``
-    Currents [A rms], shape (3,), or that of one motor; at the begin and the end of a step.
+    Currents [A rms], shape (3,), or that of one motor; at the beginning and the end of a step.
 ``mass``, ``force``, ``f``
     Mass matrix as in ``dynamics`` [kg m^2], shape (6,), and arm torques [N m], shape (3,).
 ``acceleration``
-    Of shafts over k_r [rad/s^2], shape (3,).
+    Acceleration of shafts over k_r [rad/s^2], shape (3,).
 ``h``, ``duration``
-    Time of a step [s].
+    Time step [s].
 ``payload_kg``
-    What the controller has gripped [kg].
+    Payload gripped by the controller [kg].
 ``brakes``
     Brake outputs of the drives, 1 = release, shape (3,).
 ``depth``, ``stiffness``, ``damping``
-    Of a spring that is pressed in: [rad], [N m/rad], [N m s/rad].
+    Compression, stiffness and damping of a spring: [rad], [N m/rad], [N m s/rad].
 ``v``, ``gibbs``
     Vector [m], and a rotation: its axis times the tangent of half its angle, shape (3,).
 ``equations``
@@ -40,9 +40,9 @@ Arguments of the kernels of this room:
 ``g``
     Record ``kinematics.GEOMETRY``.
 ``twist``
-    Of a gear [rad, arm side].
+    Twist of a gear [rad, arm side].
 ``coupling``
-    Torques that shafts feel beside their own inertia and friction [N m, motor side], shape (3,).
+    Torques on the shafts in addition to their own inertia and friction [N m, motor side], shape (3,).
 """
 
 import math
@@ -68,13 +68,13 @@ STATE = np.dtype(
         ('brake_released', 'i8', (3,)),
         ('brake_delay', 'i8', (3,)),  # steps since the command changed
         ('brake_locked', 'i8', (3,)),  # the shaft sticks
-        ('gripped', 'f8'),  # [kg], as the plant was told last
-        ('carried', 'f8'),  # [kg], what hangs at the plate in truth
+        ('gripped', 'f8'),  # [kg], last command
+        ('carried', 'f8'),  # [kg], true payload at the plate
         # injected
-        ('brake_share', 'f8', (3,)),  # of its torque that a brake still has: 1 as new, 0 worn out
-        ('brake_stuck', 'i8', (3,)),  # an applied brake does not open any more
-        ('load_torque', 'f8', (3,)),  # [N m], motor; positive is against a shaft that turns forwards
-        ('payload_lost', 'i8'),  # what was gripped has fallen off, until another payload is gripped
+        ('brake_share', 'f8', (3,)),  # remaining fraction of the brake torque: 1 new, 0 worn out
+        ('brake_stuck', 'i8', (3,)),  # an applied brake no longer opens
+        ('load_torque', 'f8', (3,)),  # [N m], motor; positive opposes forward rotation
+        ('payload_lost', 'i8'),  # the payload has fallen off, until another one is gripped
     ],
     align=True,
 )
@@ -91,8 +91,8 @@ CONSTANTS = np.dtype(
         ('stop_max', 'f8'),
         ('stop_stiffness', 'f8'),
         ('stop_damping', 'f8'),
-        ('angle_error', 'f8', (3,)),  # arm angle beyond that of a rigid shaft, as referenced
-        ('decoupled', 'i8'),  # d is an input: that of the step before
+        ('angle_error', 'f8', (3,)),  # arm angle less that of a rigid shaft, as referenced
+        ('decoupled', 'i8'),  # d is an input, taken from the previous step
     ],
     align=True,
 )

@@ -6,14 +6,14 @@ from delta3_pacdrive.numerics.kernel import kernel
 
 @kernel
 def command_brakes(brakes, s):
-    """Hand on the brake outputs of the drives, 1 = release."""
+    """Store the brake outputs of the drives, 1 = release."""
     for i in range(3):
         s.brake_command[i] = brakes[i]
 
 
 @kernel
 def advance_brake(i, speed, s, c):
-    """Let brake ``i`` follow its command after the release or apply delay; one integration step."""
+    """Update brake ``i`` after its release or apply delay; one integration step."""
     released = s.brake_released[i]
     if s.brake_command[i] == released or (released == 0 and s.brake_stuck[i] != 0):
         s.brake_delay[i] = 0
@@ -24,13 +24,13 @@ def advance_brake(i, speed, s, c):
             s.brake_released[i] = s.brake_command[i]
             s.brake_locked[i] = 0
     if s.brake_released[i] == 0 and speed == 0.0:
-        # a shaft that stands sticks, unless its brake is overloaded
+        # a shaft at rest sticks, unless its brake is overloaded
         s.brake_locked[i] = 1
 
 
 @kernel
 def advance_brakes(speed, s, c):
-    """Let the three brakes follow their commands, shafts turning at ``speed`` [rad/s]."""
+    """Update the three brakes, with shafts rotating at ``speed`` [rad/s]."""
     advance_brake(0, speed[0], s, c)
     advance_brake(1, speed[1], s, c)
     advance_brake(2, speed[2], s, c)
@@ -38,7 +38,7 @@ def advance_brakes(speed, s, c):
 
 @kernel
 def caught_speed(i, before, after, s):
-    """Speed of shaft ``i`` after a step from ``before`` to ``after`` [rad/s]; 0 where its brake catches it."""
+    """Speed of shaft ``i`` after a step from ``before`` to ``after`` [rad/s]; 0 if its brake stops it."""
     comes_to_rest = before != 0.0 and after * before <= 0.0
     if s.brake_released[i] == 0 and (s.brake_locked[i] != 0 or comes_to_rest):
         s.brake_locked[i] = 1
@@ -48,7 +48,7 @@ def caught_speed(i, before, after, s):
 
 @kernel
 def caught_speeds(before, h, acceleration, s):
-    """Speeds of the shafts after a step of ``h`` [s]; a brake catches them as in ``caught_speed``."""
+    """Speeds of the shafts after a step of ``h`` [s]; brakes stop them as in ``caught_speed``."""
     return (
         caught_speed(0, before[0], before[0] + h * acceleration[0], s),
         caught_speed(1, before[1], before[1] + h * acceleration[1], s),
@@ -58,7 +58,7 @@ def caught_speeds(before, h, acceleration, s):
 
 @kernel
 def acceleration_under_brakes(mass, force, speed, s, c):
-    """Accelerations of shafts, some of which a brake may hold: mass x = force for the free ones."""
+    """Accelerations of the shafts: mass x = force for those not held by a brake."""
     if s.brake_released[0] + s.brake_released[1] + s.brake_released[2] == 3:
         return solve(mass, force)
     return _braked_acceleration(mass, force, speed, s, c)
@@ -66,10 +66,9 @@ def acceleration_under_brakes(mass, force, speed, s, c):
 
 @kernel
 def _braked_acceleration(mass, force, speed, s, c):
-    """Accelerations with brakes applied: sticking shafts stand, slipping ones feel the full brake torque.
+    """Accelerations with brakes applied: sticking shafts stay at rest, slipping ones have the full brake torque.
 
-    A sticking brake gives way where the torque that holds its shaft exceeds the brake's; ``brake_share`` is what wear
-    has left of that.
+    A sticking brake slips if the reaction torque exceeds its torque, reduced by wear (``brake_share``).
     """
     f = (
         _slipping_force(0, force[0], speed[0], s, c),
@@ -91,7 +90,7 @@ def _braked_acceleration(mass, force, speed, s, c):
 
 @kernel
 def _slipping_force(i, force, speed, s, c):
-    """Force on shaft ``i`` with that of its brake, if it slips."""
+    """Force on shaft ``i``, including its brake if that slips."""
     if s.brake_released[i] == 0 and s.brake_locked[i] == 0:
         if speed > 0.0:
             return force - s.brake_share[i] * c.brake_torque
@@ -102,7 +101,7 @@ def _slipping_force(i, force, speed, s, c):
 
 @kernel
 def _held_force(i, reaction, force, s, c):
-    """Force on shaft ``i``, whose brake has to hold ``reaction``; with that of the brake, if it gives way now."""
+    """Force on shaft ``i`` whose brake must hold ``reaction``; includes the brake torque if it starts to slip."""
     torque = s.brake_share[i] * c.brake_torque
     if s.brake_locked[i] != 0 and abs(reaction) > torque:
         s.brake_locked[i] = 0

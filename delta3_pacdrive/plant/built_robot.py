@@ -1,4 +1,4 @@
-"""What the thesis leaves out between current and arm: elastic gears with backlash, friction that sticks, torque ripple.
+"""Effects of a built robot between current and arm: elastic gears with backlash, stick-slip friction, torque ripple.
 
 A motor drives its rotor and one side of its gear, at ``shaft`` = theta_m / k_r; the arm is the other side, at theta:
 
@@ -10,11 +10,11 @@ The friction is that of LuGre (Canudas de Wit et al. 1995) on the motor side: br
 
     zdot = w - s0 |w| / g z,   g = F_s + (F_b - F_s) exp(-(w/w_st)^2),   F = s0 z + s1 exp(-(w/w_st)^2) zdot + F_v w
 
-A shaft that stands is held like by a spring up to the break-away torque F_b; at speed the friction falls to F_s and
-rises with F_v again (Stribeck). zdot is integrated exactly for the speed of a step.
+A shaft at rest is held as by a spring up to the break-away torque F_b; with speed, friction falls to F_s and
+rises again with F_v (Stribeck). zdot is integrated exactly for the speed of a step.
 
-The step is that of ``rigid``, but predicts the middle from position and speed alone (position Verlet), so that
-springs keep their energy; it is divided where a spring is too stiff for it.
+The step is that of ``rigid``, but predicts the midpoint from position and speed alone (position Verlet), so that
+springs conserve energy; it is divided for springs that are too stiff.
 """
 
 import math
@@ -31,9 +31,9 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.plant.brake import acceleration_under_brakes, caught_speeds
 from delta3_pacdrive.plant.contact import contact_torque, end_stop_torque
 
-STEP_ANGLE = 0.1  # [rad] that the stiffest spring may swing in a step: its period is right within 1e-3
-STEP_DECAY = 0.2  # of the speed that its damping may take in a step
-SETTLING = 30  # iterations; each makes the error some thousand times smaller
+STEP_ANGLE = 0.1  # [rad], phase of the stiffest spring per step: its period is accurate to 1e-3
+STEP_DECAY = 0.2  # fraction of the speed removed by its damping per step
+SETTLING = 30  # iterations; each reduces the error about a thousandfold
 
 BUILT_STATE = np.dtype(
     [
@@ -68,7 +68,7 @@ BUILT = np.dtype([('state', BUILT_STATE), ('constants', BUILT_CONSTANTS)], align
 
 
 def built_constants(parameters: Parameters) -> NDArray[Any]:
-    """Return one record of ``BUILT_CONSTANTS``; neutral where an effect is off."""
+    """Return one record of ``BUILT_CONSTANTS``; neutral values for effects that are off."""
     effects, motor, gear_ratio = parameters.rich.effects, parameters.motor, parameters.dynamics.gear_ratio
     record = np.zeros(1, BUILT_CONSTANTS)
     rotor = rotor_inertia(parameters)
@@ -106,7 +106,7 @@ def motor_torque(current, angle, m, r):
 
 @kernel
 def bristle_after(bristle, speed, duration, m, r):
-    """Deflection of the bristles after a time at constant speed: the exact solution."""
+    """Deflection of the bristles after a time at constant speed (exact solution)."""
     ratio = speed / r.stribeck_speed
     level = m.static_friction + r.stiction * math.exp(-ratio * ratio)
     steady = math.copysign(level, speed) / r.bristle_stiffness
@@ -128,9 +128,9 @@ def bristle_friction(bristle, speed, m, r):
 
 @kernel
 def shaft_torque(current, load, shaft, rate, bristle, plant, built):
-    """Torque [N m, motor side] of a motor less friction and load, and how much less that is than the model's.
+    """Motor torque [N m, motor side] less friction and load, and its difference from the model's.
 
-    ``load`` is a torque [N m] on its shaft.
+    ``load`` is a torque [N m] on the shaft.
     """
     c, m, r = plant.constants, plant.motor, built.constants
     speed = c.gear_ratio * rate
@@ -142,7 +142,7 @@ def shaft_torque(current, load, shaft, rate, bristle, plant, built):
 
 @kernel
 def gear_torque(twist, rate, r):
-    """Torque [N m, arm side] that a gear passes on to its arm."""
+    """Torque [N m, arm side] transmitted by a gear to its arm."""
     if r.backlash == 0.0:
         return r.stiffness * twist + r.damping * rate
     half = 0.5 * r.backlash
@@ -200,7 +200,7 @@ def _accelerations(arms, shafts, current, plant, built):
 
 @kernel
 def _bristles(bristle, rate, h, c, m, r):
-    """Deflections after a step; none without bristles."""
+    """Deflections after a step; unchanged without bristles."""
     if r.bristle_stiffness == 0.0:
         return bristle
     k = c.gear_ratio
@@ -213,7 +213,7 @@ def _bristles(bristle, rate, h, c, m, r):
 
 @kernel
 def step_built(before, now, plant, built):
-    """Advance arms and shafts by one step, through which the currents go from ``before`` to ``now``."""
+    """Advance arms and shafts by one step, during which the currents change linearly from ``before`` to ``now``."""
     s, c, q, r = plant.state, plant.constants, built.state, built.constants
     m, h = plant.motor, c.step / r.substeps
     theta, thetadot, last = triple(s.theta), triple(s.thetadot), triple(s.thetaddot)
@@ -261,7 +261,7 @@ def built_coupling(plant, built):
 
 @kernel
 def settle(plant, built):
-    """Let shafts and arms stand still: the arms hang on gears that their weight has wound up."""
+    """Bring shafts and arms to rest, with the gears twisted by the weight of the arms."""
     s, c, q, r = plant.state, plant.constants, built.state, built.constants
     for i in range(3):
         q.shaft[i] = s.theta[i] - c.angle_error[i]

@@ -1,6 +1,6 @@
-"""The plant as it takes part in the bus: it joins, goes on as the drives send currents, comes to rest, and leaves.
+"""The plant as a bus participant: joins, advances with the currents of the drives, comes to rest, and leaves.
 
-Pure: telegrams come in as calls, what has to go out is done by a ``PlantPort``. Tests let it run without ROS.
+Free of ROS: telegrams arrive as calls, and a ``PlantPort`` sends.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,57 +19,52 @@ from delta3_pacdrive.sercos.words import Phase
 
 
 def current_max_a(motor: Motor) -> float:
-    """Return what no current [A] exceeds: that of back-EMF at twice the maximum speed through a short at the motor."""
+    """Return an upper bound of currents [A]: back-EMF at twice the maximum speed through a short at the motor."""
     emf_v = motor.torque_constant_n_m_a / 3.0 * 2.0 * motor.max_speed_rad_s
     return motor.peak_current_a + emf_v / (motor.winding_resistance_ohm / 2.0)
 
 
 class PlantPort(Protocol):
-    """What the plant does on the bus."""
+    """Outgoing messages of the plant."""
 
     def announce(
         self, session: bytes, occasion: Occasion, links: tuple[str, ...] = (), bus_cycle: int = 0
     ) -> None:
-        """Announce itself in a session, with the drives it hears in it and the bus time that is over [cycles]."""
+        """Announce the plant with the drives received in this session and the first bus cycle not processed."""
 
     def belong(self, session: bytes) -> None:
-        """Forget frames of the session before; what is sent belongs to this one."""
+        """Adopt a session: clear the frames of the previous one."""
 
     def greet(self, begins: bool) -> None:
-        """Begin, or end, to tell the drives where their shafts stand, outside of cyclic operation."""
+        """Start or stop publishing the shafts to the drives outside cyclic operation."""
 
     def send_shafts(self, exchange: int, shafts: Sequence[float]) -> None:
         """Send the true shafts at the start of an exchange period."""
 
-    def tell_rest(self, sentence: str) -> None:
-        """Say that the machine stands."""
+    def report_rest(self, sentence: str) -> None:
+        """Report that the machine is at rest."""
 
-    def tell_loss(self, sentence: str) -> None:
-        """Say which drives are without power, or that the MDT is missing."""
+    def report_loss(self, sentence: str) -> None:
+        """Report drives without power, or missing MDTs."""
 
 
 class BusPlant:
-    """The machine behind the drives on the bus.
+    """The plant on the bus.
 
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     faults
-        Of the plant.
+        Injected faults.
     port
-        Does what has to be done outside.
-    look_s
-        Time between two looks [s].
+        Sends messages.
+    poll_s
+        Time between polls [s].
     now_s
-        Returns the time of a clock that never jumps [s].
+        Returns the time of a monotonic clock [s].
     around
-        What stands around the robot, if anything does.
-
-    Attributes
-    ----------
-    slave, clock
-        Its part in the bus, and the machine in bus time.
+        Cell of the robot, if any.
 
     """
 
@@ -78,14 +73,14 @@ class BusPlant:
         parameters: Parameters,
         faults: Schedule,
         port: PlantPort,
-        look_s: float,
+        poll_s: float,
         now_s: Callable[[], float],
         around: Around | None = None,
     ) -> None:
         self._port, self._now_s = port, now_s
-        self._linked: set[str] = set()  # drives that are heard in this session
-        self._drives = Watchdog(look_s)
-        self._repeated = 0  # currents, at the last look
+        self._linked: set[str] = set()  # drives received in this session
+        self._drives = Watchdog(poll_s)
+        self._repeated = 0  # repeated currents, at the last poll
         self.slave = BusSlave()
         self.clock = PlantClock(parameters, faults, self._send_shafts, around)
 
@@ -96,7 +91,7 @@ class BusPlant:
     # phases -----------------------------------------------------------------------------------------------------------
 
     def announced(self, phase: Phase, session: bytes, exchange: int, alone: bool) -> None:
-        """Take the announcement of a phase; ``alone``: only one master announces any."""
+        """Process the announcement of a phase; ``alone``: only one master announces phases."""
         self._do(self.slave.announced(phase, session, exchange, moves=True, alone=alone))
 
     def _do(self, actions: Sequence[slave.Action]) -> None:
@@ -113,7 +108,7 @@ class BusPlant:
                     self._port.greet(False)
                     self.clock.begin(start)
                 case slave.Part():
-                    self.clock.go_on_without_outputs()  # the drives stop, and are waited for
+                    self.clock.continue_without_outputs()  # the drives are stopping, and their currents are awaited
                 case slave.Leave(session, cyclic):
                     self._linked.clear()
                     if cyclic:
@@ -123,33 +118,33 @@ class BusPlant:
         cycle = self.clock.come_to_rest()
         self._port.greet(True)
         self._announce(session, Occasion.LEFT)
-        self._port.tell_rest(f'plant: at rest in bus cycle {cycle}')
+        self._port.report_rest(f'plant: at rest in bus cycle {cycle}')
 
     def _announce(self, session: bytes, occasion: Occasion) -> None:
         self._port.announce(session, occasion, tuple(sorted(self._linked)), self.clock.cycles_over)
 
     def greeted(self, index: int) -> None:
-        """Take the answer of a drive to a greeting: from now on it is heard."""
+        """Register a drive that has replied to a greeting."""
         axis = ALL_DRIVES[index]
         if self.slave.session != NO_SESSION and not self.slave.cyclic and axis not in self._linked:
             self._linked.add(axis)
             self._announce(self.slave.session, Occasion.CALLED)
 
-    # looks ------------------------------------------------------------------------------------------------------------
+    # polling ----------------------------------------------------------------------------------------------------------
 
-    def look(self) -> None:
-        """Look in cyclic operation whether the drives are still there; whoever is not has lost power."""
+    def poll(self) -> None:
+        """Check for a timeout of the drives; silent drives count as unpowered."""
         if self.clock.repeated != self._repeated:
             self._repeated = self.clock.repeated
-            self._drives.received(self._now_s())  # the bus waits
+            self._drives.received(self._now_s())  # the bus is waiting
         silence = self._drives.silence_s(self._now_s())
         if silence <= (PARTING_S if self.slave.parting else DRIVE_SILENT_S):
             return
         silent = self.clock.silent()
         if silent:
             names = ', '.join(ALL_DRIVES[index] for index in silent)
-            self._port.tell_loss(f'plant: no current of {names} for {silence:.1f} s: without power')
+            self._port.report_loss(f'plant: no current of {names} for {silence:.1f} s: without power')
         else:
-            self._port.tell_loss(f'plant: no MDT for {silence:.1f} s: the outputs stay as they are')
+            self._port.report_loss(f'plant: no MDT for {silence:.1f} s: the outputs stay as they are')
         if not self.clock.drop(silent):
             self._do(self.slave.rest())

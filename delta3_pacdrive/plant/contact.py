@@ -1,18 +1,18 @@
-"""What the arms meet from outside: end stops, and the payload at the plate."""
+"""External contacts of the arms: end stops, and the payload at the plate."""
 
 from delta3_pacdrive.numerics.kernel import kernel
 
 
 @kernel
 def contact_torque(depth, rate, stiffness, damping):
-    """Torque with which a damped spring resists being pressed in; it pushes, it never pulls."""
+    """Torque of a compressed, damped spring, which pushes but never pulls."""
     torque = stiffness * depth + damping * rate
     return torque if torque * depth > 0.0 else 0.0
 
 
 @kernel
 def end_stop_torque(theta, thetadot, c):
-    """Torque [N m] of an arm against its end stop, 0 between the two."""
+    """Torque [N m] of an arm against its end stop, 0 between the stops."""
     if theta < c.stop_min:
         return contact_torque(theta - c.stop_min, thetadot, c.stop_stiffness, c.stop_damping)
     if theta > c.stop_max:
@@ -22,7 +22,7 @@ def end_stop_torque(theta, thetadot, c):
 
 @kernel
 def hang_payload(payload_kg, s, n):
-    """Hang what is gripped at the plate, unless it has fallen off; a gripped part takes the plate's speed at once."""
+    """Attach the gripped payload to the plate unless it has fallen off; a new payload has the plate's speed."""
     if payload_kg != s.gripped:
         s.gripped = payload_kg
         s.payload_lost = 0

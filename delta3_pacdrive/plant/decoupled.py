@@ -1,12 +1,11 @@
-"""The manipulator as the thesis draws it: three linear motors with loads, and a coupling torque d as their input (4.9).
+"""The manipulator as in the thesis: three linear motors with loads, and the coupling torque d as their input (4.9).
 
     tau_m = (A_bar / k_r^2) thetaddot_m + friction + d                                      (4.29)
     d = [(A - A_bar) thetaddot + C thetadot + G] / k_r                                      (4.31)
 
-The first subsystem has d as an input and the motion as its output, the other one the reverse (Fig. 4.9, 8.4): a loop
-without a delay. The exact plant solves it. Here d is that of the step before, as a memory block in a block diagram
-makes it. Each step multiplies an error of d by 1 - A / A_bar, so the loop is stable where no eigenvalue of A reaches
-2 A_bar.
+The first subsystem has d as an input and the motion as its output, the second the reverse (Fig. 4.9, 8.4): an algebraic
+loop. The exact plant solves it. Here d is taken from the previous step, like a memory block in a block diagram. Each
+step multiplies an error of d by 1 - A / A_bar, so the loop is stable if all eigenvalues of A are below 2 A_bar.
 """
 
 import math
@@ -27,15 +26,15 @@ from delta3_pacdrive.plant.brake import (
 )
 from delta3_pacdrive.plant.rigid import drive_torque
 
-# places of the workspace at which the mass matrix is looked at
+# grid of positions in the workspace at which the mass matrix is evaluated
 RADII, AZIMUTHS, HEIGHTS = 6, 24, 4
 
 
 @kernel
 def step_linear(before, now, plant):
-    """Advance three shafts that only ``coupling`` joins by one step, through which currents go from before to now.
+    """Advance three shafts, coupled only by ``coupling``, by one step with currents changing from before to now.
 
-    Returns position and speed in the middle of the step, and the acceleration that the step was made with.
+    Returns position and speed at the midpoint of the step, and the acceleration used.
     """
     s, c, m, h = plant.state, plant.constants, plant.motor, plant.constants.step
     theta, thetadot, last = triple(s.theta), triple(s.thetadot), triple(s.thetaddot)
@@ -57,7 +56,7 @@ def step_linear(before, now, plant):
 
 @kernel
 def step_decoupled(before, now, plant):
-    """Advance the arms by one step, d as it was in the step before, and form the d of this one (4.31)."""
+    """Advance the arms by one step with the d of the previous step, and compute the d of this one (4.31)."""
     s, c = plant.state, plant.constants
     theta, thetadot, last = step_linear(before, now, plant)
     mass, bias = motion_terms(theta, thetadot, plant.geometry, plant.inertia)
@@ -69,14 +68,14 @@ def step_decoupled(before, now, plant):
 
 @kernel
 def advance_single(currents, brakes, coupling, plant):
-    """Integrate three motors, each alone with its load, through an exchange; fill positions and speeds of ``shafts``.
+    """Integrate three separate motors with loads over an exchange period; fill positions and speeds of ``shafts``.
 
     Parameters
     ----------
     currents, brakes, plant
-        As of ``plant.advance``.
+        As for ``plant.advance``.
     coupling
-        What each shaft feels meanwhile, beside its inertia and friction [N m, motor side], shape (3,).
+        Torque on each shaft in addition to inertia and friction [N m, motor side], shape (3,).
 
     """
     p = plant[0]
@@ -110,7 +109,7 @@ def largest_inertia_kg_m2(parameters: Parameters, payload_kg: float) -> float:
 
 
 def require_stable(parameters: Parameters, payload_kg: float) -> None:
-    """Refuse a payload with which the loop of a plant with decoupled arms is unstable; raises ParameterError."""
+    """Raise ParameterError for a payload that makes the loop of a plant with decoupled arms unstable."""
     if parameters.dynamics.arm_coupling != DECOUPLED:
         return
     linear = parameters.drive.observer_arm_inertia_kg_m2

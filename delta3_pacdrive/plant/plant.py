@@ -1,7 +1,7 @@
 """Three motors, gears and the coupled arms, integrated through the current samples of an exchange period.
 
-One step per current sample, through which the currents go evenly from the last sample to this one. Brakes, payload and
-what the drives are told are the same for every robot; its force model, rigid or as built, is what a step asks.
+There is one step per current sample, during which the currents change linearly. Brakes, payload and outputs to the
+drives are common to all robots; the force model is that of a rigid or a built robot.
 """
 
 from collections.abc import Sequence
@@ -44,12 +44,12 @@ def advance(currents, brakes, payload_kg, plant, built):
     brakes
         Brake outputs of the drives, 1 = release, valid from the start on, shape (3,).
     payload_kg
-        What the controller has gripped [kg], from the start on.
+        Payload gripped by the controller [kg], from the start on.
     plant
         Array of one record ``PLANT``.
     built
-        Array of one record ``BUILT``, or None for a rigid robot; an argument of its own, because only by arguments the
-        compiler leaves out what a robot does not have.
+        Array of one record ``BUILT``, or None for a rigid robot; a separate argument, because the compiler removes
+        unused effects by argument type only.
 
     """
     p = plant[0]
@@ -71,7 +71,7 @@ def advance(currents, brakes, payload_kg, plant, built):
             s.current[i] = now[i]
     if built is None:
         shaft, rate = difference(s.theta, c.angle_error), triple(s.thetadot)
-        # of decoupled arms it is that of the last step, before the first one that of arms at rest
+        # decoupled arms: d of the last step; before the first step, d of arms at rest
         known = c.decoupled != 0 and currents.shape[0] > 0
         coupling = triple(s.coupling) if known else rigid_coupling(p)
     else:
@@ -84,7 +84,7 @@ def advance(currents, brakes, payload_kg, plant, built):
 
 @kernel
 def true_tcp(plant):
-    """TCP [m] of the arms as they are built and stand."""
+    """True TCP [m] of the built arms."""
     p = plant[0]
     if p.plate.tilts != 0:
         return tool_place(triple(p.state.theta), p.geometry, p.plate)
@@ -92,24 +92,24 @@ def true_tcp(plant):
 
 
 class Plant:
-    """A plant holds motors, brakes, gears and arms, at rest at the home position and with brakes applied at first.
+    """Motors, brakes, gears and arms, initially at rest at the home position with brakes applied.
 
-    The controller takes an arm for as long as its parameters say, and for where its shaft says: a plant with geometric
-    errors or elastic gears stands a little beside the home position.
+    The home position refers to the arms as known to the controller: a plant with geometric errors or elastic gears
+    starts slightly off the home position.
 
     Parameters
     ----------
     parameters
-        Of the robot; ``parameters.rich`` says what of a built robot it has.
+        Parameters of the robot; ``parameters.rich`` selects the effects of a built robot.
     record
-        Array of one record ``PLANT`` that it works on, shape (1,); None: one of its own.
+        Array of one record ``PLANT`` to use, shape (1,); created if None.
 
     Attributes
     ----------
     record, built
-        What the compiled loops work on; ``built`` is None for a rigid robot with the thesis' friction.
+        Records of the compiled loops; ``built`` is None for a rigid robot with the thesis' friction.
     state
-        That of ``record``, shape (1,).
+        State of ``record``, shape (1,).
 
     Raises
     ------
@@ -155,7 +155,7 @@ class Plant:
         brakes_released
             Brake outputs of the three drives, valid from the start of the period.
         payload_kg
-            What the controller has gripped, from the start of the period on; None: as before.
+            Payload gripped by the controller, from the start of the period on; None: unchanged.
 
         """
         if payload_kg is None:
@@ -164,13 +164,13 @@ class Plant:
         advance(currents, self._brakes, payload_kg, self.record, self.built)
 
     def shafts(self) -> list[float]:
-        """Motor side: three shaft positions [rad], three speeds [rad/s], three coupling torques d [N m]."""
+        """Return three shaft positions [rad], three speeds [rad/s], three coupling torques d [N m]; motor side."""
         return list(self._shafts.tolist())
 
     def arm_angles(self) -> Floats:
-        """True arm angles [rad], behind elastic gears and beside what the encoders were referenced to; shape (3,)."""
+        """True arm angles [rad], including gear twist and referencing errors; shape (3,)."""
         return np.array(self.state['theta'][0])
 
     def tcp(self) -> Floats:
-        """True TCP [m]: of the arms as they are built and stand; shape (3,)."""
+        """True TCP [m] of the built arms; shape (3,)."""
         return np.array(true_tcp(self.record))

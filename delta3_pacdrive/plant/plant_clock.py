@@ -1,7 +1,7 @@
-"""When the plant goes on: exchange period by exchange period, as the currents of the drives come.
+"""Bus time of the plant: advances by exchange periods as the currents of the drives arrive.
 
-The plant keeps bus time: the world stands while the bus is not in cyclic operation. Whenever cyclic operation ends, the
-machine goes on without current, its brakes falling, for ``REST_S`` of bus time, in which it comes to rest.
+Simulated time stops while the bus is not in cyclic operation. At the end of cyclic operation the machine continues
+without current and with applied brakes for ``REST_S`` of bus time, in which it comes to rest.
 """
 
 import math
@@ -19,29 +19,29 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE, drive
 
 REST_S = 1.0
 ARMS = len(DRIVES)
-OUTPUTS_AHEAD_MAX = 64  # bus cycles by which an MDT may be ahead of the plant
+OUTPUTS_AHEAD_MAX = 64  # largest lead of an MDT over the plant [bus cycles]
 
 
 class Around(Protocol):
-    """What stands around the robot, and goes on with the plant bus cycle by bus cycle."""
+    """Cell of the robot, stepped with the plant in bus cycles."""
 
     def begin(self, cycle: int) -> None:
-        """Begin cyclic operation with a bus cycle."""
+        """Start cyclic operation at a bus cycle."""
 
     def take_outputs(self, cycle: int, outputs: int) -> None:
-        """Take the outputs of the MDT of a bus cycle, as bits."""
+        """Store the outputs of the MDT of a bus cycle, as bits."""
 
     def knows(self, cycle: int) -> bool:
-        """Whether the outputs are known that are there in a bus cycle."""
+        """Whether the outputs in effect in a bus cycle have been received."""
 
     def step(self, cycle: int, tcp_m: Sequence[float], turn_rad: float) -> float | None:
-        """Go on to a bus cycle, with the true TCP [m] and angle of the tool [rad] at its begin.
+        """Advance to a bus cycle, with the true TCP [m] and tool angle [rad] at its beginning.
 
-        Returns what hangs at the robot [kg]; None: the robot says it.
+        Returns the payload [kg]; None: the robot's own value applies.
         """
 
     def drop_part(self) -> None:
-        """Let what hangs at the robot fall off."""
+        """Let the gripped part fall."""
 
 
 class PlantClock:
@@ -50,23 +50,23 @@ class PlantClock:
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     faults
-        Of the plant.
+        Injected faults.
     publish
         Called with the number of an exchange and the true shafts at its start.
     around
-        What stands around the robot, if anything does.
+        Cell of the robot, if any.
 
     Attributes
     ----------
     exchange
         Number of the present exchange period, whose currents are awaited.
     repeated
-        Currents that came a second time, as those of a drive do whose bus waits.
+        Number of currents received twice, which drives send while the bus is waiting.
     powerless
-        Drives that have sent no current: their motors are without power until cyclic operation begins anew, or until
-        they send that of the present exchange again.
+        Drives that have sent no current: their motors are unpowered until the next start of cyclic operation, or until
+        they send the current of the present exchange.
 
     """
 
@@ -81,8 +81,8 @@ class PlantClock:
         self._plant = Plant(parameters)
         self._tool = ToolAxis(parameters) if parameters.rotary.present else None
         self._faults, self._publish, self._around = faults, publish, around
-        self._carried: float | None = None  # what hangs at the robot in truth, if that is known
-        self._waits = True  # for the outputs of the MDT before, if there is something around
+        self._carried: float | None = None  # true payload, if known
+        self._waits = True  # for the outputs of the previous MDT, if there is a cell
         self.exchange = self.repeated = 0
         self._per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         self._rest_cycles = math.ceil(REST_S / bus.cycle_time_s)
@@ -103,7 +103,7 @@ class PlantClock:
 
     @property
     def cycles_over(self) -> int:
-        """First bus cycle that the plant has not seen; its last shafts were those of the present exchange."""
+        """First bus cycle not processed; the last shafts were those of the present exchange."""
         return -(-self.exchange // self._per_cycle) + 1 if self.exchange else 0
 
     def shafts(self) -> Sequence[float]:
@@ -118,7 +118,7 @@ class PlantClock:
         ]
 
     def begin(self, exchange: int) -> None:
-        """Begin cyclic operation; bus time goes on there, it never goes back."""
+        """Start cyclic operation; bus time never decreases."""
         self.exchange = max(self.exchange, exchange)
         for waiting in self._currents:
             waiting.clear()
@@ -131,7 +131,7 @@ class PlantClock:
     def take(
         self, index: int, exchange: int, released: bool, payload: float, values: tuple[float, ...]
     ) -> bool:
-        """Take the currents of a drive and go on if they were the last; False if they are ahead of what it can know."""
+        """Store the currents of a drive and advance if they are complete; False if they are ahead of bus time."""
         if exchange > self.exchange + self._per_cycle:
             return False
         waiting = self._currents[index]
@@ -139,24 +139,24 @@ class PlantClock:
         if exchange >= self.exchange and exchange not in waiting:
             waiting[exchange] = released, payload, values
             if exchange == self.exchange:
-                # otherwise a drive that goes on would push against its brake until its I2t monitoring trips
+                # otherwise a drive that continues would push against its brake until its I2t monitoring trips
                 self.powerless.discard(index)
-            if self.powerless or self._is_there(exchange):
+            if self.powerless or self._has_currents(exchange):
                 self._advance()
         return True
 
-    def _is_there(self, exchange: int) -> bool:
-        """Whether the currents of all drives are there."""
+    def _has_currents(self, exchange: int) -> bool:
+        """Whether the currents of all drives have arrived."""
         for waiting in self._currents:  # noqa: SIM110  a generator takes twice as long
             if exchange not in waiting:
                 return False
         return True
 
     def take_outputs(self, cycle: int, outputs: int) -> None:
-        """Take the outputs of the MDT of a bus cycle, as bits, and go on if they were the last that was awaited."""
+        """Store the outputs of the MDT of a bus cycle, as bits, and advance if nothing else is awaited."""
         if self._around is not None and cycle <= self.cycle + OUTPUTS_AHEAD_MAX:
             self._around.take_outputs(cycle, outputs)
-            self._waits = True  # whoever commands the outputs is there
+            self._waits = True  # the master is sending outputs again
             self._advance()
 
     def silent(self) -> list[int]:
@@ -164,18 +164,18 @@ class PlantClock:
         return [index for index, waiting in enumerate(self._currents) if self.exchange not in waiting]
 
     def drop(self, silent: Sequence[int]) -> bool:
-        """Go on without the currents of some drives, and without outputs; False if no drive has power any more."""
+        """Continue without the currents of some drives, and without outputs; False if no powered drive is left."""
         self.powerless.update(silent)
-        self.go_on_without_outputs()
+        self.continue_without_outputs()
         return len(self.powerless) < len(self._currents)
 
-    def go_on_without_outputs(self) -> None:
-        """Wait for no outputs until some come again: whoever commands them may be gone, and the drives stop."""
+    def continue_without_outputs(self) -> None:
+        """Do not wait for outputs until some arrive again: the master may be lost, and the drives are stopping."""
         self._waits = False
         self._advance()
 
     def come_to_rest(self) -> int:
-        """Let the machine go on without any current until it stands; return the bus cycle from which on it does."""
+        """Run the machine without current until it is at rest; return the first bus cycle at rest."""
         end = -(-self.exchange // self._per_cycle) + self._rest_cycles
         self.powerless.update(range(len(self._currents)))
         while self.exchange < end * self._per_cycle:
@@ -183,10 +183,10 @@ class PlantClock:
         return end
 
     def _advance(self) -> None:
-        """Integrate every period whose currents are there from all drives that have power, as long as any has."""
+        """Integrate every period whose currents from all powered drives have arrived, while any drive is powered."""
         drives = len(self._currents)
         while True:
-            if not self._is_there(self.exchange) and (
+            if not self._has_currents(self.exchange) and (
                 not 0 < len(self.powerless) < drives or not self.powerless.issuperset(self.silent())
             ):
                 return
@@ -195,7 +195,7 @@ class PlantClock:
             self._integrate()
 
     def _knows_outputs(self) -> bool:
-        """Whether the outputs of the MDT before are there, where they count."""
+        """Whether the outputs of the previous MDT have arrived, if they are required."""
         if self._around is None or not self._waits or self.exchange % self._per_cycle:
             return True
         return self._around.knows(self.cycle)
@@ -217,7 +217,7 @@ class PlantClock:
             values = self._no_currents
             current = waiting.pop(self.exchange, None)
             if current is not None and index not in self.powerless:
-                # all drives pass on the same payload, that of the MDT before
+                # all drives pass on the same payload, that of the previous MDT
                 released, self._payload, values = current
             column[:] = values
             brakes.append(released)

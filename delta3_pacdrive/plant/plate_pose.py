@@ -1,15 +1,15 @@
 """The plate of a built robot: hung from six rods, it need not stay parallel to the base (4.1, 12).
 
-The thesis takes a forearm for one rod and the plate for a point. A built forearm is two rods that span a parallelogram
-with elbow and plate. If they are not equally long, or the joints of the plate not at one height, the plate tilts and
-turns, and the TCP, which lies below the joints, goes along. Its pose solves six equations, one for each rod,
+The thesis models a forearm as one rod and the plate as a point. A built forearm consists of two rods that form a
+parallelogram with elbow and plate. If their lengths or the heights of the plate's joints differ, the plate tilts and
+rotates, and moves the TCP, which is below the joints. Its pose solves six equations, one per rod,
 
     |p + Q a_ij - e_ij| = l_ij,
 
 with e_ij a joint at the elbow, a_ij one at the plate in the frame of the plate, Q the rotation. The tilt is small, so
-Newton's method whose slopes take Q for constant gains two digits or more in a step.
+Newton's method with slopes for constant Q gains two digits or more per step.
 
-Forces do not know of it: masses move with the mean of both rods. The tilt changes their ways by some ten-thousandths.
+The dynamics ignore the tilt: masses move with the mean of both rods, an error of some ten-thousandths.
 """
 
 import math
@@ -25,17 +25,17 @@ from delta3_pacdrive.parameters import Parameters
 
 PLATE = np.dtype(
     [
-        ('tilts', 'i8'),  # 0: it stays parallel
+        ('tilts', 'i8'),  # 0: stays parallel
         ('radius', 'f8'),  # R_B [m]
         ('half', 'f8'),  # half the spacing of the rods [m]
-        ('difference', 'f8', (3,)),  # of the rods of a forearm, that on the left less the other one [m]
+        ('difference', 'f8', (3,)),  # left less right rod length of a forearm [m]
         ('height', 'f8', (3,)),  # of the plate's joints above its plane [m]
-        ('tool', 'f8'),  # of the TCP below it [m]
+        ('tool', 'f8'),  # distance of the TCP below it [m]
     ],
     align=True,
 )
-STEPS = 6  # of Newton's method; each makes the error some thousand times smaller
-POSE = 6  # unknowns: place and rotation
+STEPS = 6  # of Newton's method; each reduces the error about a thousandfold
+POSE = 6  # unknowns: position and rotation
 
 
 def plate_constants(parameters: Parameters) -> NDArray[Any]:
@@ -52,7 +52,7 @@ def plate_constants(parameters: Parameters) -> NDArray[Any]:
 
 @kernel
 def turned(v, gibbs):
-    """Turn a vector by a rotation: its axis times the tangent of half its angle."""
+    """Rotate a vector by a rotation given as its axis times the tangent of half its angle."""
     once = cross(gibbs, v)
     factor = 2.0 / (1.0 + dot(gibbs, gibbs))
     return combine(1.0, v, factor, once, factor, cross(gibbs, once))
@@ -60,7 +60,7 @@ def turned(v, gibbs):
 
 @kernel
 def solve_pose(equations):
-    """Solve six linear equations in place, shape (6, 7), by Gauss with pivots; the last column is the solution."""
+    """Solve six linear equations in place, shape (6, 7), by Gauss-Jordan with pivoting; last column: solution."""
     for k in range(POSE):
         best = k
         for row in range(k + 1, POSE):
@@ -80,7 +80,7 @@ def solve_pose(equations):
 
 @kernel
 def plate_pose(theta, g, plate):
-    """Place of the plate's centre [m] and its rotation (``turned``) for three arm angles; nan where FK fails."""
+    """Position of the plate's centre [m] and its rotation (``turned``) for three arm angles; nan where FK fails."""
     place, gibbs = plate_position(theta, g), (0.0, 0.0, 0.0)
     equations = np.empty((POSE, POSE + 1))
     for _ in range(STEPS):
@@ -110,7 +110,7 @@ def plate_pose(theta, g, plate):
 
 @kernel
 def tool_place(theta, g, plate):
-    """TCP [m], as the controller counts it: above the tip by the length of a tool that hangs straight down."""
+    """TCP [m] as defined in the controller: above the tip by the length of a vertical tool."""
     place, gibbs = plate_pose(theta, g, plate)
     tip = turned((0.0, 0.0, -plate.tool), gibbs)
     return (place[0] + tip[0], place[1] + tip[1], place[2] + tip[2] + plate.tool)

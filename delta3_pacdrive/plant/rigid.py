@@ -1,9 +1,9 @@
-"""The force model of a rigid robot: each shaft and its arm turn as one, and friction is that of the thesis (8.2).
+"""Force model of a rigid robot: shafts are rigidly coupled to arms, with the friction of the thesis (8.2).
 
     A thetaddot + C thetadot + G = k_r (K_m I - friction - load) - end stop          (4.26, A with rotors)
 
-A step is an explicit midpoint step: positions and speeds are predicted to its middle, the exact dynamics are solved
-there once, and the state advances with that acceleration; second order in the step.
+A step is an explicit midpoint step: positions and speeds are predicted at its midpoint, the exact dynamics are solved
+there once, and the state advances with that acceleration; second order in the step size.
 """
 
 from delta3_pacdrive.dynamics import motion_terms, multiply
@@ -16,7 +16,7 @@ from delta3_pacdrive.plant.contact import end_stop_torque
 
 @kernel
 def drive_torque(current, theta, thetadot, c, m):
-    """Torque [N m, arm side] of one motor through its gear, less friction, plus that of an end stop."""
+    """Torque [N m, arm side] of one motor through its gear, less friction and end stop."""
     speed = c.gear_ratio * thetadot
     torque = c.gear_ratio * (m.torque_constant * current - friction_torque(speed, m))
     return torque - end_stop_torque(theta, thetadot, c)
@@ -42,7 +42,7 @@ def accelerate(theta, thetadot, current, plant):
 
 @kernel
 def step_rigid(before, now, plant):
-    """Advance the arms by one step, through which the currents go from ``before`` to ``now``."""
+    """Advance the arms by one step, during which the currents change linearly from ``before`` to ``now``."""
     s, h = plant.state, plant.constants.step
     theta, thetadot, last = triple(s.theta), triple(s.thetadot), triple(s.thetaddot)
     half_way = plus(theta, 0.5 * h, plus(thetadot, 0.25 * h, last))
@@ -55,7 +55,7 @@ def step_rigid(before, now, plant):
 
 @kernel
 def rigid_coupling(plant):
-    """Coupling torques d [N m, motor side]: what the motors feel beyond the linear part (4.31)."""
+    """Coupling torques d [N m, motor side]: motor torques beyond the linear part (4.31)."""
     s, c = plant.state, plant.constants
     acceleration, mass, bias = accelerate(triple(s.theta), triple(s.thetadot), triple(s.current), plant)
     product = multiply(mass, acceleration)

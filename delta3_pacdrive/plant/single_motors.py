@@ -1,4 +1,4 @@
-"""Three motors of which each drives a load of its own, and nothing joins them (8.2): the machine of a single motor."""
+"""Three independent motors, each with its own load (8.2): the plant of a single motor."""
 
 from collections.abc import Sequence
 
@@ -13,33 +13,32 @@ from delta3_pacdrive.plant.plant import Plant
 
 
 def alone(parameters: Parameters) -> Parameters:
-    """Return the parameters of motors with loads: the linear inertia of plant and observer is that of rotor and I_Load.
+    """Return the parameters of motors with loads: plant and observer have the inertia of rotor and I_Load.
 
     Raises
     ------
     ParameterError
-        The robot has effects that a single motor of the thesis does not have.
+        The robot has effects that the single motor of the thesis does not have.
 
     """
     for name in ('gear', 'friction', 'ripple'):
         if getattr(parameters.rich.effects, name):
             raise ParameterError(
-                f'a single motor is that of the thesis (8.2), but the robot has rich.{name}: switch it off'
+                f'the single motor is that of the thesis (8.2), but the robot has rich.{name}: switch it off'
             )
     inertia = rotor_inertia(parameters) + parameters.motor.load_inertia_kg_m2
     return parameters.replace(drive__observer_arm_inertia_kg_m2=inertia, dynamics__arm_coupling=EXACT)
 
 
 class SingleMotors(Plant):
-    """Single motors with brakes, gears and loads, at rest where the arms of the robot would stand.
+    """Single motors with brakes, gears and loads, initially at rest at the arm angles of the home position.
 
     Parameters
     ----------
     parameters
-        As ``alone`` returns them.
+        From ``alone``.
     coupling
-        Torque d [N m, motor side] of each motor in each exchange period, shape (n, 3), of which a motor feels the share
-        CE; the last row holds on.
+        Torque d [N m, motor side] of each motor per exchange period, shape (n, 3), scaled by CE; the last row persists.
 
     """
 
@@ -52,20 +51,20 @@ class SingleMotors(Plant):
         constants = self.record['constants']
         self.state['theta'] -= constants['angle_error']
         constants['angle_error'] = 0.0
-        constants['stop_min'], constants['stop_max'] = -np.inf, np.inf  # a shaft has none
+        constants['stop_min'], constants['stop_max'] = -np.inf, np.inf  # no end stops
         self._integrate(np.empty((0, 3)))
 
     def advance(
         self, currents: Floats, brakes_released: Sequence[bool], payload_kg: float | None = None
     ) -> None:
-        """Integrate one exchange period, as ``Plant.advance``; a payload is nothing to a single motor."""
+        """Integrate one exchange period, as ``Plant.advance``; the payload has no effect."""
         self._brakes[:] = brakes_released
         self._integrate(currents)
 
     def _integrate(self, currents: Floats) -> None:
         advance_single(currents, self._brakes, self._now_felt(), self.record)
         self._exchange += len(currents) > 0
-        # what a drive is told is what its motor feels from now on
+        # the torque reported to a drive acts on its motor from now on
         self._shafts[6:] = self._now_felt()
 
     def _now_felt(self) -> Floats:

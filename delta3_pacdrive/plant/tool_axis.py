@@ -1,25 +1,25 @@
-"""The rotary axis of the tool: motor and brake on the base plate, gear, telescopic bar, tool and what it holds.
+"""Rotary axis of the tool: motor and brake on the base plate, gear, telescopic bar, tool and payload.
 
-Its bar is taken for one that passes the angle on as it is. It and the arms do not feel one another. Behind a rigid bar,
-as in the nominal robot,
+The bar transmits the angle without error, and axis and arms do not affect each other. With a rigid bar, as in the
+nominal robot,
 
     (I_m + J / k^2) w' = K_m I - F_s tanh(w / w_s) - F_v w - load
 
-with J of bar, tool and part. Behind a bar that gives, as in the built robot, rotor and tool are two masses, and between
-them is a spring with lost motion. A step is an explicit midpoint step, as that of the arms.
+with J of bar, tool and payload. With an elastic bar, as in the built robot, rotor and tool are two masses connected by
+a spring with backlash. A step is an explicit midpoint step, as for the arms.
 
-Arguments of the kernels here, beside those of ``arrays``:
+Arguments of the kernels, in addition to those of ``arrays``:
 
 ``tool``
     Array of one record ``TOOL_PLANT``, shape (1,).
 ``p``
-    That record. Here ``m`` is its motor.
+    That record; its motor is ``m``.
 ``torque``
-    On the motor shaft [N m]: of the motor less friction, load and bar.
+    Torque on the motor shaft [N m]: motor less friction, load and bar.
 ``inertia``
-    What stops with the shaft [kg m^2, motor side].
+    Inertia rigidly coupled to the shaft [kg m^2, motor side].
 ``angle``, ``turning``
-    Of the tool: angle [rad] and speed [rad/s].
+    Tool angle [rad] and speed [rad/s].
 ``brake``
     Brake output of the drive, 1 = release.
 """
@@ -46,9 +46,9 @@ TOOL_STATE = np.dtype(
         ('turning', 'f8'),  # [rad/s], tool
         ('turning_acceleration', 'f8'),  # [rad/s^2], tool, of the last step
         ('current', 'f8'),  # [A rms], at the end of the last step
-        ('coupling', 'f8'),  # d [N m]: what the motor feels beyond the inertia that its drive knows
-        ('inertia', 'f8'),  # J [kg m^2] of bar, tool and part about z
-        # of the brake, as in ``arrays.STATE``
+        ('coupling', 'f8'),  # d [N m]: motor torque beyond the inertia known to the drive
+        ('inertia', 'f8'),  # J [kg m^2] of bar, tool and payload about z
+        # brake, as in ``arrays.STATE``
         ('brake_command', 'i8', (1,)),
         ('brake_released', 'i8', (1,)),
         ('brake_delay', 'i8', (1,)),
@@ -56,7 +56,7 @@ TOOL_STATE = np.dtype(
         # injected
         ('brake_share', 'f8', (1,)),
         ('brake_stuck', 'i8', (1,)),
-        ('load_torque', 'f8', (1,)),  # [N m], motor; positive is against a shaft that turns forwards
+        ('load_torque', 'f8', (1,)),  # [N m], motor; positive opposes forward rotation
     ],
     align=True,
 )
@@ -65,15 +65,15 @@ TOOL_CONSTANTS = np.dtype(
     [
         ('gear_ratio', 'f8'),
         ('step', 'f8'),
-        ('substeps', 'i8'),  # in a step
+        ('substeps', 'i8'),  # per step
         ('rotor', 'f8'),  # I_m [kg m^2], motor side
-        ('linear_inertia', 'f8'),  # that the drive knows [kg m^2], motor side
+        ('linear_inertia', 'f8'),  # known to the drive [kg m^2], motor side
         ('tool_inertia', 'f8'),  # of bar and tool [kg m^2]
-        ('part_inertia', 'f8'),  # of a part, per mass [m^2]
+        ('part_inertia', 'f8'),  # of a payload, per mass [m^2]
         ('brake_torque', 'f8'),  # motor side
         ('brake_release_steps', 'i8'),
         ('brake_apply_steps', 'i8'),
-        ('elastic', 'i8'),  # whether the bar gives
+        ('elastic', 'i8'),  # elastic bar
         ('stiffness', 'f8'),  # of the bar [N m/rad]
         ('damping', 'f8'),  # [N m s/rad]
         ('backlash', 'f8'),  # [rad, tool]
@@ -122,7 +122,7 @@ def tool_constants(parameters: Parameters) -> NDArray[Any]:
 
 @kernel
 def _under_brake(torque, inertia, speed, s, c):
-    """Acceleration [rad/s^2] of the shaft, which its brake may hold; one that is overloaded slips."""
+    """Acceleration [rad/s^2] of the shaft, which its brake may hold; an overloaded brake slips."""
     if s.brake_released[0] != 0:
         return torque / inertia
     most = s.brake_share[0] * c.brake_torque
@@ -138,13 +138,13 @@ def _under_brake(torque, inertia, speed, s, c):
 
 @kernel
 def _bar_torque(shaft, rate, angle, turning, c):
-    """Torque [N m] that the bar passes on to the tool."""
+    """Torque [N m] transmitted by the bar to the tool."""
     return gear_torque(shaft / c.gear_ratio - angle, rate / c.gear_ratio - turning, c)
 
 
 @kernel
 def _step(before, now, p):
-    """Advance shaft and tool by one step, through which the current goes from ``before`` to ``now``."""
+    """Advance shaft and tool by one step, during which the current changes linearly from ``before`` to ``now``."""
     s, c, m = p.state, p.constants, p.motor
     h = c.step / c.substeps
     for part in range(c.substeps):
@@ -173,7 +173,7 @@ def _step(before, now, p):
 
 @kernel
 def _coupling(p):
-    """Torque d [N m, motor side] that the motor feels beyond the inertia that its drive knows."""
+    """Torque d [N m, motor side] of the motor beyond the inertia known to its drive."""
     s, c, m = p.state, p.constants, p.motor
     torque = m.torque_constant * s.current - friction_torque(s.rate, m) - s.load_torque[0]
     inertia, passed = c.rotor, 0.0
@@ -192,11 +192,11 @@ def advance_tool(currents, brake, payload_kg, tool):
     Parameters
     ----------
     currents
-        Currents [A rms] of its motor at the end of each step, shape (steps, 1).
+        Motor currents [A rms] at the end of each step, shape (steps, 1).
     brake
-        Brake output of its drive, 1 = release, valid from the start on.
+        Brake output of the drive, 1 = release, valid from the start on.
     payload_kg
-        What is gripped [kg], from the start on: it turns with the tool.
+        Payload [kg], from the start on; it rotates with the tool.
     tool
         Array of one record ``TOOL_PLANT``.
 
@@ -214,19 +214,14 @@ def advance_tool(currents, brake, payload_kg, tool):
 
 
 class ToolAxis:
-    """The rotary axis stands at ``rotary.home_deg`` at first, with its brake applied.
+    """The rotary axis, initially at ``rotary.home_deg`` with its brake applied.
 
     Parameters
     ----------
     parameters
-        Of a robot that has one.
+        Parameters of a robot with a rotary axis.
     record
-        Array of one record ``TOOL_PLANT`` that it works on, shape (1,); None: one of its own.
-
-    Attributes
-    ----------
-    record, state
-        What the compiled loops work on, and its state, shapes (1,).
+        Array of one record ``TOOL_PLANT`` to use, shape (1,); created if None.
 
     """
 

@@ -116,7 +116,7 @@ class DriveTelegrams:
             bus_drive.clock.take_shaft(exchange, (values[i], values[count + i], values[2 * count + i]))
         elif not bus_drive.slave.cyclic:
             self._greeted = True
-            bus_drive.stand(values[i])
+            bus_drive.set_rest_position(values[i])
             frame = telegrams.current_frame(False, 0.0, session)
             self._publish_current(self._current.encode(ACYCLIC, frame, (0.0,) * self._samples))
 

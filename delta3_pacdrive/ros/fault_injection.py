@@ -148,7 +148,7 @@ class Faults(Schedule):
             self._node.get_logger().warning(
                 f'{self._name}: received {scheduled.fault.text} after bus cycle {scheduled.first}'
             )
-        self.forget_telegrams_before(self._cycle() - LEAD_CYCLES)
+        self.clear_telegrams_before(self._cycle() - LEAD_CYCLES)
         self.add(scheduled)
 
     def due(self, cycle: int) -> list[tuple[Fault, bool]]:

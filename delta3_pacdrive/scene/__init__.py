@@ -1,1 +1,1 @@
-"""How the robot looks: parts with shapes from its parameters, their poses from arm angles, models for other tools."""
+"""Geometry of the robot for display: parts and shapes, their poses, and models for other tools."""

@@ -1,4 +1,4 @@
-"""The joints of the robot as a tree: angles and speeds of the passive ones, from those of the arms.
+"""Joints of the robot as a tree: angles and speeds of the passive joints, computed from those of the arms.
 
 With u_i outward and t_i along the axis of motor i, and the forearm s_i = X - C_i (4.5), which has the length l_B,
 
@@ -7,22 +7,22 @@ With u_i outward and t_i along the axis of motor i, and the forearm s_i = X - C_
     phidot_i = (s_i.z sdot_i.u_i - s_i.u_i sdot_i.z)/(s_i.u_i^2 + s_i.z^2),   sdot_i = Xdot - b_i thetadot_i
     swingdot_i = sdot_i.t_i / (l_B cos swing_i)
 
-pitch_i and swing_i are the angles of the universal joint at the elbow, the same for both rods of a forearm. The tree
-hangs the plate on rod 1a: its two joints there undo what turned the rod. The other five rods meet their joints on the
-plate by themselves.
+pitch_i and swing_i are the angles of the universal joint at the elbow, equal for both rods of a forearm. In the tree
+the plate is attached to rod 1a by two joints that compensate the rotation of the rod. The ends of the other five rods
+coincide with their joints on the plate.
 
-Arguments of the functions and kernels here:
+Arguments of the functions and kernels:
 
 ``theta``, ``thetadot``
-    Arm angles [rad] and speeds [rad/s], shape (3,); of functions (..., 3).
+    Arm angles [rad] and speeds [rad/s], shape (3,); for functions (..., 3).
 ``parameters``
-    Of the robot: a ``Parameters``.
+    Robot, a ``Parameters``.
 ``unreachable``
-    Whether angles that close no chain ``raise`` an error, or have passive joints of ``nan``.
+    Whether angles without a solution ``raise`` an error, or give passive joints of ``nan``.
 ``angles``, ``rates``
     Rows of arm angles [rad] and speeds [rad/s], shape (n, 3).
 ``out``
-    Takes positions [rad] and speeds [rad/s] of ``JOINTS``, shape (n, 2, 17).
+    Output: positions [rad] and speeds [rad/s] of ``JOINTS``, shape (n, 2, 17).
 ``geometry_record``
     An array of one ``kinematics.GEOMETRY``, shape (1,).
 """
@@ -60,7 +60,7 @@ def tree_joints(angles, rates, out, geometry_record):
             across_rate = sdot[1] * g.cos_alpha[i] - sdot[0] * g.sin_alpha[i]
             square = outward * outward + s[i][2] * s[i][2]
             length = math.sqrt(square)
-            # seen from the arm, so that the angle has its jump where the forearm would lie in the arm
+            # relative to the arm, so that the discontinuity is where the forearm would coincide with the arm
             along = outward * math.cos(theta[i]) - s[i][2] * math.sin(theta[i])
             below = -outward * math.sin(theta[i]) - s[i][2] * math.cos(theta[i])
             turning = (s[i][2] * outward_rate - outward * sdot[2]) / square
@@ -78,9 +78,9 @@ def tree_joints(angles, rates, out, geometry_record):
 
 
 def joints(theta: ArrayLike, parameters: Parameters, *, unreachable: Unreachable = 'raise') -> Floats:
-    """Positions [rad] of all joints of the tree for arm angles, in the order of ``JOINTS``, shape (..., 17).
+    """Positions [rad] of all joints of the tree, in the order of ``JOINTS``, shape (..., 17).
 
-    Raises UnreachableError if the forearms of an angle triple do not meet.
+    Raises UnreachableError if forward kinematics has no solution.
     """
     return joint_motion(theta, 0.0, parameters, unreachable=unreachable)[0]
 
@@ -90,7 +90,7 @@ def joint_motion(
 ) -> tuple[Floats, Floats]:
     """Positions [rad] and speeds [rad/s] of all joints of the tree, in the order of ``JOINTS``, shapes (..., 17).
 
-    Raises UnreachableError if the forearms of an angle triple do not meet.
+    Raises UnreachableError if forward kinematics has no solution.
     """
     angles, shape = kinematics.rows(theta, 'theta')
     rates = np.empty_like(angles)

@@ -1,14 +1,14 @@
-"""Masses of the parts as rigid bodies that move exactly as the dynamics have it.
+"""Masses of the parts as rigid bodies that are dynamically equivalent to the model.
 
-An upper arm is a slender rod with the elbow's mass at its end. The two rods of a forearm share its mass. As the thesis
-has it (4.8.1), the share r of it is a point at the elbow and the rest one at the plate: that is a rigid body, too, with
+An upper arm is a slender rod with the elbow's mass at its end. The two rods of a forearm share its mass. In the thesis
+(4.8.1) the share r of it is a point at the elbow and the remainder one at the plate, which is also a rigid body, with
 
     centre (1 - r) l_B from the elbow,   inertia m r (1 - r) l_B^2 about it.
 
-A built robot's forearms are uniform rods. Plate and payload are never turned, so that only their masses matter; on a
-rotary axis they turn about z alone, where the tool has the inertia of bar and tool, and the payload that of its radius
-of gyration. What the tool weighs is in the mass of the plate. Base
-and motors do not move and have no masses; the rotors count as inertia of the motor axes (``dynamics.rotor_inertia``).
+The forearms of a built robot are uniform rods. Plate and payload never rotate, so only their masses matter; with a
+rotary axis tool and payload rotate about z: the tool has the inertia of bar and tool, the payload that of its radius
+of gyration. The mass of the plate includes the tool. Base and motors do not move and have no masses; the rotors are
+part of the inertia of the motor axes (``dynamics.rotor_inertia``).
 """
 
 from dataclasses import dataclass, replace
@@ -17,8 +17,8 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.parameters.rotary import Rotary
 from delta3_pacdrive.scene.parts import ARMS, RODS, arm_of, payload_edge
 
-TINY_KG_M2 = 1e-14  # of slender rods about their length; the smallest that MuJoCo takes is 1e-15
-TINY_KG = 1e-9  # of parts without a mass, which engines do not take
+TINY_KG_M2 = 1e-14  # of slender rods about their axis; MuJoCo's minimum is 1e-15
+TINY_KG = 1e-9  # of massless parts, which engines reject
 
 
 @dataclass(frozen=True)
@@ -31,19 +31,14 @@ class Inertia:
 
 
 def masses(parameters: Parameters, *, rods: bool | None = None) -> dict[str, Inertia]:
-    """Return the inertia of each part that moves and has a mass.
+    """Return the inertia of each moving part with a mass: arms, forearms, plate, payload, and tool of a rotary axis.
 
     Parameters
     ----------
     parameters
-        Of the robot, with what it carries.
+        Robot with its payload.
     rods
-        Whether forearms are uniform rods; without it, whether those of this robot are (``rich.forearm_rods``).
-
-    Returns
-    -------
-    dict[str, Inertia]
-        By name of the part: arms, forearms, plate, payload if there is one, and the tool of a rotary axis.
+        Whether forearms are uniform rods; default: ``rich.forearm_rods``.
 
     """
     k, d = parameters.kinematics, parameters.dynamics
@@ -78,7 +73,7 @@ def masses(parameters: Parameters, *, rods: bool | None = None) -> dict[str, Ine
 
 
 def _turning(rotary: Rotary, payload: Inertia | None) -> dict[str, Inertia]:
-    """Return what turns about z with a rotary axis; across, it has at least what a body of this inertia has."""
+    """Return the bodies that rotate about z with a rotary axis; lateral moments are at least physically consistent."""
     tool = rotary.tool_inertia_kg_m2
     found = {'tool': Inertia(TINY_KG, (0.0, 0.0, 0.0), (tool, tool, tool))}
     if payload is not None:

@@ -1,10 +1,10 @@
 """The robot as MJCF, the format of MuJoCo: a closed chain that moves like the plant.
 
-Arms hang on hinges with the rotors' inertia and friction, each of the six rods on two hinges at its elbow, and the
-plate is free. Six constraints hold the ends of the rods in their joints on the plate. The model begins at home, its
-loops closed; its joints have the angles of ``telegrams.joints_of``. ``ctrl`` of an axis is a torque of the arm side
-[N m]. The tool of a rotary axis hangs on the plate on a hinge with rotor, friction and limits of its own, stiff as that
-of the nominal robot; ``ctrl`` is a torque of the tool.
+Arms are on hinges with the rotors' inertia and friction, each of the six rods on two hinges at its elbow, and the
+plate is free. Six constraints connect the ends of the rods to their joints on the plate. The model starts at home with
+closed loops; its joint angles are those of ``telegrams.joints_of``. ``ctrl`` of an axis is a torque on the arm side
+[N m]. The tool of a rotary axis is attached to the plate by a rigid hinge with rotor, friction and limits; its ``ctrl``
+is a torque at the tool.
 """
 
 import math
@@ -31,29 +31,30 @@ def mjcf(parameters: Parameters, *, rods: bool | None = None, step_s: float | No
 
     Parameters
     ----------
+    ----------
     parameters
-        Of the robot, with what it carries.
+        Robot with its payload.
     rods
-        Whether forearms are uniform rods; without it, whether those of this robot are (``rich.forearm_rods``).
+        Whether forearms are uniform rods; default: ``rich.forearm_rods``.
     step_s
-        Step of the simulation [s]; without it that of the plant.
+        Simulation step [s]; default: that of the plant.
 
     Returns
     -------
     str
-        The document. Bodies bear the names of the parts; the sites ``forearm1a_end`` and ``plate_1a`` and so on meet,
-        and the site ``tcp`` is the TCP.
+        The document. Bodies have the names of the parts. The sites ``forearm1a_end`` and ``plate_1a`` and so on
+        coincide; the site ``tcp`` is the TCP.
 
     Raises
     ------
     UnreachableError
-        The arms cannot reach the place ``motion.home_m`` at which the model begins.
+        The initial position ``motion.home_m`` is unreachable.
 
     """
     step = parameters.drive.current_period_s if step_s is None else step_s
     model = _Model(parameters, rods)
     arms = '\n'.join(model.arm(arm) for arm in ARMS)
-    # as stiff as MuJoCo lets a constraint be: twice the step
+    # as stiff as MuJoCo permits: twice the step
     stiff = f'solref="{2.0 * step!r} 1" solimp="0.9999 0.9999 0.001"'
     loops = '\n'.join(
         f'    <connect name="loop{rod}" site1="forearm{rod}_end" site2="plate_{rod}" {stiff}/>'
@@ -107,7 +108,7 @@ class _Model:
         }
 
     def still(self, name: str, indent: str) -> str:
-        """Return what a part looks like that does not move."""
+        """Return the geometry of a fixed part."""
         return '\n'.join(_geom(self._parts[name], shape, indent) for shape in self._parts[name].shapes)
 
     def base(self) -> str:
@@ -145,7 +146,7 @@ class _Model:
     def _rod(self, rod: str, elbow: Sequence[float]) -> str:
         name = f'forearm{rod}'
         pitch, swing = (self._at_home[f'{name}_{angle}'] for angle in ('pitch', 'swing'))
-        # The axis of the first hinge lies still in the arm; here it stands as the rod at home sees it.
+        # the axis of the first hinge is fixed in the arm; here it is expressed in the frame of the rod at home
         axis = _text((math.sin(swing), math.cos(swing), 0.0))
         end = _text((self._parameters.kinematics.forearm_lengths_m[arm_of(rod)], 0.0, 0.0))
         return f"""\
@@ -157,7 +158,7 @@ class _Model:
         </body>"""
 
     def plate(self) -> str:
-        """Return the plate with its tool and what it has gripped."""
+        """Return the plate with its tool and payload."""
         sites = '\n'.join(
             f'      <site name="plate_{rod}" pos="{_text(place)}"/>'
             for rod, place in zip(RODS, self._joint.reshape(-1, 3), strict=True)
@@ -178,7 +179,7 @@ class _Model:
     </body>"""
 
     def _tool(self, payload: str) -> str:
-        """Return the tool: a body that turns with its payload, if there is a rotary axis."""
+        """Return the tool; with a rotary axis it is a body that rotates with its payload."""
         rotary = self._parameters.rotary
         if not rotary.present:
             return self.still('tool', '      ')
@@ -197,7 +198,7 @@ class _Model:
       </body>"""
 
     def tool_motor(self) -> str:
-        """Return the motor of a rotary axis, behind those of the arms; nothing without one."""
+        """Return the motor of a rotary axis; empty without one."""
         rotary = self._parameters.rotary
         if not rotary.present:
             return ''
@@ -229,7 +230,7 @@ def _geom(part: Part, shape: Shape, indent: str) -> str:
 
 
 def _quaternion(rotation: Rotation) -> str:
-    """Return a rotation as MuJoCo writes it: w first."""
+    """Return a rotation in MuJoCo's order, w first."""
     x, y, z, w = rotation.as_quat(canonical=True)
     return _text((w, x, y, z))
 

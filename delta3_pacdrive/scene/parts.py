@@ -1,19 +1,19 @@
 """The parts of the robot: names, shapes and colours, with all sizes from the parameters.
 
-Lengths that the dynamics know are those of the robot: l_A, l_B, R_A, R_B, the workspace. What they do not know is only
-for the eye, and grows with the robot: ``Sizes``. The frames of the parts, which ``poses`` places in ``base``:
+Lengths known to the dynamics (l_A, l_B, R_A, R_B, workspace) are exact. All others serve for display only and scale
+with the robot: ``Sizes``. The frames of the parts, which ``poses`` places in ``base``:
 
-    base                    that of the robot: centre of the motor axes, z up
+    base                    robot frame: centre of the motor axes, z up
     motor1 ...              on the axis of the motor (radius R_A), x outward, y along the axis
     arm1 ...                on the axis of the motor, x along the upper arm to the elbow, y along the axis
     forearm1a, 1b, 2a ...   in the joint at the elbow, x along the rod to that at the plate; a towards +y of the arm
-    plate, tool, payload    in the TCP, which is the centre of the joints of the plate; the plate is never turned
-    workspace               in ``base``: the cylinder in which moves may go
+    plate, tool, payload    in the TCP, which is the centre of the joints of the plate; the plate never rotates
+    workspace               in ``base``: cylinder of permitted positions
 
-With a rotary axis tool and payload are turned by its angle, and there are the parts of ``tool_bar``.
+With a rotary axis tool and payload rotate by its angle, and the parts of ``tool_bar`` are added.
 
-The plane of the plate's joints is that of the TCP (4.1: R = R_A - R_B shrinks the plate to a point). So the tool stands
-on the plate with its mouth in this plane, and what it has gripped hangs below.
+The plane of the plate's joints contains the TCP (4.1: R = R_A - R_B shrinks the plate to a point). Therefore the tool
+is above the plate with its mouth in this plane, and the payload is below.
 """
 
 import math
@@ -39,8 +39,8 @@ NAMES = (
     'workspace',
 )
 TURNING_NAMES = (*NAMES, *tool_bar.NAMES)  # of a robot with a rotary axis
-FIXED = ('base', *(f'motor{arm}' for arm in ARMS), 'workspace')  # they never move
-PAYLOAD_DENSITY_KG_M3 = 1000.0  # a cube of the mass of the payload, as heavy as water
+FIXED = ('base', *(f'motor{arm}' for arm in ARMS), 'workspace')
+PAYLOAD_DENSITY_KG_M3 = 1000.0  # of the cube that represents the payload
 
 _LIGHT: Colour = (0.86, 0.87, 0.89, 1.0)
 _STEEL: Colour = (0.55, 0.58, 0.62, 1.0)
@@ -53,36 +53,17 @@ _TURNING = {'motor4': _DARK, 'bar_tube': _STEEL, 'bar_rod': _LIGHT, 'pointer': _
 
 @dataclass(frozen=True)
 class Sizes:
-    """Lengths for the eye [m], in proportion to the upper arm; only the distance of the rods moves something.
+    """Display sizes [m] in proportion to the upper arm; only the distance of the rods affects the kinematics."""
 
-    Attributes
-    ----------
-    rod_distance_m
-        Between the two rods of a forearm.
-    rod_radius_m, ball_radius_m
-        Of the rods, and of the balls at their ends.
-    arm_radius_m, hub_radius_m
-        Of the tube of an upper arm, and of its hub on the motor.
-    motor_radius_m, motor_length_m
-        Of a motor with its gear.
-    base_height_m
-        Of the underside of the base over the motor axes.
-    sheet_m
-        Thickness of the base and of the plate.
-    tool_radius_m, tool_height_m
-        Of the tool.
-
-    """
-
-    rod_distance_m: float
+    rod_distance_m: float  # between the two rods of a forearm
     rod_radius_m: float
-    ball_radius_m: float
+    ball_radius_m: float  # at the ends of the rods
     arm_radius_m: float
-    hub_radius_m: float
-    motor_radius_m: float
+    hub_radius_m: float  # of an upper arm on its motor
+    motor_radius_m: float  # including the gear
     motor_length_m: float
-    base_height_m: float
-    sheet_m: float
+    base_height_m: float  # of the underside of the base above the motor axes
+    sheet_m: float  # thickness of base and plate
     tool_radius_m: float
     tool_height_m: float
 
@@ -107,7 +88,7 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Part:
-    """A rigid part has a name, a colour and the shapes of which it consists, placed in its own frame."""
+    """A rigid part with its shapes in its own frame."""
 
     name: str
     colour: Colour
@@ -115,11 +96,11 @@ class Part:
 
     @property
     def moves(self) -> bool:
-        """Whether it moves when the arms do."""
+        """Whether the part moves with the arms."""
         return self.name not in FIXED and self.name != tool_bar.MOTOR
 
     def document(self) -> dict[str, Any]:
-        """Return all of it, ready for JSON."""
+        """Return the part, ready for JSON."""
         return {
             'name': self.name,
             'colour': list(self.colour),
@@ -134,14 +115,9 @@ def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part
     Parameters
     ----------
     parameters
-        Of the robot.
+        The robot.
     payload_kg
-        What it carries [kg]; without it what the parameters say. There is no part ``payload`` for 0.
-
-    Returns
-    -------
-    tuple[Part, ...]
-        One for each of these names, or all of them but ``payload``.
+        Payload [kg]; default: that of the parameters. For 0 there is no part ``payload``.
 
     """
     kinematics = parameters.kinematics
@@ -165,35 +141,35 @@ def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part
 
 
 def names_of(parameters: Parameters) -> tuple[str, ...]:
-    """Return the names of all parts that a robot may have: ``NAMES``, or ``TURNING_NAMES``."""
+    """Return the names of all possible parts of a robot: ``NAMES`` or ``TURNING_NAMES``."""
     return TURNING_NAMES if parameters.rotary.present else NAMES
 
 
 def arm_of(rod: str) -> int:
-    """Return the index, from 0 on, of the arm at which a rod of ``RODS`` hangs."""
+    """Return the index of the arm of a rod of ``RODS``, from 0 on."""
     return int(rod[0]) - 1
 
 
 def payload_edge(payload_kg: float) -> float:
-    """Return the edge [m] of the cube that stands for a payload of ``payload_kg`` [kg]."""
+    """Return the edge [m] of the cube that represents a payload [kg]."""
     return float((payload_kg / PAYLOAD_DENSITY_KG_M3) ** (1.0 / 3.0))
 
 
 def document(parameters: Parameters, payload_kg: float | None = None) -> dict[str, Any]:
-    """Return all parts, ready for JSON, with what a page has to know to place them.
+    """Return all parts and their conventions, ready for JSON.
 
     Parameters
     ----------
     parameters
-        Of the robot.
+        The robot.
     payload_kg
-        What it carries [kg]; without it what the parameters say.
+        Payload [kg]; default: that of the parameters.
 
     Returns
     -------
     dict[str, Any]
-        ``frame``, ``quaternion_order``, ``cylinder_axis`` and ``parts``; of each part name, colour (red, green, blue,
-        opacity from 0 to 1), whether it moves, and its shapes: kind (box, cylinder, sphere), place, sizes [m].
+        ``frame``, ``quaternion_order``, ``cylinder_axis`` and ``parts``: name, colour (red, green, blue, opacity from 0
+        to 1), whether it moves, and shapes with kind (box, cylinder, sphere), position and sizes [m].
 
     """
     return {
@@ -220,7 +196,7 @@ def _base(kinematics: Kinematics, sizes: Sizes) -> tuple[Shape, ...]:
 
 
 def _motor(sizes: Sizes) -> tuple[Shape, ...]:
-    """Return a motor beside its arm, and what it hangs on."""
+    """Return a motor next to its arm, and its holder."""
     middle = 0.6 * sizes.hub_radius_m + 0.5 * sizes.motor_length_m
     motor = Cylinder(
         (0.0, middle, 0.0), ALONG_Y, radius_m=sizes.motor_radius_m, length_m=sizes.motor_length_m

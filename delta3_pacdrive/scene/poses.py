@@ -1,12 +1,11 @@
-"""Where the parts of the robot are, for any number of arm angles at once.
+"""Poses of the parts of the robot, vectorized over arm angles.
 
-Kinematics give the TCP; the rest follows from how the parts hang together. With R_y and R_z for rotations about y and
-z, and the distance w between the rods of a forearm,
+With R_y and R_z for rotations about y and z, and the distance w between the rods of a forearm,
 
-    arm       at R_A u_i,                          turned by R_z(alpha_i) R_y(theta_i)
-    forearm   at the elbow, +-w/2 along its axis,  turned by R_z(alpha_i) R_y(theta_i + pitch_i) R_z(swing_i)
-    plate     at the TCP,                          never turned
-    tool      at the TCP,                          turned by R_z(turn) of a rotary axis, with all that hangs on it
+    arm       at R_A u_i,                          rotation R_z(alpha_i) R_y(theta_i)
+    forearm   at the elbow, +-w/2 along its axis,  rotation R_z(alpha_i) R_y(theta_i + pitch_i) R_z(swing_i)
+    plate     at the TCP,                          no rotation
+    tool      at the TCP,                          rotation R_z(turn) of a rotary axis, with the payload
 
 with the angles pitch_i and swing_i of the universal joint at the elbow (``joints``).
 """
@@ -42,17 +41,17 @@ class Poses(NamedTuple):
 
     def of(self, name: str) -> tuple[Floats, Floats]:
         """Return position [m] and quaternion of the part ``name``, shapes (..., 3) and (..., 4)."""
-        number = TURNING_NAMES.index(name)  # those of every robot come first
+        number = TURNING_NAMES.index(name)  # the names of all robots come first
         return self.position[..., number, :], self.quaternion[..., number, :]
 
 
 def frames(parameters: Parameters) -> tuple[Floats, Floats]:
-    """Return where parts are joined.
+    """Return the positions at which parts are joined.
 
     Parameters
     ----------
     parameters
-        Of the robot.
+        The robot.
 
     Returns
     -------
@@ -79,28 +78,28 @@ def poses(
     *,
     unreachable: Unreachable = 'raise',
 ) -> Poses:
-    """Poses of all parts for arm angles.
+    """Compute the poses of all parts for arm angles.
 
     Parameters
     ----------
     theta
         Arm angles [rad], shape (..., 3).
     parameters
-        Of the robot.
+        The robot.
     turn_rad
-        Angle of the tool [rad], shape (...); it counts only for a robot with a rotary axis.
+        Tool angle [rad], shape (...); used only for a robot with a rotary axis.
     unreachable
-        ``raise`` an error for angles that close no chain, or fill the poses of what hangs on them with ``nan``.
+        ``raise`` an error for angles without a solution, or fill the poses that depend on it with ``nan``.
 
     Returns
     -------
     Poses
-        Of the parts in the order of ``parts.names_of``, in the frame ``base``.
+        In the order of ``parts.names_of``, in the frame ``base``.
 
     Raises
     ------
     UnreachableError
-        The forearms of an angle triple do not meet.
+        Forward kinematics has no solution.
 
     """
     angles, shape = kinematics.rows(theta, 'theta')
@@ -150,7 +149,7 @@ def _with_bar(tcp: Floats, turn: Floats, parameters: Parameters) -> tuple[Floats
 def _turned(azimuth: Floats, pitch: Floats, swing: Floats | float = 0.0) -> Floats:
     """Return the rotations R_z(azimuth) R_y(pitch) R_z(swing) as unit quaternions, shape (n, 3, 4).
 
-    The closed form spares everybody who looks at the robot scipy.spatial, which takes longer to load than to see it.
+    The closed form avoids scipy.spatial, whose import takes longer than displaying the robot.
     """
     more, less, half = 0.5 * (azimuth + swing), 0.5 * (azimuth - swing), 0.5 * pitch
     found = np.stack(

@@ -1,4 +1,4 @@
-"""Simple solids, placed in the frame of the part that they belong to."""
+"""Simple solids in the frame of their part."""
 
 import math
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ Position = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # x, y, z, w
 
 UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
-ALONG_X: Quaternion = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))  # turns the z axis of a shape to x
-ALONG_Y: Quaternion = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # turns it to y
+ALONG_X: Quaternion = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))  # rotates the z axis of a shape to x
+ALONG_Y: Quaternion = (-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # rotates it to y
 
 
 def about_z(angle_rad: float) -> Quaternion:
@@ -30,18 +30,18 @@ def product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 @dataclass(frozen=True)
 class Shape:
-    """A solid stands with its centre at ``position_m``, turned by ``quaternion`` (x, y, z, w)."""
+    """A solid centred at ``position_m``, rotated by ``quaternion`` (x, y, z, w)."""
 
     position_m: Position = (0.0, 0.0, 0.0)
     quaternion: Quaternion = UPRIGHT
 
     @property
     def kind(self) -> str:
-        """Its name in documents: box, cylinder or sphere."""
+        """Name in documents: box, cylinder or sphere."""
         return type(self).__name__.lower()
 
     def document(self) -> dict[str, Any]:
-        """Return kind, place and sizes, ready for JSON."""
+        """Return kind, position and sizes, ready for JSON."""
         return {'kind': self.kind} | {
             name: list(value) if isinstance(value, tuple) else value for name, value in vars(self).items()
         }
@@ -49,14 +49,14 @@ class Shape:
 
 @dataclass(frozen=True)
 class Box(Shape):
-    """A box has its edges along x, y and z."""
+    """A box with edges along x, y and z."""
 
     size_m: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
 class Cylinder(Shape):
-    """A cylinder has its axis along z."""
+    """A cylinder along z."""
 
     radius_m: float = 1.0
     length_m: float = 1.0
@@ -64,6 +64,6 @@ class Cylinder(Shape):
 
 @dataclass(frozen=True)
 class Sphere(Shape):
-    """A sphere has a radius."""
+    """A sphere."""
 
     radius_m: float = 1.0

@@ -1,13 +1,12 @@
-"""The telescopic bar of a rotary axis, for the eye: a tube at its motor, and a rod that slides in it, at the tool.
+"""Display of the telescopic bar of a rotary axis: a tube at its motor, and a rod that slides in it, at the tool.
 
-It reaches from the middle of the motor axes to the top of the tool, with a universal joint at each end. What it weighs
-is an inertia about its own axis alone (``rotary.tool_inertia_kg_m2``), so that nothing moves differently by it. The
-parts, beside those of every robot:
+It reaches from the centre of the motor axes to the top of the tool, with a universal joint at each end. Its mass only
+contributes to the inertia about its own axis (``rotary.tool_inertia_kg_m2``). Additional parts of such a robot:
 
     motor4     in ``base``: motor of the axis on the base plate, with its shaft
     bar_tube   in the joint below the motor, z along the bar, away from the tool
-    bar_rod    in the joint on the tool, turned as the tube
-    pointer    in the TCP: a bar across the mouth of the tool that turns with it, its head towards x of the tool
+    bar_rod    in the joint on the tool, with the orientation of the tube
+    pointer    in the TCP: a bar across the mouth of the tool that rotates with it, its head towards x of the tool
 """
 
 import math
@@ -20,20 +19,20 @@ from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
 
 MOTOR = 'motor4'
 NAMES = (MOTOR, 'bar_tube', 'bar_rod', 'pointer')
-TUBE_SHARE, LEFT_SHARE = 0.9, 0.05  # of the shortest bar: length of the tube, and what always stays in it
-# in lengths of the upper arm
+TUBE_SHARE, LEFT_SHARE = 0.9, 0.05  # length of the tube and minimum overlap, relative to the shortest bar
+# relative to the length of the upper arm
 _TUBE_RADIUS, _ROD_RADIUS = 0.032, 0.02
 _MOTOR_RADIUS, _MOTOR_LENGTH = 0.10, 0.30
-_POINTER, _HEAD = (0.44, 0.05, 0.03), (0.08, 0.12, 0.06)  # length, width and height, of the head as well
+_POINTER, _HEAD = (0.44, 0.05, 0.03), (0.08, 0.12, 0.06)  # length, width, height of pointer and head
 
 
 def top_m(tool_height_m: float) -> float:
-    """Return how far above the TCP the bar ends in the tool [m], for the height of that."""
+    """Return the height of the bar's end above the TCP [m]."""
     return 1.2 * tool_height_m
 
 
 def lengths_m(kinematics: Kinematics, tool_height_m: float) -> tuple[float, float]:
-    """Return the lengths of tube and rod [m]: the bar reaches every place of the workspace."""
+    """Return the lengths of tube and rod [m] with which the bar covers the workspace."""
     top, bottom = (
         abs(height + top_m(tool_height_m))
         for height in (kinematics.workspace_top_m, kinematics.workspace_bottom_m)
@@ -49,11 +48,11 @@ def shapes(kinematics: Kinematics, tool_height_m: float, base_top_m: float) -> d
     Parameters
     ----------
     kinematics
-        Of the robot.
+        Geometry of the robot.
     tool_height_m
-        Of its tool [m].
+        Height of its tool [m].
     base_top_m
-        Height of what the motor stands on, over the motor axes [m].
+        Height of the base's top above the motor axes [m].
 
     """
     arm = kinematics.upper_arm_length_m
@@ -82,25 +81,25 @@ def shapes(kinematics: Kinematics, tool_height_m: float, base_top_m: float) -> d
 
 
 def directed(tool_m: Floats, turn_rad: Floats) -> Floats:
-    """Return how tube and rod are turned, with the joint on the tool at places.
+    """Return the orientation of tube and rod for positions of the tool.
 
     Parameters
     ----------
     tool_m
-        Places of that joint in ``base`` [m], shape (n, 3).
+        Positions of the joint on the tool in ``base`` [m], shape (n, 3).
     turn_rad
-        Angles of the tool [rad], shape (n,).
+        Tool angles [rad], shape (n,).
 
     Returns
     -------
     Floats
-        Unit quaternions x, y, z, w, shape (n, 4): z is tilted into the bar by the shortest way, and then turned.
+        Unit quaternions x, y, z, w, shape (n, 4): the shortest rotation of z into the bar, after that about z.
 
     """
     along = -tool_m / np.linalg.norm(tool_m, axis=-1, keepdims=True)
     x, y, z = along.T
     length = np.sqrt(2.0 * (1.0 + z))
-    a, b, w = -y / length, x / length, 0.5 * length  # of the tilt, which has no z
+    a, b, w = -y / length, x / length, 0.5 * length  # of the tilt, which has no z component
     sin, cos = np.sin(0.5 * turn_rad), np.cos(0.5 * turn_rad)
     found = np.stack([a * cos + b * sin, b * cos - a * sin, w * sin, w * cos], axis=-1)
     return np.where(found[..., 3:] < 0.0, -found, found)

@@ -1,10 +1,10 @@
-"""The robot as URDF, for robot_state_publisher, RViz, Foxglove and whatever else reads it.
+"""The robot as URDF, for robot_state_publisher, RViz, Foxglove and other readers.
 
-URDF knows trees only. The joints of the motors are called as in ``joint_states``; the passive ones are those of
-``telegrams.JOINTS``, and with the angles that ``scene.joints`` has for them the tree closes: ``forearm1b_end`` meets
-``plate_1b``, and so do the others. Each universal joint is a joint ``pitch``, a link without shape
-(``forearm1a_elbow``), and a joint ``swing``. The tool of a rotary axis hangs on the plate on a joint of its own; the
-bar that turns it has no links, as it would close one loop more.
+URDF only supports trees. The joints of the motors have the names of ``joint_states``; the passive joints are those of
+``telegrams.JOINTS``. With the angles of ``scene.joints`` the loops close: ``forearm1b_end`` coincides with
+``plate_1b``, and so on. A universal joint is a joint ``pitch``, a link without shape (``forearm1a_elbow``), and a joint
+``swing``. The tool of a rotary axis has its own joint on the plate; its bar has no links, as it would close another
+loop.
 """
 
 import math
@@ -24,23 +24,14 @@ from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
 from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 
 Y, Z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-_PASSIVE_SPEED_RAD_S, _PASSIVE_EFFORT_N_M = 100.0, 0.0  # URDF wants limits of them; nothing drives them
+_PASSIVE_SPEED_RAD_S, _PASSIVE_EFFORT_N_M = 100.0, 0.0  # URDF requires limits of passive joints, too
 
 
 def urdf(parameters: Parameters) -> str:
-    """Return the robot as URDF.
+    """Return the robot with its payload as URDF.
 
-    Parameters
-    ----------
-    parameters
-        Of the robot, with what it carries.
-
-    Returns
-    -------
-    str
-        The document: links are the parts of ``parts.names_of`` but workspace and bar, and the frames in which rods and
-        plate meet; masses are those of the dynamics (``masses``), without the rotors.
-
+    Links are the parts of ``parts.names_of`` except workspace and bar, and the frames in which rods and plate meet;
+    masses are those of the dynamics (``masses``), without the rotors.
     """
     robot = ET.Element('robot', name='delta3_pacdrive')
     rotor = f' The rotors add {rotor_inertia(parameters):.6g} kg m2 to each axis, which URDF cannot say. '
@@ -62,7 +53,7 @@ def urdf(parameters: Parameters) -> str:
             writer.fixed(f'{name}_end', name, (k.forearm_lengths_m[i], 0.0, 0.0))
     writer.passive('plate_swing', 'plate_1a_joint', 'forearm1a_end', (0.0, 0.0, 0.0), Z, math.pi / 2)
     writer.passive('plate_pitch', 'plate_1a_turned', 'plate_1a_joint', (0.0, 0.0, 0.0), Y, math.pi)
-    # from the joint to the TCP, seen in the frame of the arm
+    # from the joint to the TCP, in the frame of the arm
     back = Rotation.from_euler('z', -k.arm_azimuth_rad[0]).apply(-joint[0, 0])
     writer.fixed('plate', 'plate_1a_turned', back, -k.arm_azimuth_rad[0])
     for i, arm in enumerate(ARMS):
@@ -99,7 +90,7 @@ def _axis(writer: '_Writer', arm: int, parameters: Parameters) -> None:
 
 
 def _tool_axis(writer: '_Writer', parameters: Parameters) -> None:
-    """Add the motor of a rotary axis, and the tool that it turns on the plate."""
+    """Add the motor of a rotary axis, and the tool on the plate."""
     rotary = parameters.rotary
     writer.fixed(tool_bar.MOTOR, 'base', (0.0, 0.0, 0.0))
     joint = writer.joint(TOOL_DRIVE, 'revolute', 'tool', 'plate', (0.0, 0.0, 0.0))
@@ -122,7 +113,7 @@ def _tool_axis(writer: '_Writer', parameters: Parameters) -> None:
 
 
 class _Writer:
-    """A document grows by links and joints; what a link looks like and weighs is known by its name."""
+    """Builds a document of links and joints; shapes and masses are found by the name of the link."""
 
     def __init__(self, robot: ET.Element, parts: Sequence[Part], masses: dict[str, Inertia]) -> None:
         self.robot, self._masses = robot, masses
@@ -146,7 +137,7 @@ class _Writer:
     def joint(
         self, name: str, kind: str, child: str, parent: str, place: Sequence[float], yaw: float = 0.0
     ) -> ET.Element:
-        """Add a link and the joint that holds it."""
+        """Add a link and its joint to the parent."""
         self.link(child)
         joint = ET.SubElement(self.robot, 'joint', name=name, type=kind)
         ET.SubElement(joint, 'parent', link=parent)
@@ -155,13 +146,13 @@ class _Writer:
         return joint
 
     def fixed(self, child: str, parent: str, place: Sequence[float], yaw: float = 0.0) -> None:
-        """Add a link that does not move in its parent."""
+        """Add a link that is fixed to its parent."""
         self.joint(f'{child}_fixed', 'fixed', child, parent, place, yaw)
 
     def passive(
         self, name: str, child: str, parent: str, place: Sequence[float], axis: Sequence[float], limit: float
     ) -> None:
-        """Add a link on a joint that nothing drives; the links of a universal joint have next to no mass."""
+        """Add a link on a passive joint; the links of a universal joint have negligible mass."""
         if child not in self.parts:
             self._masses[child] = Inertia(TINY_KG, (0.0, 0.0, 0.0), (TINY_KG, TINY_KG, TINY_KG))
         joint = self.joint(name, 'revolute', child, parent, place)
@@ -197,7 +188,7 @@ def _geometry(shape: Shape) -> ET.Element:
 
 def _rpy(shape: Shape) -> Sequence[float]:
     with warnings.catch_warnings():
-        # a cylinder along x has its pitch at a right angle, where roll and yaw are one: any pair of them is right
+        # for a cylinder along x the pitch is a right angle, where roll and yaw coincide: any such pair is valid
         warnings.simplefilter('ignore', UserWarning)
         return [float(angle) for angle in Rotation.from_quat(shape.quaternion).as_euler('xyz')]
 

@@ -65,7 +65,7 @@ class Rig:
     def refuse(self, reason: str) -> None:
         self.refused.append(reason)
 
-    def tell_loss(self, reason: str) -> None:
+    def report_loss(self, reason: str) -> None:
         self.losses.append(reason)
 
     # what happens -----------------------------------------------------------------------------------------------------
@@ -89,7 +89,7 @@ class Rig:
         while self.now_s < end:
             self.now_s += LOOK_S
             if self.on_bus.slave.cyclic:
-                self.on_bus.look()
+                self.on_bus.poll()
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def test_it_answers_greetings_when_it_knows_where_its_shaft_stands() -> None:
     rig = Rig()
     rig.phase(Phase.CP1)
     assert rig.on_bus.greeted(0) is None
-    rig.on_bus.stand(0.5)
+    rig.on_bus.set_rest_position(0.5)
     assert rig.on_bus.greeted(0) == pytest.approx(0.5, abs=1e-4)
     rig.phase(Phase.CP4)
     assert rig.on_bus.greeted(0) is None
@@ -207,7 +207,7 @@ def test_whatever_happens_it_is_cyclic_as_long_as_bus_time_goes_on(events: list[
         elif what == 'greeted':
             assert on_bus.greeted(0) is None or not on_bus.slave.cyclic
         else:
-            on_bus.stand(values[0])
+            on_bus.set_rest_position(values[0])
         assert on_bus.clock.running == on_bus.slave.cyclic
         assert (on_bus.slave.session == NO_SESSION) == (on_bus.slave.state is State.OUT)
         assert on_bus.slave.cyclic or not on_bus.drive.powered

@@ -52,7 +52,7 @@ def test_a_program_has_the_currents_of_the_cycles_that_are_marked_and_no_others(
     assert drive.program_current() == pytest.approx(figures_of(marked), rel=EXACT)
     drive_cycles(drive, [PROGRAM] * 3, step=0.1)  # and after
     assert drive.program_current() == pytest.approx(figures_of(marked), rel=EXACT)
-    assert [float(drive.state[name][0]) for name in ('told_peak', 'told_rms')] == list(
+    assert [float(drive.state[name][0]) for name in ('last_peak', 'last_rms')] == list(
         drive.program_current()
     )
 
@@ -71,12 +71,12 @@ def test_a_program_that_is_held_goes_on_with_its_figures_and_the_next_one_begins
     both = np.concatenate([first, rest])
     assert drive.program_current() == pytest.approx(figures_of(both), rel=EXACT)
     drive_cycles(drive, [CONTROL_ENABLE])
-    told = [float(drive.state[name][0]) for name in ('told_peak', 'told_rms')]
+    told = [float(drive.state[name][0]) for name in ('last_peak', 'last_rms')]
     assert told == pytest.approx(figures_of(both), rel=EXACT)
     second = drive_cycles(drive, [MEASURE] * 4, step=0.01)
     assert drive.program_current() == pytest.approx(figures_of(second), rel=EXACT)
     # what was told stays until the window of the second one ends: there is time to read it
-    assert told == [float(drive.state[name][0]) for name in ('told_peak', 'told_rms')]
+    assert told == [float(drive.state[name][0]) for name in ('last_peak', 'last_rms')]
 
 
 def test_a_lost_mdt_changes_no_mark(robot):

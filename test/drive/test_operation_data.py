@@ -85,8 +85,8 @@ RECORD = {
     'dc_link': 555.0,
     'voltage': 21.0,
     'overload': 0.7,
-    'told_peak': 6.5,
-    'told_rms': 3.75,
+    'last_peak': 6.5,
+    'last_rms': 3.75,
     'measuring': 20,
     'program': 30,
     'fault': 3,  # OVERLOAD

@@ -51,10 +51,10 @@ class Rig:
     def send_shafts(self, exchange: int, _: Sequence[float]) -> None:
         self.shafts.append(exchange)
 
-    def tell_rest(self, sentence: str) -> None:
+    def report_rest(self, sentence: str) -> None:
         self.rests.append(sentence)
 
-    def tell_loss(self, sentence: str) -> None:
+    def report_loss(self, sentence: str) -> None:
         self.losses.append(sentence)
 
     # what happens -----------------------------------------------------------------------------------------------------
@@ -75,7 +75,7 @@ class Rig:
         while self.now_s < end:
             self.now_s += LOOK_S
             if self.on_bus.slave.cyclic:
-                self.on_bus.look()
+                self.on_bus.poll()
 
 
 class Deaf:

@@ -98,7 +98,7 @@ class MC4DriveNode(RobotNode):
         self._scope.update()
         slave = self._bus_drive.slave
         if slave.cyclic:
-            self._bus_drive.look()
+            self._bus_drive.poll()
         if self.telegrams.greeted_by_plant():
             self._partners.heard(PLANT)
         # in cyclic operation others monitor the bus, and a bus that runs without this drive does not call it
@@ -117,7 +117,7 @@ class MC4DriveNode(RobotNode):
         """Update the ROS parameters to those written in a bus cycle."""
         self._settings.follow(parameters, cycle)
 
-    def tell_loss(self, reason: str) -> None:
+    def report_loss(self, reason: str) -> None:
         """Log why the drive continues without its master."""
         self.get_logger().error(reason)
 

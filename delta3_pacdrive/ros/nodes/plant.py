@@ -132,11 +132,11 @@ class PlantNode(RobotNode):
         """Send the true shafts at the start of an exchange period."""
         self._publish(self._shafts.encode(self._exchanges.stamp(exchange), self._frame, shafts))
 
-    def tell_rest(self, sentence: str) -> None:
+    def report_rest(self, sentence: str) -> None:
         """Log that the machine is at rest."""
         self.get_logger().info(sentence)
 
-    def tell_loss(self, sentence: str) -> None:
+    def report_loss(self, sentence: str) -> None:
         """Log which drives have lost power."""
         self.get_logger().error(sentence)
 
@@ -153,7 +153,7 @@ class PlantNode(RobotNode):
         cyclic = self._bus_plant.slave.cyclic
         self._partners.update(() if cyclic or self._is_stranger else (TASK,), time.monotonic())
         if cyclic:
-            self._bus_plant.look()
+            self._bus_plant.poll()
             return
         self._looks += 1
         if self._looks % REPORT_EVERY == 0:
