@@ -1,1 +1,1 @@
-"""Files that people write: one reader that knows where every value stands, and tells all that is wrong with them."""
+"""Strict readers of user files; every error is reported with its position."""

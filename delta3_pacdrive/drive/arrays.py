@@ -25,7 +25,7 @@ Arguments of the kernels of this package:
 ``state``, ``fault``, ``reaction``
     Numbers of ``DriveState``, ``DriveFault`` and ``Reaction``.
 ``seed``
-    State of a random generator, 64 bits.
+    State of a random number generator, 64 bits.
 """
 
 import math

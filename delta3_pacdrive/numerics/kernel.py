@@ -13,7 +13,7 @@ Arguments of the kernel:
 ``value``
     Number in the unit of the first column.
 ``first``, ``last``
-    Indices of the first and last row of the search.
+    Row numbers that delimit the search.
 """
 
 import fcntl

@@ -15,7 +15,7 @@ THESIS_CONTROLLER, MODEL_CONTROLLER = 'delta3', 'model'  # files that select the
 
 
 def load(path: str | Path | None = None) -> Parameters:
-    """Read a parameter file; default: the packaged robot. A bare name may also mean a packaged file.
+    """Read the parameter file ``path``; default: the packaged robot. A bare name may mean a packaged file.
 
     The packaged files ``rich`` and ``model`` contain only differences from the default; any other file is complete.
     ``+`` joins files, as in ``rich+model`` or ``mine.yaml+model``: the first is complete or packaged, the others

@@ -10,7 +10,7 @@ SEED = 4  # offset of the sensor seed
 
 
 def of_tool_axis(parameters: Parameters) -> Parameters:
-    """Return parameters whose motor, gear and drive are those of the rotary axis; the robot must have one."""
+    """Return ``parameters`` with motor, gear and drive of the rotary axis, which the robot must have."""
     p, rotary = parameters, parameters.rotary
     payload_kg = p.dynamics.payload_mass_kg
     inertia, gear = rotary.shaft_inertia_kg_m2(payload_kg), rotary.gear_ratio

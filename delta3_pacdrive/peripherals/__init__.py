@@ -1,1 +1,1 @@
-"""What stands around the robot: inputs, valves and a vacuum cup, parts, places, belts and a camera."""
+"""The cell around the robot: inputs, valves, vacuum cup, parts, boxes, belts and camera."""

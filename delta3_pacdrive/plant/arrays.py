@@ -10,7 +10,7 @@ Arguments of the kernels of this package:
     Records ``PLANT``, ``built_robot.BUILT`` and ``plate_pose.PLATE``; outside a step the first two are arrays of one
     record, and ``built`` is None for a rigid robot.
 ``i``
-    Index of an axis, 0 to 2.
+    Axis number, 0 to 2.
 ``theta``, ``thetadot``
     Arm angles [rad] and speeds [rad/s], shape (3,), or those of one arm.
 ``shaft``, ``rate``
