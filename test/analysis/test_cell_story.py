@@ -94,6 +94,7 @@ def test_a_bag_tells_the_same_as_the_trace(belted, tmp_path):
     assert max(near.values()) < 0.01 * 1.5 + 2 * INCREMENT_M
 
 
+@pytest.mark.long
 def test_in_a_bag_that_begins_late_parts_are_where_encoders_say(tmp_path):
     _, truth = picks_from_a_belt()
     late = [one for n, one in enumerate(truth.arrivals) if one[0] == 'cell/parts' or n > RECORDED[0]]

@@ -40,6 +40,7 @@ def trace() -> Trace:
     return simulation.run(programs.load('experiment1', robot.motion), robot)
 
 
+@pytest.mark.long
 def test_every_promised_figure_is_drawn_in_a_readable_size(trace: Trace, tmp_path: Path, drawn: None) -> None:
     paths = run_figures.draw(trace, ReportFolder(tmp_path, Provenance.of('test')))
     assert {path.name for path in paths} == PROMISED

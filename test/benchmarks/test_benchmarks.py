@@ -52,6 +52,7 @@ def test_the_program_of_a_benchmark_lasts_about_as_long_as_asked_for(seconds, ro
     assert planned.plan.duration_s == pytest.approx(seconds, abs=0.51 * period + 0.1)
 
 
+@pytest.mark.long
 def test_the_benchmark_of_motions_counts_rounds_and_gives_bounds_in_their_order(monkeypatch, capsys):
     for name, value in (
         ('ROUNDS', 1),
@@ -133,6 +134,7 @@ def test_the_benchmark_of_shaping_counts_the_moves_by_their_reduction(monkeypatc
     assert 0.0 <= min(seen) < 0.4 < 1.6 < max(seen) <= 2.0
 
 
+@pytest.mark.long
 def test_mujoco_moves_the_same_mechanism_to_the_same_place(capsys):
     pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
     result = run(capsys, 'simulate', '--seconds', '1')

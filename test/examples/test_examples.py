@@ -54,6 +54,7 @@ def test_fill_a_box(run):
     assert apart < 0.01  # mm: what the encoders and the model leave where the robot turns round
 
 
+@pytest.mark.long
 def test_turn_the_product(run):
     _, numbers = run('turn_the_product')
     robots, axes = numbers[:3], numbers[3:]
@@ -133,6 +134,7 @@ def test_straighten_parts(run):
     assert max(map(abs, after)) < 0.5  # the camera is off by a tenth of a degree, rms
 
 
+@pytest.mark.long
 def test_two_types(run):
     text, numbers = run('two_types')
     assert sum(numbers[-1]) + text.count('left: ') == 10
@@ -294,6 +296,7 @@ def test_learn_a_program(run):
     assert rms == min(rms_errors)
 
 
+@pytest.mark.long
 def test_rate_and_energy(run):
     text, rows = run('rate_and_energy')
     assert [line.split()[0] for line in text.splitlines()] == ['jerk_m_s3', 'jerk_m_s3', 'torque_rate_n_m_s']

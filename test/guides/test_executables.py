@@ -49,12 +49,13 @@ def started(line: str, environment: dict[str, str]) -> Iterator[None]:
             raise
 
 
-def test_the_first_commands_install_and_run_in_a_copy_of_the_sources(
+@pytest.mark.long
+def test_the_first_command_installs_and_runs_in_a_copy_of_the_sources(
     shell: Callable[..., Any], tmp_path: Path, nothing_left_behind: None
 ) -> None:
     copy = tmp_path / 'copy'
     pages.copy_sources(copy)
-    # .ci/run installs everything into an empty environment; this one finds in that of the tests what the package needs
+    # .ci/run installs everything into an empty environment; this one borrows the dependencies of that of the tests
     lender = tmp_path / 'lender'
     lender.mkdir()
     borrow = f'import site; site.addsitedir({sysconfig.get_path("purelib")!r})\n'
@@ -67,6 +68,21 @@ def test_the_first_commands_install_and_run_in_a_copy_of_the_sources(
     done = shell('\n'.join(lines), cwd=copy, **fresh)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines()[-1] == str(copy / '.venv' / 'bin' / 'delta3')
+
+
+def test_the_first_commands_of_the_pages_are_those_that_the_tests_install_with() -> None:
+    """``.ci/run`` runs ``test/run`` in an empty environment; ``delta3 run`` has tests in ``test/system``."""
+    run = (pages.SOURCE / 'test' / 'run').read_text(encoding='utf-8')
+    venv, install, start = elsewhere('README.md').strip().split(' && ')
+    assert (venv, start) == ('python3 -m venv .venv', '.venv/bin/delta3 run')
+    assert install == ".venv/bin/pip install '.[all]'"
+    assert elsewhere('docs/get_started.md').splitlines() == [
+        venv,
+        '. .venv/bin/activate',
+        "pip install '.[all]'",
+    ]
+    assert "pip install --quiet '.[all]'" in run
+    assert '-m venv "$VIRTUAL_ENV"' in run
 
 
 def test_single_nodes_make_a_robot_that_drives_its_program(

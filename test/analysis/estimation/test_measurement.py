@@ -98,6 +98,7 @@ def test_an_exciting_curve_is_closed_and_fills_nine_tenths_of_the_workspace(seed
     assert program.start_m == pytest.approx(tuple(points[0]))
 
 
+@pytest.mark.long
 def test_a_design_improves_and_the_same_seed_designs_the_same(robot):
     one, again = (excitation.design('geometry', robot, seed=5, tries=3, refinements=8) for _ in range(2))
     assert one.document == again.document

@@ -129,6 +129,7 @@ def test_a_model_follows_what_is_desired_as_long_as_nobody_sees_a_difference(fir
     assert by_text(found, 'arm angles of the model follow').verdict == HOLDS
 
 
+@pytest.mark.long
 def test_an_experiment_3_simulates_the_others_to_judge_its_arm_speeds(tmp_path):
     settings = Settings(3, robot='rich', attributed=False)
     report = run.Study(settings, tmp_path, 'a test', silent).run()
