@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import delta3_pacdrive
+from cases import for_each
 
 PACKAGE = Path(delta3_pacdrive.__file__).parent
 ROOMS = sorted(path.parent.relative_to(PACKAGE).as_posix() for path in PACKAGE.glob('*/__init__.py'))
@@ -97,12 +98,12 @@ def require_documented(arguments, docstring, shared):
     assert not vague, f'neither unit nor shape is told of {", ".join(vague)}'
 
 
-@pytest.mark.parametrize(('arguments', 'docstring', 'shared'), list(kernels()))
+@for_each(('arguments', 'docstring', 'shared'), list(kernels()))
 def test_every_kernel_says_what_its_arguments_are(arguments, docstring, shared):
     require_documented(arguments, docstring, shared)
 
 
-@pytest.mark.parametrize(('arguments', 'docstring', 'shared'), list(public_functions()))
+@for_each(('arguments', 'docstring', 'shared'), list(public_functions()))
 def test_every_public_function_says_what_its_arguments_are(arguments, docstring, shared):
     require_documented(arguments, docstring, shared)
 

@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from cases import for_each
 from delta3_pacdrive.numerics import kernel
 
 PACKAGE = 'delta3_pacdrive'
@@ -184,7 +185,7 @@ def test_package_xml_names_the_ros_packages_that_are_used_and_no_other():
     assert named == used | {'rmw_fastrtps_cpp'}
 
 
-@pytest.mark.parametrize('path', MODULES, ids=str)
+@for_each('path', MODULES)
 def test_every_import_is_of_a_declared_dependency(path, requirements):
     declared = {depend.text for depend in package_xml().iter('exec_depend')} | set(requirements) | OPTIONAL
     imported = set()

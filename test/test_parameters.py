@@ -7,6 +7,7 @@ import re
 import pytest
 import yaml
 
+from cases import for_each
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ParameterError
 
@@ -160,7 +161,7 @@ def replace(robot, name, value):
     return robot.replace(**{name.replace('.', '__'): value})
 
 
-@pytest.mark.parametrize('name', FIELDS)
+@for_each('name', FIELDS)
 def test_every_parameter_has_a_description_a_range_and_a_unit(name):
     metadata = FIELDS[name].metadata
     assert metadata['description']
@@ -183,7 +184,7 @@ def test_a_word_is_one_of_those_that_are_known(name, robot):
     )
 
 
-@pytest.mark.parametrize('name', sorted(FIELDS.keys() - WORDS))
+@for_each('name', sorted(FIELDS.keys() - WORDS))
 def test_every_default_lies_in_its_range(name, robot):
     value = parameters.flatten(robot)[name]
     low, high = FIELDS[name].metadata['low'], FIELDS[name].metadata['high']
@@ -192,7 +193,7 @@ def test_every_default_lies_in_its_range(name, robot):
         assert math.isfinite(number)
 
 
-@pytest.mark.parametrize(('name', 'value'), (PRINTED_IN_THE_THESIS | CHOSEN).items())
+@for_each(('name', 'value'), (PRINTED_IN_THE_THESIS | CHOSEN).items())
 def test_the_default_robot_is_the_one_that_was_studied(name, value, robot):
     assert parameters.flatten(robot)[name] == value
 
@@ -201,10 +202,10 @@ def test_the_file_holds_every_parameter_and_no_other(tree):
     assert {f'{group}.{key}' for group, values in tree.items() for key in values} == set(FIELDS)
 
 
-@pytest.mark.parametrize('name', sorted(FIELDS.keys() - OPTIONAL - WORDS))
+@for_each('name', sorted(FIELDS.keys() - OPTIONAL - WORDS))
 def test_a_missing_parameter_is_named(name, values):
-    del values[name]
-    assert f'missing parameter {name}' in refusal(parameters.from_flat, values)
+    others = {key: value for key, value in values.items() if key != name}
+    assert f'missing parameter {name}' in refusal(parameters.from_flat, others)
 
 
 def test_a_file_without_load_of_a_single_motor_and_six_rods_has_those_of_the_packaged_one(values, robot):
@@ -230,14 +231,14 @@ def test_a_file_without_a_calibration_has_equal_arms(values, robot):
     assert k.base_radii_m == (k.base_radius_m,) * 3
 
 
-@pytest.mark.parametrize('name', FIELDS)
+@for_each('name', FIELDS)
 def test_a_misspelt_parameter_is_named(name, values):
-    values[name + 'x'] = values[name]
-    assert f'unknown parameter {name}x' in refusal(parameters.from_flat, values)
+    misspelt = values | {f'{name}x': values[name]}
+    assert f'unknown parameter {name}x' in refusal(parameters.from_flat, misspelt)
 
 
-@pytest.mark.parametrize('name', sorted(FIELDS.keys() - WORDS))
-@pytest.mark.parametrize('wrong', ['fast', '1.0', bool, None, {'a': 1}, [1.0, 2.0]], ids=repr)
+@for_each('name', sorted(FIELDS.keys() - WORDS))
+@for_each('wrong', ['fast', '1.0', bool, None, {'a': 1}, [1.0, 2.0]])
 def test_a_value_of_the_wrong_type_is_named(name, wrong, robot, values):
     if wrong is bool:  # a switch is no number, and a number no switch
         wrong = 1 if name in SWITCHES else True
@@ -245,7 +246,7 @@ def test_a_value_of_the_wrong_type_is_named(name, wrong, robot, values):
     assert f'{name} must be a' in refusal(replace, robot, name, with_item(values[name], wrong))
 
 
-@pytest.mark.parametrize('name', sorted(FIELDS.keys() - SWITCHES - WORDS))
+@for_each('name', sorted(FIELDS.keys() - SWITCHES - WORDS))
 def test_a_value_out_of_range_is_named_with_its_rule(name, robot, values):
     low, high = FIELDS[name].metadata['low'], FIELDS[name].metadata['high']
     if FIELDS[name].type is int:
@@ -538,7 +539,7 @@ def test_equal_values_have_equal_checksums(robot, tree, load_tree):
     assert load_tree(dict(reversed(tree.items()))).checksum == robot.checksum
 
 
-@pytest.mark.parametrize('name', FIELDS)
+@for_each('name', FIELDS)
 def test_the_checksum_tells_the_last_bit_of_every_value(name, robot, values):
     if name == 'bus.cycle_time_s':
         robot = robot.replace(bus__exchange_period_s=500e-6)

@@ -12,6 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cases import for_each
+
 TEST = Path(__file__).parent
 FILES = [path.relative_to(TEST) for path in sorted(TEST.rglob('*.py'))]
 LINES_MAX = 600
@@ -56,7 +58,7 @@ def private_names(tree):
     return found
 
 
-@pytest.mark.parametrize('path', FILES, ids=str)
+@for_each('path', FILES)
 def test_no_test_reaches_into_what_is_private(path):
     assert private_names(ast.parse((TEST / path).read_text(encoding='utf-8'))) == []
 
@@ -77,7 +79,7 @@ def test_what_is_private_is_seen_by_its_name(code, names):
     assert [name.rpartition('.')[2] for _, name in private_names(ast.parse(code))] == names
 
 
-@pytest.mark.parametrize('path', FILES, ids=str)
+@for_each('path', FILES)
 def test_no_file_of_tests_is_longer_than_can_be_read_in_one_go(path):
     assert len((TEST / path).read_text(encoding='utf-8').splitlines()) <= LINES_MAX
 

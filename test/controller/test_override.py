@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from cases import for_each
 from delta3_pacdrive.controller.motion_state import percent_allowed
 from delta3_pacdrive.controller.planner_actions import Changed, Ordered, Replied
 from delta3_pacdrive.controller.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX
@@ -18,7 +19,7 @@ def client(robot) -> Client:
     return Client(robot)
 
 
-@pytest.mark.parametrize('percent', range(1, 201))
+@for_each('percent', range(1, 201))
 def test_the_allowed_percentage_is_the_largest_whole_one_that_is_accepted(percent: int) -> None:
     override = percent / 100.0
     assert percent_allowed(override) == percent

@@ -8,6 +8,7 @@ import re
 import pytest
 
 import pages
+from cases import for_each
 
 README_LINES_MAX = 150
 HERE = [page for page in pages.PAGES if not pages.needs_robot(page) and page not in pages.LONG]
@@ -20,14 +21,14 @@ def test_every_block_of_the_page_runs_as_it_stands(page, tmp_path):
     pages.run_page(page, tmp_path)
 
 
-@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+@for_each('page', pages.PAGES)
 def test_every_block_has_a_language_that_says_how_it_is_tested(page):
     found = pages.blocks(page)
     assert {block.language for block in found} <= pages.LANGUAGES
     assert [block.line for block in found if block.language == 'yaml' and not block.file] == []
 
 
-@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+@for_each('page', pages.PAGES)
 def test_every_file_of_a_page_is_used_by_a_command_below_it(page):
     found = pages.blocks(page)
     for number, block in enumerate(found):
@@ -35,7 +36,7 @@ def test_every_file_of_a_page_is_used_by_a_command_below_it(page):
             assert any(block.file in later.text for later in found[number + 1 :]), block.file
 
 
-@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+@for_each('page', pages.PAGES)
 def test_links_to_files_lead_to_files(page):
     links = re.findall(
         r'\]\(([^)#:]+?)(?:#[^)]*)?\)', re.sub(r'```.*?^```', '', page.read_text(), flags=re.S | re.M)
@@ -43,18 +44,18 @@ def test_links_to_files_lead_to_files(page):
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
-@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+@for_each('page', pages.PAGES)
 def test_what_is_tested_elsewhere_names_its_test(page):
     elsewhere = [block.words for block in pages.blocks(page) if block.mark in ('elsewhere', 'long')]
     assert [name for name in elsewhere if not (pages.SOURCE / name).is_file()] == []
 
 
-@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+@for_each('page', pages.PAGES)
 def test_no_command_of_a_page_is_refused_for_its_options(page):
     pages.read_page(page)
 
 
-@pytest.mark.parametrize('page', pages.PAGES, ids=NAMES)
+@for_each('page', pages.PAGES)
 def test_a_block_that_is_not_run_each_time_has_commands_that_are_read(page):
     assert [b.line for b in pages.blocks(page) if b.mark == 'long' and not pages.read_commands(b.text)] == []
 

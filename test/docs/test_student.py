@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cases import for_each
 from delta3_pacdrive.cli import main as command_line
 
 SOURCE = Path(__file__).parents[2]
@@ -85,7 +86,7 @@ def test_every_section_and_table_of_the_thesis_is_in_the_map():
     assert set(re.findall(r'Table \d+-\d', heads)) >= TABLES
 
 
-@pytest.mark.parametrize('name', named(1))
+@for_each('name', named(1))
 def test_every_function_of_the_map_exists_and_is_described(name):
     try:
         thing = importlib.import_module(f'delta3_pacdrive.{name}')
@@ -100,7 +101,7 @@ COMMANDS = {name for name in named(2) if not name.endswith('.png')} | {
 }
 
 
-@pytest.mark.parametrize('name', sorted(COMMANDS))
+@for_each('name', sorted(COMMANDS))
 def test_every_command_of_the_map_and_the_glossary_exists_with_its_options(name, capsys):
     program, command, *rest = name.split()
     assert program == 'delta3'

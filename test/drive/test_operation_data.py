@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from cases import for_each
 from delta3_pacdrive.drive.arrays import STATE
 from delta3_pacdrive.drive.operation_data import TABLE
 from delta3_pacdrive.drive.register import Register
@@ -277,7 +278,7 @@ def test_a_drive_is_in_position_within_its_window(error_rad, told, strange):
     assert serve(register, 'S-0-0336', Operation.READ, CP4).value == told
 
 
-@pytest.mark.parametrize('text', EXPECTED)
+@for_each('text', EXPECTED)
 def test_every_idn_answers_its_own_value_in_its_own_unit(text, register):
     unit, value, _ = EXPECTED[text]
     answer = serve(register, text, Operation.READ, CP4)
@@ -286,7 +287,7 @@ def test_every_idn_answers_its_own_value_in_its_own_unit(text, register):
     assert TABLE[parse_idn(text)].unit == unit
 
 
-@pytest.mark.parametrize('text', EXPECTED)
+@for_each('text', EXPECTED)
 def test_every_idn_can_be_written_in_its_phases_and_in_no_other(text, register):
     _, value, phases = EXPECTED[text]
     for phase in Phase:
@@ -299,7 +300,7 @@ def test_every_idn_can_be_written_in_its_phases_and_in_no_other(text, register):
         assert serve(register, text, Operation.WRITE, phase, value).error == wanted, phase
 
 
-@pytest.mark.parametrize('text', EXPECTED)
+@for_each('text', EXPECTED)
 def test_procedure_commands_are_these_three_each_in_its_phases(text, register):
     for phase in ALWAYS:
         wanted = ServiceError.NO_COMMAND

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cases import for_each
 from delta3_pacdrive.drive.arrays import CONSTANTS, STATE, drive_constants
 from delta3_pacdrive.drive.diagnostics import DriveFault, DriveWarning
 from delta3_pacdrive.drive.operation_data import (
@@ -107,7 +108,7 @@ def test_fields_of_actual_values_are_those_of_the_state_record():
     assert fields - {PHASE} <= set(STATE.names)
 
 
-@pytest.mark.parametrize('row', TABLE.values(), ids=lambda row: format_idn(row.idn))
+@for_each('row', TABLE.values())
 def test_every_idn_can_be_read(row, drive):
     answer = drive.register.read(row.idn)
     assert answer.error == ServiceError.NONE

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cases import for_each
 from delta3_pacdrive.errors import CellError
 from delta3_pacdrive.peripherals import cell_file
 
@@ -104,7 +105,7 @@ def test_the_table_has_every_key_that_the_reader_takes(section):
     assert sorted(known.split(', ')) == sorted(key for where, key, *_ in ROWS if where == section)
 
 
-@pytest.mark.parametrize(('section', 'key', 'default'), [row[:3] for row in ROWS])
+@for_each(('section', 'key', 'default'), [row[:3] for row in ROWS])
 def test_a_key_that_may_be_left_out_has_the_default_of_the_table(section, key, default):
     document = changed(section, key)
     if default == MUST:
@@ -116,7 +117,7 @@ def test_a_key_that_may_be_left_out_has_the_default_of_the_table(section, key, d
         assert cell_file.parse(document) == cell_file.parse(changed(section, key, value))
 
 
-@pytest.mark.parametrize(
+@for_each(
     ('section', 'key', 'limits'), [(row[0], row[1], row[3]) for row in ROWS if re.match(r'[-\d]', row[3])]
 )
 def test_the_range_of_a_key_is_that_of_the_table(section, key, limits):

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from cases import for_each
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import column_file, table_csv, trace_file
 
@@ -43,7 +44,7 @@ def chosen(tmp_path, text=COLUMNS):
     return column_file.read(tmp_path / 'columns.yaml')
 
 
-@pytest.mark.parametrize(
+@for_each(
     ('separator', 'decimal', 'units', 'end'),
     [
         form
@@ -51,7 +52,7 @@ def chosen(tmp_path, text=COLUMNS):
         if form[0] != form[1]
     ],
 )
-@pytest.mark.parametrize('encoding', ['utf-8', 'utf-8-sig', 'utf-16', 'cp1252'])
+@for_each('encoding', ['utf-8', 'utf-8-sig', 'utf-16', 'cp1252'])
 def test_the_same_numbers_come_out_of_every_form(separator, decimal, units, end, encoding, tmp_path):
     for quoted, trailing in itertools.product((False, True), repeat=2):
         text = lines(separator, decimal, units, end, quoted, trailing)
@@ -165,7 +166,7 @@ FORMS = list(
 )
 
 
-@pytest.mark.parametrize('seed', range(60))
+@for_each('seed', range(60))
 def test_a_table_in_the_form_of_any_tool_keeps_its_numbers(seed, tmp_path):
     rng = np.random.default_rng(seed)
     separator, decimal, time, encoding, end = FORMS[rng.integers(len(FORMS))]

@@ -129,11 +129,7 @@ def _run(delta3: Runner, bag: Path, *options: str, program: str = 'experiment1')
         pytest.param(
             [*ONE_PROCESS, '--real-time-factor', '0'], id='one process as fast as possible', marks=LONG
         ),
-        pytest.param(
-            [*ONE_PROCESS, '--namespace', 'cell2'],
-            id='one process in real time in a namespace',
-            marks=pytest.mark.real_time,
-        ),
+        pytest.param([*ONE_PROCESS, '--namespace', 'cell2'], id='in real time', marks=pytest.mark.real_time),
     ],
 )
 def test_graph_gives_the_bits_of_the_simulation(
@@ -142,13 +138,9 @@ def test_graph_gives_the_bits_of_the_simulation(
     recorded, result = _run(delta3, tmp_path / 'bag', '--logs', str(tmp_path / 'logs'), *options)
     _assert_same(simulated, recorded, result)
     assert result['lost_telegrams'] == 0
-    promised = {'cycles', 'bus_time_s', 'wall_time_s', 'overruns', 'lost_telegrams', 'tcp_error_max_m'}
-    promised |= {'tcp_error_rms_m', 'final_tcp_m', 'current_peak_a', 'current_rms_a', 'ok'}
-    assert promised <= result.keys()
-    assert result['ok'] is True
-    assert result['bus_time_s'] == pytest.approx(result['cycles'] * 1e-3)
-    logs = {path.stem: path.read_text(encoding='utf-8') for path in (tmp_path / 'logs').glob('*.log')}
+    assert {'cycles', 'bus_time_s', 'wall_time_s', 'overruns'} <= result.keys()
     if ONE_PROCESS[0] not in options:
+        logs = {path.stem: path.read_text(encoding='utf-8') for path in (tmp_path / 'logs').glob('*.log')}
         drives = {f'mc4_drive_{axis}' for axis in (1, 2, 3)}
         assert logs.keys() == drives | {'plant', 'transformation_task', 'unit_robot', 'recorder'}
         assert 'bus phase CP4' in logs['transformation_task']
