@@ -199,6 +199,6 @@ def _require_size(path: Path, unpacked_bytes: int) -> None:
         raise TraceError(f'{path.name} cannot be unpacked: {error.strerror}') from error
 
 
-def damaged(why: str) -> TraceError:
+def damaged(cause: str) -> TraceError:
     """Return the error for a bag that cannot be read."""
-    return TraceError(f'it was cut off or is damaged ({why})')
+    return TraceError(f'it was cut off or is damaged ({cause})')

@@ -214,8 +214,8 @@ def _cyclic_topics(channels: Iterable[Channel]) -> tuple[dict[str, str], list[st
         name = next((name for name in TYPES if topic.endswith('/' + name)), None)
         if name is None or not channel.msgcount:
             continue
-        if why := _mismatch(channel, TYPES[name]):
-            left_out.append(f'{topic} is left out, as it is {why}')
+        if mismatch := _mismatch(channel, TYPES[name]):
+            left_out.append(f'{topic} is left out, as it is {mismatch}')
             continue
         names[channel.topic] = name
         robots.add(topic.removesuffix('/' + name) or '/')

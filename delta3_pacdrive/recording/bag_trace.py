@@ -234,8 +234,8 @@ class _Column:
         words = np.concatenate([np.empty(0, np.int64), *self._words])
         if not len(words):
             return []
-        cycles, places = np.unique(stamps // clock.period_ns, return_index=True)
-        words = words[places]
+        cycles, rows = np.unique(stamps // clock.period_ns, return_index=True)
+        words = words[rows]
         cycles, words = cycles[words != UNREADABLE], words[words != UNREADABLE]
         changed = np.flatnonzero(np.diff(words, prepend=UNREADABLE))
         return [[int(cycles[n]), int(words[n])] for n in changed]
@@ -284,13 +284,13 @@ def _fits(codec: TelegramCodec, data: bytes) -> bool:
 
 def _status_words(frames: NDArray[Any]) -> NDArray[np.int64]:
     """Return the status words in the frames of AT, ``UNREADABLE`` if there is none."""
-    texts, places = np.unique(frames, return_inverse=True)
+    texts, indices = np.unique(frames, return_inverse=True)
     words = [UNREADABLE] * len(texts)
     for n, text in enumerate(texts.tolist()):
         with suppress(TelegramError):
             session = text.rpartition(b' ')[2]
             words[n] = telegrams.parse_at_frame(text, session)[0]
-    return np.array(words, dtype=np.int64)[places]
+    return np.array(words, dtype=np.int64)[indices]
 
 
 def _parse(typestore: Typestore, message_type: str, data: bytes) -> Message:

@@ -55,22 +55,22 @@ def suffix_refusal(path: str | Path, suffixes: Sequence[str] = SUFFIXES) -> str 
     return table_parquet.missing() if suffix.lower() == '.parquet' else None
 
 
-def require_writable(path: str | Path, what: str = 'table') -> None:
+def require_writable(path: str | Path, kind: str = 'table') -> None:
     """Raise TraceError if a table cannot be written; called before anything is computed."""
-    if why := suffix_refusal(path) or whole_file.file_refusal(Path(path)):
-        raise TraceError(f'cannot write {what} {path}: {why}')
+    if refusal := suffix_refusal(path) or whole_file.file_refusal(Path(path)):
+        raise TraceError(f'cannot write {kind} {path}: {refusal}')
 
 
-def write(table: ColumnTable, path: str | Path, what: str = 'table') -> Path:
+def write(table: ColumnTable, path: str | Path, kind: str = 'table') -> Path:
     """Write a table atomically in the format given by the suffix; raises TraceError."""
     path = Path(path)
-    if why := suffix_refusal(path):
-        raise TraceError(f'cannot write {what} {path}: {why}')
-    kind = path.suffix.lower()
-    with os_errors_as_trace_error(f'write {what} {path}'), whole_file.atomic_path(path) as partial:
-        if kind == '.parquet':
+    if refusal := suffix_refusal(path):
+        raise TraceError(f'cannot write {kind} {path}: {refusal}')
+    suffix = path.suffix.lower()
+    with os_errors_as_trace_error(f'write {kind} {path}'), whole_file.atomic_path(path) as partial:
+        if suffix == '.parquet':
             table_parquet.write(partial, table.headings, table.units, table.columns, table.meta)
-        elif kind == '.npz':
+        elif suffix == '.npz':
             _write_npz(table, partial)
         else:
             _write_csv(table, partial)

@@ -18,7 +18,7 @@ from delta3_pacdrive.recording.column_table import ONE, ColumnTable
 from delta3_pacdrive.recording.table import Table
 from delta3_pacdrive.recording.trace import os_errors_as_trace_error, reason
 
-WHAT = 'record'
+KIND = 'record'
 TIME = 'time [s]'
 UNEVEN = 1e-3  # largest deviation of a sample from the grid, in sampling periods
 OF_COMMENT = re.compile(r'trigger (.+), seen at (\S+) s$')
@@ -52,7 +52,7 @@ def write(record: Record, path: str | Path, meta: dict[str, Any]) -> Path:
         meta=found | meta,
         comment=comment,
     )
-    return column_table.write(table, path, WHAT)
+    return column_table.write(table, path, KIND)
 
 
 def metadata(record: Record) -> dict[str, Any]:
@@ -82,17 +82,17 @@ def numbered(path: str | Path, number: int) -> Path:
 def read(path: str | Path) -> SavedRecord:
     """Read a record; raises TraceError."""
     path = Path(path)
-    with os_errors_as_trace_error(f'read {WHAT} {path}'):
+    with os_errors_as_trace_error(f'read {KIND} {path}'):
         if not path.is_file():
-            raise TraceError(f'there is no {WHAT} {path}')
+            raise TraceError(f'there is no {KIND} {path}')
     table = _table(path)
     labels = [quantities.split_heading(heading) for heading in table.headings]
     if table.headings[:1] != [TIME]:
-        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: its first column must be {TIME}')
+        raise TraceError(f'{path} is not a {KIND} of an oscilloscope: its first column must be {TIME}')
     try:
         chosen([name for name, _ in labels[1:]])
     except ParameterError as error:
-        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: {error}') from None
+        raise TraceError(f'{path} is not a {KIND} of an oscilloscope: {error}') from None
     first_s, step_s = _times(path, table.values[:, 0])
     trigger, trigger_s = _trigger(path, table)
     return SavedRecord(
@@ -111,13 +111,13 @@ def read(path: str | Path) -> SavedRecord:
 def _table(path: Path) -> Table:
     match path.suffix.lower():
         case '.csv':
-            return table_csv.read(path, what=WHAT)
+            return table_csv.read(path, kind=KIND)
         case '.parquet':
             return table_parquet.read(path)
         case '.npz':
             return _of_arrays(path)
     raise TraceError(
-        f'{path} is not a {WHAT} of an oscilloscope: its name must end in .csv, .npz or .parquet'
+        f'{path} is not a {KIND} of an oscilloscope: its name must end in .csv, .npz or .parquet'
     )
 
 
@@ -128,11 +128,11 @@ def _of_arrays(path: Path) -> Table:
         columns = np.column_stack([np.asarray(column, dtype=np.float64) for column in arrays.values()])
         headings = [name if units[name] == ONE else f'{name} [{units[name]}]' for name in arrays]
     except OSError as error:
-        raise TraceError(f'cannot read {WHAT} {path}: {error.strerror or error}') from error
+        raise TraceError(f'cannot read {KIND} {path}: {error.strerror or error}') from error
     except KeyError as error:
-        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: it has no {error.args[0]}') from None
+        raise TraceError(f'{path} is not a {KIND} of an oscilloscope: it has no {error.args[0]}') from None
     except Exception as error:  # zipfile and numpy raise arbitrary errors for damaged files
-        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: {reason(error)}') from error
+        raise TraceError(f'{path} is not a {KIND} of an oscilloscope: {reason(error)}') from error
     return Table(path, headings, columns, meta if isinstance(meta, dict) else {})
 
 
@@ -140,11 +140,11 @@ def _times(path: Path, time_s: Floats) -> tuple[float, float]:
     """Return the time of the first sample and the sampling period [s]; raises TraceError."""
     if len(time_s) < 2:
         count = '1 sample' if len(time_s) else 'no sample'
-        raise TraceError(f'{path} has {count}, but a {WHAT} needs at least 2')
+        raise TraceError(f'{path} has {count}, but a {KIND} needs at least 2')
     step = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
     even = time_s[0] + step * np.arange(len(time_s))
     if not (step > 0.0 and np.all(np.abs(time_s - even) < UNEVEN * step)):
-        raise TraceError(f'{path} is not a {WHAT} of an oscilloscope: its times are not evenly spaced')
+        raise TraceError(f'{path} is not a {KIND} of an oscilloscope: its times are not evenly spaced')
     return float(time_s[0]), step
 
 

@@ -143,7 +143,7 @@ def _by_headings(table: Table) -> dict[str, list[Source]]:
     return _complete(table.path, found)
 
 
-def by_choice(table: Table, chosen: ColumnFile, wanted: Sequence[str] = (TIME,)) -> dict[str, list[Source]]:
+def by_choice(table: Table, chosen: ColumnFile, required: Sequence[str] = (TIME,)) -> dict[str, list[Source]]:
     """Return the sources of the signals in a column file; raises TraceError if a required one is missing."""
     labels = [heading.strip() for heading in table.headings]
     bare = [quantities.split_heading(heading)[0] for heading in labels]
@@ -161,7 +161,7 @@ def by_choice(table: Table, chosen: ColumnFile, wanted: Sequence[str] = (TIME,))
                 f'the unit of column {shown(one.column)} is {one.unit} in {chosen.path}, but {unit} in {table.path}'
             )
         own[one.number] = Source(index, one.factor * UNITS[one.unit][1], one.offset * UNITS[one.unit][1])
-    return _complete(table.path, found, wanted)
+    return _complete(table.path, found, required)
 
 
 def _index(path: Path, column: str | int, labels: Sequence[str], bare: Sequence[str]) -> int:
@@ -183,12 +183,12 @@ def _index(path: Path, column: str | int, labels: Sequence[str], bare: Sequence[
 
 
 def _complete(
-    path: Path, found: Mapping[str, Sequence[Source | None]], wanted: Sequence[str] = (TIME,)
+    path: Path, found: Mapping[str, Sequence[Source | None]], required: Sequence[str] = (TIME,)
 ) -> dict[str, list[Source]]:
     whole: dict[str, list[Source]] = {}
-    for name in (*wanted, *found):
+    for name in (*required, *found):
         own = [one for one in found.get(name, ()) if one is not None]
         if len(own) != quantities.width(name):
-            raise TraceError(f'{path} has no column {wanted[0]}, or not all three of a signal ({name})')
+            raise TraceError(f'{path} has no column {required[0]}, or not all three of a signal ({name})')
         whole[name] = own
     return whole

@@ -56,7 +56,7 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 LONG_NUMBER = re.compile(r'-?\d{16,19}')  # nanoseconds since 1970, which exceed the precision of a float
 
 
-def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: str = 'trace') -> Table:
+def read(path: Path, form: Form | None = None, words: Sequence[str] = (), kind: str = 'trace') -> Table:
     """Read a table.
 
     Parameters
@@ -65,8 +65,8 @@ def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: 
         File and its format; None: detected.
     words
         Headings of columns with words instead of numbers.
-    what
-        Name of the kind of file in error messages.
+    kind
+        Kind of file in error messages.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def read(path: Path, form: Form | None = None, words: Sequence[str] = (), what: 
             with path.open('rb') as stream:  # a Windows character after the part used for detection
                 return _Reader(path, replace(form, encoding=OF_WINDOWS), words, assumed=True).read(stream)
     except (OSError, UnicodeError, csv.Error) as error:
-        raise TraceError(f'cannot read {what} {path}: {reason(error)}') from error
+        raise TraceError(f'cannot read {kind} {path}: {reason(error)}') from error
 
 
 @dataclass

@@ -100,8 +100,8 @@ def _write_parquet(trace: Trace, path: Path) -> None:
 
 def require_writable_trace(path: str | Path) -> None:
     """Raise TraceError if a trace cannot be written; called before the simulation."""
-    if why := suffix_refusal(path) or whole_file.file_refusal(Path(path)):
-        raise TraceError(f'cannot write trace {path}: {why}')
+    if refusal := suffix_refusal(path) or whole_file.file_refusal(Path(path)):
+        raise TraceError(f'cannot write trace {path}: {refusal}')
 
 
 def suffix_refusal(path: str | Path) -> str | None:

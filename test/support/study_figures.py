@@ -504,7 +504,7 @@ def quantity_map(found, slices, parameters, quantity):
 
     of = (lambda axes, v=v, p=p: check(axes, v, p) for v, p in zip(known, slices, strict=True))
     unit = {'': '', 'um': ' [µm]', 'm/s2': ' [m/s$^2$]'}.get(quantity.shown_unit, f' [{quantity.shown_unit}]')
-    return f'{quantity.what[0].upper()}{quantity.what[1:]}{unit}', list(of)
+    return f'{quantity.title[0].upper()}{quantity.title[1:]}{unit}', list(of)
 
 
 def places(axes, plane, arm):

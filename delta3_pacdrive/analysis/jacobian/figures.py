@@ -187,14 +187,14 @@ def causes(trials: list[Trial], errors: str) -> Figure:
     width = 0.8 / len(trials)
     for axes, quantity in zip(row, ('velocity', 'acceleration'), strict=True):
         names = [errors, *(cause.name for cause in trials[0].causes if cause.quantity == quantity)]
-        places = np.arange(len(names))
+        positions = np.arange(len(names))
         for n, trial in enumerate(trials):
             recorded = trial.motion.thetadot if quantity == 'velocity' else trial.motion.thetaddot
             lengths = Deviation.of(getattr(trial.inexact, quantity), recorded).summary()['of_peak']['max']
             others = [cause.of_peak for cause in trial.causes if cause.quantity == quantity]
-            axes.bar(places - 0.4 + (n + 0.5) * width, [lengths, *others], 0.9 * width,
+            axes.bar(positions - 0.4 + (n + 0.5) * width, [lengths, *others], 0.9 * width,
                      color=COLOURS[n % len(COLOURS)], label=trial.motion.name)  # fmt: skip
-        axes.set_xticks(places, [fill(name, CAUSE_WIDTH) for name in names], fontsize=8)
+        axes.set_xticks(positions, [fill(name, CAUSE_WIDTH) for name in names], fontsize=8)
         axes.set_ylabel(f'{quantity} [% of the peak]')
         dress(axes)
     row[1].set_xlabel(IMPLAUSIBLE, fontsize=8)
@@ -207,11 +207,11 @@ def sensitivities(trials: list[Trial]) -> Figure:
     figure = titled_figure('Deviation by 1 mm of error of one length', 6.0)
     grid = figure.subplots(2, len(Pose), sharex=True, sharey='row')
     width = 0.8 / len(trials)
-    places = np.arange(len(LENGTHS))
+    positions = np.arange(len(LENGTHS))
     for column, pose in enumerate(Pose):
         for n, trial in enumerate(trials):
             own = [row for row in trial.sensitivities if row.pose is pose]
-            middle = places - 0.4 + (n + 0.5) * width
+            middle = positions - 0.4 + (n + 0.5) * width
             for axes, quantity in zip(grid[:, column], ('velocity', 'acceleration'), strict=True):
                 axes.bar(middle, [getattr(row, quantity).of_peak for row in own], 0.9 * width,
                          color=COLOURS[n % len(COLOURS)], label=trial.motion.name)  # fmt: skip
@@ -220,7 +220,7 @@ def sensitivities(trials: list[Trial]) -> Figure:
             for axes in grid[:, column]:
                 axes.text(list(LENGTHS).index('l_B'), 0.02, 'does not enter', rotation=90, fontsize=8,
                           ha='center', va='bottom', color='#555555', transform=axes.get_xaxis_transform())  # fmt: skip
-        grid[1, column].set_xticks(places, [f'${symbol}$' for symbol in LENGTHS])
+        grid[1, column].set_xticks(positions, [f'${symbol}$' for symbol in LENGTHS])
     grid[0, 0].set_ylabel('velocity [% of the peak]')
     grid[1, 0].set_ylabel('acceleration [% of the peak]')
     for axes in grid.flat:

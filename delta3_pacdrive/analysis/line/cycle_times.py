@@ -59,13 +59,13 @@ class Station:
         line, robot = self.line, self.robot
         x, y, z = robot.middle_m
         top = [x + self.reference_m, y + across_m, z + self.kind.height_m]
-        above, place = [*top[:2], top[2] + line.above_m], list(robot.place_m)
+        above, drop = [*top[:2], top[2] + line.above_m], list(robot.place_m)
         output = {'name': 'gripper', 'value': True, 'payload_kg': self.kind.mass_kg}
         held: list[Statement] = [{'output': output}]
         held += [{'dwell': {'time_s': line.grip_s}}] if line.grip_s else []
         work = [_straight(above), _straight(top), *held, _straight(above)]
-        on = self._starts(work, place, 0.0)
-        back = self._starts([_straight(place)], above, self.kind.mass_kg)
+        on = self._starts(work, drop, 0.0)
+        back = self._starts([_straight(drop)], above, self.kind.mass_kg)
         return Planned(on[1], on[-1] - on[1], back[-1])
 
     def _starts(self, moves: list[Statement], start: list[float], payload_kg: float) -> list[float]:

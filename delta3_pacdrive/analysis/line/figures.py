@@ -34,11 +34,11 @@ def robots_figure(results: Results) -> Figure:
     own = [(belt, belt.robot == number) for belt in results.belts for number in range(len(belt.robots))]
     picks = [float(which.sum()) / shift_min for _, which in own]
     busy = [100.0 * float(belt.cycle_s[which].sum()) / results.line.shift_s for belt, which in own]
-    places = np.arange(len(names))
+    positions = np.arange(len(names))
     for n, (values, label) in enumerate(((picks, 'picks [1/min]'), (busy, 'busy [%]')), start=1):
         axes = figure.add_subplot(1, 2, n)
-        axes.bar(places, values, color=COLOURS[n - 1])
-        axes.set_xticks(places, names, rotation=30, ha='right')
+        axes.bar(positions, values, color=COLOURS[n - 1])
+        axes.set_xticks(positions, names, rotation=30, ha='right')
         dress(axes, ylabel=label, ylim=(0.0, None))
     return figure
 

@@ -125,7 +125,17 @@ def _part(planned: Planned, number: int, parameters: Parameters) -> _Part:
         if heat is not None:  # leads where no other limit is used up
             leading[np.maximum.reduce([one.used for one in found]) < AT_LIMIT] = len(found)
             found += (heat,)
-    return _Part(move, times, master, samples, coefficients, dynamics, limits, found, leading)
+    return _Part(
+        move=move,
+        times=times,
+        master=master,
+        samples=samples,
+        coefficients=coefficients,
+        dynamics=dynamics,
+        limits=limits,
+        limiters=found,
+        leading=leading,
+    )
 
 
 def _steps(move: Move) -> int:

@@ -56,10 +56,10 @@ def joints(theta: Floats, point: Floats, kinematics: Kinematics) -> tuple[Floats
     return shoulders, elbows, point + kinematics.plate_radius_m * u
 
 
-def space(figure: Figure, place: tuple[float, float, float, float] | Any) -> Axes3D:
+def space(figure: Figure, cell: tuple[float, float, float, float] | Any) -> Axes3D:
     """Return 3D axes without a box, seen along ``VIEW_DEG``, in a rectangle or a grid cell of the figure."""
-    add = figure.add_axes if isinstance(place, tuple) else figure.add_subplot
-    axes: Axes3D = add(place, projection='3d', computed_zorder=False)
+    add = figure.add_axes if isinstance(cell, tuple) else figure.add_subplot
+    axes: Axes3D = add(cell, projection='3d', computed_zorder=False)
     axes.set_proj_type('ortho')
     axes.view_init(*VIEW_DEG)
     axes.set_axis_off()

@@ -145,11 +145,11 @@ def _margins(bounds: tuple[Bound, ...]) -> tuple[Margin, ...]:
         values, distances, kept = bound.values.ravel(), bound.margin.ravel(), bound.kept.ravel()
         for i, (value, distance) in enumerate(zip(values.tolist(), distances.tolist(), strict=True)):
             arm = i + 1 if of_arms else None
-            what = f'{bound.what} {arm}' if of_arms else bound.what
+            name = f'{bound.what} {arm}' if of_arms else bound.what
             limit = float(bound.limit)
             found.append(
                 Margin(
-                    what=what,
+                    name=name,
                     key=bound.key,
                     arm=arm,
                     value=value,

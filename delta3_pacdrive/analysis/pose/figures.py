@@ -66,14 +66,7 @@ def forward_kinematics(pose: Pose, parameters: Parameters) -> Figure:
     axes.plot(*tcp[:, None], 'o', color=NORM_COLOUR, markersize=7, zorder=400, **WHOLE)
     _frame_of_base(axes, parameters)
     _note(axes, tcp, f'TCP {millimetres(point)}', (-70, -22), NORM_COLOUR)
-    _blocks(
-        figure,
-        [rf'$\theta_{i + 1}$ = {value:z.2f}°' for i, value in enumerate(np.degrees(theta))],
-        'forward\nkinematics',
-        [f'${name}$ = {value:z.2f} mm' for name, value in zip('xyz', tcp, strict=True)],
-        AXIS_COLOURS,
-        (NORM_COLOUR,) * 3,
-    )
+    _blocks(figure, 'forward\nkinematics', _angle_texts(theta), _position_texts(point))
     return figure
 
 
@@ -85,14 +78,7 @@ def inverse_kinematics(pose: Pose, parameters: Parameters) -> Figure:
     figure = empty_figure(5.6, 10.0)
     figure.set_layout_engine('none')
     figure.suptitle('Inverse kinematics', fontsize=12, y=0.98)
-    _blocks(
-        figure,
-        [f'${name}$ = {value:z.2f} mm' for name, value in zip('xyz', MM * point, strict=True)],
-        'inverse\nkinematics',
-        [rf'$\theta_{i + 1}$ = {value:z.2f}°' for i, value in enumerate(np.degrees(outward))],
-        (NORM_COLOUR,) * 3,
-        AXIS_COLOURS,
-    )
+    _blocks(figure, 'inverse\nkinematics', _position_texts(point), _angle_texts(outward))
     grid = figure.add_gridspec(1, 3, left=0.07, right=0.985, bottom=0.17, top=0.70, wspace=0.16)
     panels = list(grid.subplots(sharey=True, squeeze=False)[0])
     for i, axes in enumerate(panels):
@@ -287,14 +273,20 @@ def _note(axes: Axes3D, point: Floats, text: str, shift: tuple[float, float], co
     )  # fmt: skip
 
 
-def _blocks(
-    figure: Figure,
-    inputs: list[str],
-    name: str,
-    outputs: list[str],
-    colours: tuple[str, ...],
-    out_colours: tuple[str, ...],
-) -> None:
+def _angle_texts(theta: Floats) -> list[tuple[str, str]]:
+    """Return arm angles as text, each with its colour."""
+    texts = [rf'$\theta_{i + 1}$ = {value:z.2f}°' for i, value in enumerate(np.degrees(theta))]
+    return list(zip(texts, AXIS_COLOURS, strict=True))
+
+
+def _position_texts(point: Floats) -> list[tuple[str, str]]:
+    """Return coordinates as text, each with its colour."""
+    return [
+        (f'${name}$ = {value:z.2f} mm', NORM_COLOUR) for name, value in zip('xyz', MM * point, strict=True)
+    ]
+
+
+def _blocks(figure: Figure, name: str, inputs: list[tuple[str, str]], outputs: list[tuple[str, str]]) -> None:
     """Draw inputs and outputs of a transformation at the top of the figure."""
     from matplotlib.patches import FancyBboxPatch
 
@@ -315,9 +307,7 @@ def _blocks(
         'shrinkA': 0.0,
         'shrinkB': 0.0,
     }
-    for height, into, out, colour, out_colour in zip(
-        (0.8, 0.48, 0.16), inputs, outputs, colours, out_colours, strict=True
-    ):
+    for height, (into, colour), (out, out_colour) in zip((0.8, 0.48, 0.16), inputs, outputs, strict=True):
         axes.text(0.33, height, into, ha='right', va='center', fontsize=10, color=colour)
         axes.annotate('', (0.415, height), (0.34, height), arrowprops=arrow)
         axes.annotate('', (0.66, height), (0.585, height), arrowprops=arrow)

@@ -25,7 +25,7 @@ class Solution:
 class Margin:
     """Distance of one quantity to one of its limits."""
 
-    what: str  # name of the quantity with the number of its arm
+    name: str  # of the quantity with the number of its arm
     key: str  # name in results
     arm: int | None  # 1 to 3; None for the whole robot
     value: float
@@ -39,7 +39,7 @@ class Margin:
     def sentence(self) -> str:
         """Value and limit as text."""
         unit = f' {self.unit}' if self.unit else ''
-        return f'{self.what} is {self.value:.4g}{unit}, the limit is {self.limit:.4g}{unit}'
+        return f'{self.name} is {self.value:.4g}{unit}, the limit is {self.limit:.4g}{unit}'
 
 
 @dataclass(frozen=True)

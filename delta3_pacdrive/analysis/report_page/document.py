@@ -55,7 +55,7 @@ def report_document(
             for name, run, signals, shift in zip(named(runs), runs, held, shifts, strict=True)
         ],
         'differences': [
-            _differences(runs[0], run, held[0], signals, comparison, coarser)
+            _differences(runs[0], run, (held[0], signals), comparison, coarser)
             for run, signals, comparison in zip(runs[1:], held[1:], comparisons, strict=True)
         ],
         'plots': [plot for plot in shown if plot is not None],
@@ -137,14 +137,13 @@ def _bar_top_m(robot: Parameters) -> float:
 def _differences(
     first: Run,
     second: Run,
-    held: Mapping[str, Floats],
-    others_held: Mapping[str, Floats],
+    signals: tuple[Mapping[str, Floats], Mapping[str, Floats]],
     comparison: Comparison,
     coarser: float,
 ) -> dict[str, Any]:
-    """Return the differences of two runs in those cycles of the first one that both have."""
+    """Return the differences of the signals of two runs in those cycles of the first one that both have."""
     time_s = comparison.time_s
-    found = subtracted(first, second, held, others_held, time_s, comparison.alignment)
+    found = subtracted(first, second, *signals, time_s=time_s, alignment=comparison.alignment)
     return {
         'first_s': float(time_s[0]),
         'period_s': first.period_s,

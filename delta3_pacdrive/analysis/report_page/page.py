@@ -37,11 +37,13 @@ POSE = {
 def require_writable_page(path: Path) -> None:
     """Raise ReportError if a page cannot be written; called before anything is computed."""
     if not path.is_dir() and path.suffix.lower() not in ('.html', '.htm'):
-        why = 'the name of a page must end in .html'  # protects a recording from being overwritten by mistake
+        reason = (
+            'the name of a page must end in .html'  # protects a recording from being overwritten by mistake
+        )
     else:
-        why = whole_file.file_refusal(path)
-    if why:
-        raise ReportError(f'cannot write {path}: {why}')
+        reason = whole_file.file_refusal(path)
+    if reason:
+        raise ReportError(f'cannot write {path}: {reason}')
 
 
 def write(

@@ -191,8 +191,8 @@ def _rank(name: str, present: Mapping[str, float], wanted: Mapping[str, float]) 
     """Return the position of a value in the writing order: stage, and rank within the stage."""
     filtered = re.match(r'notch_\d_', name)
     if filtered is None:
-        place = INWARDS.index(name) if name in INWARDS else 0
-        return (0, place) if wanted[name] < present[name] else (4, -place)
+        index = INWARDS.index(name) if name in INWARDS else 0
+        return (0, index) if wanted[name] < present[name] else (4, -index)
     frequency = f'{filtered[0]}frequency_hz'
     if name == frequency:
         return 2, 0

@@ -159,12 +159,12 @@ def measured_response(one: MeasuredResponse, loop: LoopResult | None) -> Figure:
     linear, pair = (frequencies, one.linear), (top, middle)
     _curve(pair, *linear, '#111111', 'linear')
     dots: dict[str, Any] = {'marker': '.', 'linestyle': 'none'}
-    _points(pair, one.measured, linear, dots | {'color': COLOURS[1]}, 'recorded', trusted)
-    _points(pair, one.measured, linear, dots | {'color': '#CCCCCC'}, 'recorded, not trusted', ~trusted)
+    _points(pair, one.measured, linear, dots | {'color': COLOURS[1]}, 'recorded', shown=trusted)
+    _points(pair, one.measured, linear, dots | {'color': '#CCCCCC'}, 'recorded, not trusted', shown=~trusted)
     bench = None if loop is None else (loop.measured_closed if one.name == 'current' else loop.measured_open)
     if bench is not None:
         inside = (bench.frequencies_hz >= frequencies[0]) & (bench.frequencies_hz <= frequencies[-1])
-        _points(pair, bench, linear, POINTS | {'color': COLOURS[0]}, 'drive on the bench', inside)
+        _points(pair, bench, linear, POINTS | {'color': COLOURS[0]}, 'drive on the bench', shown=inside)
     bottom.plot(frequencies, one.measured.coherence, color=COLOURS[1], linewidth=1.0)
     title = 'nothing is trusted'
     if (band := one.measured.band_hz()) is not None:

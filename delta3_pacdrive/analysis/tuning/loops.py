@@ -208,10 +208,10 @@ class _Period:
         passed = (self._n // round(drive.position_period_s / drive.current_period_s) + 1) / per_cycle
         steps = self._set_point_steps()
         if drive.interpolation == CUBIC:
-            way, slope = cubic_way(*steps, passed), cubic_slope(*steps, passed)
+            distance, slope = cubic_way(*steps, passed), cubic_slope(*steps, passed)
         else:
-            way, slope = passed * steps[1], steps[1]
-        reference = x['command_before'] + way + self._given(Entry.POSITION)
+            distance, slope = passed * steps[1], steps[1]
+        reference = x['command_before'] + distance + self._given(Entry.POSITION)
         error = reference - x['read']
         if self._entry == Entry.POSITION_ERROR:
             error = self._input

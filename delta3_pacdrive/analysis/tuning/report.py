@@ -133,12 +133,12 @@ def instability(variant: Variant) -> list[str]:
             sentences.append(f'{loop.name}: unstable with the {inside} loop inside it')
             continue
         m = loop.margins
-        why = []
+        causes = []
         if m.gain_reduction_db is not None:
-            why.append(f'its gain is {-m.gain_reduction_db:.1f} dB too high')
+            causes.append(f'its gain is {-m.gain_reduction_db:.1f} dB too high')
         if m.phase_margin_deg is not None:
-            why.append(f'phase margin {m.phase_margin_deg:.0f} deg at {m.crossover_hz:.0f} Hz')
-        sentences.append(f'{loop.name}: unstable, {", ".join(why) or "it does not decay"}')
+            causes.append(f'phase margin {m.phase_margin_deg:.0f} deg at {m.crossover_hz:.0f} Hz')
+        sentences.append(f'{loop.name}: unstable, {", ".join(causes) or "it does not decay"}')
         inside = loop.name
     period = 1e3 * variant.robot.bus.exchange_period_s
     for load, loops in variant.workspace:

@@ -101,8 +101,8 @@ def step_figures(time_s: Floats, response: Floats) -> StepFigures:
 
 def _crossings(x: Floats, y: Floats) -> list[float]:
     """Return the zero crossings of y, linearly interpolated."""
-    places = np.flatnonzero((y[:-1] < 0.0) != (y[1:] < 0.0))
-    return [float(x[k] - y[k] * (x[k + 1] - x[k]) / (y[k + 1] - y[k])) for k in places]
+    indices = np.flatnonzero((y[:-1] < 0.0) != (y[1:] < 0.0))
+    return [float(x[k] - y[k] * (x[k + 1] - x[k]) / (y[k + 1] - y[k])) for k in indices]
 
 
 def _moment(time_s: Floats, response: Floats, level: float) -> float:

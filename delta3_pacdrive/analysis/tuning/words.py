@@ -145,9 +145,9 @@ def _effect(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
 
 def proposal_lines(proposal: dict[str, Any]) -> list[str]:
     """Return the margins of a proposal and of the present gains, and the reason if the gains are not proposed."""
-    wanted = proposal['targets']
+    targets = proposal['targets']
     lines = [
-        f'gains for {wanted["phase_deg"]:g} deg and {wanted["gain_db"]:g} dB over the workspace, '
+        f'gains for {targets["phase_deg"]:g} deg and {targets["gain_db"]:g} dB over the workspace, '
         f'with 0 to {proposal["payload_kg"]:g} kg:'
     ]
     for name, title in (('before', 'before'), ('kept', 'after')):

@@ -48,7 +48,7 @@ def quantity_map(
     low, high = float(known.min()), float(known.max())
     levels = MaxNLocator(LEVELS).tick_values(low, high if high > low else low + 1.0)
     unit = f' [{_unit(quantity)}]' if quantity.shown_unit else ''
-    title = f'{quantity.what[0].upper()}{quantity.what[1:]}{unit}'
+    title = f'{quantity.title[0].upper()}{quantity.title[1:]}{unit}'
     figure, panels = _panels(slices, title)
     colours = 'viridis_r' if quantity.worst_is_large else 'viridis'
     filled = None

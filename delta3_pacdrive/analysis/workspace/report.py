@@ -82,7 +82,7 @@ def text(found: Results, settings: Settings, parameters: Parameters) -> list[str
         if quantity.key not in found.extremes:
             continue
         one = found.extremes[quantity.key]
-        name = f'{quantity.what} ({quantity.shown_unit})' if quantity.shown_unit else quantity.what
+        name = f'{quantity.title} ({quantity.shown_unit})' if quantity.shown_unit else quantity.title
         x, y, z = (
             round(MM * value) for value in (one.largest_at_m if quantity.worst_is_large else one.least_at_m)
         )
@@ -127,8 +127,8 @@ def volume_columns(volume: Grid) -> dict[str, Any]:
 
 def require_writable_volume(path: Path) -> None:
     """Raise ReportError if the file of a volume cannot be written; called before the computation."""
-    if why := whole_file.file_refusal(path, folder_is_made=True):
-        raise ReportError(f'cannot write {path}: {why}')
+    if reason := whole_file.file_refusal(path, folder_is_made=True):
+        raise ReportError(f'cannot write {path}: {reason}')
 
 
 def save_volume(volume: Grid, path: Path, meta: Mapping[str, str]) -> Path:

@@ -13,7 +13,7 @@ class Quantity:
     """Mapped quantity."""
 
     key: str  # name in files and results
-    what: str  # name in text
+    title: str  # name in text
     unit: str  # empty if dimensionless
     scale: float  # factor to ``shown_unit``
     shown_unit: str
