@@ -70,10 +70,7 @@ def along(starts: Floats, directions: Floats, kinematics: Kinematics) -> Sweep:
     theta = inverse(tcp, kinematics)
     j = jacobian(theta, tcp, kinematics)
     serial, parallel = singularity(theta, tcp, kinematics)
-    per_mm = {
-        pose: np.stack([_slopes(theta, tcp, j, symbol, pose, kinematics) for symbol in LENGTHS], axis=-1)
-        for pose in Pose
-    }
+    per_mm = {pose: np.stack(_slopes(theta, tcp, j, pose, kinematics), axis=-1) for pose in Pose}
     return Sweep(
         tcp=tcp,
         gap_m=gap,
@@ -104,8 +101,7 @@ def of_motion(motion: Motion, kinematics: Kinematics) -> Floats:
 
 def worst_direction(theta: Floats, tcp: Floats, kinematics: Kinematics, pose: Pose) -> Floats:
     """Return the deviation [%] in the worst direction, each length 1 mm off, independently; shapes (n, 3) -> (n,)."""
-    j = jacobian(theta, tcp, kinematics)
-    slopes = [_slopes(theta, tcp, j, symbol, pose, kinematics) for symbol in LENGTHS]
+    slopes = _slopes(theta, tcp, jacobian(theta, tcp, kinematics), pose, kinematics)
     return np.asarray(np.linalg.norm(slopes, axis=0))
 
 
@@ -171,12 +167,15 @@ def _regular(points: Floats, handedness: Floats, kinematics: Kinematics) -> NDAr
     return regular
 
 
-def _slopes(theta: Floats, tcp: Floats, j: Floats, symbol: str, pose: Pose, kinematics: Kinematics) -> Floats:
-    """Return the deviation [%/mm] in the worst direction of motion per error of one length; shape (n,)."""
-    quotients = []
-    for step in (STEP_M, -STEP_M):
-        wrong = inexact(kinematics, {symbol: step})
-        angles, positions = posed(theta, tcp, wrong, pose)
-        quotients.append(np.linalg.solve(jacobian(angles, positions, wrong), j))
-    change = (quotients[0] - quotients[1]) / (2.0 * STEP_M)
-    return np.asarray(0.1 * np.linalg.norm(change, 2, axis=(1, 2)))  # 100 % and 1 mm
+def _slopes(theta: Floats, tcp: Floats, j: Floats, pose: Pose, kinematics: Kinematics) -> list[Floats]:
+    """Return the deviation [%/mm] in the worst direction of motion per error of each length; shapes (n,)."""
+    slopes = []
+    for symbol in LENGTHS:
+        quotients = []
+        for step in (STEP_M, -STEP_M):
+            wrong = inexact(kinematics, {symbol: step})
+            angles, positions = posed(theta, tcp, wrong, pose)
+            quotients.append(np.linalg.solve(jacobian(angles, positions, wrong), j))
+        change = (quotients[0] - quotients[1]) / (2.0 * STEP_M)
+        slopes.append(np.asarray(0.1 * np.linalg.norm(change, 2, axis=(1, 2))))  # 100 % and 1 mm
+    return slopes

@@ -114,12 +114,12 @@ def of_program(program: Program, robot: Parameters, name: str, thesis: Thesis | 
     tcp = sample_plan(plan, period * np.arange(int(plan.duration_s / period) + 1))[0]
     theta = kinematics.inverse(tcp, robot.kinematics)
     return _motion(
-        name,
-        'set points of the bus cycles, central and second differences over one cycle each way',
-        period,
-        np.arange(len(tcp), dtype=np.float64) * period,
-        (theta, *derivatives(theta, period), tcp, *derivatives(tcp, period)),
-        thesis,
+        name=name,
+        source='set points of the bus cycles, central and second differences over one cycle each way',
+        period_s=period,
+        time_s=np.arange(len(tcp), dtype=np.float64) * period,
+        signals=(theta, *derivatives(theta, period), tcp, *derivatives(tcp, period)),
+        thesis=thesis,
     )
 
 
@@ -149,13 +149,13 @@ def of_trace(
         speed = np.asarray(part['motor_speed'] / gear)
         acceleration = derivatives(speed, period, WINDOW)[0]
     return _motion(
-        name,
-        f'{signals} signals, parabola through {2 * WINDOW + 1} samples'
+        name=name,
+        source=f'{signals} signals, parabola through {2 * WINDOW + 1} samples'
         + (', joint velocity as the drives tell it' if signals is Signals.ACTUAL else ''),
-        period,
-        part.time_s,
-        (angles, speed, acceleration, tcp, *derivatives(tcp, period, WINDOW)),
-        thesis,
+        period_s=period,
+        time_s=part.time_s,
+        signals=(angles, speed, acceleration, tcp, *derivatives(tcp, period, WINDOW)),
+        thesis=thesis,
     )
 
 

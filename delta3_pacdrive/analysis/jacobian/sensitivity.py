@@ -4,6 +4,7 @@ Slopes are central differences of the joint motion through the Jacobian over err
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -70,6 +71,7 @@ def sensitivities(motion: Motion, kinematics: Kinematics) -> list[Sensitivity]:
     for pose in Pose:
         for symbol, key in LENGTHS.items():
             change = slope(motion, kinematics, symbol, pose)
+            needed = partial(_needed, motion, kinematics, symbol, pose, target)
             velocity = _share(change.velocity, motion.thetadot)
             acceleration = _share(change.acceleration, motion.thetaddot)
             rows.append(
@@ -81,10 +83,8 @@ def sensitivities(motion: Motion, kinematics: Kinematics) -> list[Sensitivity]:
                     velocity=velocity,
                     acceleration=acceleration,
                     target_percent=target,
-                    needed_of_peak_m=_needed(motion, kinematics, symbol, pose, target, velocity.of_peak),
-                    needed_momentary_m=_needed(
-                        motion, kinematics, symbol, pose, target, velocity.momentary, momentary=True
-                    ),
+                    needed_of_peak_m=needed(velocity.of_peak),
+                    needed_momentary_m=needed(velocity.momentary, momentary=True),
                 )
             )
     return rows

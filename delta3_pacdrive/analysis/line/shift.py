@@ -94,7 +94,7 @@ def simulate(
         start_s=starts,
         cycle_s=cycles,
         offered=offered,
-        missed=_reasons(reach.earliest_s, latest, taken_by, starts, cycles, offered),
+        missed=_reasons(reach.earliest_s, latest, taken_by, starts=starts, cycles=cycles, offered=offered),
     )
 
 

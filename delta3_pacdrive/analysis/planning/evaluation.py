@@ -78,10 +78,11 @@ def study(planned: Planned, parameters: Parameters, on_progress: OnProgress = si
         on_progress('evaluating', n, count)
         part = _part(planned, number, parameters)
         energies[number] = energy(part.dynamics, parameters)
-        length_m = _length(part)
-        rows.append(_row(n, planned, number, part, start_s, length_m, parameters))
-        pieces.append(_thinned(_piece(n, part, start_s, distance_m, planned, parameters), stride))
-        distance_m += length_m
+        row = _row(planned, number, part, parameters, n=n, start_s=start_s)
+        piece = _piece(planned, part, parameters, n=n, start_s=start_s, before_m=distance_m)
+        rows.append(row)
+        pieces.append(_thinned(piece, stride))
+        distance_m += row.length_m
     return PlanStudy(planned, _joined(pieces), tuple(rows), _energy_of_round(planned, energies, parameters))
 
 
@@ -211,13 +212,7 @@ def _length(part: _Part) -> float:
 
 
 def _row(
-    n: int,
-    planned: Planned,
-    number: int,
-    part: _Part,
-    start_s: float,
-    length_m: float,
-    parameters: Parameters,
+    planned: Planned, number: int, part: _Part, parameters: Parameters, *, n: int, start_s: float
 ) -> MoveRow:
     weights = np.gradient(part.times) if len(part.times) > 1 else np.ones(1)
     weights = weights / weights.sum()
@@ -229,7 +224,7 @@ def _row(
         kind=part.move.kind.name.lower(),
         start_s=start_s,
         duration_s=part.move.duration_s,
-        length_m=length_m,
+        length_m=_length(part),
         payload_kg=part.move.payload_kg,
         speed_max_m_s=float(d.tcp_speed_m_s.max()),
         acceleration_max_m_s2=float(d.tcp_acceleration_m_s2.max()),
@@ -359,7 +354,7 @@ def _distances(part: _Part, parameters: Parameters) -> dict[str, float]:
 
 
 def _piece(
-    n: int, part: _Part, start_s: float, before_m: float, planned: Planned, parameters: Parameters
+    planned: Planned, part: _Part, parameters: Parameters, *, n: int, start_s: float, before_m: float
 ) -> Samples:
     """Return the samples of the ``n``-th move of the plan; ``before_m`` is the path length of the moves before it."""
     d, master = part.dynamics, _along_the_path(part, before_m)

@@ -28,7 +28,13 @@ def of_point(p: ArrayLike, parameters: Parameters) -> Pose:
         reason = f'the point is out of reach of {_arms(np.flatnonzero(np.isnan(theta)).tolist())}'
         margins = _margins(workspace_bounds(point[None], parameters))
         broken = [margin.sentence for margin in margins if not margin.is_kept]
-        return _without_pose(point, solutions, margins, (reason, *broken), parameters)
+        return Pose(
+            solutions=solutions,
+            margins=margins,
+            refusals=(reason, *broken),
+            payload_kg=parameters.dynamics.payload_mass_kg,
+            point_m=point,
+        )
     return _pose(theta, point, solutions, parameters)
 
 
@@ -41,7 +47,13 @@ def of_angles(theta: ArrayLike, parameters: Parameters) -> Pose:
     try:
         point = kinematics.forward(angles, parameters)
     except UnreachableError as error:
-        return _without_pose(None, (), (), (str(error),), parameters, angles)
+        return Pose(
+            solutions=(),
+            margins=(),
+            refusals=(str(error),),
+            payload_kg=parameters.dynamics.payload_mass_kg,
+            arm_angle_rad=angles,
+        )
     return _pose(angles, point, _solutions(point, parameters), parameters)
 
 
@@ -49,24 +61,6 @@ def _arms(indices: list[int]) -> str:
     """Return names of arms, counted from 0, as text."""
     names = [str(i + 1) for i in indices]
     return f'arm {names[0]}' if len(names) == 1 else f'arms {", ".join(names[:-1])} and {names[-1]}'
-
-
-def _without_pose(
-    point: Floats | None,
-    solutions: tuple[Solution, ...],
-    margins: tuple[Margin, ...],
-    refusals: tuple[str, ...],
-    parameters: Parameters,
-    theta: Floats | None = None,
-) -> Pose:
-    return Pose(
-        solutions=solutions,
-        margins=margins,
-        refusals=refusals,
-        payload_kg=parameters.dynamics.payload_mass_kg,
-        point_m=point,
-        arm_angle_rad=theta,
-    )
 
 
 def _pose(theta: Floats, point: Floats, solutions: tuple[Solution, ...], parameters: Parameters) -> Pose:

@@ -296,7 +296,9 @@ def _measured(loop: Loop, parameters: Parameters, operation: OperatingPoint) -> 
 
     def estimate(x: Floats, y: Floats, every: int) -> Measured:
         x, y, instrument = (signal[n::every] for signal in (x, y, added))
-        return identification.response(x, y, every * period, n // every, instrument, excitation.lines)
+        return identification.response(
+            x, y, every * period, n // every, instrument=instrument, lines=excitation.lines
+        )
 
     return estimate(error, feedback, error_rate), estimate(added, actual, rate)
 

@@ -115,7 +115,7 @@ def linear_cascade(parameters: Parameters, shaft: Shaft, entry: Entry) -> Period
         *(_NOTCH_STATES if constants['notches'] else ()),
         *(_GEAR_STATES if shaft.gear is not None else ()),
     )
-    periods = [_Period(parameters, shaft, entry, n, names, filters) for n in range(steps)]
+    periods = [_Period(parameters, shaft, entry, n, names=names, filters=filters) for n in range(steps)]
     states = len(names)
     rows = np.array([[p.signals[name] for name in names] for p in periods])
     outputs = np.array([[p.outputs[name] for name in OUTPUTS] for p in periods])
@@ -159,7 +159,6 @@ class _Period:
         self.outputs: dict[str, Floats] = {}
         self._input, self._zero = identity[-1], np.zeros(len(identity))
         self._parameters, self._shaft, self._entry, self._n = parameters, shaft, entry, n
-        self._outside = self._zero
         x = self.signals
         if n == 0:
             x['command_before_that'] = x['command_before']

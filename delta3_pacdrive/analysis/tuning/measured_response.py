@@ -72,12 +72,13 @@ def identify(
     _check_rate(sample, parameters)
     found = []
     if {'current_added', 'current_reference'} <= trace.signals.keys():
-        added, asked = trace['current_added'], trace['current_reference']
-        opened = _opened(trace, added, asked, Entry.CURRENT, axis, parameters, operation)
+        opened = _opened(
+            trace, trace['current_reference'], Entry.CURRENT, axis, parameters=parameters, operation=operation
+        )
         found.append(MeasuredResponse(CASCADE, 'cascade, open at the current set point', axis, *opened))
     if {'position_added', 'position_reference'} <= trace.signals.keys():
-        added, error = trace['position_added'], trace['position_reference'] - trace['motor_position']
-        opened = _opened(trace, added, error, Entry.POSITION, axis, parameters, operation)
+        error = trace['position_reference'] - trace['motor_position']
+        opened = _opened(trace, error, Entry.POSITION, axis, parameters=parameters, operation=operation)
         found.append(MeasuredResponse('position', 'position loop, open', axis, *opened))
     if {'current_reference', 'current'} <= trace.signals.keys():
         found.append(_of_current(trace, axis, parameters, operation))
@@ -106,7 +107,9 @@ def _estimate(trace: Trace, x: Floats, y: Floats, every: int, instrument: Floats
     period_s = every * sample_time_s(trace)
     repeats, lines = _repetition(trace, len(trace.time_s))
     if lines is not None and repeats % every == 0:
-        return identification.response(x, y, period_s, repeats // every, instrument, lines, drifts=True)
+        return identification.response(
+            x, y, period_s, repeats // every, instrument=instrument, lines=lines, drifts=True
+        )
     return identification.response(x, y, period_s, _piece(len(x)), instrument)
 
 
@@ -134,25 +137,19 @@ def _steps(period_s: float, parameters: Parameters) -> int:
 
 
 def _opened(
-    trace: Trace,
-    added: Floats,
-    seen: Floats,
-    entry: Entry,
-    axis: int,
-    parameters: Parameters,
-    operation: OperatingPoint,
+    trace: Trace, seen: Floats, entry: Entry, axis: int, parameters: Parameters, operation: OperatingPoint
 ) -> tuple[Measured, Complex]:
     """Return the open loop of an axis, measured and linear, from the input at ``entry`` to the signal ``seen``.
 
     The linear loop of an axis in the robot is the mean over the modes of the pose, weighted by its shares.
     """
     drive = parameters.drive
-    output, period_s = {
-        Entry.CURRENT: ('current_asked', drive.velocity_period_s),
-        Entry.POSITION: ('position_error', drive.position_period_s),
+    added, output, period_s = {
+        Entry.CURRENT: ('current_added', 'current_asked', drive.velocity_period_s),
+        Entry.POSITION: ('position_added', 'position_error', drive.position_period_s),
     }[entry]
     every = _steps(period_s, parameters)
-    sensitivity = _estimate(trace, added[:, axis - 1], seen[:, axis - 1], every)
+    sensitivity = _estimate(trace, trace[added][:, axis - 1], seen[:, axis - 1], every)
     if entry == Entry.CURRENT:
         # the loop is cut before the notch filters, the recorded reference is after them
         filters = notch_response(sensitivity.frequencies_hz, parameters)

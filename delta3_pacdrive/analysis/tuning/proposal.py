@@ -143,7 +143,15 @@ def propose(
         aim = search.aim(targets, gains, kept)
     if best is not None:
         before = margins_kept(parameters, loads, speed_rad_s)
-        return Proposal(targets, best[0], best[0].of(parameters), best[1], before, largest)
+        gains, kept = best
+        return Proposal(
+            targets=targets,
+            gains=gains,
+            robot=gains.of(parameters),
+            kept=kept,
+            before=before,
+            payload_kg=largest,
+        )
     raise TuningError(
         f'no gains keep {targets.phase_deg:g} deg and {targets.gain_db:g} dB over the workspace '
         f'with 0 to {largest:g} kg: '

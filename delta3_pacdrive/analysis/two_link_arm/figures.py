@@ -224,12 +224,13 @@ def _draw_pose(axes: Axes, theta: Floats, arm: TwoLinkArm, radius: float) -> Non
     axes.plot(*np.stack([knee, tool]).T, color=UPPER, label=f'upper arm, b = {b:.3g} m', **link)
     axes.plot(*np.stack([base, knee]).T, 'o', color='white', markeredgecolor=TOOL, markersize=8)
     axes.plot(*tool, 'x', color=TOOL, markersize=9, markeredgewidth=2.2, label='tool', linestyle='none')
-    _angle(axes, base, 0.0, theta[0], radius, r'$\theta_1$')
-    _angle(axes, knee, theta[0], theta[0] + theta[1], radius, r'$\theta_2$')
+    _angle(axes, base, (0.0, theta[0]), radius, r'$\theta_1$')
+    _angle(axes, knee, (theta[0], theta[0] + theta[1]), radius, r'$\theta_2$')
 
 
-def _angle(axes: Axes, corner: Floats, start: float, end: float, radius: float, text: str) -> None:
-    """Draw an angle [rad] from a dashed ray at ``start`` to ``end`` with its label."""
+def _angle(axes: Axes, corner: Floats, ends: tuple[float, float], radius: float, text: str) -> None:
+    """Draw an angle between two directions [rad], the first as a dashed ray, with its label."""
+    start, end = ends
     ray = np.stack([corner, corner + 1.7 * radius * np.array([math.cos(start), math.sin(start)])])
     axes.plot(*ray.T, color='#555555', linewidth=0.9, linestyle=DASHED)
     sweep = np.linspace(start, end, 61)
