@@ -193,5 +193,5 @@ def test_a_program_continues_behind_a_circle_over_an_angle(robot):
     )
     assert rest_of(program, 1, robot).start_m == pytest.approx((0.0, 0.08, -0.8), abs=1e-9)
     unknown = replace(program, start_m=None)
-    with pytest.raises(ProgramError, match='begin behind a move to a point'):
+    with pytest.raises(ProgramError, match='begin after a move to a point'):
         rest_of(unknown, 1, robot)
