@@ -4,12 +4,12 @@ import numpy as np
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.analysis.calibration import estimation, model, planning, simulated
-from delta3_pacdrive.analysis.calibration.data import Method, Wanted
+from delta3_pacdrive.analysis.calibration.data import Method, Requirements
 
 NOISE_M = 2e-5  # of each coordinate that the instrument tells
 
 robot = d3.load_parameters('built')
-poses = planning.plan(Wanted(Method.BASE, number=24, checks=8, noise_m=NOISE_M), robot)
+poses = planning.plan(Requirements(Method.BASE, number=24, checks=8, noise_m=NOISE_M), robot)
 # of a robot that stands here: measurement_file.read('measured.csv')
 measured = simulated.points(poses, robot, Method.BASE, NOISE_M, seed=1)
 
@@ -19,7 +19,7 @@ for left in estimation.compared(found, observation):
     print(
         f'{left.what}, {left.count} poses: {1e3 * left.before_rms_m:.3f} mm before, {1e3 * left.after_rms_m:.3f} after'
     )
-for one in found.told:
+for one in found.estimates:
     if one.symbol == 'l_A':
         print(f'l_A of arm {one.arm}: {1e3 * one.value:+.3f} +- {1e3 * one.half_width:.3f} mm')
 

@@ -1,1 +1,1 @@
-"""What is made of runs: figures, experiments of the thesis, estimation, tuning."""
+"""Analysis of runs: figures, experiments of the thesis, estimation, calibration, tuning, studies."""

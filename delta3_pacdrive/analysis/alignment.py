@@ -1,11 +1,11 @@
-"""Alignment of two runs: the second is brought to the time of the first.
+"""Alignment of two runs: maps the time of the second run to that of the first.
 
-Runs that know the start of their program are aligned by it. Otherwise, or on request, the offset between the clocks is
-estimated from the motion: from the motor commands where both runs hold them, because commands have neither noise nor
-lag; else from the motor speeds, else from the velocities of the TCP. Rows that either run lacks are left out.
+Runs that both contain the start of their program are aligned at it. Otherwise, or on request, the offset between the
+clocks is estimated from the motion. Motor commands are preferred because they have neither noise nor lag, then motor
+speeds, then TCP velocities. Rows missing in either run are ignored.
 
-Runs of the same bus cycle differ by whole cycles. For any other pair the offset is refined to parts of a sample,
-and the ratio of the clocks is estimated with it, by least squares; the intervals follow from the residuals.
+Runs with the same bus cycle differ by whole cycles. For any other pair, least squares refines the offset to a fraction
+of a sample and estimates the ratio of the clocks; the confidence intervals follow from the residuals.
 """
 
 import math
@@ -34,61 +34,38 @@ from delta3_pacdrive.recording.trace import Trace
 
 START, CORRELATION, NONE = 'start', 'correlation', 'none'  # how runs are aligned
 BY_START, BY_CORRELATION, BY_NOTHING = 'program start', 'best correlation', 'their own times'
-RIVAL = 0.95  # of the best correlation: another shift that is as good
+RIVAL = 0.95  # of the best correlation: a second shift at least this good makes the alignment ambiguous
 COMMAND, MOTOR, TCP = 'motor commands', 'motor speeds', 'TCP velocities'
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """An alignment maps the time of the second run to that of the first.
+    """Map from the time of the second run to that of the first.
 
     Time of the first = ``at_s + shift_s + rate * (time of the second - at_s)``.
-
-    Attributes
-    ----------
-    by
-        ``BY_START``, ``BY_CORRELATION`` or ``BY_NOTHING``.
-    shift_s
-        Added to the times of the second run.
-    correlation
-        Of the motion at this shift, 1 for equal ones; nan if it is not recorded or nothing moves.
-    of
-        Signals that were aligned.
-    uncertainty_s
-        Half of the 95 % interval of the shift; 0 for whole cycles, nan where it is not known.
-    rival_shift_s, rival_correlation
-        The next best shift, of a motion that repeats itself, and its correlation; nan if there is none.
-    rate
-        Second of the first clock per second of the second clock; 1 unless it differs by more than its interval.
-    rate_uncertainty
-        Half of the 95 % interval of the rate; 0 for runs of the same bus cycle, nan where it is not known.
-    at_s
-        Time of the second run at which the shift holds: the middle of the common part.
-    axes
-        Axis of the second run, from 1 on and negative for the opposite sign, that moves as each axis of the first.
-
     """
 
-    by: str
+    by: str  # one of BY_START, BY_CORRELATION, BY_NOTHING
     shift_s: float
-    correlation: float
-    of: str = MOTOR
-    uncertainty_s: float = math.nan
-    rival_shift_s: float = math.nan
+    correlation: float  # of the motion at this shift; nan if no motion is recorded
+    of: str = MOTOR  # aligned signals
+    uncertainty_s: float = math.nan  # half of the 95 % interval; 0 for whole cycles, nan if unknown
+    rival_shift_s: float = math.nan  # second-best shift of a repetitive motion; nan if there is none
     rival_correlation: float = math.nan
-    rate: float = 1.0
-    rate_uncertainty: float = math.nan
-    at_s: float = 0.0
+    rate: float = 1.0  # second of the first clock per second of the second; 1 if the interval contains 1
+    rate_uncertainty: float = math.nan  # half of the 95 % interval; 0 for the same bus cycle, nan if unknown
+    at_s: float = 0.0  # time of the second run at which the shift applies: middle of the common part
+    # axis of the second run (from 1, negative: opposite sign) that matches each axis of the first
     axes: tuple[int, ...] = (1, 2, 3)
 
     @property
     def clock_error(self) -> float:
-        """Relative error of the clock of the second run against that of the first: positive if it is fast."""
+        """Relative error of the second clock against the first; positive if it is fast."""
         return 1.0 / self.rate - 1.0
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why the alignment may be wrong, in sentences."""
+        """Reasons to doubt the alignment, one sentence each."""
         found = []
         if self.axes != (1, 2, 3):
             pairs = ', '.join(f'axis {n} as {own:+d}' for n, own in enumerate(self.axes, start=1))
@@ -117,43 +94,43 @@ class Alignment:
         return tuple(found)
 
     def clocked(self, run: Run) -> Run:
-        """Return the second run with times of the first clock, before the shift is added."""
+        """Return the second run with its times converted to the rate of the first clock, without the shift."""
         if self.rate == 1.0:
             return run
 
         def at(time_s: float) -> float:
             return self.at_s + self.rate * (time_s - self.at_s)
 
-        part, meta = run.part, dict(run.part.meta)
+        part, meta = run.window, dict(run.window.meta)
         meta['cycle_time_s'] = run.period_s * self.rate
         if 'origin_s' in meta:
             meta['origin_s'] = at(float(meta['origin_s']))
         own = {name: values for name, values in part.signals.items() if name in run.whole.signals}
-        # derivatives over time are taken anew
+        # derivatives depend on the rate of the clock: recompute them
         first_s = at(float(part.time_s[0]))
         from_first = derived_signals.added(Trace(self.rate * (part.time_s - part.time_s[0]), own, meta))
         return replace(
             run,
-            part=Trace(from_first.time_s + first_s, from_first.signals, meta),
+            window=Trace(from_first.time_s + first_s, from_first.signals, meta),
             moves=tuple(replace(m, start_s=at(m.start_s), end_s=at(m.end_s)) for m in run.moves),
             marks=tuple(replace(mark, time_s=at(mark.time_s)) for mark in run.marks),
         )
 
 
 def align(first: Run, second: Run, how: str = START) -> Alignment:
-    """Bring a run to the time of another.
+    """Estimate the alignment of two runs.
 
     Parameters
     ----------
     first, second
         The runs.
     how
-        ``START``: by the start of the program if both know it, else by correlation; ``CORRELATION``; ``NONE``: not.
+        ``START``: by program start if both runs contain it, otherwise by correlation; ``CORRELATION``; ``NONE``.
 
     Raises
     ------
     TraceError
-        One does not know the start of its program, and no motion is recorded in both.
+        A run does not contain its program start, and no signal shows motion in both.
 
     """
     by_start = first.knows_start and second.knows_start and how != CORRELATION
@@ -177,7 +154,7 @@ def align(first: Run, second: Run, how: str = START) -> Alignment:
 
 
 def _motions(first: Run, second: Run) -> Iterator[Motions]:
-    """Yield what both runs hold of their motion, the best to align by first."""
+    """Yield the motions recorded in both runs, the most suitable for alignment first."""
     for of, motion in ((COMMAND, _commands), (MOTOR, _motor_speeds), (TCP, _tcp_velocities)):
         a, b = motion(first), motion(second)
         if a is not None and b is not None:
@@ -185,7 +162,7 @@ def _motions(first: Run, second: Run) -> Iterator[Motions]:
 
 
 def _commands(run: Run) -> Track | None:
-    command = run.part.signals.get('motor_command')
+    command = run.window.signals.get('motor_command')
     if command is None:
         return None
     speeds = derivatives(command, run.period_s)[0]
@@ -193,18 +170,18 @@ def _commands(run: Run) -> Track | None:
 
 
 def _motor_speeds(run: Run) -> Track | None:
-    if 'motor_speed' in run.part.signals:
-        return _of_speeds(run, run.part['motor_speed'])
+    if 'motor_speed' in run.window.signals:
+        return _of_speeds(run, run.window['motor_speed'])
     for name in ('motor_position', 'motor_command'):
-        if name in run.part.signals:
-            return _of_speeds(run, derivatives(run.part[name], run.period_s)[0])
+        if name in run.window.signals:
+            return _of_speeds(run, derivatives(run.window[name], run.period_s)[0])
     return None
 
 
 def _tcp_velocities(run: Run) -> Track | None:
     for name in ('tcp_actual', 'tcp_command'):
-        if name in run.part.signals:
-            return _of_speeds(run, derivatives(run.part[name], run.period_s)[0])
+        if name in run.window.signals:
+            return _of_speeds(run, derivatives(run.window[name], run.period_s)[0])
     return None
 
 
@@ -214,14 +191,14 @@ def _of_speeds(run: Run, speeds: Floats) -> Track | None:
 
 
 def _track(run: Run, values: Floats, speeds: Floats, slopes: Floats) -> Track | None:
-    """Return the track of a run, None if nothing moves."""
+    """Return the track of a run; None if nothing moves."""
     if not np.nan_to_num(speeds).any():
         return None
-    return Track(float(run.part.time_s[0]), run.period_s, np.hstack([values, speeds, slopes]))
+    return Track(float(run.window.time_s[0]), run.period_s, np.hstack([values, speeds, slopes]))
 
 
 def _by_motion(moving: Motions, same_clock: bool, of_second: bool) -> Alignment:
-    """Estimate shift and rate from two motions; only whole cycles for runs of the same clock."""
+    """Estimate shift and rate from two motions; runs with the same clock differ by whole cycles only."""
     axes: tuple[int, ...] = (1, 2, 3)
     period = moving.first.period_s
     lags, found, rate = searched(moving, same_clock)
@@ -232,7 +209,7 @@ def _by_motion(moving: Motions, same_clock: bool, of_second: bool) -> Alignment:
         if again[1].max() > ALIKE:
             moving, axes, (lags, found, rate) = turned, other_axes, again
     best = int(np.argmax(found))
-    # with another rate a lag holds at the begin of the second run
+    # for rates other than 1 a lag applies at the start of the second run
     at_s, from_s = moving.second.first_s, moving.first.first_s - moving.second.first_s
     shift_s = float(from_s + lags[best] * period)
     rival = (math.nan, math.nan)

@@ -1,4 +1,4 @@
-"""What a bag tells of the cell around the robot: its scene, what has happened to parts, and the counts of belts."""
+"""Cell data in a bag: the scene, the history of parts and the encoder counts of belts."""
 
 import json
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.analysis.cell_story import CellStory, cycles_of, told_of
+from delta3_pacdrive.analysis.cell_story import CellStory, cycles_of, story_of
 from delta3_pacdrive.analysis.run_signals import positive
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.peripherals import cell_scene
@@ -23,9 +23,9 @@ SCENE, PARTS = 'cell/scene', 'cell/parts'
 
 
 def read(path: Path, trace: Trace) -> CellStory | None:
-    """Return what the bag of a trace tells of its cell; None if there was none.
+    """Return the cell recorded in the bag of a trace; None if there was none.
 
-    What was written by somebody who does not know how is not there.
+    Messages of unknown publishers are ignored.
 
     Raises
     ------
@@ -36,37 +36,37 @@ def read(path: Path, trace: Trace) -> CellStory | None:
     from rosbags.typesys import Stores, get_typestore
 
     bag = open_bag(path)
-    types, heard = get_typestore(Stores.ROS2_JAZZY), _Heard(positive(trace, 'cycle_time_s'))
+    types, messages = get_typestore(Stores.ROS2_JAZZY), _Messages(positive(trace, 'cycle_time_s'))
     bag.read(
         {
-            bag.robot + SCENE: message_handler(types, TEXT, heard.scene),
-            bag.robot + PARTS: message_handler(types, TEXT, heard.parts),
-            bag.robot + BELTS_TOPIC: message_handler(types, JOINT_STATE, heard.belts),
-            bag.robot + PHASE: heard.sessions.add,
+            bag.robot + SCENE: message_handler(types, TEXT, messages.scene),
+            bag.robot + PARTS: message_handler(types, TEXT, messages.parts),
+            bag.robot + BELTS_TOPIC: message_handler(types, JOINT_STATE, messages.belts),
+            bag.robot + PHASE: messages.sessions.add,
         }
     )
-    return told_of(heard.log, heard.things, trace, heard.ways(cycles_of(trace)), counted=True)
+    return story_of(messages.log, messages.things, trace, messages.ways(cycles_of(trace)), counted=True)
 
 
-class _Heard:
-    """What was heard of a cell, message by message."""
+class _Messages:
+    """Collects the messages of a cell."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self.sessions, self.log = Sessions(), PartsLog()
         self.things: tuple[Thing, ...] = ()
-        self._counts: list[tuple[str, int, Mapping[str, float]]] = []  # session, bus cycle, by the belts
+        self._counts: list[tuple[str, int, Mapping[str, float]]] = []  # session, bus cycle, counts by belt
 
     def scene(self, message: Any) -> None:
-        """Take what stands there."""
+        """Store the scene."""
         self.things = tuple(cell_scene.read(json.loads(message.data)))
 
     def parts(self, message: Any) -> None:
-        """Take what has happened to parts."""
+        """Add a report on parts."""
         self.log.add(message.data)
 
     def belts(self, message: Any) -> None:
-        """Take the counts of a bus cycle."""
+        """Add the encoder counts of a bus cycle."""
         stamp = message.header.stamp
         cycle = round((stamp.sec + stamp.nanosec / NANOSECONDS) / self._period_s)
         counts = dict(zip(message.name, message.position[: len(message.name)].tolist(), strict=True))
@@ -74,7 +74,7 @@ class _Heard:
             self._counts.append((message.header.frame_id, cycle, counts))
 
     def ways(self, cycles: Floats) -> dict[str, Floats]:
-        """Return the ways of belts in bus cycles [m]; over a cycle that is missing they go straight."""
+        """Return the travel of each belt in the given bus cycles [m]; linear over missing cycles."""
         own = {cycle: counts for session, cycle, counts in self._counts if self.sessions.holds(session)}
         found = {}
         for thing in self.things:
@@ -83,7 +83,7 @@ class _Heard:
                     (cycle, counts[thing.name]) for cycle, counts in own.items() if thing.name in counts
                 )
                 if known:
-                    told, counted = np.array(known).T
+                    counted_cycles, counted = np.array(known).T
                     way = counted / thing.increments_per_m
-                    found[thing.name] = np.interp(cycles, told, way, left=np.nan, right=np.nan)
+                    found[thing.name] = np.interp(cycles, counted_cycles, way, left=np.nan, right=np.nan)
         return found

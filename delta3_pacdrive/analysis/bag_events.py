@@ -1,4 +1,4 @@
-"""What a bag tells besides its signals: moves and when they were driven, outputs, holds, overrides, faults."""
+"""Events in a bag: executed moves and their times, outputs, holds, overrides and faults."""
 
 import json
 from dataclasses import dataclass, field
@@ -25,16 +25,18 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.bus_time import NANOSECONDS, NEVER
 from delta3_pacdrive.sercos.telegrams import JOINT_STATE
 
-LIMITS_MAX = 1000  # moves of which it is told what limits them: that takes milliseconds for each
-ORDER_HEADER = 2  # of the row that ends a plan: start cycle, override
+LIMITS_MAX = 1000  # moves whose limit is determined; each takes milliseconds
+ORDER_HEADER = 2  # leading values of the row that ends a plan: start cycle, override
 
 
 def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str, Any]:
     """Return moves, outputs, events, faults and trips of the bag of a trace, times [s] from the start of its program.
 
-    They have the form that a simulation gives them in the ``meta`` of its trace. What is not recorded, or was written
-    by somebody who does not know how, is not there; ``notes`` are sentences about programs whose moves cannot be told.
-    What limited a move is told if the robot is known.
+    The format is that of the ``meta`` of a simulated trace. Messages that were not recorded or that come from an
+    unknown
+    publisher are missing; ``notes`` explains which programs have no moves. The limit of each move is added if
+    ``robot`` is
+    given.
 
     Raises
     ------
@@ -58,24 +60,24 @@ def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str,
             bag.robot + PHASE: story.sessions.add,
         }
     )
-    return story.told(round(float(trace.time_s[-1]) / period))
+    return story.to_dict(round(float(trace.time_s[-1]) / period))
 
 
 @dataclass(frozen=True)
 class _Longer:
-    """More moves for a plan that is driven."""
+    """Moves appended to a plan that is being executed."""
 
-    told: Row
+    row: Row
     more: Plan
 
     def taken_with(self, profile: MotionProfile) -> bool:
-        """Whether they follow from a motion profile on; a robot that stands takes them later than asked for."""
-        asked = self.told.profile
+        """Whether a motion profile accepts these moves; a robot at rest accepts them later than requested."""
+        asked = self.row.profile
         later = profile.held and asked.held and profile.cycle > asked.cycle
         return later or (profile.cycle, profile.held) == (asked.cycle, asked.held)
 
 
-_Followed = tuple[MotionProfile, _Longer | None]  # and what follows from it on, if a plan became longer
+_Followed = tuple[MotionProfile, _Longer | None]  # and the moves appended with it
 
 
 _Sender = tuple[str, str]  # planner and session
@@ -83,17 +85,17 @@ _Sender = tuple[str, str]  # planner and session
 
 @dataclass
 class _Coming:
-    """A planner has sent this of an order: its number, moves, the whole plan, or more moves for one that is driven."""
+    """Parts of an order received from a planner so far."""
 
     number: int = -1
     moves: list[Move] = field(default_factory=list)
     plan: Plan | None = None
-    longer: _Longer | None = None  # ordered, and perhaps taken
+    longer: _Longer | None = None  # requested, perhaps not accepted yet
 
 
 @dataclass(frozen=True)
 class _Run:
-    """A program was started by a planner; without a plan nobody knows its moves."""
+    """Execution of a program; its moves are unknown without a plan."""
 
     session: str
     plan: Plan | None
@@ -105,12 +107,12 @@ class _Run:
 
 
 def _origin(message: Any) -> Origin:
-    """Return where a row comes from; raises TelegramError."""
+    """Return the origin of a row; raises TelegramError."""
     return Origin.from_label(message.layout.dim[0].label if message.layout.dim else '')
 
 
 class _Story:
-    """A story takes the messages of a bag in their order."""
+    """Collects the messages of a bag in their order."""
 
     def __init__(self, period_s: float, start: int, robot: Parameters | None) -> None:
         self._period_s, self._start, self._robot = period_s, start, robot
@@ -124,7 +126,7 @@ class _Story:
         self._trips: dict[int, tuple[float, str, str]] = {}  # time, sentence and source by bus cycle
 
     def plan(self, message: Any) -> None:
-        """Take a row of a plan: a move, or the order that ends the plan."""
+        """Add a row of a plan: a move, or the order that completes the plan."""
         origin, row = _origin(message), np.asarray(message.data)
         if origin.kind in (FAULT, REVOKE):
             return
@@ -144,11 +146,11 @@ class _Story:
             coming.plan = coming.longer = None
             coming.plan = builder.build(row[ORDER_HEADER:].astype(np.int64))
         elif origin.kind == EXTEND:
-            told = Row.from_array(row)
-            coming.longer = _Longer(told, builder.build(told.order))
+            extension = Row.from_array(row)
+            coming.longer = _Longer(extension, builder.build(extension.order))
 
     def course(self, message: Any) -> None:
-        """Take what the master follows from a bus cycle on; of planners whose plans are not recorded nothing counts."""
+        """Add a motion profile; profiles of planners whose plan was not recorded are ignored."""
         origin = _origin(message)
         sender = origin.planner, origin.session
         coming = self._coming.get(sender)
@@ -166,7 +168,7 @@ class _Story:
             self._newest[sender].profiles.append((profile, longer))
 
     def outputs(self, message: Any) -> None:
-        """Take the state of all outputs since a bus cycle."""
+        """Add the state of all outputs, valid from a bus cycle on."""
         if len(message.position) != len(OUTPUTS) + 1 or not np.isfinite(message.position).all():
             return
         stamp = message.header.stamp
@@ -174,7 +176,7 @@ class _Story:
         self._switched.append((cycle, [float(value) for value in message.position]))
 
     def fault(self, message: Any) -> None:
-        """Take a fault that is injected."""
+        """Add an injected fault."""
         document = json.loads(message.data)
         document.pop('session', None)
         document.pop('serial', None)
@@ -185,15 +187,15 @@ class _Story:
         self._faults.append(row)
 
     def progress(self, message: Any) -> None:
-        """Take a report: it tells the fault of the robot, and the bus cycle in which that came."""
+        """Add the fault of the robot, with its bus cycle, from a progress report."""
         facts = json.loads(message.data)
         cycle = int(facts['fault_cycle'])
         if facts['fault'] and cycle >= 0:
-            told = self._time(cycle), str(facts['fault']), str(facts.get('fault_source', ''))
-            self._trips.setdefault(cycle, told)
+            trip = self._time(cycle), str(facts['fault']), str(facts.get('fault_source', ''))
+            self._trips.setdefault(cycle, trip)
 
-    def told(self, last_cycle: int) -> dict[str, Any]:
-        """Return everything up to a bus cycle."""
+    def to_dict(self, last_cycle: int) -> dict[str, Any]:
+        """Return all events up to a bus cycle."""
         moves: list[dict[str, Any]] = []
         events: list[dict[str, Any]] = []
         notes: list[str] = []
@@ -206,10 +208,10 @@ class _Story:
                 why = (
                     str(error)
                     if isinstance(error, Delta3Error)
-                    else 'it holds numbers that are none of a program'
+                    else 'it contains numbers that are not valid in a program'
                 )
                 notes.append(
-                    f'The moves of the program that began at {self._time(run.start):.3f} s cannot be told: {why}'
+                    f'The moves of the program that began at {self._time(run.start):.3f} s are unknown: {why}'
                 )
             events += [self._event(profile, longer) for profile, longer in run.profiles[1:]]
         return {
@@ -228,28 +230,28 @@ class _Story:
         return (cycle - self._start) * self._period_s
 
     def _driven(self, run: _Run, end: int) -> list[dict[str, Any]]:
-        """Return the moves of a program that were begun before a bus cycle, each from its first cycle to its last.
+        """Return the moves that a program began before a bus cycle, each from its first to its last cycle.
 
         Raises
         ------
         ProgramError
-            Its plan is not known, or a motion profile does not follow from the one before: rows are missing.
+            The plan is unknown, or a motion profile does not follow from its predecessor: rows are missing.
 
         """
         profiles = run.profiles
         if run.plan is None:
-            raise ProgramError('its plan is not recorded as a whole')
+            raise ProgramError('its plan is not recorded completely')
         timeline = Timeline(run.plan, self._period_s)
         timeline.start(profiles[0][0].cycle, profiles[0][0].override)
         found: dict[int, list[int]] = {}
         known: dict[int, Move] = {}
-        left_out = 0  # moves that are not in a longer plan any more
+        left_out = 0  # moves that an extended plan no longer contains
         follows = [*(profile.cycle for profile, _ in profiles[1:]), end]
         for number, ((profile, longer), until) in enumerate(zip(profiles, follows, strict=True)):
             if longer is not None:
-                plan = timeline.plan.extended(longer.told.first, longer.told.kept, longer.more)
+                plan = timeline.plan.extended(longer.row.first, longer.row.kept, longer.more)
                 timeline = timeline.extended(plan, profile)
-                left_out += longer.told.first
+                left_out += longer.row.first
             elif number:
                 timeline.change(profile)
             over = timeline.end_cycle
@@ -272,7 +274,7 @@ class _Story:
         return moves
 
     def _limit(self, move: Move) -> str:
-        """Say what limits a move, once for each that is driven again and again; '' if nobody knows."""
+        """Return the limit of a move, computed once per move; empty if unknown."""
         if self._robot is None or (id(move) not in self._limits and len(self._limits) >= LIMITS_MAX):
             return ''
         if id(move) not in self._limits:
@@ -282,11 +284,10 @@ class _Story:
 
     def _event(self, profile: MotionProfile, longer: _Longer | None) -> dict[str, Any]:
         text = 'stop on the path' if profile.held else f'on at {100.0 * profile.override:g} %'
-        text = 'more moves follow' if longer else text
-        return {'time_s': self._time(profile.cycle), 'text': text}
+        return {'time_s': self._time(profile.cycle), 'text': 'more moves follow' if longer else text}
 
     def _changes(self) -> Any:
-        """Tell which outputs changed, and the payload with the first of them."""
+        """Yield the changes of outputs; the first change of a cycle carries the payload if that changed."""
         names = [*OUTPUTS, 'payload']
         for (_, before), (cycle, after) in zip(self._switched, self._switched[1:], strict=False):
             changed = [n for n, (a, b) in enumerate(zip(before, after, strict=False)) if a != b]

@@ -1,6 +1,6 @@
-"""What was around the robot in a run, and where each part was: things that stand there, belts, parts with their stays.
+"""The cell around the robot during a run: fixed objects, belts, and the position of each part over time.
 
-A part goes with what bears it. So the way of its belt and the TCP say where it is, in every bus cycle.
+A part moves with its carrier, so its position in any bus cycle follows from the travel of its belt and from the TCP.
 """
 
 import json
@@ -29,51 +29,34 @@ Document = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class CellStory:
-    """The story of a cell.
-
-    Attributes
-    ----------
-    name
-        Of the cell.
-    things
-        What stands there; empty for a recording of before this was told.
-    parts
-        Documents of ``PartRecord``, by their numbers: the newest ones. Without ``stays`` nobody knows where one was.
-    outcomes
-        How many of all parts have come to each outcome.
-    cycles
-        Bus cycles of the recording, in their order, shape (cycles,).
-    ways
-        How far each belt has gone in them [m], by its name, shape (cycles,); nan where nobody knows.
-    counted
-        Whether ways are counts of encoders: then the count of a stay says where its belt was.
-
-    """
+    """Objects and parts of a cell over a run."""
 
     name: str
-    things: tuple[Thing, ...]
+    things: tuple[Thing, ...]  # objects of the scene; empty for recordings made before scenes were published
+    # documents of PartRecord by number, newest only; positions unknown without 'stays'
     parts: tuple[Document, ...]
-    outcomes: Mapping[str, int]
-    cycles: Floats
-    ways: Mapping[str, Floats]
+    outcomes: Mapping[str, int]  # number of parts by outcome
+    cycles: Floats  # bus cycles of the recording in ascending order, shape (cycles,)
+    ways: Mapping[str, Floats]  # travel of each belt in these cycles [m], shape (cycles,); nan if unknown
+    # whether ways are encoder counts; then the count of a stay gives the position of its belt
     counted: bool = False
 
     @cached_property
     def belts(self) -> Mapping[str, Thing]:
-        """Belts by their names."""
+        """Belts by name."""
         return {thing.name: thing for thing in self.things if thing.kind is Kind.BELT}
 
     @cached_property
     def stays(self) -> tuple[tuple[Stay, ...], ...]:
-        """Where each part was, in the order of ``parts`` and of their bus cycles."""
+        """Stays of each part in the order of ``parts``, sorted by bus cycle."""
         return tuple(
-            tuple(sorted((_stay(told) for told in part['stays']), key=lambda stay: stay.cycle))
+            tuple(sorted((_stay(one) for one in part['stays']), key=lambda stay: stay.cycle))
             for part in self.parts
         )
 
     @cached_property
     def spans(self) -> tuple[Floats, Floats]:
-        """Bus cycles from which on each part is there, and from which on it is gone, shape (parts,)."""
+        """Bus cycles at which each part appears and disappears, shape (parts,)."""
         gone = Stay(0, How.GONE, (0.0, 0.0, 0.0), 0.0)
         found = [
             (stays[0].cycle, stays[-1].cycle if stays[-1].how is How.GONE else math.inf)
@@ -83,42 +66,42 @@ class CellStory:
         return begins, ends
 
     def ways_m(self, belt: str, cycles: Floats) -> Floats:
-        """Return how far a belt has gone in bus cycles [m], shape of these; nan where nobody knows."""
+        """Return the travel of a belt in bus cycles [m], shape of ``cycles``; nan if unknown."""
         if belt not in self.ways:
             return np.full(np.shape(cycles), np.nan)
         return np.interp(cycles, self.cycles, self.ways[belt], left=math.nan, right=math.nan)
 
     def way_m(self, belt: str, cycle: float) -> float:
-        """Return how far a belt has gone in a bus cycle [m]; nan if nobody knows."""
+        """Return the travel of a belt in a bus cycle [m]; nan if unknown."""
         known = self.ways.get(belt)
         if known is None:
             return math.nan
         n = int(np.searchsorted(self.cycles, cycle))
-        near = slice(max(n - 1, 0), n + 1)  # whoever plays a long run asks often
+        near = slice(max(n - 1, 0), n + 1)  # called for every frame of a playback: interpolate locally
         return float(np.interp(cycle, self.cycles[near], known[near], left=math.nan, right=math.nan))
 
     def begin_m(self, stay: Stay) -> float:
-        """Return how far its belt had gone when a part began to ride on it [m]; nan if nobody knows."""
+        """Return the travel of its belt when a part was put on it [m]; nan if unknown."""
         if not self.counted:
             return self.way_m(stay.belt, stay.cycle)
         belt = self.belts.get(stay.belt)
         return stay.count / belt.increments_per_m if belt and belt.increments_per_m else math.nan
 
     def at(self, cycle: int, tcp_m: Place, turn_rad: float = 0.0) -> Iterator[tuple[Document, Place, float]]:
-        """Tell where parts are at the begin of a bus cycle.
+        """Yield the parts present at the start of a bus cycle.
 
         Parameters
         ----------
         cycle
-            Of the bus.
+            Bus cycle.
         tcp_m
-            The TCP with which a part in hand goes [m].
+            TCP that carries a gripped part [m].
         turn_rad
-            Angle of the tool with which it turns [rad].
+            Angle of the tool that carries it [rad].
 
         Yields
         ------
-        Each part that is there, the middle of its underside [m], and its angle about the vertical [rad].
+        Part, centre of its underside [m], and its angle about the vertical [rad].
 
         """
         begins, ends = self.spans
@@ -137,10 +120,9 @@ class CellStory:
                 yield part, place, angle_rad(stay, turn_rad)
 
 
-def _stay(told: Document) -> Stay:
-    x, y, z = told['at_m']
-    rest = told['angle_rad'], told['belt'], told['count']
-    return Stay(told['cycle'], How(told['how']), (x, y, z), *rest)
+def _stay(row: Document) -> Stay:
+    x, y, z = row['at_m']
+    return Stay(row['cycle'], How(row['how']), (x, y, z), row['angle_rad'], row['belt'], row['count'])
 
 
 def cycles_of(trace: Trace) -> Floats:
@@ -149,54 +131,54 @@ def cycles_of(trace: Trace) -> Floats:
 
 
 def of_trace(trace: Trace, name: str) -> CellStory | None:
-    """Return what the trace of a simulation tells of its cell; None if it had none.
+    """Return the cell of a simulated trace; None if it had none.
 
     Parameters
     ----------
     trace
-        Of the simulation.
+        Simulated trace.
     name
-        Of its file, for refusals.
+        Name of its file, for error messages.
 
     Raises
     ------
     TraceError
-        It tells nonsense of its cell, or does not tell its cycle time.
+        The data of the cell or the cycle time is invalid.
 
     """
-    told = trace.meta.get('cell')
-    if told is None:
+    cell = trace.meta.get('cell')
+    if cell is None:
         return None
     log, scene = PartsLog(), trace.meta.get('cell_scene')
     try:
-        log.add(json.dumps(told))
+        log.add(json.dumps(cell))
         things = () if scene is None else tuple(cell_scene.read(scene))
     except TelegramError:
-        raise TraceError(f'what {name} tells of its cell cannot be read') from None
+        raise TraceError(f'{name}: the data of its cell cannot be read') from None
     ways: dict[str, Floats] = {}
     if 'cell_belts' in trace.signals:
         names = [thing.name for thing in things if thing.kind is Kind.BELT]
         ways = dict(zip(names, trace['cell_belts'].T, strict=False))
-    return told_of(log, things, trace, ways)
+    return story_of(log, things, trace, ways)
 
 
-def told_of(
+def story_of(
     log: PartsLog, things: tuple[Thing, ...], trace: Trace, ways: Mapping[str, Floats], counted: bool = False
 ) -> CellStory | None:
-    """Return the story of a log of parts and of things; None if neither tells anything.
+    """Return the story of a cell; None if there are neither parts nor objects.
 
     Parameters
     ----------
     log
-        Of the parts.
+        Reports on parts.
     things
-        What stands there.
+        Objects of the scene.
     trace
-        Of the run.
+        Trace of the run.
     ways
-        Of the belts in its cycles [m], by their names, each of shape (cycles,).
+        Travel of each belt in its cycles [m], each of shape (cycles,).
     counted
-        Whether these are counts of encoders.
+        Whether ``ways`` are encoder counts.
 
     """
     report = log.report()

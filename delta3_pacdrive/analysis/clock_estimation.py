@@ -1,6 +1,6 @@
-"""Clocks of two motions: the offset between them and their ratio, from the rows that both motions have.
+"""Offset and ratio between the clocks of two recorded motions.
 
-The offset is searched for by the correlation of the speeds, then refined by least squares together with the ratio.
+Correlation of the speeds finds the offset; least squares refines offset and ratio.
 """
 
 import math
@@ -13,38 +13,27 @@ from numpy.typing import NDArray
 from delta3_pacdrive.numerics.types import Floats
 
 ON_GRID = 1e-6  # of a cycle
-OVERLAP_MIN = 0.25  # share of the shorter run that has to have a counterpart
-ALIKE = 0.8  # correlation of one motion with itself: below it the motions differ, or signs or axes do
-ALIKE_CLOCKS = 0.98  # correlation below which other ratios of the clocks are tried
-CLOCKS_MAX = 0.02  # largest deviation of a clock that is searched for
-RATES_MAX = 100  # ratios on either side of 1 that are tried: of long logs smaller deviations
-FEATURE_S = 0.02  # motion within it looks the same at a slightly different time
-DRIFT_MIN = 0.02  # samples that clocks must drift apart before the drift is removed
-REFINEMENTS = 15  # of a shift, to parts of a sample
-REFINED_MAX = (
-    5.0  # samples that a refinement may differ from the best correlation, beyond the drift of the clocks
-)
-INSTANTS_MIN = 10  # from which a shift is estimated
+OVERLAP_MIN = 0.25  # minimum overlap, as a share of the shorter run
+ALIKE = 0.8  # correlation below which the motions differ, or their signs or axes do
+ALIKE_CLOCKS = 0.98  # correlation below which other clock ratios are tried
+CLOCKS_MAX = 0.02  # largest clock deviation searched for
+RATES_MAX = 100  # ratios tried on either side of 1; limits the deviation for long logs
+FEATURE_S = 0.02  # time shift within which a motion hardly changes
+DRIFT_MIN = 0.02  # samples of clock drift below which the drift is ignored
+REFINEMENTS = 15  # Gauss-Newton steps
+REFINED_MAX = 5.0  # samples between refined and best-correlation shift, beyond the clock drift
+INSTANTS_MIN = 10  # samples needed to estimate a shift
 NORMAL_95 = 1.96  # standard deviations
 VALUES, SPEEDS, SLOPES = slice(0, 3), slice(3, 6), slice(6, 9)  # columns of a track
 
 
 @dataclass(frozen=True)
 class Track:
-    """A track is the motion of a run on its own even grid, nan in gaps.
-
-    Attributes
-    ----------
-    first_s, period_s
-        Time of the first row, and distance of the rows.
-    rows
-        Shape (n, 9): the matched signal, its speeds, and its derivative.
-
-    """
+    """Motion of a run on an even time grid, nan in gaps."""
 
     first_s: float
     period_s: float
-    rows: Floats
+    rows: Floats  # shape (n, 9): matched signal, speeds of the motion, derivative of the signal
 
     @property
     def time_s(self) -> Floats:
@@ -52,11 +41,11 @@ class Track:
         return np.asarray(self.first_s + np.arange(len(self.rows)) * self.period_s)
 
     def at(self, time_s: Floats) -> Floats:
-        """Return the rows at other times."""
+        """Return the rows interpolated at other times."""
         return resampled(self.time_s, self.rows, time_s, self.period_s)
 
     def speeds(self, period_s: float) -> Floats:
-        """Return the speeds at another period."""
+        """Return the speeds resampled to another period."""
         if math.isclose(self.period_s, period_s):
             return self.rows[:, SPEEDS]
         count = round((len(self.rows) - 1) * self.period_s / period_s) + 1
@@ -64,7 +53,7 @@ class Track:
         return self.at(time_s)[:, SPEEDS]
 
     def turned(self, axes: tuple[int, ...]) -> 'Track':
-        """Return the track with other axes and signs."""
+        """Return the track with permuted axes and changed signs."""
         places, signs = np.abs(axes) - 1, np.sign(axes)
         parts = [self.rows[:, own][:, places] * signs for own in (VALUES, SPEEDS, SLOPES)]
         return replace(self, rows=np.hstack(parts))
@@ -79,7 +68,7 @@ class Motions:
     second: Track
 
     def pairs(self, shift_s: float, rate: float, at_s: float) -> tuple[Floats, Floats, Floats]:
-        """Return times of the second run, and the rows of both there: at the samples of the coarser track."""
+        """Return times of the second run, and the rows of both tracks there, at the samples of the coarser track."""
         one, other = self.first, self.second
         if other.period_s > one.period_s * (1.0 + CLOCKS_MAX):
             second_s = other.time_s
@@ -96,7 +85,7 @@ class Motions:
 
     @property
     def length_s(self) -> float:
-        """Length of the shorter track."""
+        """Duration of the shorter track."""
         return min(len(own.rows) * own.period_s for own in (self.first, self.second))
 
     def correlation(self, shift_s: float, rate: float = 1.0, at_s: float = 0.0) -> float:
@@ -110,7 +99,7 @@ class Motions:
 
 
 def resampled(time_s: Floats, values: Floats, at_s: Floats, period_s: float) -> Floats:
-    """Return values (n, columns) at other times: the same numbers where the times are the same, else between two."""
+    """Return values, shape (n, columns), at other times: unchanged where the times match, otherwise interpolated."""
     rows = np.rint((at_s - time_s[0]) / period_s).astype(np.int64).clip(0, len(time_s) - 1)
     if (np.abs(time_s[rows] - at_s) <= ON_GRID * period_s).all():
         return np.asarray(values[rows])
@@ -118,7 +107,7 @@ def resampled(time_s: Floats, values: Floats, at_s: Floats, period_s: float) -> 
 
 
 def searched(moving: Motions, same_clock: bool) -> tuple[NDArray[np.int64], Floats, float]:
-    """Return lags, their correlations, and the rate of the clocks at which these are best."""
+    """Return lags, their correlations, and the clock ratio that maximises them."""
     period, one = moving.first.period_s, moving.first.rows[:, SPEEDS]
     lags, found = _correlations(one, moving.second.speeds(period))
     best = lags, found, 1.0
@@ -136,8 +125,8 @@ def searched(moving: Motions, same_clock: bool) -> tuple[NDArray[np.int64], Floa
 
 
 def _correlations(a: Floats, b: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """Return lags, and the correlation of the rows that both have there; -inf where these are too few."""
-    from scipy.signal import correlate, correlation_lags  # takes half a second, which others do without
+    """Return lags and their correlations over the rows known in both; -inf for too few rows."""
+    from scipy.signal import correlate, correlation_lags  # slow import: 0.5 s
 
     known = [np.asarray(np.isfinite(own).all(axis=1), dtype=np.float64) for own in (a, b)]
     one, other = (np.nan_to_num(own) * rows[:, None] for rows, own in zip(known, (a, b), strict=True))
@@ -153,7 +142,7 @@ def _correlations(a: Floats, b: Floats) -> tuple[NDArray[np.int64], Floats]:
 
 
 def exchanged(a: Floats, b: Floats) -> tuple[int, ...]:
-    """Return the axes and signs of the second motion that fit the first one best, as ``Alignment.axes``."""
+    """Return the axes and signs of the second motion that fit the first best, in the format of ``Alignment.axes``."""
     from scipy.signal import correlate
 
     a, b = np.nan_to_num(a), np.nan_to_num(b)
@@ -175,7 +164,7 @@ def exchanged(a: Floats, b: Floats) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fit of the clocks, with half widths of its 95 % intervals."""
+    """Fitted clock offset and ratio, with half widths of their 95 % intervals."""
 
     shift_s: float
     rate: float
@@ -185,7 +174,7 @@ class Fit:
 
 
 def refined(moving: Motions, shift_s: float, rate: float, at_s: float, of_second: bool) -> Fit:
-    """Return the least-squares shift and rate; the rate is 1 where its interval holds 1."""
+    """Return the least-squares shift and rate; the rate is 1 if its interval contains 1."""
     second_s = moving.pairs(shift_s, rate, at_s)[0]
     length_s = float(second_s[-1] - second_s[0]) if len(second_s) else 0.0
     middle_s = float(second_s[0] + second_s[-1]) / 2.0 if len(second_s) else at_s
@@ -201,9 +190,9 @@ def refined(moving: Motions, shift_s: float, rate: float, at_s: float, of_second
 
 
 def _least_squares(moving: Motions, fit: Fit, of_second: bool, free: int) -> Fit:
-    """Improve the shift, and the rate if two are free; a constant difference of an axis counts for nothing.
+    """Fit the shift, and with ``free`` = 2 the rate; constant offsets of an axis are ignored.
 
-    The derivatives are those of the run without noise, if there is one: their noise would count as motion.
+    The derivatives are those of the noise-free run if there is one, because noise would be taken for motion.
     """
     for _ in range(REFINEMENTS):
         second_s, one, other = moving.pairs(fit.shift_s, fit.rate, fit.at_s)
@@ -230,7 +219,7 @@ def _least_squares(moving: Motions, fit: Fit, of_second: bool, free: int) -> Fit
 
 
 def _variance(terms: Floats) -> float:
-    """Variance of the sum of terms, shape (n, 3): neighbours in time are alike, so they count together."""
+    """Variance of the sum of terms, shape (n, 3), with the correlation of neighbouring samples."""
     from scipy.signal import correlate
 
     total = 0.0
@@ -242,7 +231,7 @@ def _variance(terms: Floats) -> float:
 
 
 def rival_of(found: Floats, best: int) -> int | None:
-    """Return the best shift beyond those around the best one, where the correlation falls to nothing first."""
+    """Return the index of the best lag outside the main peak, which extends to the first zeros of the correlation."""
     low, high = found[:best] <= 0.0, found[best:] <= 0.0
     first = best - int(np.argmax(low[::-1])) if low.any() else 0
     last = best + int(np.argmax(high)) if high.any() else len(found)

@@ -1,12 +1,12 @@
-"""Inertias of a parameter file that follow from its arms: feed-forward, shaft observer, load of a single motor.
+"""Inertias in a parameter file that follow from its arms: feed-forward, shaft observer and load of a single motor.
 
-Over the workspace, with the payload of the file and the matrix A of (4.26),
+With the matrix A of (4.26) over the workspace, at the payload of the file:
 
     FF inertia   mean of the diagonal of A over k_r^2
-    A_bar        (lambda_min + lambda_max) / 2, of all eigenvalues of A
+    A_bar        (lambda_min + lambda_max) / 2 over all eigenvalues of A
     I_Load       A_bar less the rotor, arm side
 
-at places of an even grid that the arms reach within their limits.
+evaluated at the reachable points of an even grid.
 """
 
 import re
@@ -23,14 +23,14 @@ from delta3_pacdrive.motion.capability import REACHED, capability
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-RADII, AZIMUTHS, HEIGHTS = 21, 24, 11  # of the grid
-CLOSE = 0.05  # relative: values that differ by less belong to the arms
+RADII, AZIMUTHS, HEIGHTS = 21, 24, 11  # grid points
+CLOSE = 0.05  # relative deviation at which a value still fits the arms
 DIGITS = 4
 
 
 @dataclass(frozen=True)
 class Derived:
-    """A value of a parameter file, and the one that its arms lead to [kg m2]."""
+    """Value in a parameter file, and the value derived from its arms [kg m2]."""
 
     name: str
     value: float
@@ -38,22 +38,22 @@ class Derived:
 
     @property
     def fits(self) -> bool:
-        """Whether the value belongs to the arms."""
+        """Whether the value fits the arms."""
         return abs(self.value - self.derived) <= CLOSE * self.derived
 
     @property
     def text(self) -> str:
-        """By how much the value differs from the derived one, as a sentence."""
+        """Deviation of the value from the derived one, as a sentence."""
         percent = 100.0 * (self.value / self.derived - 1.0)
         return f'{self.name} is {self.value:g} kg m2, but the arms lead to {self.derived:g} kg m2 ({percent:+.0f} %)'
 
 
 def derived_inertias(parameters: Parameters) -> list[Derived]:
-    """Return the inertias that follow from the arms; raises ParameterError if the workspace is out of reach."""
+    """Return the inertias derived from the arms; raises ParameterError if no point of the workspace is reachable."""
     points, areas = _grid(parameters)
     legal = capability(points, parameters).limit == REACHED
     if not legal.any():
-        raise ParameterError('no inertias can be derived: the arms reach no place of the workspace')
+        raise ParameterError('no inertias can be derived: the arms reach no point of the workspace')
     theta = kinematics.inverse(points[legal], parameters.kinematics)
     mass = dynamics.mass_matrix(theta, parameters)
     eigenvalues = np.linalg.eigvalsh(mass)
@@ -70,7 +70,7 @@ def derived_inertias(parameters: Parameters) -> list[Derived]:
 
 
 def _grid(parameters: Parameters) -> tuple[Floats, Floats]:
-    """Return places all over the workspace [m], shape (n, 3), and the share of the volume that each represents."""
+    """Return points of the workspace [m], shape (n, 3), and the share of the volume that each represents."""
     k = parameters.kinematics
     radius, azimuth, z = np.meshgrid(
         np.linspace(0.0, 0.5 * k.workspace_diameter_m, RADII),
@@ -92,8 +92,9 @@ def _rounded(value: float) -> float:
 def write(source: str, derived: Sequence[Derived], path: Path) -> bool:
     """Write a parameter file with the derived values; return whether it keeps the comments of its source.
 
-    A single file keeps its text but for these values. Files joined by ``+`` and files of differences become one
-    complete file.
+    A single file keeps its text except for these values. Joined files (``+``) and files of differences become one
+    complete
+    file.
     """
     robot = core.load(source)
     wanted = robot.replace(**{one.name.replace('.', '__'): one.derived for one in derived})
@@ -109,7 +110,7 @@ def write(source: str, derived: Sequence[Derived], path: Path) -> bool:
 
 
 def _with_values(path: Path, derived: Sequence[Derived]) -> str | None:
-    """Return the text of a file with other values; None if it does not hold each of them once, on a line of its own."""
+    """Return the text of a file with the derived values; None unless each key occurs once, on its own line."""
     text = path.read_text(encoding='utf-8')
     for one in derived:
         key = one.name.partition('.')[2]

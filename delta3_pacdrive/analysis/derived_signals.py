@@ -1,7 +1,7 @@
-"""Signals that are computed from those of a run: the virtual master, velocity and acceleration of the TCP.
+"""Signals computed from those of a run: virtual master, velocity and acceleration of the TCP.
 
-The master is the distance that the command has gone along its path (6). It is known where the command is, in
-recordings as in simulations, and goes on from move to move.
+The master is the distance travelled by the command along its path (section 6), accumulated over all moves. It is
+available wherever the command is, in recordings and in simulations.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 
     from delta3_pacdrive.numerics.types import Floats
 
-GAP_CYCLES = 1000  # longest gap that is bridged with numbers for every cycle
-LOST_MAX = 5  # cycles in a row that derivatives bridge; a longer gap stays one
+GAP_CYCLES = 1000  # longer gaps are shortened to this many rows
+LOST_MAX = 5  # missing cycles in a row that derivatives bridge
 
 
 def added(trace: Trace) -> Trace:
-    """Return a trace with the signals of ``DERIVED_SIGNALS`` that it does not hold, but can tell.
+    """Return a trace with all signals of ``DERIVED_SIGNALS`` that can be computed.
 
     Raises
     ------
     TraceError
-        The trace does not tell its cycle time.
+        The trace contains no cycle time.
 
     """
     return Trace(trace.time_s, trace.signals | (derived(trace) if len(trace.time_s) else {}), trace.meta)
 
 
 def derived(trace: Trace) -> dict[str, Floats]:
-    """Return the derived signals that a trace does not hold, each of shape (cycles, 3); cycles it lacks are bridged."""
+    """Return the derived signals missing in a trace, each of shape (cycles, 3); missing cycles are bridged."""
     period = positive(trace, 'cycle_time_s')
     cycles = np.rint(trace.time_s / period).astype(np.int64)
     rows = _rows(cycles)
@@ -56,7 +56,7 @@ def derived(trace: Trace) -> dict[str, Floats]:
 
 
 def on_request(trace: Trace, names: Collection[str]) -> dict[str, Floats]:
-    """Return those of the named signals that nobody is shown unasked, and that a trace can tell; (cycles, columns)."""
+    """Return the named signals that are computed on request only, each of shape (cycles, columns), if possible."""
     found = {}
     if 'tcp_speed' in names and 'tcp_velocity' in trace.signals:
         found['tcp_speed'] = np.linalg.norm(trace['tcp_velocity'], axis=1, keepdims=True)
@@ -71,17 +71,17 @@ def on_request(trace: Trace, names: Collection[str]) -> dict[str, Floats]:
 
 
 def _joint_motion(trace: Trace) -> dict[str, Floats]:
-    """Return joint motion through the Jacobian; nothing if the trace tells no command, or not its robot.
+    """Return joint motion through the Jacobian; empty if the trace contains no command or no robot parameters.
 
-    Before the first cycle and behind the last one the command stands.
+    The command is at rest before the first cycle and after the last one.
     """
-    from delta3_pacdrive.controller.joint_motion import joint_motions  # brings the compiler
+    from delta3_pacdrive.controller.joint_motion import joint_motions  # slow import: needs the compiler
     from delta3_pacdrive.kinematics import geometry
     from delta3_pacdrive.parameters import from_flat
 
     try:
         robot = from_flat(dict(trace.meta['parameters']), 'the parameters of the recording')
-    except (ParameterError, LookupError, TypeError, ValueError):  # none, or those of another version
+    except (ParameterError, LookupError, TypeError, ValueError):  # missing, or of another version
         return {}
     if 'tcp_command' not in trace.signals:
         return {}
@@ -93,18 +93,18 @@ def _joint_motion(trace: Trace) -> dict[str, Floats]:
 
 
 def _rows(cycles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return places of bus cycles on a grid; hours without a robot leave a gap of as many numbers as a short one."""
+    """Return grid rows of bus cycles; long gaps are shortened to ``GAP_CYCLES`` rows."""
     return np.concatenate([[0], np.cumsum(np.minimum(np.diff(cycles), GAP_CYCLES))])
 
 
 def _words(cycles: NDArray[np.int64], changes: Sequence[Sequence[int]]) -> Floats:
-    """Return the status word of a drive in bus cycles from its changes; before the first one its own."""
+    """Return the status word of a drive in each bus cycle from its changes; the first word applies before them."""
     since, words = np.array(changes, dtype=np.float64).reshape(-1, 2).T
     return np.asarray(words[np.searchsorted(since, cycles, side='right').clip(1) - 1])
 
 
 def _master(command: Floats, period_s: float, start: int) -> Floats:
-    """Distance [m] since the row of the start, speed and acceleration along the path, shape (n, 3)."""
+    """Distance [m] from the row of the start, speed and acceleration along the path, shape (n, 3)."""
     steps = np.linalg.norm(np.diff(command, axis=0), axis=1)
     distance = np.concatenate([[0.0], np.cumsum(steps)])
     distance -= distance[start]
@@ -113,7 +113,7 @@ def _master(command: Floats, period_s: float, start: int) -> Floats:
 
 
 def _without_gaps(values: Floats, rows: NDArray[np.int64], longest: int = GAP_CYCLES) -> Floats:
-    """Put values on every cycle, on straight lines over missing cycles; nan in gaps that are longer."""
+    """Interpolate values linearly on every row; nan in gaps longer than ``longest``."""
     every = np.arange(rows[-1] + 1)
     known = np.isfinite(values).all(axis=1)
     rows, values = rows[known], values[known]
@@ -127,7 +127,7 @@ def _without_gaps(values: Floats, rows: NDArray[np.int64], longest: int = GAP_CY
 
 
 def _derivatives(values: Floats, period_s: float, half: int) -> tuple[Floats, Floats]:
-    """First and second derivative; before the begin and behind the end the robot stands."""
+    """First and second derivative; the robot is at rest before the first and after the last row."""
     padded = np.pad(values, ((half, half), (0, 0)), mode='edge')
     first, second = derivatives(padded, period_s, half)
     return first[half:-half], second[half:-half]

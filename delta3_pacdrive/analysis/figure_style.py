@@ -1,6 +1,6 @@
-"""The look of all figures: size, colours, axes, the line that says where a figure comes from; writing them to files.
+"""Common style of all figures: size, colours, axes, provenance line; saves figures to files.
 
-pyplot and its global state stay out.
+pyplot and its global state are not used.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 DPI = 150
 WIDTH_IN = 8.0
 TITLE_LENGTH = 80
-AXIS_COLOURS = ('#0072B2', '#D55E00', '#009E73')  # Okabe and Ito: told apart with colour-blind eyes
+AXIS_COLOURS = ('#0072B2', '#D55E00', '#009E73')  # Okabe and Ito: safe for colour-blind readers
 NORM_COLOUR = '#7A3E9D'
 COLOURS = (*AXIS_COLOURS, '#CC79A7', NORM_COLOUR, '#56B4E9')
 GRID_COLOUR = '#DDDDDD'
 MUTED = '#888888'
 DASHED = (0, (4, 2))
-# ends of the keys of parameters and results, and their units; an end comes before its own end
+# suffixes of keys of parameters and results, and their units; longer suffixes first
 UNITS_OF_KEYS = {
     '_n_m_s_rad': 'N m s/rad', '_n_m_rad': 'N m/rad', '_n_m_a': 'N m/A', '_v_s_rad': 'V s/rad', '_a_s_rad': 'A s/rad',
     '_rad_s_rad': '1/s', '_v_a_s': 'V/(A s)', '_a_rad': 'A/rad', '_v_a': 'V/A', '_kg_m2': 'kg m2',
@@ -45,20 +45,20 @@ def empty_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
 
 
 def titled_figure(title: str, height_in: float, width_in: float = WIDTH_IN, **style: Any) -> Figure:
-    """Return a figure without panels that has a title."""
+    """Return a figure with a title and without panels."""
     figure = empty_figure(height_in, width_in)
     figure.suptitle(title, fontsize=12, **style)
     return figure
 
 
 def figure_of_program(what: str, program: str | None, height_in: float) -> Figure:
-    """Return a figure without panels that tells what is shown of which program."""
+    """Return a figure without panels, titled by its content and the program."""
     title = textwrap.shorten(f'{what}: {program}' if program else what, TITLE_LENGTH, placeholder=' ...')
     return titled_figure(title, height_in, parse_math=False)
 
 
 def add_foot(figure: Figure, provenance: Provenance) -> None:
-    """Write at the foot of a figure how it came about."""
+    """Write the provenance at the foot of a figure."""
     lines = provenance.lines()
     foot = (
         f'{lines["command"]}   seed {lines["seed"]}   parameters {lines["parameters"]}   {lines["versions"]}'
@@ -68,7 +68,7 @@ def add_foot(figure: Figure, provenance: Provenance) -> None:
 
 
 def dress(axes: Axes, title: str = '', **properties: Any) -> None:
-    """Give a panel its grid, its frame, a title and what ``Axes.set`` takes: labels, limits, scales."""
+    """Add grid, frame, title and the properties that ``Axes.set`` accepts to a panel."""
     if title:
         panel_title(axes, title)
     axes.set(**properties)
@@ -81,7 +81,7 @@ def dress(axes: Axes, title: str = '', **properties: Any) -> None:
 def finish_over_time(
     panels: Sequence[Axes], labels: Sequence[str] = (), what: str = 'time from program start [s]'
 ) -> None:
-    """Give panels that stand above one another their grid, labels and time axis, without room beside the curves."""
+    """Add grid, labels and a common time axis to panels in a column, without margins in time."""
     for axes, label in zip(panels, labels or [''] * len(panels), strict=True):
         dress(axes, ylabel=label)
         axes.margins(x=0.0)
@@ -91,7 +91,7 @@ def finish_over_time(
 
 
 def label_of_key(key: str) -> str:
-    """Return a key of a parameter or a result as a label, its unit in square brackets."""
+    """Return a key of a parameter or a result as a label with its unit in square brackets."""
     name, bracket, index = key.rpartition('[') if key.endswith(']') else (key, '', '')
     for end, unit in UNITS_OF_KEYS.items():
         if name.endswith(end):
@@ -100,7 +100,7 @@ def label_of_key(key: str) -> str:
 
 
 def keep_span(panels: Sequence[Axes], least: float) -> None:
-    """Keep axes from magnifying rounding errors of a value that does not move."""
+    """Widen the y axes to at least ``least``, so that rounding errors of a constant value are not magnified."""
     for axes in panels:
         low, high = axes.get_ylim()
         if high - low < least:
@@ -109,12 +109,12 @@ def keep_span(panels: Sequence[Axes], least: float) -> None:
 
 
 def panel_title(axes: Axes, text: str, **style: Any) -> None:
-    """Write what a panel shows above it."""
+    """Write a title above a panel."""
     axes.set_title(text, fontsize=9, loc='left', **style)
 
 
 def legend_above(axes: Axes) -> None:
-    """Put the legend above a panel: there it covers no data."""
+    """Put the legend above a panel, where it covers no data."""
     axes.legend(
         loc='lower left', bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=3, frameon=False, fontsize=9
     )

@@ -1,7 +1,6 @@
-"""The page that shows a report folder. It holds pictures and tables itself: sent alone, it is still whole.
+"""Self-contained HTML page of a report folder, with embedded figures and tables and without scripts.
 
-HTML without scripts. Files are offered as downloads out of the page; only what is larger than ``EMBEDDED_BYTES`` is a
-link to the file beside it.
+Files are embedded as downloads; files larger than ``EMBEDDED_BYTES`` are linked.
 """
 
 from __future__ import annotations
@@ -17,23 +16,23 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-ROWS_SHOWN = 12  # of a table
-EMBEDDED_BYTES = 500_000  # of a file
+ROWS_SHOWN = 12  # rows of a table
+EMBEDDED_BYTES = 500_000  # largest embedded file
 TYPES = {'.csv': 'text/csv', '.json': 'application/json', '.png': 'image/png'}
 
 
 class IndexPage:
-    """An index page takes what a folder holds, in the order in which it is shown."""
+    """Page of a report folder; shows its content in the order in which it is added."""
 
     def __init__(self) -> None:
         self._sections: list[str] = []
 
     def add_file(self, path: Path) -> None:
-        """Take in a file; raises ReportError."""
+        """Add a file; raises ReportError."""
         self._sections.append(f'<p>{offered(path)}</p>')
 
     def add_table(self, path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-        """Take in a table that was written to a file; raises ReportError."""
+        """Add a table that was written to a file; raises ReportError."""
         heads = ''.join(f'<th>{escape(name)}</th>' for name in header)
         lines = ''.join(
             f'<tr>{"".join(f"<td>{_cell(cell)}</td>" for cell in row)}</tr>\n' for row in rows[:ROWS_SHOWN]
@@ -45,11 +44,11 @@ class IndexPage:
         )
 
     def add_figure(self, path: Path, title: str, caption: str) -> None:
-        """Take in a figure that was written to a file; raises ReportError."""
-        told = f'<b>{escape(title)}</b> {escape(caption)} <code>{escape(path.name)}</code>'
+        """Add a figure that was written to a file; raises ReportError."""
+        legend = f'<b>{escape(title)}</b> {escape(caption)} <code>{escape(path.name)}</code>'
         self._sections.append(
             f'<figure><img src="{_data(path, _read(path))}" alt="{escape(path.name)}">\n'
-            f'<figcaption>{told}</figcaption></figure>'
+            f'<figcaption>{legend}</figcaption></figure>'
         )
 
     def html(self, title: str, origin: Mapping[str, str], text: str, more: str = '') -> str:
@@ -58,11 +57,11 @@ class IndexPage:
         Parameters
         ----------
         title
-            Of the page.
+            Title of the page.
         origin
-            Provenance as texts by name, the command among them.
+            Provenance as texts by name, including the command.
         text
-            Results in lines for people.
+            Results in lines.
         more
             HTML at the end.
 
@@ -84,25 +83,25 @@ class IndexPage:
 
 
 def offered(path: Path, content: bytes | None = None) -> str:
-    """Return the link to a file: a download out of the page, or for a large one to the file.
+    """Return the HTML link to a file: an embedded download, or for a large file a link.
 
     Parameters
     ----------
     path
-        Of the file.
+        The file.
     content
-        What it holds, or will hold; None if it is there.
+        Its bytes, if it is not written yet; None: read them.
 
     Raises
     ------
     ReportError
-        It cannot be read.
+        The file cannot be read.
 
     """
     name = escape(path.name)
     content = _read(path) if content is None else content
     if len(content) > EMBEDDED_BYTES:
-        return f'<a href="{quote(path.name)}">{name}</a> ({len(content) / 1e6:.1f} MB, beside this page)'
+        return f'<a href="{quote(path.name)}">{name}</a> ({len(content) / 1e6:.1f} MB, in the same folder)'
     return f'<a href="{_data(path, content)}" download="{name}">{name}</a>'
 
 
@@ -120,7 +119,7 @@ def _cell(cell: Any) -> str:
     return escape(f'{cell:.6g}' if isinstance(cell, float) else str(cell))
 
 
-# colours and type are those of the report page
+# colours and type match the report page
 PAGE = """\
 <!DOCTYPE html>
 <html lang="en">

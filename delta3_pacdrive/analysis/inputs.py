@@ -1,4 +1,4 @@
-"""Inputs of a study: recordings, programs, numbers of experiments; each is noted with the digest of its bytes."""
+"""Inputs of a study: recordings, programs and numbers of experiments, listed with the digests of their files."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -16,18 +16,18 @@ def is_recording(text: str) -> bool:
 
 
 def is_table(text: str) -> bool:
-    """Whether an input is a table of measurements, by the end of its name."""
+    """Whether an input is a table of measurements, judged by its suffix."""
     return Path(text).suffix.lower() in TABLES
 
 
 def bags_in(text: str) -> list[str]:
-    """Return the bags in a folder of several robots, in the order of their names; of any other input itself."""
+    """Return the bags in a folder of several robots, sorted by name; for any other input the input alone."""
     path = Path(text)
     try:
         if not path.is_dir() or _is_bag(path):
             return [text]
         return [str(bag) for bag in sorted(path.iterdir()) if bag.is_dir() and _is_bag(bag)] or [text]
-    except OSError:  # who reads it says why it cannot be read
+    except OSError:  # the reader reports the error
         return [text]
 
 
@@ -38,12 +38,12 @@ def _is_bag(folder: Path) -> bool:
 
 
 def program_name(text: str) -> str:
-    """Return the program that an input means, which may be the number of an experiment."""
+    """Return the name of a program; numbers 1 to 3 denote experiments."""
     return f'experiment{text}' if text in ('1', '2', '3') else text
 
 
 def noted(inputs: Iterable[str]) -> list[str]:
-    """Return each input with the digest of the file or folder that it means; raises ReportError or ProgramError."""
+    """Return each input with the digest of its file or folder; raises ReportError or ProgramError."""
     return [
         f'{text} {digest(Path(text) if is_recording(text) else programs.find(program_name(text)))}'
         for text in inputs

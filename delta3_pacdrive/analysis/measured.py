@@ -1,8 +1,7 @@
-"""Measurements that know no bus cycle: brought onto an even grid of time, and completed by what can be computed.
+"""Measurements without bus cycles: resampled to an even time grid and completed with computed signals.
 
-The period is found in the times. Where samples are missing there is a gap; where they are not evenly spaced, there are
-straight lines between them. On the side of the arms and of the motors, and of the TCP, one is computed from the other
-with the parameters of the robot.
+The period is estimated from the times. Missing samples leave gaps; unevenly spaced samples are interpolated linearly.
+Arm, motor and TCP signals are computed from one another with the parameters of the robot.
 """
 
 from __future__ import annotations
@@ -20,39 +19,39 @@ if TYPE_CHECKING:
     from delta3_pacdrive.numerics.types import Floats
     from delta3_pacdrive.parameters import Parameters
 
-EVEN = 0.01  # of a period: how far a sample may be from its place
-LONG = 3.0  # periods between two samples that are not evenly spaced: no straight line is drawn any more
+EVEN = 0.01  # of a period: largest deviation of a sample from the grid
+LONG = 3.0  # periods between unevenly spaced samples that are still interpolated
 INSTANTS_MIN = 3
 
 
 def on_grid(trace: Trace, name: str) -> Trace:
-    """Return a trace on an even grid whose first instant is 0, with its period and its origin in ``meta``.
+    """Return a trace on an even grid that starts at 0, with ``cycle_time_s`` and ``origin_s`` in ``meta``.
 
     Parameters
     ----------
     trace
-        Without a cycle time.
+        Trace without a cycle time.
     name
-        Of the recording, for refusals.
+        Name of the recording, for error messages.
 
     Raises
     ------
     TraceError
-        It holds too few instants, or lacks too many.
+        There are too few samples, or too many are missing.
 
     """
     origin, time_s = float(trace.time_s[0]) if len(trace.time_s) else 0.0, trace.time_s
     if len(time_s) < INSTANTS_MIN:
         raise TraceError(
-            f'{name} holds {len(time_s)} instants, at least {INSTANTS_MIN} tell how far they are apart'
+            f'{name} holds {len(time_s)} samples, at least {INSTANTS_MIN} are needed to find their period'
         )
-    time_s = time_s - origin  # seconds of an epoch leave few digits
+    time_s = time_s - origin  # epoch seconds would cost digits
     steps = np.diff(time_s)
     usual = float(np.median(steps))
     rows = np.concatenate([[0], np.cumsum(np.rint(steps / usual).clip(1).astype(np.int64))])
     if rows[-1] + 1 - len(rows) > LACKING_MAX:
         raise TraceError(
-            f'{name} lacks {rows[-1] + 1 - len(rows)} of {rows[-1] + 1} instants, the limit is {LACKING_MAX}'
+            f'{name} lacks {rows[-1] + 1 - len(rows)} of {rows[-1] + 1} samples, the limit is {LACKING_MAX}'
         )
     period, first = (float(value) for value in np.polyfit(rows, time_s, 1))
     period = _round_period(period, int(rows[-1]))
@@ -61,7 +60,7 @@ def on_grid(trace: Trace, name: str) -> Trace:
     if np.abs(time_s - first - rows * period).max() <= EVEN * period:
         signals = trace.signals
         if lacking := int(rows[-1]) + 1 - len(rows):
-            notices.append(f'It lacks {lacking} of {rows[-1] + 1} instants, {period:.6g} s apart.')
+            notices.append(f'{lacking} of {rows[-1] + 1} samples are missing; the period is {period:.6g} s.')
     else:
         period, first = usual, float(time_s[0])
         rows = np.arange(int((time_s[-1] - first) / period + EVEN) + 1)
@@ -70,15 +69,15 @@ def on_grid(trace: Trace, name: str) -> Trace:
             for key, values in trace.signals.items()
         }
         notices.append(
-            f'Its samples are not evenly spaced ({steps.min():.4g} to {steps.max():.4g} s): straight lines between '
-            f'them are taken every {period:.6g} s.'
+            f'The samples are not evenly spaced ({steps.min():.4g} to {steps.max():.4g} s): they are interpolated '
+            f'linearly every {period:.6g} s.'
         )
     meta |= {'cycle_time_s': period, 'origin_s': origin + first, 'notices': notices}
     return Trace(rows * period, signals, meta)
 
 
 def _round_period(period: float, count: int) -> float:
-    """Return the round number that a period is: whole microseconds, or a whole number per second."""
+    """Return a period rounded to whole microseconds or to a whole number of samples per second, if that fits."""
     for rounded in (round(period, 6), 1.0 / max(round(1.0 / period), 1)):
         if abs(rounded - period) * count <= EVEN * period:
             return rounded
@@ -86,7 +85,7 @@ def _round_period(period: float, count: int) -> float:
 
 
 def _between(time_s: Floats, values: Floats, at_s: Floats, longest_s: float) -> Floats:
-    """Return values on the straight lines between samples, nan where those are too far apart."""
+    """Interpolate values linearly between samples; nan where these are more than ``longest_s`` apart."""
     found = np.column_stack([np.interp(at_s, time_s, column) for column in values.T])
     before = np.searchsorted(time_s, at_s, side='right').clip(1, len(time_s) - 1)
     found[time_s[before] - time_s[before - 1] > longest_s] = np.nan
@@ -94,10 +93,11 @@ def _between(time_s: Floats, values: Floats, at_s: Floats, longest_s: float) -> 
 
 
 def completed(trace: Trace, robot: Parameters) -> Trace:
-    """Return a trace with the signals of the motors and of the TCP that its own can tell.
+    """Return a trace with the motor and TCP signals that follow from its other signals.
 
-    A reference is taken for the command of that instant: until the arms are where it says the set-point delay of the
-    robot goes by, which is removed from the TCP error as in a run.
+    References count as commands of the same instant. The set-point delay of the robot is removed from the TCP error,
+    as in
+    a run.
     """
     found, gear = of_motors(trace, robot), robot.dynamics.gear_ratio
     for of_motor, of_tcp in (('motor_position', 'tcp_actual'), ('motor_command', 'tcp_command')):
@@ -110,7 +110,7 @@ def completed(trace: Trace, robot: Parameters) -> Trace:
             found[of_tcp] = tcp
     if {'tcp_actual', 'tcp_command'} <= found.keys() and 'tcp_error' not in found:
         rows = np.rint(trace.time_s / positive(trace, 'cycle_time_s')).astype(np.int64)
-        # the command of an instant that is missing is not known, also not to the one after it
+        # missing commands stay nan, also for the delayed command of the next cycle
         command = np.full((rows[-1] - rows[0] + 1, 3), np.nan)
         command[rows - rows[0]] = found['tcp_command']
         late = delayed(command, delay_cycles(trace, robot))[rows - rows[0]]
@@ -119,7 +119,7 @@ def completed(trace: Trace, robot: Parameters) -> Trace:
 
 
 def of_motors(trace: Trace, robot: Parameters) -> dict[str, Floats]:
-    """Return the signals of a trace, and those of the motors that its signals of the arms give."""
+    """Return the signals of a trace, with motor signals added from arm signals."""
     found = dict(trace.signals)
     pairs = (
         ('arm_position', 'motor_position'),

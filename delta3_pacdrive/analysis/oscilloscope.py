@@ -1,4 +1,4 @@
-"""The oscilloscopes of a robot's drives: what they find and what they leave in every period of the current loop."""
+"""Oscilloscope inside the drives: records drive states in every period of the current loop."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,58 +15,48 @@ from delta3_pacdrive.simulation.robot import Robot
 
 @dataclass(frozen=True)
 class Added:
-    """Something is added to fields of a drive's state before every period, and taken away after it.
+    """Values added to fields of a drive's state before each period and removed after it."""
 
-    Attributes
-    ----------
-    axis
-        Number of the drive, from 0 on.
-    fields
-        What it is added to, each with a factor.
-    values
-        A value for each period of the current loop, shape (samples,).
-
-    """
-
-    axis: int
-    fields: Sequence[tuple[str, float]]
-    values: Floats
+    axis: int  # index of the drive, from 0
+    fields: Sequence[tuple[str, float]]  # fields, each with a factor
+    values: Floats  # one value per period of the current loop, shape (samples,)
 
 
 NOTHING = Added(-1, (), np.empty(0))
 
 
 def _places(names: Sequence[str]) -> NDArray[np.int64]:
-    """Return where fields of a drive's state are, in words; raises ValueError for one that is a whole number."""
+    """Return the word offsets of fields in a drive's state; raises ValueError for an integer field."""
     words, whole = words_of_state(names)
     if whole.any():
         raise ValueError(
-            f'{names[int(whole.argmax())]} is a whole number, and an oscilloscope records numbers'
+            f'{names[int(whole.argmax())]} is an integer field, an oscilloscope records floating-point fields'
         )
     return words
 
 
 class Oscilloscope:
-    """The oscilloscope runs drives and plant of a robot period by period, and records states of the drives.
+    """Runs drives and plant of a robot period by period and records states of the drives.
 
     Parameters
     ----------
     robot
-        Has begun its bus cycle whenever an exchange begins one.
+        Robot whose bus cycle has begun whenever an exchange begins one.
     samples
-        Periods of the current loop that are recorded.
+        Number of recorded periods of the current loop.
     left
-        Fields of a drive's state that are recorded at the end of each period.
+        State fields recorded at the end of each period.
     added
-        What is added to the set points of a drive.
+        Values added to the set points of a drive.
 
     Attributes
     ----------
     found, left
-        Fields at the start and at the end of each period, shapes (samples, 3). The shaft at the start of an exchange is
-        that of the plant, later that of the drive itself.
+        Fields at the start and at the end of each period, shapes (samples, 3). At the start of an exchange the shaft
+        is
+        that of the plant, afterwards that of the drive.
     per_exchange
-        Periods from one exchange to the next.
+        Periods of the current loop per exchange.
 
     """
 
@@ -88,19 +78,20 @@ class Oscilloscope:
     ) -> list[int]:
         """Begin a bus cycle of the drives; return their status words S-0-0135."""
         shafts = np.reshape(self._robot.plant.shafts(), (3, 3)).T.tolist()
-        told = zip(self._robot.drives, commands, torques, shafts, strict=True)
         return [
             drive.begin_cycle(command, control, position, speed, coupling, torque=torque)
-            for drive, command, torque, (position, speed, coupling) in told
+            for drive, command, torque, (position, speed, coupling) in zip(
+                self._robot.drives, commands, torques, shafts, strict=True
+            )
         ]
 
     def exchange(self, payload_kg: float | None = None) -> None:
-        """Run drives and plant from one exchange to the next.
+        """Run drives and plant for one exchange period.
 
         Parameters
         ----------
         payload_kg
-            That the controller has gripped; None: as before.
+            Newly gripped payload; None: unchanged.
 
         """
         robot = self._robot
@@ -112,7 +103,7 @@ class Oscilloscope:
         self._row += self.per_exchange
 
     def signals(self) -> dict[str, Floats]:
-        """Return what the drives measure, by the names of signals."""
+        """Return the measurements of the drives by signal name."""
         per_rad = float(self._robot.drives[0].constants['increments_per_rad'][0])
         positions = np.empty(self.found['position'].shape)
         all_on_grid(self.found['position'].reshape(-1), per_rad, positions.reshape(-1))

@@ -1,7 +1,7 @@
-"""A program with an oscilloscope in every drive: the run period by period of the current loop.
+"""Simulation of a program with an oscilloscope in every drive: one sample per period of the current loop.
 
-Drives and plant exchange in every period of the velocity loop, so that nothing between two exchanges is guessed: the
-bits are those of the simulation with that exchange period.
+Drives and plant exchange data in every period of the velocity loop, so nothing is interpolated between exchanges. The
+result is bit-identical to a simulation with that exchange period.
 """
 
 from collections.abc import Sequence
@@ -22,51 +22,37 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.simulation.robot import Robot
 
 EXCHANGE_MIN_S = 125e-6
-TOLD_EVERY = 50  # cycles
+PROGRESS_EVERY = 50  # cycles
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """The oscilloscopes have recorded a run.
-
-    Attributes
-    ----------
-    scope
-        With the samples.
-    answers
-        What the AT told: position [rad], speed [rad/s] and torque [N m] by axis, shape (cycles, 3, 3).
-    tcp_error
-        Set-point delay removed [m], shape (cycles, 3).
-    steps
-        Periods of the current loop in a bus cycle.
-    meta
-        As a trace has it.
-
-    """
+    """Run recorded by oscilloscopes."""
 
     scope: Oscilloscope
+    # position [rad], speed [rad/s] and torque [N m] in the AT of each axis, shape (cycles, 3, 3)
     answers: Floats
-    tcp_error: Floats
-    steps: int
-    meta: dict[str, Any]
+    tcp_error: Floats  # set-point delay removed [m], shape (cycles, 3)
+    steps: int  # periods of the current loop per bus cycle
+    meta: dict[str, Any]  # format of Trace.meta
 
 
 def finest(parameters: Parameters) -> Parameters:
-    """Return the robot with the exchange period that leaves nothing to be guessed."""
+    """Return the robot with the shortest exchange period, which needs no interpolation."""
     return parameters.replace(bus__exchange_period_s=max(EXCHANGE_MIN_S, parameters.drive.velocity_period_s))
 
 
 def run(
     program: Program, parameters: Parameters, on_progress: OnProgress, stage: str, left: Sequence[str] = ()
 ) -> Recorded:
-    """Run a program, and record what the drives find and what they leave in ``left`` in every period.
+    """Run a program and record the states of the drives, and their fields ``left``, in every period.
 
     Raises
     ------
     ProgramError
-        The program is refused.
+        The program is rejected.
     RunError
-        A drive is without torque when the program should start, or after that.
+        A drive has no torque at or after the program start.
 
     """
     placed = simulation.placed(finest(parameters), program)
@@ -88,9 +74,9 @@ def run(
         for _ in range(steps // scope.per_exchange):
             scope.exchange(robot.payload)
         if cycle >= placed.motion.start_cycle and not all(drive.powered for drive in robot.drives):
-            raise RunError(f'a drive is without torque in bus cycle {cycle}, status {status}')
+            raise RunError(f'a drive has no torque in bus cycle {cycle}, status {status}')
         tcp_error[cycle] = task.receive(cycle, answers[cycle, 0], answers[cycle, 2])['tcp_error']
-        if cycle % TOLD_EVERY == 0:
+        if cycle % PROGRESS_EVERY == 0:
             on_progress(stage, cycle, cycles)
     meta = {
         'program': planned.name,

@@ -1,4 +1,4 @@
-"""A path in space, drawn so that it is seen: all three axes to the same scale, in a box that fits."""
+"""Path in space, drawn with all three axes to the same scale in a box that fits."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
-FLAT = 0.4  # least extent of an axis of the TCP path, of the longest: a path in a plane keeps a visible depth
-VIEW_DEG = (24.0, -62.0)  # from where it is seen: elevation, azimuth
-WHOLE: dict[str, Any] = {'clip_on': False}  # of its lines: a wide box is larger than the square of its axes
+FLAT = 0.4  # minimum extent of an axis relative to the longest, so that a plane path keeps a visible depth
+VIEW_DEG = (24.0, -62.0)  # elevation, azimuth
+WHOLE: dict[str, Any] = {'clip_on': False}  # line style: a wide box exceeds the square of its axes
 
 
 def path_axes(figure: Figure, bottom: float, height: float) -> Axes3D:
-    """Return the axes of a path in a part of a figure."""
-    figure.set_layout_engine('none')  # it reckons with a cube
+    """Return 3D axes in a part of a figure."""
+    figure.set_layout_engine('none')  # it assumes a cube
     axes: Axes3D = figure.add_axes((-0.02, bottom, 1.0, height), projection='3d', computed_zorder=False)
     return axes
 
 
 def frame_path(axes: Axes3D, points: Floats) -> None:
-    """Give space around the points [mm] of a path, shape (n, 3): all three axes to the same scale, with labels."""
+    """Set limits and labels for a path of points [mm], shape (n, 3), with all axes to the same scale."""
     from matplotlib.ticker import MaxNLocator
 
     low, high = points.min(axis=0), points.max(axis=0)
@@ -40,7 +40,7 @@ def frame_path(axes: Axes3D, points: Floats) -> None:
 
 
 def _fit_box(axes: Axes3D, spans: Floats) -> None:
-    """Draw a box of these extents as large as the figure permits, labels at the same distance in every shape."""
+    """Draw a box of these extents as large as the figure permits, with constant distances of the labels."""
     elevation, azimuth = np.radians(VIEW_DEG)
     across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     up = np.array([*(-np.sin(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])), np.cos(elevation)])
@@ -49,7 +49,7 @@ def _fit_box(axes: Axes3D, spans: Floats) -> None:
     axes.set_proj_type('ortho')
     axes.view_init(*VIEW_DEG)
     axes.set_box_aspect(spans.tolist(), zoom=float(np.linalg.norm(sides)))
-    # matplotlib counts the distances of labels, beyond 8 and 21, in parts of the sides that they are moved along
+    # matplotlib scales label distances beyond 8 and 21 with the sides along which the labels are moved
     moved = ((0, -1, -1), (1, 0, -1), (1, 1, 0))
     distances = ((7.0, 21.0), (9.0, 27.0), (14.0, 32.0))
     for axis, along, (tick, label) in zip(_three_axes(axes), moved, distances, strict=True):

@@ -1,4 +1,4 @@
-"""Outputs that can be repeated: where a report, a table or a figure comes from, written with it."""
+"""Provenance of reports, tables and figures, stored in every output file."""
 
 import csv
 import hashlib
@@ -21,28 +21,13 @@ PACKAGES = ('numpy', 'scipy', 'numba')
 
 @dataclass(frozen=True)
 class Provenance:
-    """Provenance says how an output came about.
+    """Command, parameters, inputs and software versions that produced an output."""
 
-    Attributes
-    ----------
-    command
-        As it was typed.
-    seed
-        Of everything random; None where nothing was random.
-    parameters
-        Checksum of the parameters, and the file they came from; ``none`` where nothing depends on them.
-    inputs
-        Programs and recordings, each with the digest of its bytes.
-    versions
-        Of Python and the packages that compute.
-
-    """
-
-    command: str
-    seed: int | None
-    parameters: str
-    inputs: tuple[str, ...]
-    versions: str
+    command: str  # as typed
+    seed: int | None  # of all random numbers; None if there are none
+    parameters: str  # checksum and file; 'none' if the output does not depend on parameters
+    inputs: tuple[str, ...]  # programs and recordings, each with the digest of its bytes
+    versions: str  # Python and numerical packages
 
     @staticmethod
     def of(
@@ -52,12 +37,12 @@ class Provenance:
         inputs: Sequence[str] = (),
         seed: int | None = None,
     ) -> 'Provenance':
-        """Note where an output comes from; ``source`` is the parameter file, if it is not the packaged one."""
+        """Return the provenance of an output; ``source`` is the parameter file, None for the packaged one."""
         parameters = 'none' if robot is None else f'{robot.checksum} ({source or DEFAULT_FILE})'
         return Provenance(command, seed, parameters, tuple(inputs), versions())
 
     def lines(self) -> dict[str, str]:
-        """Return all of it as texts by name."""
+        """Return the entries as texts by name."""
         return {
             'command': self.command,
             'seed': 'none' if self.seed is None else str(self.seed),
@@ -68,7 +53,7 @@ class Provenance:
 
 
 def versions() -> str:
-    """Versions of Python and of the packages that compute, as one line."""
+    """Return the versions of Python and the numerical packages in one line."""
     try:
         own = metadata.version('delta3_pacdrive')
     except metadata.PackageNotFoundError:
@@ -79,7 +64,7 @@ def versions() -> str:
 
 @contextmanager
 def os_errors_as(told: str, kind: type[Delta3Error] = ReportError) -> Iterator[None]:
-    """Make an error of the file system, meanwhile, one of this package: ``told``, and why."""
+    """Re-raise file system errors as errors of this package, with the message ``told`` and the reason."""
     try:
         yield
     except OSError as error:
@@ -99,19 +84,19 @@ def digest(path: Path) -> str:
 
 
 def json_text(document: Any) -> str:
-    """Return a document as the text of a file."""
+    """Return a document as JSON text."""
     return json.dumps(document, indent=1, allow_nan=False) + '\n'
 
 
 def write_json(document: Any, path: Path) -> Path:
-    """Write a document as ``write_text`` does, with the folder that it needs; raises ReportError."""
+    """Write a document atomically and create its folder; raises ReportError."""
     with os_errors_as(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)
     return write_text(json_text(document), path)
 
 
 def write_text(text: str, path: Path) -> Path:
-    """Write a text so that a reader sees the old file or the new one, never half of it; raises ReportError."""
+    """Write a text atomically; raises ReportError."""
     with os_errors_as(f'cannot write {path}'):
         return whole_file.write_text(text, path)
 
@@ -119,9 +104,7 @@ def write_text(text: str, path: Path) -> Path:
 def write_table(
     path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]], provenance: Provenance
 ) -> Path:
-    """Write a CSV file: how it came about in lines that begin with '#', then a header with units, then the rows.
-
-    The file is there whole or not at all.
+    """Write a CSV file atomically: provenance lines that begin with '#', a header with units, the rows.
 
     Raises
     ------

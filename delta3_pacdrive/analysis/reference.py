@@ -1,9 +1,10 @@
-"""A sampled trajectory becomes a program: what was measured or computed elsewhere is played as the reference.
+"""Converts a sampled trajectory into a program that plays it as the reference.
 
-The arm angles, or those of the TCP, lie on cubic splines over time, so that the acceleration is continuous. Numbers
-that are rounded more coarsely than the drives resolve lie within their rounding on a smoothing spline instead. The
-program has points on them with speed and acceleration, between which a quintic follows them within ``WITHIN_RAD``;
-where the robot stands for a while, it dwells. It is planned and checked as every other program.
+The arm angles, or those computed from the TCP, are interpolated by cubic splines over time, so the acceleration is
+continuous. Values rounded more coarsely than the resolution of the drives are fitted by a smoothing spline within
+their rounding. Points of the program lie on the splines, with speed and acceleration, and a quintic between them
+follows the splines within ``WITHIN_RAD``. Phases at rest become dwells. The program is planned and checked like any
+other.
 """
 
 import math
@@ -30,46 +31,29 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording import column_file, trace_file
 from delta3_pacdrive.recording.trace import Trace
 
-WITHIN_RAD = 3.7e-7  # of the splines: an increment behind the gear
-SMOOTHING_ORDER, SETTLED_PERIODS = 2, 3.0  # of the low pass, and periods in which it has died away
-STILL_RAD = 1e-9  # between two samples of a robot that stands
-STANDING_S, STANDING_SAMPLES = 0.05, 24  # at least, of a stretch that becomes a dwell
-SETTLED_SAMPLES = (
-    10  # of such a stretch at both ends, which stay with the motion, so that its acceleration dies away
-)
-ENDS_AT_REST = 0.05  # of the largest speed: how fast the begin and the end may seem to be
+WITHIN_RAD = 3.7e-7  # deviation from the splines: one increment at the arm
+SMOOTHING_ORDER, SETTLED_PERIODS = 2, 3.0  # order of the low pass, and its settling time in periods
+STILL_RAD = 1e-9  # largest step between two samples at rest
+STANDING_S, STANDING_SAMPLES = 0.05, 24  # minimum length of a rest that becomes a dwell
+SETTLED_SAMPLES = 10  # at either end of a rest, left to the motion for its acceleration to decay
+ENDS_AT_REST = 0.05  # of the largest speed: apparent speed accepted at the start and at the end
 INSTANTS_MIN = 5
-COUNTED_MAX = 20 * JOINT_POINTS_MAX  # points: more are not looked for
-INSIDE = np.linspace(0.0, 1.0, 12)[1:-1]  # of a piece: where it is held against the spline
-# in order of preference: what was commanded, then what was measured
+COUNTED_MAX = 20 * JOINT_POINTS_MAX  # points at which the search ends
+INSIDE = np.linspace(0.0, 1.0, 12)[1:-1]  # of a piece: where it is compared with the spline
+# in order of preference: commanded, then measured signals
 CHOICES = ('motor_command', 'arm_position_reference', 'tcp_command', 'motor_position', 'arm_position', 'tcp_actual',
            'tcp_measured')  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A reference is a program that plays a sampled trajectory.
+    """Program that plays a sampled trajectory."""
 
-    Attributes
-    ----------
-    name
-        Of the file.
-    document
-        Of the program file.
-    text
-        What is played, in words.
-    origin_s
-        Time of its first instant in the file.
-    starts_s
-        When each move begins, from there on.
-
-    """
-
-    name: str
-    document: dict[str, Any]
-    text: str
-    origin_s: float
-    starts_s: tuple[float, ...]
+    name: str  # file of the trajectory
+    document: dict[str, Any]  # content of the program file
+    text: str  # description of the trajectory
+    origin_s: float  # time of its first sample in the file
+    starts_s: tuple[float, ...]  # start of each move after that sample
 
     def write(self, path: Path) -> Path:
         """Write the program file; raises OSError."""
@@ -77,37 +61,37 @@ class Reference:
         return whole_file.write_text(yaml.dump(self.document, Dumper=dumper, sort_keys=False), path)
 
     def require_drivable(self, program: Program, robot: Parameters) -> None:
-        """Refuse a trajectory that breaks a limit, with the time in its file; raises ProgramError."""
+        """Reject a trajectory that exceeds a limit, with the time in its file; raises ProgramError."""
         try:
             program_planner.plan(replace(program, source='', places=()), robot.motion.home_m, robot)
         except ProgramError as error:
             raise ProgramError(f'{self.name}: {self._in_file_time(str(error))}') from None
 
     def _in_file_time(self, text: str) -> str:
-        """Return what is told of moves, and of times in them, with times of the file."""
+        """Replace move numbers and times in an error message by times of the file."""
         begin_s = 0.0
 
-        def told(found: re.Match[str]) -> str:
+        def converted(found: re.Match[str]) -> str:
             nonlocal begin_s
             if found[1] is not None:
                 begin_s = self.starts_s[int(found[1])]
                 return ''
             return f'at {self.origin_s + begin_s + float(found[2]):.4f} s'
 
-        return re.sub(r'moves\[(\d+)\]\.\w+: |at (\d+\.\d{4}) s, on the way to point \d+', told, text)
+        return re.sub(r'moves\[(\d+)\]\.\w+: |at (\d+\.\d{4}) s, on the way to point \d+', converted, text)
 
 
 def load(
     path: str | Path, robot: Parameters, columns: str | None = None, smooth_hz: float | None = None
 ) -> Reference:
-    """Read a trajectory from a table, a trace or a bag; ``smooth_hz`` as ``of`` has it.
+    """Read a trajectory from a table, a trace or a bag; ``smooth_hz`` as in ``of``.
 
     Raises
     ------
     TraceError
-        It cannot be read.
+        The file cannot be read.
     ProgramError
-        It holds no trajectory, has gaps, goes where the arms cannot, or does not begin and end at rest.
+        There is no trajectory, it has gaps or is out of reach, or it does not begin and end at rest.
 
     """
     chosen = None if columns is None else column_file.read(columns)
@@ -120,30 +104,28 @@ def of(trace: Trace, name: str, robot: Parameters, smooth_hz: float | None = Non
     Parameters
     ----------
     trace, name
-        The trajectory, and what its file is called.
+        Trajectory, and the name of its file.
     robot
-        It plays it.
+        Robot that plays it.
     smooth_hz
-        From where on [Hz] a low pass without delay takes away what is faster; None: nothing is taken away.
+        Cut-off frequency [Hz] of a zero-phase low pass; None: no filter.
 
     Raises
     ------
     ProgramError
-        As ``load`` has it, or the samples are too far apart for that low pass.
+        As for ``load``, or the sampling rate is too low for the low pass.
 
     """
     signal = next((one for one in CHOICES if one in trace.signals), None)
     if signal is None:
-        raise ProgramError(f'{name} holds no trajectory: none of {", ".join(CHOICES)}')
+        raise ProgramError(f'{name} contains no trajectory: none of {", ".join(CHOICES)}')
     time_s, values = trace.time_s, trace[signal]
     known = np.isfinite(values).all(axis=1)
     if not known.all():
-        raise ProgramError(
-            f'{name} has a gap at {time_s[np.argmin(known)]:.6g} s: {signal} is not known there'
-        )
+        raise ProgramError(f'{name} has a gap at {time_s[np.argmin(known)]:.6g} s: {signal} is missing there')
     if len(time_s) < INSTANTS_MIN or time_s[-1] - time_s[0] > TIME_MAX_S:
         raise ProgramError(
-            f'{name} holds {len(time_s)} instants in {time_s[-1] - time_s[0]:g} s, expected at least {INSTANTS_MIN} in '
+            f'{name} holds {len(time_s)} samples in {time_s[-1] - time_s[0]:g} s, expected at least {INSTANTS_MIN} in '
             f'up to {TIME_MAX_S:g} s'
         )
     origin = float(time_s[0])
@@ -165,9 +147,9 @@ def of(trace: Trace, name: str, robot: Parameters, smooth_hz: float | None = Non
         points = _points(time_s[rows] - time_s[first], angles[rows], rounding)
         if len(points) > JOINT_POINTS_MAX:
             raise ProgramError(
-                f'{name} asks for {len(points)} points from {origin + time_s[first]:.6g} to '
-                f'{origin + time_s[last]:.6g} s, where it does not rest, the limit is {JOINT_POINTS_MAX}: play a part '
-                'of it, or numbers with less noise'
+                f'{name} requires {len(points)} points from {origin + time_s[first]:.6g} to '
+                f'{origin + time_s[last]:.6g} s, where it is in motion, the limit is {JOINT_POINTS_MAX}: play a part '
+                'of it, or data with less noise'
             )
         count += len(points)
         moves.append({'joints': {'points': points}})
@@ -176,7 +158,7 @@ def of(trace: Trace, name: str, robot: Parameters, smooth_hz: float | None = Non
     start = kinematics.forward(angles[0], robot.kinematics)
     smooth = f', smoothed within their rounding of {rounding:.2g} rad' if rounding else changed
     text = (
-        f'{signal} of {name}: {len(time_s)} instants in {time_s[-1]:.6g} s{smooth}, played by {count} points'
+        f'{signal} of {name}: {len(time_s)} samples in {time_s[-1]:.6g} s{smooth}, played by {count} points'
     )
     document = {'name': _title(name), 'start_m': [float(x) for x in start], 'moves': moves}
     return Reference(name, document, text, origin, tuple(starts))
@@ -185,23 +167,25 @@ def of(trace: Trace, name: str, robot: Parameters, smooth_hz: float | None = Non
 def _smoothed(
     time_s: Floats, angles: Floats, cutoff_hz: float, name: str, robot: Parameters
 ) -> tuple[Floats, Floats, str]:
-    """Return instants at equal distances, the angles there behind a low pass without delay, and what it has changed."""
+    """Return evenly spaced times, the angles there after a zero-phase low pass, and the change as a text."""
     even_s = np.linspace(0.0, time_s[-1], len(time_s))
     rate_hz = (len(time_s) - 1) / time_s[-1]
     if cutoff_hz >= 0.5 * rate_hz:
         raise ProgramError(
-            f'{name} has {rate_hz:.6g} samples a second: a low pass must begin below {0.5 * rate_hz:.6g} Hz, not at '
-            f'{cutoff_hz:g} Hz'
+            f'{name} has {rate_hz:.6g} samples per second: the cut-off frequency must be below {0.5 * rate_hz:.6g} Hz, '
+            f'not {cutoff_hz:g} Hz'
         )
     plain = np.asarray(CubicSpline(time_s, angles)(even_s))
-    # forwards and backwards: the second order becomes a fourth without delay; the robot rests at both ends
+    # filtered forwards and backwards: fourth order without delay; the robot is at rest at both ends
     low_pass = butter(SMOOTHING_ORDER, cutoff_hz, fs=rate_hz, output='sos')
     more = min(len(even_s) - 1, math.ceil(SETTLED_PERIODS * rate_hz / cutoff_hz))
     smooth = np.asarray(sosfiltfilt(low_pass, plain, axis=0, padtype='constant', padlen=more))
     before, after = (kinematics.forward(one, robot.kinematics, unreachable='nan') for one in (plain, smooth))
     moved = 1e3 * np.linalg.norm(after - before, axis=1)
-    told = f', smoothed below {cutoff_hz:g} Hz: the TCP {math.sqrt(np.mean(moved**2)):.3g} mm rms and '
-    return even_s, smooth, f'{told}{moved.max():.3g} mm at most beside its samples'
+    change = (
+        f', low pass at {cutoff_hz:g} Hz: it moves the TCP by {math.sqrt(np.mean(moved**2)):.3g} mm rms and '
+    )
+    return even_s, smooth, f'{change}{moved.max():.3g} mm at most'
 
 
 def _title(name: str) -> str:
@@ -212,7 +196,7 @@ def _title(name: str) -> str:
 def _angles(
     signal: str, time_s: Floats, values: Floats, name: str, robot: Parameters
 ) -> tuple[Floats, float]:
-    """Return the arm angles, and the step that they are rounded to, 0 if that is finer than the drives' own."""
+    """Return the arm angles and their rounding step, 0 if that is finer than the resolution of the drives."""
     if signal.startswith('motor'):
         angles, step = values / robot.dynamics.gear_ratio, _step(values) / robot.dynamics.gear_ratio
     elif signal.startswith('arm'):
@@ -232,7 +216,7 @@ def _angles(
 
 
 def _step(values: Floats) -> float:
-    """Return the step of the grid that all numbers lie on; 0 if there is none that can be seen."""
+    """Return the spacing of the grid on which all values lie; 0 if there is none."""
     steps = np.diff(np.unique(values))
     largest = float(np.abs(values).max(initial=0.0))
     steps = steps[steps > 1e-12 * max(largest, 1.0)]
@@ -247,10 +231,10 @@ def _step(values: Floats) -> float:
 
 
 def _require_rest(time_s: Floats, angles: Floats, name: str, origin_s: float) -> None:
-    """Refuse a trajectory that begins or ends in motion, by the parabola through three instants."""
+    """Reject a trajectory that begins or ends in motion, judged by the parabola through three samples."""
     fastest = float(np.abs(np.diff(angles, axis=0) / np.diff(time_s)[:, None]).max())
     if not fastest > 0.0:
-        raise ProgramError(f'{name} holds no motion')
+        raise ProgramError(f'{name} contains no motion')
     for what, rows in (('begins', slice(0, 3)), ('ends', slice(None, -4, -1))):
         t, y = time_s[rows], angles[rows]
         speeds = CubicSpline(*_ordered(t, y), bc_type='not-a-knot')(t[0], 1)
@@ -268,7 +252,7 @@ def _ordered(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 
 def _stretches(time_s: Floats, angles: Floats) -> Iterator[tuple[int, int, bool]]:
-    """Yield first and last instant of motions and of rests, in turn; each begins where the one before ends."""
+    """Yield first and last sample of alternating motions and rests, and whether it is a rest."""
     still = np.asarray((np.abs(np.diff(angles, axis=0)) <= STILL_RAD).all(axis=1))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
     at = 0
@@ -286,7 +270,7 @@ def _stretches(time_s: Floats, angles: Floats) -> Iterator[tuple[int, int, bool]
 
 
 def _points(time_s: Floats, angles: Floats, rounding: float) -> list[dict[str, Any]]:
-    """Return points on the splines through a motion from rest to rest, as close as they have to be."""
+    """Return as many points on splines through a motion from rest to rest as the accuracy requires."""
     splines = [_spline(time_s, column, rounding) for column in angles.T]
     knots = _knots(float(time_s[-1]), splines)
     values = np.array([[spline(knots, order) for spline in splines] for order in range(3)])
@@ -310,7 +294,7 @@ def _spline(time_s: Floats, values: Floats, rounding: float) -> Any:
 
 
 def _knots(duration_s: float, splines: list[Any]) -> Floats:
-    """Return times between which a quintic follows the splines: pieces are halved until it does."""
+    """Return times between which a quintic follows the splines; pieces are halved until it does."""
     kept: list[Floats] = []
     starts, ends = np.array([0.0]), np.array([duration_s])
     while len(starts) and sum(map(len, kept)) + len(starts) <= COUNTED_MAX:

@@ -1,7 +1,6 @@
-"""One way to leave results behind: a folder of tables, figures and a summary, and a page that shows all of them.
+"""Report folder: tables, figures and a summary of a command, and a page that shows them.
 
-Every file tells where it comes from. The page (``index_page``) holds pictures and tables itself, so that it can be sent
-alone.
+Every file contains its provenance.
 """
 
 from __future__ import annotations
@@ -40,48 +39,37 @@ SUMMARY, INDEX = 'report.json', 'index.html'
 
 @dataclass(frozen=True)
 class Table:
-    """A table is written as CSV; a cell without a value, None or nan, stays empty.
+    """Table written as CSV; cells that are None or nan stay empty."""
 
-    Attributes
-    ----------
-    name
-        Of the file.
-    header
-        Names of the columns, with units.
-    rows
-        Numbers and texts.
-
-    """
-
-    name: str
-    header: Sequence[str]
+    name: str  # of the file
+    header: Sequence[str]  # column names with units
     rows: Iterable[Sequence[Any]]
 
     @staticmethod
     def of_columns(name: str, columns: Mapping[str, ArrayLike]) -> Table:
-        """Return the table of these columns of numbers, each of shape (n,)."""
+        """Return a table of numeric columns, each of shape (n,)."""
         return Table(name, list(columns), np.column_stack(list(columns.values())).tolist())
 
     @staticmethod
     def of_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> Table:
-        """Return the table of rows whose cells are known by the names of the columns; one row at least."""
+        """Return a table of one or more rows, each a mapping of column names to cells."""
         return Table(name, list(rows[0]), [list(row.values()) for row in rows])
 
 
 def columns_of(title: str, values: Floats, labels: Iterable[str] = '123') -> dict[str, Floats]:
-    """Return the columns of an array by title, each with its label in the place of ``{}``."""
+    """Return the columns of an array by title; ``{}`` in the title stands for the label."""
     return {title.format(label): column for label, column in zip(labels, values.T, strict=True)}
 
 
 class ReportFolder:
-    """A report folder takes the results of one command.
+    """Writes the results of one command.
 
     Attributes
     ----------
     path
-        Of the folder, which is made when the first file is written.
+        Folder; created with the first file.
     provenance
-        That goes into every file.
+        Written into every file.
 
     """
 
@@ -92,11 +80,11 @@ class ReportFolder:
 
     @property
     def files(self) -> list[str]:
-        """The page, and what was written so far."""
+        """The page and all files written so far."""
         return [str(path) for path in (self.path / INDEX, *self._files)]
 
     def add(self, path: Path) -> None:
-        """Take in a file of the folder that somebody else has written."""
+        """Add a file that was written elsewhere into the folder."""
         self._files.append(path)
         self._page.add_file(path)
 
@@ -109,9 +97,9 @@ class ReportFolder:
         return path
 
     def figures(self, drawings: Drawings, with_foot: bool = False) -> list[Path]:
-        """Draw figures, by file name, and write them as PNG; raises FigureError.
+        """Draw figures, given by file name, and write them as PNG; raises FigureError.
 
-        The summary line of the function that draws a figure is its caption; ``with_foot`` it also tells its origin.
+        The caption is the summary line of the drawing function. ``with_foot`` adds the provenance to the image.
         """
         paths = []
         for name, draw in drawings.items():
@@ -134,46 +122,45 @@ class ReportFolder:
         tables: Iterable[Table],
         drawings: Drawings,
     ) -> dict[str, Any]:
-        """Write tables and figures of a study, and at last its summary, as ``summary`` does; raises Delta3Error."""
+        """Write tables, figures and finally the summary of a study, which is returned; raises Delta3Error."""
         for table in tables:
             self.table(table)
         self.figures(drawings, with_foot=True)
         return self.summary(title, document, text)
 
     def summary(self, title: str, document: dict[str, Any], text: Iterable[str]) -> dict[str, Any]:
-        """Write the summary and the page, at last; return the summary, which then names all files; raises ReportError.
+        """Write the page and the summary, and return the summary, which lists all files; raises ReportError.
 
         Parameters
         ----------
         title
-            Of the page.
+            Title of the page.
         document
-            The results, ready for JSON, without their provenance.
+            Results, ready for JSON, without their provenance.
         text
-            The same in lines for people.
+            Results in lines.
 
         """
         path = self.path / SUMMARY
         origin = {'ok': True, 'provenance': self.provenance.lines()}
         document = origin | document | {'files': [str(path), *self.files]}
         self.page(title, text, offered(path, json_text(document).encode()))
-        write_json(document, path)  # the last of all: who finds it finds everything
+        write_json(document, path)  # last: its presence means that the folder is complete
         return document
 
     def page(self, title: str, text: Iterable[str] = (), more: str = '') -> None:
-        """Write the page that shows what is in the folder; raises ReportError."""
-        told = '\n'.join(text).strip('\n')
-        whole = self._page.html(title, self.provenance.lines(), told, more)
+        """Write the page of the folder; raises ReportError."""
+        html = self._page.html(title, self.provenance.lines(), '\n'.join(text).strip('\n'), more)
         self.make()
-        write_text(whole, self.path / INDEX)
+        write_text(html, self.path / INDEX)
 
     def make(self) -> None:
-        """Make the folder before anything is computed for it; raises ReportError."""
+        """Create the folder, before anything is computed; raises ReportError."""
         with os_errors_as(f'cannot write to {self.path}'):
             self.path.mkdir(parents=True, exist_ok=True)
 
     def clear(self, patterns: Iterable[str]) -> None:
-        """Remove what an earlier command left, so that nothing looks complete; raises ReportError."""
+        """Remove the files of an earlier command, so that the folder does not look complete; raises ReportError."""
         with os_errors_as(f'cannot write to {self.path}'):
             for pattern in (SUMMARY, INDEX, *patterns):
                 for path in self.path.glob(pattern):
@@ -181,13 +168,13 @@ class ReportFolder:
 
 
 def require_writable_folder(folder: str | Path | None) -> None:
-    """Refuse a folder that nothing can be written into, before anything is computed for it; raises ReportError."""
+    """Reject a folder that cannot be written, before anything is computed; raises ReportError."""
     if folder is not None and (why := whole_file.folder_refusal(Path(folder))):
         raise ReportError(f'cannot write to {folder}: {why}')
 
 
 def _title(figure: Figure) -> str:
-    """Return the title of a figure without the marks of its formulas."""
+    """Return the title of a figure without TeX markup."""
     text = re.sub(r'\$(.*?)\$', lambda found: re.sub(r'\\mathrm|[{}\\]', '', found[1]), figure.get_suptitle())
     return text.strip().rstrip('.') + '.' if text.strip() else ''
 

@@ -1,4 +1,4 @@
-"""What is left of a vibration when the robot has stopped, at its true TCP: measured, and predicted for each move."""
+"""Residual vibration of the true TCP after a stop: measured in a trace, and predicted for each move."""
 
 import math
 from dataclasses import dataclass, replace
@@ -18,53 +18,53 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import EXCHANGE_PERIODS_S, UNSHAPED, Parameters
 from delta3_pacdrive.recording.trace import Trace
 
-SETTLED_S = 0.15  # after the end of a move: by then the built robot has come to rest
-ARRIVES_S = 3e-3  # from the last set point on, until the motors have got it
-STANDS_S = 0.35  # after a move that is simulated by itself
+SETTLED_S = 0.15  # after the end of a move, when the built robot has come to rest
+ARRIVES_S = 3e-3  # delay from the last set point to the motors
+STANDS_S = 0.35  # dwell after a move that is simulated separately
 
 
 def after_stop(trace: Trace, cycle: int) -> Floats:
-    """Return the true TCP [m] beside where it comes to rest, from when the last set point has arrived; shape (n, 3).
+    """Return the true TCP [m] relative to its rest position, from the arrival of the last set point on; shape (n, 3).
 
     Parameters
     ----------
     trace
-        Of a simulation, with its true TCP.
+        Trace of a simulation, with the true TCP.
     cycle
         Bus cycle of the last set point.
 
     Raises
     ------
     TraceError
-        The robot does not stand long enough, or nobody knows its true TCP.
+        The robot is not at rest long enough, or the true TCP is not recorded.
 
     """
     period = float(trace.time_s[1] - trace.time_s[0])
     first, last = cycle + round(ARRIVES_S / period), cycle + round(SETTLED_S / period)
     if 'tcp_true' not in trace.signals:
-        raise TraceError('the true TCP is not known: only a simulation tells it')
+        raise TraceError('the true TCP is unknown: only a simulation contains it')
     if not 0 < first < last < len(trace.time_s):
-        raise TraceError(f'the robot must stand for {SETTLED_S:g} s after bus cycle {cycle}')
+        raise TraceError(f'the robot must be at rest for {SETTLED_S:g} s after bus cycle {cycle}')
     tcp = trace['tcp_true']
     return np.asarray(tcp[first:last] - tcp[last : last + last - first].mean(axis=0))
 
 
 def swing_m(beside_m: Floats) -> float:
-    """Return the largest way of a coordinate from one turning point to the next [m], of shape (n, 3).
+    """Return the largest distance between two consecutive turning points of a coordinate [m], of shape (n, 3).
 
-    What creeps to its place does not swing.
+    Monotonic creep is not a swing.
     """
-    ways = [0.0]
+    swings = [0.0]
     for one in beside_m.T:
         turns = np.flatnonzero(np.diff(np.sign(np.diff(one))) != 0.0) + 1
         ends = one[np.concatenate([turns, [len(one) - 1]])]
-        ways.append(float(np.abs(np.diff(ends)).max(initial=0.0)))
-    return max(ways)
+        swings.append(float(np.abs(np.diff(ends)).max(initial=0.0)))
+    return max(swings)
 
 
 @dataclass(frozen=True)
 class Swing:
-    """Prediction for a shaped move: swing of the true TCP after it, and after the same move without shaping [m]."""
+    """Predicted swing of the true TCP after a shaped move, and after the same move without shaping [m]."""
 
     number: int
     name: str
@@ -73,7 +73,7 @@ class Swing:
 
     @property
     def less_db(self) -> float | None:
-        """By how much shaping reduces the swing [dB]; None if nothing swings at all."""
+        """Reduction of the swing by shaping [dB]; None if nothing swings."""
         if self.swing_m == 0.0 or self.unshaped_m == 0.0:
             return None
         return 20.0 * math.log10(self.unshaped_m / self.swing_m)
@@ -94,16 +94,16 @@ def predicted_swings(
     parameters: Parameters,
     on_progress: OnProgress = silent,
 ) -> list[Swing]:
-    """Predict the swing after each shaped move of the first round, by simulating it alone on the built robot.
+    """Predict the swing after each shaped move of the first round by simulating it alone on the built robot.
 
     Parameters
     ----------
     program, planned
         The program, and its plan for these parameters.
     parameters
-        Of the robot; effects of the built robot are switched on for the prediction.
+        Parameters of the robot; the effects of the built robot are switched on for the prediction.
     on_progress
-        Takes a stage, and how many of how many moves are done.
+        Receives the stage and the numbers of completed and of all moves.
 
     """
     built = parameters
@@ -130,7 +130,7 @@ def predicted_swings(
 
 
 def swing_after(move: Move, program: Program, planned: Planned, built: Parameters) -> float:
-    """Return the swing [m] of a ``built`` robot after a ``move`` of a ``planned`` ``program``, driven by itself."""
+    """Return the swing [m] of a ``built`` robot after a ``move`` of a ``planned`` ``program``, executed alone."""
     end_m, payload_kg = move.end_m(), move.payload_kg
     for event in move.events:
         payload_kg = event[3] if event[3] >= 0.0 else payload_kg

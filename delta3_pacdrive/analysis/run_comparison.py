@@ -1,7 +1,8 @@
-"""Two runs side by side: brought to one time, subtracted signal by signal, and the figures of each move.
+"""Comparison of two runs: aligned in time, subtracted signal by signal, with figures for each move.
 
-How they are brought there says ``alignment``. A run with another bus cycle, or with samples between the cycles of the
-first, is interpolated linearly.
+``alignment`` defines the common time. A run with another bus cycle, or with samples between the cycles of the first,
+is
+interpolated linearly.
 """
 
 import math
@@ -22,41 +23,30 @@ from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_S
 from delta3_pacdrive.recording.trace import Trace
 
 AXES = range(3)
-ROWS_MIN = 20  # of which a correlation says something
-QUIET = 1e-3  # of the largest axis: an axis below it does not move
+ROWS_MIN = 20  # for a significant correlation
+QUIET = 1e-3  # of the largest axis: below it an axis does not move
 SAME = 0.95  # correlation of the same signal
-CLEARLY = 0.1  # better correlation from which on axes are exchanged
-OTHER_SCALE = 1.1  # ratio of two signals from which on it is mentioned
-NEAR = 0.01  # of a ratio with a known cause
+CLEARLY = 0.1  # advantage in correlation at which axes count as exchanged
+OTHER_SCALE = 1.1  # ratio of two signals that is reported
+NEAR = 0.01  # relative distance to a ratio with a known cause
 QUANTITIES = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A signal of the second run minus that of the first.
-
-    Attributes
-    ----------
-    unit
-        Of the signal.
-    rms, largest
-        Of the norm over the three columns.
-    at_s
-        Time of the largest.
-
-    """
+    """Signal of the second run minus that of the first."""
 
     unit: str
-    rms: float
+    rms: float  # of the norm over the three columns
     largest: float
-    at_s: float
+    at_s: float  # time of the largest
 
 
 @dataclass(frozen=True)
 class MoveFigures:
-    """Figures of a move as it was driven; nan where a signal is not recorded.
+    """Figures of an executed move; nan where a signal is not recorded.
 
-    Currents are those of all samples of the current loops; of the AT where a recording has no others.
+    Currents cover all samples of the current loops if these are recorded, otherwise those of the AT.
     """
 
     duration_s: float
@@ -69,46 +59,25 @@ class MoveFigures:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two runs on one time base.
-
-    Attributes
-    ----------
-    alignment
-        How they were brought there.
-    time_s
-        Cycles of the first run that both have, shape (n,).
-    differences
-        By signal, shape (n, 3): second minus first.
-    figures
-        Of these, by signal.
-    moves
-        Pairs of moves that the two have in common, by number.
-    parameters
-        Values of both robots, by the names of those that differ.
-    uncompared
-        Cycles that only one of the two has, as a whole or of a signal.
-    doubts
-        Why the alignment, or an axis, sign or unit of a signal, may be wrong, in sentences.
-
-    """
+    """Two runs on a common time base."""
 
     alignment: Alignment
-    time_s: Floats
-    differences: dict[str, Floats]
-    figures: dict[str, Difference]
-    moves: tuple[tuple[DrivenMove, DrivenMove], ...]
-    parameters: dict[str, tuple[Any, Any]]
-    uncompared: int
-    doubts: tuple[str, ...] = ()
+    time_s: Floats  # cycles of the first run that both have, shape (n,)
+    differences: dict[str, Floats]  # second minus first by signal, shape (n, 3)
+    figures: dict[str, Difference]  # figures of these differences by signal
+    moves: tuple[tuple[DrivenMove, DrivenMove], ...]  # moves with the same number in both runs
+    parameters: dict[str, tuple[Any, Any]]  # differing parameters by name, with the values of both robots
+    uncompared: int  # cycles in only one of the runs, or with a signal missing in one
+    doubts: tuple[str, ...] = ()  # possible errors in the alignment or in an axis, sign or unit, as sentences
 
     @property
     def equal(self) -> bool:
-        """Whether no signal differs at all where both runs have it."""
+        """Whether all signals are equal where both runs contain them."""
         return not any(figure.largest > 0.0 for figure in self.figures.values())
 
     @property
     def same(self) -> bool:
-        """Whether no signal differs at all, and neither run has cycles that the other one lacks."""
+        """Whether all signals are equal and neither run has additional cycles."""
         return self.equal and not self.uncompared
 
 
@@ -120,20 +89,20 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
     first, second
         The runs.
     how
-        They are aligned, as ``align`` takes it.
+        Alignment method, as for ``align``.
 
     Raises
     ------
     TraceError
-        They have no signal in common, or no time.
+        The runs have no signal or no time in common.
 
     """
-    common = [name for name in QUANTITIES if name in first.part.signals and name in second.part.signals]
+    common = [name for name in QUANTITIES if name in first.window.signals and name in second.window.signals]
     if not common:
         raise TraceError(f'{first.name} and {second.name} have no signal in common')
     alignment = align(first, second, how)
     second = alignment.clocked(second)
-    time_s, shifted = first.part.time_s, second.part.time_s + alignment.shift_s
+    time_s, shifted = first.window.time_s, second.window.time_s + alignment.shift_s
     slack = ON_GRID * first.period_s
     both = (time_s >= shifted[0] - slack) & (time_s <= shifted[-1] + slack)
     if not both.any():
@@ -144,11 +113,14 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
     outside = int((~both).sum())
     outside += int(((shifted < time_s[0] - slack) | (shifted > time_s[-1] + slack)).sum())
     time_s = time_s[both]
-    held = {name: first.part[name] for name in common}
-    differences = subtracted(first, second, held, second.part.signals, time_s, alignment)
+    held = {name: first.window[name] for name in common}
+    differences = subtracted(first, second, held, second.window.signals, time_s, alignment)
     lacking, notes = np.zeros(len(time_s), dtype=bool), []
     for name in common:
-        one, other = first.part[name][both], resampled(shifted, second.part[name], time_s, second.period_s)
+        one, other = (
+            first.window[name][both],
+            resampled(shifted, second.window[name], time_s, second.period_s),
+        )
         notes += mismatches(name, one, other, first.robot.dynamics.gear_ratio)
         lacking |= (np.isnan(one) != np.isnan(other)).any(axis=1)
     return Comparison(
@@ -164,16 +136,16 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
 
 
 def mismatches(name: str, one: Floats, other: Floats, gear_ratio: float) -> list[str]:
-    """Return sentences about axes of a signal that are exchanged, of opposite sign or in another unit.
+    """Return sentences about exchanged axes, opposite signs or different units of a signal.
 
     Parameters
     ----------
     name
-        Of the signal.
+        Name of the signal.
     one, other
         Its values in both runs at the same times, shape (n, 3).
     gear_ratio
-        Of the first robot.
+        Gear ratio of the first robot.
 
     """
     known = np.isfinite(np.hstack([one, other])).all(axis=1)
@@ -203,7 +175,7 @@ def mismatches(name: str, one: Floats, other: Floats, gear_ratio: float) -> list
         ratio = float(np.median([sizes[1][order[i]] / sizes[0][i] for i in alike]))
         near = (text for value, text in _factors(gear_ratio) if abs(ratio / value - 1.0) < NEAR)
         known_as = next(near, '')
-        # errors of two robots are seldom as large
+        # error signals of two robots rarely have the same size
         if known_as or (abs(math.log(ratio)) > math.log(OTHER_SCALE) and 'error' not in name):
             found.append(
                 f'{name}: values of the second run are {ratio:.4g} times those of the first{known_as}'
@@ -212,7 +184,7 @@ def mismatches(name: str, one: Floats, other: Floats, gear_ratio: float) -> list
 
 
 def _factors(gear_ratio: float) -> Iterator[tuple[float, str]]:
-    """Yield ratios with a known cause."""
+    """Yield ratios with a known cause, with a description."""
     pairs = (
         (math.sqrt(2.0), 'amplitude', 'rms'),
         (math.degrees(1.0), 'degrees', 'radians'),
@@ -233,8 +205,8 @@ def subtracted(
     time_s: Floats,
     alignment: Alignment,
 ) -> dict[str, Floats]:
-    """Return signals of the second run minus those of the first that both have, at cycles of the first."""
-    own, shifted = first.part.time_s, second.part.time_s + alignment.shift_s
+    """Return the signals of the second run minus those of the first, at cycles of the first run."""
+    own, shifted = first.window.time_s, second.window.time_s + alignment.shift_s
     return {
         name: resampled(shifted, of_second[name], time_s, second.period_s)
         - resampled(own, values, time_s, first.period_s)
@@ -260,7 +232,7 @@ def _pairs(first: Run, second: Run) -> Iterator[tuple[DrivenMove, DrivenMove]]:
 
 def move_figures(run: Run, move: DrivenMove) -> MoveFigures:
     """Return the figures of a move of a run."""
-    part = run.part
+    part = run.window
     slack = ON_GRID * run.period_s
     within = (part.time_s >= move.start_s - slack) & (part.time_s < move.end_s + slack)
 
@@ -284,8 +256,8 @@ def move_figures(run: Run, move: DrivenMove) -> MoveFigures:
 
 
 def driven_currents(run: Run) -> tuple[list[float], list[float]] | None:
-    """Return peak and rms current [A] of each motor from the first move to the end of the last one, if recorded."""
-    part = run.part
+    """Return peak and rms current [A] of each motor from the first to the last move; None if not recorded."""
+    part = run.window
     if not run.moves:
         return None
     slack = ON_GRID * run.period_s
@@ -304,7 +276,7 @@ def _finite_max(values: Floats) -> float:
 
 
 def to_document(found: Comparison, first: Run, second: Run) -> dict[str, Any]:
-    """Return a comparison of two runs, ready for JSON; None stands for what is not known."""
+    """Return a comparison ready for JSON; unknown values are None."""
     moves = []
     for one, other in found.moves:
         figures = vars(move_figures(first, one)), vars(move_figures(second, other))
@@ -350,7 +322,7 @@ def _known(value: float) -> float | None:
 
 
 def from_exact(trace: Trace, exact: Trace) -> dict[str, float]:
-    """Return how far a simulation with decoupled arms is from that of the exact plant, cycle by cycle."""
+    """Return the deviations of a simulation with decoupled arms from that of the exact plant."""
     cycles = min(len(trace.time_s), len(exact.time_s))
 
     def apart(name: str) -> Floats:

@@ -1,4 +1,4 @@
-"""Energy of a run, from the currents and the speeds of its motors."""
+"""Energy of a run, from the currents and speeds of its motors."""
 
 import numpy as np
 
@@ -10,10 +10,9 @@ NEEDED = ('shaft_speed', 'current_mean', 'current_rms')
 
 
 def energy_of_round(trace: Trace, parameters: Parameters, repeat: int) -> Energy | None:
-    """Return the mean energy of a round of a program that was simulated or recorded; None if the trace cannot tell.
+    """Return the mean energy of one round of a simulated or recorded program; None if the trace is incomplete.
 
-    A trace cannot tell it that lacks cycles of the program. Friction is that of the parameters, in the gears of a built
-    robot another one.
+    Friction is that of the parameters; in a built robot the friction of the gears differs.
     """
     if any(name not in trace.signals for name in NEEDED):
         return None
@@ -28,7 +27,7 @@ def energy_of_round(trace: Trace, parameters: Parameters, repeat: int) -> Energy
     if cycles[first] != start or end - start != last - first:
         return None
     speed, mean, rms = (np.asarray(trace[name][first : last + 1], dtype=np.float64) for name in NEEDED)
-    # currents are those from the start of a cycle to its end, speeds those at its start
+    # currents are averages over a cycle, speeds are values at its start
     between = 0.5 * (speed[:-1] + speed[1:])
     found = sampled_energy(trace.time_s[first:last], between, mean[:-1], rms[:-1] ** 2, parameters)
     return found.times(1.0 / repeat)

@@ -1,9 +1,8 @@
-"""The thesis' figures of one run (11.1 to 11.8): TCP path, arm angles, speeds, accelerations, currents and errors.
+"""Figures 11.1 to 11.8 of the thesis for one run: TCP path, arm angles, speeds, accelerations, currents and errors.
 
-A run of a robot with a rotary axis has one more, of the turn of its tool.
-
-Every figure is a function from a trace to a ``matplotlib.figure.Figure``; pyplot and its global state stay out.
-Arm values are motor values over the gear ratio (4.17).
+Robots with a rotary axis have one more figure, the rotation of the tool. Each figure is a function from a trace to a
+``matplotlib.figure.Figure``; pyplot and its global state are not used. Arm values are motor values divided by the gear
+ratio (4.17).
 """
 
 from __future__ import annotations
@@ -39,15 +38,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ACTUAL: dict[str, Any] = {'linewidth': 1.8, 'solid_capstyle': 'round'}
-# samples of AT, on top
-TOLD: dict[str, Any] = {
+# samples of the AT, drawn on top
+SAMPLE: dict[str, Any] = {
     'linestyle': 'none',
     'marker': '.',
     'markersize': 1.5,
     'color': '#111111',
     'zorder': 3.0,
 }
-HEIGHT_IN, PANEL_IN = 1.4, 1.0  # of a figure without its panels, and of a panel where there are not three
+HEIGHT_IN, PANEL_IN = 1.4, 1.0  # height of a figure without panels; of a panel in figures without three
 TRUE: dict[str, Any] = {'linewidth': 1.0}
 COMMAND: dict[str, Any] = {'linewidth': 0.9, 'linestyle': DASHED, 'color': '#111111'}
 
@@ -58,17 +57,17 @@ def draw(trace: Trace, folder: ReportFolder, signals: Sequence[str] | None = Non
     Parameters
     ----------
     trace
-        A simulation or a recording; ``meta`` holds ``gear_ratio`` and ``cycle_time_s`` and may hold ``program``,
+        A simulation or a recording; ``meta`` contains ``gear_ratio`` and ``cycle_time_s``, optionally ``program``,
         ``start_cycle``, ``end_cycle`` and, from ``windowed``, ``window_s``.
     folder
-        Where to write. Files of the same names are overwritten.
+        Destination; files of the same names are overwritten.
     signals
-        What is drawn, by name; None: the thesis' figures, and the turn of a rotary axis.
+        Names of the signals to draw; None: the figures of the thesis, and the rotation of a rotary axis.
 
     Returns
     -------
     list of Path
-        The files, in the order of the thesis' figures; then signals that are in none of these.
+        The files in the order of the figures, then those of other signals.
 
     Raises
     ------
@@ -154,7 +153,7 @@ def arm_accelerations(trace: Trace) -> Figure:
 
 
 def currents(trace: Trace) -> Figure:
-    """Motor currents I_eff [A rms]: all samples of the current loops, and those that the AT tell (Fig. 11.6)."""
+    """Motor currents I_eff [A rms]: all samples of the current loops, and the samples in the AT (Fig. 11.6)."""
     run = program_part(trace)
     labels = _axis_labels(r'$I_{{\mathrm{{eff}},{}}}$ [A]')
     if not {'current', *CURRENT_SIGNALS} <= run.signals.keys():
@@ -164,7 +163,7 @@ def currents(trace: Trace) -> Figure:
     _dress(run, panels, labels)
     middle = run.time_s + 0.5 * positive(run, 'cycle_time_s')
     for i, (axes, colour) in enumerate(zip(panels, AXIS_COLOURS, strict=True)):
-        axes.plot(run.time_s, run['current'][:, i], label='told by the AT', **TOLD)
+        axes.plot(run.time_s, run['current'][:, i], label='sample in the AT', **SAMPLE)
         low, high = run['current_min'][:, i], run['current_max'][:, i]
         axes.fill_between(middle, low, high, color=colour, alpha=0.35, linewidth=0.0, label='all samples')
         axes.plot(middle, run['current_mean'][:, i], label='their mean', color=colour, linewidth=1.0)
@@ -181,7 +180,7 @@ def tcp_components(trace: Trace) -> Figure:
 
 
 def tcp_error_norm(trace: Trace) -> Figure:
-    """Norm of the TCP error [mm], with the set-point delay removed and as it is (Fig. 11.8)."""
+    """Norm of the TCP error [mm], with the set-point delay removed and unchanged (Fig. 11.8)."""
     run = program_part(trace)
     aligned = 1e3 * np.linalg.norm(run['tcp_error'], axis=1)
     raw = 1e3 * np.linalg.norm(run['tcp_command'] - run['tcp_actual'], axis=1)
@@ -234,7 +233,7 @@ def tcp_speed(trace: Trace) -> Figure:
 
 
 def turn(trace: Trace) -> Figure:
-    """Turn of the tool: its angle commanded, by the encoder and in truth, its error, and the current of its motor."""
+    """Rotation of the tool: commanded, measured and true angle, its error, and the current of its motor."""
     run = program_part(trace)
     figure = figure_of_program('Turn of the tool', run.meta.get('program'), 6.0)
     panels = figure.subplots(3, 1, sharex=True)
@@ -247,7 +246,7 @@ def turn(trace: Trace) -> Figure:
         (2, 'turn_current', 'sample of the AT', ACTUAL | {'color': NORM_COLOUR}),
     )
     for panel, signal, label, style in curves:
-        if signal in run.signals or signal == 'turn_position':  # without that there is nothing to show
+        if signal in run.signals or signal == 'turn_position':  # required: raises if it is missing
             values = run[signal][:, 0]
             panels[panel].plot(run.time_s, values if panel == 2 else np.degrees(values), label=label, **style)
     keep_span(panels, 1e-2)
@@ -256,7 +255,7 @@ def turn(trace: Trace) -> Figure:
 
 
 def signal_panels(trace: Trace, signal: str) -> Figure:
-    """One signal as it is, in SI units: a panel for each of its columns."""
+    """One signal in SI units, with a panel for each of its columns."""
     run, meaning = program_part(trace), quantities.meaning_of(signal)
     named = columns_of(signal, quantities.unit_of(signal) or quantities.ONE)
     labels = [f'{name or signal} [{unit}]'.replace(f' [{quantities.ONE}]', '') for name, unit in named]
@@ -270,7 +269,7 @@ def signal_panels(trace: Trace, signal: str) -> Figure:
     return figure
 
 
-# the thesis' figures and that of a rotary axis, and the signal that asks for each
+# all figures, each with the signal whose name selects it
 FIGURES: dict[Callable[[Trace], Figure], str] = {
     tcp_path_3d: 'tcp_actual',
     arm_angles: 'motor_position',
@@ -303,7 +302,7 @@ def _three_panels(
     least: float = 0.0,
     same_scale: bool = False,
 ) -> Figure:
-    """Draw three columns above one another; no axis magnifies less than ``least``."""
+    """Draw three columns below one another; the range of each axis is at least ``least``."""
     figure = figure_of_program(what, run.meta.get('program'), 6.0)
     panels = figure.subplots(3, 1, sharex=True, sharey=same_scale)
     _dress(run, panels, labels)
@@ -315,7 +314,7 @@ def _three_panels(
 
 
 def _dress(trace: Trace, panels: Sequence[Axes], labels: Sequence[str] = ()) -> None:
-    """Give panels that stand above one another their labels, grid and common time axis."""
+    """Add labels, grid and common time axis to panels in a column."""
     known = trace.meta.get('start_cycle') is not None
     finish_over_time(panels, labels, 'time from program start [s]' if known else 'bus time [s]')
 
@@ -328,7 +327,7 @@ def _plot(panels: Sequence[Axes], time_s: Floats, actual: Floats, command: Float
 
 
 def _pair_legend(figure: Figure) -> None:
-    """One legend below all panels: it covers no data."""
+    """Add a common legend below all panels, where it covers no data."""
     from matplotlib.legend_handler import HandlerTuple
     from matplotlib.lines import Line2D
 

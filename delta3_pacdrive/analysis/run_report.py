@@ -1,4 +1,4 @@
-"""The report folder of a run: the figures of its signals, and what oscilloscopes have recorded inside its drives."""
+"""Report folder of a run: figures of its signals and of the records of the drives' oscilloscopes."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import nullcontext, suppress
@@ -14,22 +14,22 @@ from delta3_pacdrive.recording.trace import Trace
 
 SIGNALS, RECORDS, FIGURE = 'signals.csv', 'oscilloscope_records.csv', 'oscilloscope.png'
 
-Kept = tuple[Path, Record]  # a record, and the file in which it is
+Kept = tuple[Path, Record]  # file and record
 
 
 def write(folder: ReportFolder, trace: Trace, records: Sequence[Kept], text: Iterable[str] = ()) -> None:
-    """Write the figures of a run, its signals, and its records with a figure of each; then the page that shows them.
+    """Write the figures, signals and oscilloscope records of a run, and the page of the folder.
 
     Parameters
     ----------
     folder
-        Where to write; the files of records are there already.
+        Destination; already contains the files of the records.
     trace
-        Of the run.
+        Trace of the run.
     records
-        What the oscilloscopes of its drives have recorded.
+        Records of the oscilloscopes in its drives.
     text
-        What there is to say about the run.
+        Lines about the run, shown on the page.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def write(folder: ReportFolder, trace: Trace, records: Sequence[Kept], text: Ite
         Something cannot be drawn or written.
 
     """
-    # a run may have stopped before its program began
+    # a run stopped before its program start has no figures
     with suppress(TraceError) if trace.meta.get('stopped') else nullcontext():
         run_figures.draw(trace, folder)
     signals = folder.path / SIGNALS
@@ -49,7 +49,7 @@ def write(folder: ReportFolder, trace: Trace, records: Sequence[Kept], text: Ite
 
 
 def add_records(folder: ReportFolder, records: Sequence[Kept]) -> None:
-    """Add the figure and the file of each record, and a table with a row for each; raises Delta3Error."""
+    """Add figure and file of each record, and a table with one row per record; raises Delta3Error."""
     rows = []
     for number, (path, record) in enumerate(records, start=1):
         name = str(record_file.numbered(FIGURE, number)) if len(records) > 1 else FIGURE

@@ -1,6 +1,7 @@
-"""The part of a run that is shown, and derivatives of its signals.
+"""The displayed part of a run, and derivatives of its signals.
 
-Times count from the start of the program, the first one of a recording with several; without one they are bus time.
+Times count from the start of the program, the first one if a recording has several; without a program they are bus
+time.
 """
 
 import math
@@ -13,29 +14,30 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
-BEFORE_S = 0.05  # shown of the idle cycles before the program
-AFTER_S = 0.10  # and of the rest after its end
-REST_S = 10.0  # between two programs of a recording that are not shown together
+BEFORE_S = 0.05  # shown before the program starts
+AFTER_S = 0.10  # shown after the program ends
+REST_S = 10.0  # pause that separates two programs of a recording
 ZOOM_S = 0.15  # length of Fig. 11.4
-LACKING_MAX = 1_000_000  # cycles, for which memory is taken as for those that are there
+LACKING_MAX = 1_000_000  # missing cycles; they need as much memory as recorded ones
 SLOPE_S = 2.0e-3  # half window of the straight line whose slope is the actual acceleration
 
 
 def windowed(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
-    """Return the trace with another part of it to be shown: times [s] from the start of the program, None as usual."""
+    """Return the trace with a display window: times [s] from the start of the program, None for the default."""
     return Trace(trace.time_s, trace.signals, trace.meta | {'window_s': [from_s, to_s]})
 
 
 def shown_cycles(trace: Trace) -> tuple[int, int]:
-    """First and last bus cycle of the part that is shown.
+    """Return first and last bus cycle of the displayed part.
 
-    That is what ``windowed`` asks for, else the program: from shortly before its start until shortly after its end,
-    or after the last motion of a recording that does not know the end. Without a start it is everything.
+    This is the window of ``windowed``, or else the program: from shortly before its start until shortly after its end,
+    or
+    after the last motion if the end is not recorded. Without a start it is the whole recording.
 
     Raises
     ------
     TraceError
-        The trace does not tell its cycle time, or holds no cycle of that part.
+        The cycle time is missing, or no cycle of that part is recorded.
 
     """
     period = positive(trace, 'cycle_time_s')
@@ -52,21 +54,22 @@ def shown_cycles(trace: Trace) -> tuple[int, int]:
     from_s, to_s = trace.meta.get('window_s', (None, None))
     if from_s is not None:
         first = (start or 0) + math.ceil(from_s / period - 1e-6)
-        # a window behind the program shows what is there
+        # a window that starts after the program extends to the end of the recording
         last = last if last > first else int(cycles[-1])
     if to_s is not None:
         last = (start or 0) + math.floor(to_s / period + 1e-6)
     if not ((cycles >= first) & (cycles <= last)).any():
         low, high = ((edge - (start or 0)) * period for edge in cycles[[0, -1]])
-        wanted = 'of the program' if from_s is None and to_s is None else 'of that window'
-        raise TraceError(f'the recording holds no cycle {wanted}: it goes from {low:g} to {high:g} s')
+        what = 'of the program' if from_s is None and to_s is None else 'of that window'
+        raise TraceError(f'the recording holds no cycle {what}: it goes from {low:g} to {high:g} s')
     return first, last
 
 
 def _end_of_motion(trace: Trace, cycles: NDArray[np.int64], start: int) -> int:
-    """Return the last cycle in which the command moves, at least the start; without commands the last one.
+    """Return the last cycle in which the command moves, at least the start; without commands the last cycle.
 
-    A program that starts after a rest of more than ``REST_S`` is another run, which would make spikes of this one.
+    A program that starts after a pause of more than ``REST_S`` is a separate run and would compress this one to
+    spikes.
     """
     if 'motor_command' not in trace.signals:
         return int(cycles[-1])
@@ -81,14 +84,14 @@ def _end_of_motion(trace: Trace, cycles: NDArray[np.int64], start: int) -> int:
 
 
 def program_part(trace: Trace) -> Trace:
-    """Cut out the cycles that are shown, with times [s] from the start of the program.
+    """Return the displayed cycles, with times [s] from the start of the program.
 
-    Cycles that the recording lacks are filled with nan: lines have gaps there, and differences are over one cycle.
+    Missing cycles are filled with nan, so that lines have gaps and differences span one cycle.
 
     Raises
     ------
     TraceError
-        The trace does not tell its cycle time, holds no cycle of that part, or lacks too many.
+        The cycle time is missing, no cycle of that part is recorded, or too many cycles are missing.
 
     """
     period = positive(trace, 'cycle_time_s')
@@ -112,40 +115,41 @@ def program_part(trace: Trace) -> Trace:
 
 
 def positive(trace: Trace, key: str) -> float:
-    """Return a number that the recording must tell of itself; raises TraceError."""
+    """Return a required positive number in the ``meta`` of a trace; raises TraceError."""
     value = trace.meta.get(key)
     if not isinstance(value, int | float) or not 0.0 < value < math.inf:
-        raise TraceError(f'the recording does not tell its {key}')
+        raise TraceError(f'the recording contains no valid {key}')
     return float(value)
 
 
 def noted_cycle(trace: Trace, key: str) -> int | None:
-    """Return a bus cycle that the recording may tell of itself; raises TraceError."""
+    """Return an optional bus cycle in the ``meta`` of a trace; raises TraceError."""
     value = trace.meta.get(key)
     if value is None:
         return None
     if not isinstance(value, int | float) or not math.isfinite(value) or not float(value).is_integer():
-        raise TraceError(f'the recording tells {shown(value)} as its {key}, expected a whole number')
+        raise TraceError(f'{key} of the recording is {shown(value)}, expected a whole number')
     return int(value)
 
 
 def currents_of(trace: Trace) -> tuple[Floats, Floats]:
-    """Return largest amount and rms [A] of each axis in each bus cycle, shapes (cycles, 3); nan where nothing is known.
+    """Return peak and rms current [A] of each axis in each bus cycle, shapes (cycles, 3); nan where unknown.
 
-    They are those of all samples of the current loops. A recording without these has one sample in a cycle, that of the
-    AT, which is both.
+    They cover all samples of the current loops. A recording without these has one sample per cycle in the AT, which is
+    used
+    for both.
     """
     if all(name in trace.signals for name in CURRENT_SIGNALS):
         return np.maximum(trace['current_max'], -trace['current_min']), trace['current_rms']
-    told = np.abs(trace.signals.get('current', np.full((len(trace.time_s), 3), np.nan)))
-    return told, told
+    sample = np.abs(trace.signals.get('current', np.full((len(trace.time_s), 3), np.nan)))
+    return sample, sample
 
 
 def derivatives(values: Floats, period_s: float, half: int = 1) -> tuple[Floats, Floats]:
-    """First and second derivative of the least-squares parabola through the ``half`` samples on each side.
+    """First and second derivative of the least-squares parabola through ``half`` samples on each side.
 
-    With one sample on each side these are the central and the second difference; the first one is also the slope of the
-    least-squares line. Shapes (n, 3); nan where the window is not full.
+    With one sample on each side these are the central and the second difference; the first is also the slope of the
+    least-squares line. Shapes (n, 3); nan where the window is incomplete.
     """
     offsets = np.arange(-half, half + 1, dtype=np.float64)
     squares = offsets**2 - np.mean(offsets**2)
@@ -160,12 +164,12 @@ def derivatives(values: Floats, period_s: float, half: int = 1) -> tuple[Floats,
 
 
 def slope(values: Floats, period_s: float) -> Floats:
-    """Slope of the least-squares line through the cycles within ``SLOPE_S``; nan where the window is not full."""
+    """Slope of the least-squares line through the cycles within ``SLOPE_S``; nan where the window is incomplete."""
     return derivatives(values, period_s, max(1, round(SLOPE_S / period_s)))[0]
 
 
 def delayed(values: Floats, cycles: float) -> Floats:
-    """Return what a command was some cycles before, on the chord between two of them; nan before there was one."""
+    """Return a command delayed by a number of cycles, interpolated linearly; nan before its first value."""
     whole = math.floor(cycles)
     share = cycles - whole
     out = np.full_like(values, np.nan)
@@ -176,7 +180,7 @@ def delayed(values: Floats, cycles: float) -> Floats:
 
 
 def busiest(time_s: Floats, speeds: Floats) -> float:
-    """Return where the window of ``ZOOM_S`` begins in whose middle the speeds change fastest."""
+    """Return the start of the window of length ``ZOOM_S`` centred on the fastest change of speed."""
     change = np.abs(np.gradient(speeds, axis=0)).max(axis=1) if len(speeds) > 1 else np.zeros(len(speeds))
     middle = time_s[np.argmax(np.nan_to_num(change))]
     begin = min(middle - ZOOM_S / 2.0, time_s[-1] - ZOOM_S)

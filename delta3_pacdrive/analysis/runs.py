@@ -1,4 +1,4 @@
-"""Runs that are shown or compared: a recording, or a program that is simulated on the spot."""
+"""Runs that are displayed or compared: a recording, or a program that is simulated on demand."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,60 +21,36 @@ from delta3_pacdrive.recording import column_file, trace_file
 from delta3_pacdrive.recording.trace import Trace, is_bag
 from delta3_pacdrive.sercos import words
 
-CONTINUED_S = 0.5  # how long after a stop a run is shown at most: brakes have closed then
+CONTINUED_S = 0.5  # displayed after a stop, when the brakes have closed
 PROGRAM, TRACE, BAG, TABLE = 'program', 'trace', 'bag', 'table'  # kinds of runs
 STARTED, OUTPUT, EVENT, FAULT = 'start', 'output', 'event', 'fault'  # kinds of marks
 
 
 @dataclass(frozen=True)
 class DrivenMove:
-    """A move was driven from one time to another.
+    """Executed move, with times [s] from the start of the program."""
 
-    Attributes
-    ----------
-    number
-        In the program, from 1 on.
-    kind
-        As ``MoveKind`` has it.
-    start_s, end_s
-        From the start of the program.
-    length_m
-        Of its path; 0 where that says nothing.
-    limited_by
-        What kept it from being faster; empty if nobody knows.
-
-    """
-
-    number: int
-    kind: str
+    number: int  # in the program, from 1
+    kind: str  # name of the MoveKind in lower case
     start_s: float
     end_s: float
-    length_m: float
-    limited_by: str = ''
+    length_m: float  # of the path; 0 where a length has no meaning
+    limited_by: str = ''  # what prevents a faster move; empty if unknown
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Something happened at a time [s] from the start of the program.
-
-    Attributes
-    ----------
-    kind
-        One of the constants above.
-    sources
-        Who is or may be the cause of a fault of the robot, as ``RobotFault`` has them.
-
-    """
+    """Event at a time [s] from the start of the program."""
 
     time_s: float
-    kind: str
+    kind: str  # one of the constants above
     text: str
-    sources: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()  # possible causes of a fault of the robot, as in RobotFault
 
 
 @dataclass(frozen=True)
 class DriveChange:
-    """A drive tells another state from a time [s] on; ``released`` is that of its brake, None if nobody knows."""
+    """New state of a drive from a time [s] on; ``released`` is the state of its brake, None if unknown."""
 
     time_s: float
     state: str
@@ -83,88 +59,57 @@ class DriveChange:
 
 @dataclass(frozen=True)
 class Run:
-    """A run is a recording or a simulation, with what is known of it.
+    """A recording or a simulation."""
 
-    Attributes
-    ----------
-    name
-        As it was typed.
-    title
-        Of its program.
-    kind
-        ``program``, ``trace``, ``bag``, or ``table``: of measurements that know no bus cycle.
-    robot
-        Its parameters.
-    program
-        That was simulated; None for a recording.
-    source
-        Parameter file that was asked for; empty for the packaged one, and where the recording tells its own.
-    robot_note
-        Where they come from, if the run does not tell them; else empty.
-    whole, part
-        All of it, and the cycles that are shown: without gaps, times from the start of the program.
-    moves, marks
-        In the order of their times.
-    outputs
-        Changes of outputs and payload, as ``plan_times.output_changes`` has them.
-    drives
-        Changes of the states of each drive, as their status words tell them; empty where these are not known.
-    notes
-        Sentences about it.
-    origin
-        Its name with the digest of the file.
-    cell
-        What was around the robot, and where parts were; None if it tells of no cell.
-
-    """
-
-    name: str
-    title: str
-    kind: str
+    name: str  # as typed
+    title: str  # name of the program
+    kind: str  # program, trace, bag, or table for measurements without bus cycles
     robot: Parameters
-    program: Program | None
-    source: str
-    robot_note: str
+    program: Program | None  # the simulated program; None for a recording
+    source: str  # requested parameter file; empty for the packaged one, or if the recording contains its own
+    robot_note: str  # origin of parameters that the run does not contain; empty if it does
     whole: Trace
-    part: Trace
+    window: Trace  # displayed cycles without gaps, times from the start of the program
     moves: tuple[DrivenMove, ...]
     marks: tuple[Mark, ...]
+    # changes of outputs and payload in the format of plan_times.output_changes
     outputs: tuple[Mapping[str, Any], ...]
+    # state changes of each drive from its status words; empty if unknown
     drives: tuple[tuple[DriveChange, ...], ...]
-    notes: tuple[str, ...]
-    origin: str
-    cell: CellStory | None = None
+    notes: tuple[str, ...]  # sentences
+    origin: str  # name with the digest of the file
+    cell: CellStory | None = None  # objects and parts around the robot; None without a cell
 
     @property
     def period_s(self) -> float:
         """Bus cycle."""
-        return run_signals.positive(self.part, 'cycle_time_s')
+        return run_signals.positive(self.window, 'cycle_time_s')
 
     @property
     def knows_start(self) -> bool:
-        """Whether its times count from the start of a program; else they are bus time."""
-        return self.part.meta.get('start_cycle') is not None
+        """Whether times count from the start of a program; otherwise they are bus time."""
+        return self.window.meta.get('start_cycle') is not None
 
     @property
-    def tells_robot(self) -> bool:
-        """Whether it is a recording that tells the parameters of its robot itself."""
-        told = self.whole.meta.get('parameters')
-        return self.kind != PROGRAM and isinstance(told, dict) and not self.robot_note
+    def contains_robot(self) -> bool:
+        """Whether it is a recording that contains the parameters of its robot."""
+        own = self.whole.meta.get('parameters')
+        return self.kind != PROGRAM and isinstance(own, dict) and not self.robot_note
 
     @property
-    def told_source(self) -> str | None:
-        """Parameter file for the provenance: where a recording tells its own parameters, the recording."""
+    def parameter_source(self) -> str | None:
+        """Parameter file for the provenance; for a recording with its own parameters the recording."""
         if self.kind == PROGRAM:
             return core.of_run(self.source or None, self.name)
         return self.source or None if self.robot_note else self.name
 
     def changed_parameters(self) -> dict[str, tuple[Any, Any]]:
-        """Return the parameters that are not as packaged, by name: its own value and the packaged one."""
+        """Return the parameters that differ from the packaged ones, by name: own and packaged value."""
         return differing(self.robot, core.load())
 
 
 def differing(one: Parameters, other: Parameters) -> dict[str, tuple[Any, Any]]:
-    """Return the values that two robots do not have in common, by dotted name."""
+    """Return the values in which two robots differ, by dotted name."""
     first, second = core.flatten(one), core.flatten(other)
     return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
 
@@ -176,29 +121,29 @@ def load(
     to_s: float | None = None,
     columns: str | None = None,
 ) -> Run:
-    """Return the run that a name means.
+    """Load a recording or simulate a program.
 
     Parameters
     ----------
     text
         A trace file, a table, a bag, a program file or the name of a packaged program.
     source
-        Parameter file for a program, and for a recording that does not tell its own.
+        Parameter file for a program, or for a recording without parameters.
     from_s, to_s
-        What is shown, in times from the start of the program; None: as much as there is of it.
+        Displayed part, times from the start of the program; None: default.
     columns
-        Column file that says what the columns of a table are.
+        Column file that defines the columns of a table.
 
     Raises
     ------
     Delta3Error
-        There is no such run, it cannot be read or simulated, or holds nothing of that part.
+        The run does not exist, cannot be read or simulated, or that part is empty.
 
     """
     program: Program | None = None
     if not is_recording(text):
         if columns is not None:
-            raise TraceError(f'{text} is a program, so the column file {columns} is not for it')
+            raise TraceError(f'{text} is a program, the column file {columns} applies to tables only')
         trace, robot, program, note, kind = *_simulated(text, core.of_run(source, text)), '', PROGRAM
         story: Mapping[str, Any] = trace.meta
     else:
@@ -210,7 +155,7 @@ def load(
         drives = _drives(trace)
         notes += tuple(story['notes']) if kind == BAG else ()
     except (KeyError, TypeError, ValueError):
-        raise TraceError(f'what {text} tells of its moves, outputs, faults or notes cannot be read') from None
+        raise TraceError(f'{text}: the data of its moves, outputs, faults or notes cannot be read') from None
     title = str(trace.meta.get('program') or Path(text).name)
     outputs = tuple(story.get('outputs', ()))
     (origin,) = noted([text])
@@ -225,12 +170,12 @@ def recorded(
 ) -> tuple[Trace, str, Parameters, str]:
     """Return the trace of a recording, its kind, its robot, and a sentence if the robot is assumed.
 
-    A table of measurements is brought onto an even grid, and completed by the signals that its own give.
+    Tables of measurements are resampled to an even grid and completed with computed signals.
 
     Raises
     ------
     Delta3Error
-        It cannot be read.
+        The recording cannot be read.
 
     """
     trace = trace_file.load(text, None if columns is None else column_file.read(columns), gaps=True)
@@ -242,7 +187,7 @@ def recorded(
 
 
 def _part(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
-    """Return what is shown; times of a table stay those of its file."""
+    """Return the displayed part; a table keeps the times of its file."""
     origin = float(trace.meta.get('origin_s', 0.0))
     edges = (None if edge is None else edge - origin for edge in (from_s, to_s))
     part = run_signals.program_part(_shown(derived_signals.added(trace), *edges))
@@ -261,42 +206,42 @@ def _simulated(text: str, source: str | None) -> tuple[Trace, Parameters, Progra
 
 
 def note_limits(trace: Trace, program: Program, robot: Parameters) -> None:
-    """Note in the ``meta`` of a simulation what keeps each of its moves from being faster.
+    """Add the limit of each move to the ``meta`` of a simulation.
 
     Parameters
     ----------
     trace
-        Of the simulation.
+        Trace of the simulation.
     program
-        That was simulated.
+        Simulated program.
     robot
-        Parameters of the robot that stands where the program starts.
+        Parameters of the robot, placed at the start of the program.
 
     """
     rows = study(program_planner.plan(program, robot.motion.home_m, robot), robot).rows
     for n, move in enumerate(trace.meta['moves']):
-        # rounds are the same but for the way into the first one
+        # all rounds are equal except for the approach of the first
         move['limited_by'] = limited_text(rows[n % len(rows)])
 
 
 def _robot_of(trace: Trace, source: str | None) -> tuple[Parameters, str]:
-    """Return the robot of a recording, and where its parameters come from if not from the recording itself."""
-    told = trace.meta.get('parameters')
-    if isinstance(told, dict):
+    """Return the robot of a recording, and the origin of its parameters if the recording does not contain them."""
+    own = trace.meta.get('parameters')
+    if isinstance(own, dict):
         try:
-            return core.from_flat(told, 'parameters of the recording'), ''
+            return core.from_flat(own, 'parameters of the recording'), ''
         except ParameterError as error:
-            why = f'the recording tells parameters of another version ({error})'
+            why = f'the recording contains parameters of another version ({error})'
     else:
-        why = 'the recording does not tell its parameters'
+        why = 'the recording does not contain its parameters'
     robot = core.load(source)
     if trace.meta.get('checksum') == robot.checksum:
         return robot, ''
-    return robot, f'{why}: these are those of {source or core.DEFAULT_FILE}'
+    return robot, f'{why}: those of {source or core.DEFAULT_FILE} are used'
 
 
 def _shown(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
-    """Return the trace with the part of it that is shown: the program, and what follows if that was stopped."""
+    """Return the trace with its display window: the program, and for a stopped program the time after the stop."""
     stopped, start = trace.meta.get('stopped'), run_signals.noted_cycle(trace, 'start_cycle')
     if stopped and to_s is None and start is not None and len(trace.time_s):
         period = run_signals.positive(trace, 'cycle_time_s')
@@ -310,7 +255,7 @@ def _shown(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
 
 
 def _moves(story: Mapping[str, Any], part: Trace) -> tuple[DrivenMove, ...]:
-    """Return the moves that were begun within the part that is shown, the last one cut where the run ends."""
+    """Return the moves within the displayed part, the last one cut off at the end of the run."""
     first, last, stop = float(part.time_s[0]), float(part.time_s[-1]), _stop_s(part)
     found = [
         DrivenMove(
@@ -351,7 +296,7 @@ def _marks(story: Mapping[str, Any], part: Trace) -> tuple[Mark, ...]:
 
 
 def _drives(trace: Trace) -> tuple[tuple[DriveChange, ...], ...]:
-    """Return the changes of each drive; none if the status word of one of them is not known."""
+    """Return the changes of each drive; empty if the status word of any drive is unknown."""
     status = trace.meta.get('drive_status') or ()
     if not all(status):
         return ()
@@ -365,14 +310,14 @@ def _drives(trace: Trace) -> tuple[tuple[DriveChange, ...], ...]:
 def _changes(rows: Sequence[Sequence[int]], start: int, period_s: float) -> Iterator[DriveChange]:
     before = None
     for cycle, word in rows:
-        told = words.drive_state(word), words.brake_state(word)
-        if told != before:  # words differ in warnings as well
-            yield DriveChange((cycle - start) * period_s, *told)
-        before = told
+        state = words.drive_state(word), words.brake_state(word)
+        if state != before:  # words may differ in warnings only
+            yield DriveChange((cycle - start) * period_s, *state)
+        before = state
 
 
 def _stop_s(part: Trace) -> float:
-    """Return when a simulation began to stop for a fault; inf if it did not, or does not tell."""
+    """Return the time at which a fault stopped a simulation; inf if there was none or it is unknown."""
     start, cycle = (run_signals.noted_cycle(part, key) for key in ('start_cycle', 'stop_cycle'))
     if not part.meta.get('stopped') or start is None or cycle is None:
         return math.inf
@@ -389,14 +334,14 @@ def _output_text(row: Mapping[str, Any]) -> str:
 
 
 def notes_of(trace: Trace) -> tuple[str, ...]:
-    """Return sentences on what a recording lacks, or what was assumed to read it."""
+    """Return sentences about missing data of a recording, and about assumptions made in reading it."""
     meta = trace.meta
     notes = [str(notice) for notice in meta.get('notices', ())]
     if meta.get('stopped'):
-        notes.append(f'The program was given up: {meta["stopped"]}')
+        notes.append(f'The program was aborted: {meta["stopped"]}')
     if meta.get('cut'):
-        notes.append(f'The recording is not whole: {meta["cut"]}')
-    for key, what in (('lost', 'are missing'), ('refused', 'were not well formed')):
+        notes.append(f'The recording is incomplete: {meta["cut"]}')
+    for key, what in (('lost', 'are missing'), ('refused', 'were malformed')):
         if counts := dict(meta.get(key) or {}):
             topic = max(counts, key=lambda name: counts[name])
             notes.append(
@@ -410,7 +355,7 @@ def notes_of(trace: Trace) -> tuple[str, ...]:
 
 
 def named(runs: Sequence[Run]) -> list[str]:
-    """Return a short name for each run: file or program and robot, with folders or a number where that is needed."""
+    """Return a short unique name for each run: file or program and robot, with folders or a number where necessary."""
 
     def of_robot(name: str, run: Run) -> str:
         return f'{name} ({run.source})' if run.source else name

@@ -1,4 +1,4 @@
-"""The figure of a record of an oscilloscope: a panel for each unit, time from the trigger on."""
+"""Figure of an oscilloscope record: one panel per unit, time from the trigger."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PANEL_IN = 2.2
 
 
 def figure_of(record: Record) -> Figure:
-    """Channels inside the drives, a panel for each unit, over the time from the trigger on."""
+    """Channels inside the drives, one panel per unit, over the time from the trigger."""
     units = list(dict.fromkeys(record.units))
     trigger = record.setting.trigger
     title = 'Oscilloscope' if trigger is None else f'Oscilloscope, trigger: {trigger.sentence}'

@@ -1,4 +1,4 @@
-"""What all studies have in common."""
+"""Common base of all studies."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,35 +6,24 @@ from pathlib import Path
 from typing import Any
 
 OnProgress = Callable[[str, int, int], None]
-"""Is called with a stage in words, what is done, and all of it (0: not known)."""
+"""Called with the name of a stage, the completed steps and the total number of steps (0: unknown)."""
 
 
 def silent(_stage: str, _done: int, _total: int) -> None:
-    """Tell nothing."""
+    """Report nothing."""
 
 
 @dataclass
 class Study:
-    """A study computes something from its settings and leaves the results in a folder.
+    """Computation that turns settings into a folder of results.
 
-    When it is made it checks whatever needs no computing; ``run`` computes, writes and returns the summary. Its package
-    has ``study.py`` (settings and results, data only), ``report.py`` (summary, text and tables of the results),
-    ``figures.py`` and ``run.py``, where the study is.
-
-    Attributes
-    ----------
-    settings
-        What it depends on.
-    folder
-        Where the results go.
-    command
-        As it was typed.
-    on_progress
-        Is told how far it is.
-
+    The constructor checks the settings; ``run`` computes, writes the results and returns the summary. The package of a
+    study contains ``study.py`` (settings and results, data only), ``report.py`` (summary, text and tables),
+    ``figures.py``
+    and ``run.py``.
     """
 
     settings: Any
-    folder: Path
-    command: str
+    folder: Path  # destination of the results
+    command: str  # as typed
     on_progress: OnProgress

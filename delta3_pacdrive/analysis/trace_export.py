@@ -1,4 +1,4 @@
-"""Signals of a recording for other tools: a choice of them, a part of their time, every n-th bus cycle."""
+"""Export of signals to other tools: selected signals, a time window, every n-th bus cycle."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 ALL = 'all'
-# known of an even grid of bus cycles only
+# keys that apply to an even grid of bus cycles only
 OF_CYCLES = ('cycle_time_s', 'start_cycle', 'end_cycle', 'starts', 'drive_status', 'stop_cycle')
 
 
 def matching(patterns: Iterable[str], names: Iterable[str]) -> list[str]:
-    """Return the names that patterns such as ``tcp_*`` or ``all`` fit, in the order of the names."""
+    """Return the names that match patterns such as ``tcp_*`` or ``all``, in the order of the names."""
     patterns = ['*' if pattern == ALL else pattern for pattern in patterns]
     return [name for name in names if any(fnmatchcase(name, pattern) for pattern in patterns)]
 
 
 def known() -> list[str]:
-    """Return the names of all signals that there are."""
+    """Return the names of all known signals."""
     return [*quantities.QUANTITIES, *quantities.of_drives()]
 
 
 def on_request(patterns: Iterable[str]) -> list[str]:
-    """Return the names of the signals that are told on request only, and that patterns fit."""
+    """Return the names of signals recorded on request only that match the patterns."""
     return matching(patterns, [*REQUESTED_SIGNALS, *quantities.of_drives()])
 
 
 def require_known(patterns: Sequence[str]) -> None:
-    """Refuse a pattern that fits no signal; raises TraceError."""
+    """Reject a pattern that matches no signal; raises TraceError."""
     names = known()
     for pattern in patterns:
         if not matching([pattern], names):
@@ -48,16 +48,16 @@ def require_known(patterns: Sequence[str]) -> None:
 
 
 def completed(trace: Trace, patterns: Sequence[str] | None = None, bag: Path | None = None) -> Trace:
-    """Return a trace with what is computed from its signals, and of those on request the ones that patterns fit.
+    """Return a trace with its computed signals, and the signals on request that match the patterns.
 
     Parameters
     ----------
     trace
-        As it was loaded.
+        Trace as loaded.
     patterns
-        What is wanted; None: nothing that is told on request only.
+        Requested signals; None: no signals on request.
     bag
-        Folder of the bag that it was read from.
+        Folder of the bag from which it was read.
 
     Raises
     ------
@@ -77,12 +77,12 @@ def completed(trace: Trace, patterns: Sequence[str] | None = None, bag: Path | N
 
 
 def chosen(trace: Trace, patterns: Sequence[str] | None, name: str) -> Trace:
-    """Return a trace with the signals that patterns fit; None: all.
+    """Return a trace with the signals that match the patterns; None: all.
 
     Raises
     ------
     TraceError
-        A pattern fits no signal that the recording of this ``name`` holds.
+        A pattern matches no signal of this recording, called ``name``.
 
     """
     if patterns is None:
@@ -91,18 +91,18 @@ def chosen(trace: Trace, patterns: Sequence[str] | None, name: str) -> Trace:
         if not matching([pattern], trace.signals):
             why = ''
             if matching([pattern], [*REQUESTED_SIGNALS, *quantities.of_drives()]):
-                why = ': a simulation holds it on request (simulate --signals), see docs/traces.md'
+                why = ': a simulation records it on request (simulate --signals), see docs/traces.md'
             raise TraceError(f'{name} holds no signal {shown(pattern)}{why}')
     return Trace(trace.time_s, {own: trace[own] for own in matching(patterns, trace.signals)}, trace.meta)
 
 
 def part(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
-    """Return the bus cycles of a window, times [s] from the start of the program; None: as far as there is something.
+    """Return the bus cycles of a window, times [s] from the start of the program; None: unbounded.
 
     Raises
     ------
     TraceError
-        There is nothing in it.
+        The window is empty.
 
     """
     if from_s is None and to_s is None:
@@ -120,7 +120,7 @@ def part(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
         keep &= times < to_s + edge
     if not keep.any():
         raise TraceError(
-            f'the recording holds nothing of that window: it goes from {times[0]:g} to {times[-1]:g} s'
+            f'the recording holds no cycle of that window: it goes from {times[0]:g} to {times[-1]:g} s'
             if len(times)
             else 'the recording holds no cycle'
         )
@@ -130,9 +130,9 @@ def part(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
 
 
 def thinned(trace: Trace, every: int) -> Trace:
-    """Return every n-th bus cycle, counted from the start of the program; no filter.
+    """Return every n-th bus cycle, counted from the start of the program, without a filter.
 
-    What is left has no bus cycle any more: it is a table of measurements as any other, and tells its ``decimation``.
+    The result has no bus cycle: it is a table of measurements whose ``meta`` contains its ``decimation``.
     """
     if every == 1:
         return trace

@@ -126,12 +126,12 @@ def run(options: Options) -> int:
 
 
 def _work(options: Options, show: OnProgress) -> dict[str, Any]:
-    from delta3_pacdrive.analysis.calibration.data import Method, Wanted
+    from delta3_pacdrive.analysis.calibration.data import Method, Requirements
     from delta3_pacdrive.analysis.calibration.run import Study
     from delta3_pacdrive.analysis.calibration.study import Settings
 
     method = 'level' if options.action == HOME else options.method
-    wanted = Wanted(
+    requirements = Requirements(
         Method(method),
         NUMBERS[method] if options.number is None else options.number,
         (0 if method == 'level' else 8) if options.checks is None else options.checks,
@@ -140,7 +140,7 @@ def _work(options: Options, show: OnProgress) -> dict[str, Any]:
         MM * options.diameter,
         options.arm,
     )
-    settings = Settings(options.parameters, options.simulate, wanted, options.seed, options.columns)
+    settings = Settings(options.parameters, options.simulate, requirements, options.seed, options.columns)
     study = Study(settings, Path(options.output), options.command_line, show)
     if options.action == PLAN:
         return study.plan()

@@ -59,7 +59,7 @@ def run(options: Options) -> int:
     result = {'ok': True, 'runs': names, **to_document(found, first, second), 'model_and_robot': document}
     if options.json:
         origin = Provenance.of(
-            options.command_line, first.robot, first.told_source, [first.origin, second.origin]
+            options.command_line, first.robot, first.parameter_source, [first.origin, second.origin]
         )
         print(json.dumps(result | {'provenance': origin.lines()}))
     else:

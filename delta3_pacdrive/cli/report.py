@@ -45,7 +45,7 @@ def run(options: Options) -> int:
     records = [record_file.read(name) for name in files]
     runs = options.runs()
     inputs = [*(one.origin for one in runs), *noted(files)]
-    origin = Provenance.of(options.command_line, runs[0].robot, runs[0].told_source, inputs)
+    origin = Provenance.of(options.command_line, runs[0].robot, runs[0].parameter_source, inputs)
     page.write(path, runs, origin, options.align, records)
     warnings = {
         one.name: thermal_warnings(currents[1], one.robot.motor.nominal_current_a)

@@ -113,7 +113,7 @@ class RunOptions(WindowOptions):
         ]
         # one file is for those that need one
         each = ',' in (self.parameters or '')
-        if each or all(run.tells_robot for run in loaded):
+        if each or all(run.contains_robot for run in loaded):
             for run, source in zip(loaded, sources, strict=True):
                 require_obeyed(run, source)
         return loaded
@@ -121,7 +121,7 @@ class RunOptions(WindowOptions):
 
 def require_obeyed(run: Any, source: str | None) -> None:
     """Refuse a parameter file for a recording that tells its own parameters; raises ParameterError."""
-    if source and run.tells_robot:
+    if source and run.contains_robot:
         raise ParameterError(
             f'--parameters is {source}, but {run.name} tells the parameters of its robot itself'
         )

@@ -81,7 +81,7 @@ class Film:
     """
 
     def __init__(self, run: Run) -> None:
-        trace, robot = run.part, run.robot
+        trace, robot = run.window, run.robot
         if absent := [name for name in NEEDED if name not in trace.signals]:
             raise TraceError(
                 f'{run.name} cannot be shown without {", ".join(absent)} (topics sercos/at/axis1 to axis3): it has '
@@ -162,7 +162,7 @@ class Film:
         story = self.run.cell
         if story is None:
             return None
-        start = int(self.run.part.meta.get('start_cycle') or 0)  # of the program: origin of the cell's times
+        start = int(self.run.window.meta.get('start_cycle') or 0)  # of the program: origin of the cell's times
         cycle = round(float(self.time_s[row]) / self.run.period_s) + start
         x, y, z = self._tcp[row].tolist()
         parts = []
@@ -174,7 +174,7 @@ class Film:
 
     def _inputs(self, row: int) -> tuple[InputFacts, ...]:
         """Return the recorded inputs of a cycle."""
-        cell = self.run.part.meta.get('cell')
+        cell = self.run.window.meta.get('cell')
         if cell is None or 'cell_inputs' not in self._signals:
             return ()
         values = self._signals['cell_inputs'][row]

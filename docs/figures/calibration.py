@@ -1,4 +1,4 @@
-"""Picture of a calibration: the one that ``calibrate`` draws of what is left before and after."""
+"""Picture of a calibration: the one that ``calibrate`` draws of the residuals before and after."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from delta3_pacdrive.analysis.calibration import figures
-from delta3_pacdrive.analysis.calibration.data import Method, Wanted
+from delta3_pacdrive.analysis.calibration.data import Method, Requirements
 from delta3_pacdrive.analysis.calibration.run import Study
 from delta3_pacdrive.analysis.calibration.study import Settings
 from delta3_pacdrive.analysis.study import silent
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def make() -> Figure:
-    """Calibrate the built robot, and draw what is left."""
-    settings = Settings(None, 'built', Wanted(Method.BASE, 24, 8, 2e-5), 0)
-    found, _ = Study(settings, Path(), 'docs/figures/draw.py', silent).found()
-    return figures.what_is_left(found)
+    """Calibrate the built robot and draw the residuals."""
+    settings = Settings(None, 'built', Requirements(Method.BASE, 24, 8, 2e-5), 0)
+    result, _ = Study(settings, Path(), 'docs/figures/draw.py', silent).result()
+    return figures.residuals(result)

@@ -25,7 +25,7 @@ def one():
 
 def sampled(run, path, rate_hz, origin_s, names=('motor_speed', 'current', 'tcp_actual'), noise=0.0):
     """Write a run as somebody else's table, whose time 0 of the program is ``origin_s``; return it read back."""
-    part = run.part
+    part = run.window
     time_s = np.arange(int((part.time_s[-1] - part.time_s[0]) * rate_hz)) / rate_hz + part.time_s[0]
     rng = np.random.default_rng(3)
     signals = {}
@@ -69,7 +69,9 @@ def test_what_shows_no_motion_cannot_be_aligned(one, tmp_path):
 
 def test_logs_of_a_robot_at_rest_cannot_be_aligned(one):
     signals = {'motor_position': np.full((50, 3), -2.0), 'current': np.full((50, 3), 0.3)}
-    rest = replace(one, kind=runs.TABLE, part=replace(one.part, time_s=one.part.time_s[:50], signals=signals))
+    rest = replace(
+        one, kind=runs.TABLE, window=replace(one.window, time_s=one.window.time_s[:50], signals=signals)
+    )
     with pytest.raises(TraceError, match='and no signal shows motion in both'):
         align(one, rest, CORRELATION)
 
@@ -114,7 +116,7 @@ def test_times_are_left_alone_where_that_is_asked_for(one, tmp_path):
 
 @pytest.mark.parametrize('name', ['motor_command', 'motor_position', 'motor_speed', 'current'])
 def test_another_sign_is_doubted(name, one):
-    turned = replace(one, part=replace(one.part, signals=one.part.signals | {name: -one.part[name]}))
+    turned = replace(one, window=replace(one.window, signals=one.window.signals | {name: -one.window[name]}))
     assert any(
         f'{name}: the second run has the opposite sign' in text for text in compare(one, turned).doubts
     )
@@ -123,18 +125,18 @@ def test_another_sign_is_doubted(name, one):
 
 def test_motions_that_differ_are_doubted(one):
     run, other = moving(one, 5.0, 1), moving(one, 5.0, 2)
-    meta = run.part.meta | {'start_cycle': None}
-    other = replace(other, part=Trace(other.part.time_s, other.part.signals, meta))
+    meta = run.window.meta | {'start_cycle': None}
+    other = replace(other, window=Trace(other.window.time_s, other.window.signals, meta))
     assert any('axes, signs or units' in text for text in align(run, other).doubts)
     assert align(one, one, CORRELATION).doubts == ()
 
 
 def test_a_motion_that_repeats_itself_is_doubted(one):
-    part = one.part
+    part = one.window
     twice = {name: np.concatenate([values, values]) for name, values in part.signals.items()}
     time_s = part.time_s[0] + np.arange(2 * len(part.time_s)) * one.period_s
     meta = part.meta | {'start_cycle': None}
-    found = align(one, replace(one, part=Trace(time_s, twice, meta)))
+    found = align(one, replace(one, window=Trace(time_s, twice, meta)))
     assert found.rival_correlation > 0.999
     assert abs(found.rival_shift_s - found.shift_s) == pytest.approx(len(part.time_s) * one.period_s)
     assert any('repeats itself' in text for text in found.doubts)
@@ -150,7 +152,7 @@ def test_the_options_of_the_command_are_those_of_the_alignment():
 
 def logged(run, rate_hz, offset_s, clock_error, names, gap_s=None):
     """Return a run as a table of a logger whose clock has an error and another zero; rows within ``gap_s`` are lost."""
-    part = run.part
+    part = run.window
     true_s = np.arange(int((part.time_s[-1] - part.time_s[0]) * rate_hz)) / rate_hz + part.time_s[0]
     signals = {
         name: np.column_stack([CubicSpline(part.time_s, column)(true_s) for column in part[name].T])
@@ -162,7 +164,7 @@ def logged(run, rate_hz, offset_s, clock_error, names, gap_s=None):
     period = (1.0 + clock_error) / rate_hz
     time_s = true_s[0] * (1.0 + clock_error) + offset_s + np.arange(len(true_s)) * period
     meta = {'cycle_time_s': period, 'origin_s': float(time_s[0])}
-    return replace(run, kind=runs.TABLE, part=Trace(time_s, signals, meta))
+    return replace(run, kind=runs.TABLE, window=Trace(time_s, signals, meta))
 
 
 def moving(one, seconds, seed):
@@ -173,12 +175,12 @@ def moving(one, seconds, seed):
     command = CubicSpline(np.arange(len(steps)) * 0.15, steps)(time_s)
     signals = {'motor_command': command, 'motor_speed': np.gradient(command, 1e-3, axis=0)}
     meta = {'cycle_time_s': 1e-3, 'gear_ratio': 32.0}
-    return replace(one, part=Trace(time_s, signals, meta))
+    return replace(one, window=Trace(time_s, signals, meta))
 
 
 def apart_s(found, other, offset_s, clock_error):
     """Return how far the alignment is from the truth at both ends of a log."""
-    edges = other.part.time_s[[0, -1]]
+    edges = other.window.time_s[[0, -1]]
     true = (edges - offset_s) / (1.0 + clock_error)
     return np.abs(found.at_s + found.shift_s + found.rate * (edges - found.at_s) - true).max()
 
@@ -202,10 +204,10 @@ def test_a_clock_of_any_offset_and_rate_is_found_over_gaps_by_the_commands(seed,
 def test_the_interval_of_the_rate_holds_the_error_of_the_clock(error, one):
     run = moving(one, 5.0, 3)
     held = {
-        name: run.part[name] + 0.3 * np.random.default_rng(5).standard_normal((5000, 3))
+        name: run.window[name] + 0.3 * np.random.default_rng(5).standard_normal((5000, 3))
         for name in ('motor_speed',)
     }
-    noisy = replace(run, part=Trace(run.part.time_s, held, run.part.meta))
+    noisy = replace(run, window=Trace(run.window.time_s, held, run.window.meta))
     found = align(run, logged(noisy, 1000.0, 7.0, error, ['motor_speed']))
     assert abs(1.0 / (1.0 + error) - found.rate) < 1.5 * found.rate_uncertainty < 1e-4
     assert any('clock of the second run' in text for text in found.doubts) is (error != 0.0)
@@ -223,8 +225,8 @@ def test_times_of_an_epoch_do_not_spoil_the_interval_of_the_shift(one):
 def test_exchanged_axes_are_named(order, one):
     run = moving(one, 5.0, 6)
     other = logged(run, 700.0, 3.0, 0.0, ['motor_command', 'motor_speed'])
-    turned = {name: values[:, order] for name, values in other.part.signals.items()}
-    other = replace(other, part=Trace(other.part.time_s, turned, other.part.meta))
+    turned = {name: values[:, order] for name, values in other.window.signals.items()}
+    other = replace(other, window=Trace(other.window.time_s, turned, other.window.meta))
     found = compare(run, other)
     assert apart_s(found.alignment, other, 3.0, 0.0) < 1e-5
     assert tuple(np.argsort(order) + 1) == found.alignment.axes
@@ -235,7 +237,7 @@ def test_exchanged_axes_are_named(order, one):
     ('factor', 'cause'), [(2**0.5, 'amplitude instead of rms'), (1e-3, 'milli'), (1.3, '1.3 times')]
 )
 def test_another_unit_is_named(factor, cause, one):
-    part = replace(one.part, signals=one.part.signals | {'current': factor * one.part['current']})
-    doubts = compare(one, replace(one, part=part)).doubts
+    part = replace(one.window, signals=one.window.signals | {'current': factor * one.window['current']})
+    doubts = compare(one, replace(one, window=part)).doubts
     assert [text.partition(':')[0] for text in doubts] == ['current']
     assert cause in doubts[0]

@@ -127,5 +127,5 @@ def test_nothing_but_a_parameter_file_has_inertias_to_derive(tmp_path, capsys):
 
 def test_arms_that_reach_no_place_of_their_workspace_are_refused(robot):
     high = robot.replace(kinematics__workspace_top_m=-0.1, kinematics__workspace_bottom_m=-0.11)
-    with pytest.raises(ParameterError, match='the arms reach no place of the workspace'):
+    with pytest.raises(ParameterError, match='the arms reach no point of the workspace'):
         derived_inertias(high)

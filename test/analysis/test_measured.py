@@ -32,7 +32,7 @@ def test_a_gap_stays_one_and_is_told():
     rows = np.setdiff1d(np.arange(1000), [*range(300, 320), 500])
     found = measured.on_grid(trace_at(2.0 + 1e-3 * rows), 'a')
     assert np.rint(found.time_s / 1e-3).astype(int).tolist() == rows.tolist()
-    assert found.meta['notices'] == ['It lacks 21 of 1000 instants, 0.001 s apart.']
+    assert found.meta['notices'] == ['21 of 1000 samples are missing; the period is 0.001 s.']
 
 
 def test_times_that_are_rounded_are_taken_between():
@@ -41,7 +41,7 @@ def test_times_that_are_rounded_are_taken_between():
     found = measured.on_grid(trace_at(rounded, 3.0 * rounded), 'a')
     np.testing.assert_allclose(found[NORM][:, 0], 3.0 * (found.time_s + found.meta['origin_s']), atol=1e-12)
     (notice,) = found.meta['notices']
-    assert notice.startswith('Its samples are not evenly spaced (0.002 to 0.003 s)')
+    assert notice.startswith('The samples are not evenly spaced (0.002 to 0.003 s)')
 
 
 def test_no_straight_line_is_drawn_over_a_gap_of_uneven_samples():
@@ -59,8 +59,8 @@ def test_no_straight_line_is_drawn_over_a_gap_of_uneven_samples():
 @pytest.mark.parametrize(
     ('time_s', 'sentence'),
     [
-        ([0.0, 1.0], 'a holds 2 instants, at least 3'),
-        ([0.0, 1e-3, 2e-3, 5e3], r'a lacks \d+ of \d+ instants'),
+        ([0.0, 1.0], 'a holds 2 samples, at least 3'),
+        ([0.0, 1e-3, 2e-3, 5e3], r'a lacks \d+ of \d+ samples'),
     ],
 )
 def test_too_few_instants_or_a_gap_of_hours_get_one_sentence(time_s, sentence):

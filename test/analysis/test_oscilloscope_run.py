@@ -32,5 +32,5 @@ def test_it_has_the_bits_of_the_simulation_also_with_what_is_gripped(feed_forwar
 
 
 def test_a_field_that_is_no_number_is_refused_by_name(robot):
-    with pytest.raises(ValueError, match='brake_release is a whole number'):
+    with pytest.raises(ValueError, match='brake_release is an integer field'):
         Oscilloscope(Robot(robot), 1, ['speed_reference', 'brake_release'])

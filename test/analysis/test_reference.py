@@ -149,8 +149,8 @@ def moved(run, place):
     [
         (lambda run: moved(run, [0.0, 0.0, -3.0]), r'^a: at [\d.]+ s the TCP is at .* m, which the arms cannot reach$'),
         (lambda run: moved(run, [0.5, 0.0, 0.0]), r'^a: the .* at [\d.]+ s.*, the limit is '),
-        (lambda run: Trace(run.time_s, {'current': run['current']}), '^a holds no trajectory: none of motor_command'),
-        (lambda run: Trace(run.time_s[:3], {'tcp_command': run['tcp_command'][:3]}), '^a holds 3 instants'),
+        (lambda run: Trace(run.time_s, {'current': run['current']}), '^a contains no trajectory: none of motor_command'),
+        (lambda run: Trace(run.time_s[:3], {'tcp_command': run['tcp_command'][:3]}), '^a holds 3 samples'),
         (
             lambda run: Trace(run.time_s[:500], {'tcp_command': run['tcp_command'][:500]}),
             r'^a ends at 0.499 s with a speed of .* rad/s of arm \d, but must be at rest there$',
@@ -172,7 +172,7 @@ def test_what_cannot_be_played_gets_one_sentence(trace, sentence, run, robot):
 def test_a_gap_is_named(run, robot):
     torn = {'tcp_command': run['tcp_command'].copy()}
     torn['tcp_command'][700] = np.nan
-    with pytest.raises(ProgramError, match=r'^a has a gap at 0.7 s: tcp_command is not known there$'):
+    with pytest.raises(ProgramError, match=r'^a has a gap at 0.7 s: tcp_command is missing there$'):
         reference.of(Trace(run.time_s, torn), 'a', robot)
 
 
@@ -183,7 +183,7 @@ def test_noise_that_nothing_could_follow_is_refused_in_one_sentence(robot):
     angles = kinematics.inverse([0.0, 0.0, -0.8], robot.kinematics) + 0.1 * ramp[:, None]
     angles[1:-1] += 1e-4 * rng.standard_normal((len(angles) - 2, 3)) * ramp[1:-1, None]
     with pytest.raises(
-        ProgramError, match=r'^a asks for \d+ points from 0 to 19.999 s, .* the limit is 10000'
+        ProgramError, match=r'^a requires \d+ points from 0 to 19.999 s, .* the limit is 10000'
     ):
         played(Trace(time_s, {'arm_position': angles}), robot, 'a')
 
@@ -219,7 +219,7 @@ def test_noise_is_refused_and_smoothed_away_without_delay(run, robot):
     apart = sample_plan(plan, run.time_s)[0] - run['tcp_command']
     rms_mm, most_mm = (
         float(number)
-        for number in re.search(r'the TCP (\S+) mm rms and (\S+) mm at most', found.text).groups()
+        for number in re.search(r'the TCP by (\S+) mm rms and (\S+) mm at most', found.text).groups()
     )
     assert 1e3 * np.linalg.norm(apart, axis=1).max() < most_mm + 0.1
     assert rms_mm < most_mm < 0.5
@@ -233,6 +233,6 @@ def test_noise_is_refused_and_smoothed_away_without_delay(run, robot):
 def test_a_low_pass_beyond_half_the_rate_is_refused(run, robot):
     with pytest.raises(
         ProgramError,
-        match=r'^a\.csv has 1000 samples a second: a low pass must begin below 500 Hz, not at 600 Hz$',
+        match=r'^a\.csv has 1000 samples per second: the cut-off frequency must be below 500 Hz, not 600 Hz$',
     ):
         reference.of(noisy(run), 'a.csv', robot, 600.0)

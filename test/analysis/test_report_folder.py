@@ -78,7 +78,7 @@ def test_a_file_that_is_too_large_for_the_page_is_a_link_by_its_name_alone(tmp_p
     folder.page('A study')
     text = (tmp_path / 'index.html').read_text(encoding='utf-8')
     assert Page(text).links == ['a%20large%20one.csv']
-    assert '(0.6 MB, beside this page)' in text
+    assert '(0.6 MB, in the same folder)' in text
 
 
 def test_the_page_tells_command_text_captions_and_provenance(page):

@@ -30,9 +30,9 @@ def built():
 
 def later(run, cycles, knows_start=False):
     """Return the run as a recording that began earlier, of somebody who does not know when the program started."""
-    meta = run.part.meta if knows_start else run.part.meta | {'start_cycle': None}
-    part = replace(run.part, time_s=run.part.time_s + cycles * run.period_s, meta=meta)
-    return replace(run, part=part)
+    meta = run.window.meta if knows_start else run.window.meta | {'start_cycle': None}
+    part = replace(run.window, time_s=run.window.time_s + cycles * run.period_s, meta=meta)
+    return replace(run, window=part)
 
 
 def test_a_run_is_the_same_as_itself(one):
@@ -41,19 +41,19 @@ def test_a_run_is_the_same_as_itself(one):
     assert found.alignment.by == BY_START
     assert found.alignment.correlation == pytest.approx(1.0)
     assert found.parameters == {}
-    assert len(found.time_s) == len(one.part.time_s)
+    assert len(found.time_s) == len(one.window.time_s)
 
 
 def test_the_difference_is_the_second_run_minus_the_first(one, built):
     found = compare(one, built)
     assert not found.same
     for name, values in found.differences.items():
-        expected = built.part[name] - one.part[name]
+        expected = built.window[name] - one.window[name]
         np.testing.assert_array_equal(values, expected, err_msg=name)
         norm = np.linalg.norm(expected, axis=1)
         assert found.figures[name].largest == norm.max()
         assert found.figures[name].rms == pytest.approx(np.sqrt((norm**2).mean()))
-        assert found.figures[name].at_s == one.part.time_s[norm.argmax()]
+        assert found.figures[name].at_s == one.window.time_s[norm.argmax()]
 
 
 def test_parameters_that_differ_are_named_with_both_values(one, built):
@@ -97,28 +97,30 @@ def test_a_run_with_another_bus_cycle_is_compared_between_its_cycles(one, tmp_pa
 
 
 def test_a_gap_in_a_recording_does_not_hide_the_rest(one):
-    part = replace(one.part, signals={name: values.copy() for name, values in one.part.signals.items()})
+    part = replace(one.window, signals={name: values.copy() for name, values in one.window.signals.items()})
     for values in part.signals.values():
         values[500:510] = np.nan
-    found = compare(one, replace(one, part=part))
+    found = compare(one, replace(one, window=part))
     assert found.figures['current'].largest == 0.0
     assert found.figures['current'].rms == 0.0
     assert (found.same, found.equal, found.uncompared) == (False, True, 10)
-    assert compare(replace(one, part=part), replace(one, part=part)).same
+    assert compare(replace(one, window=part), replace(one, window=part)).same
 
 
 def test_a_run_that_ends_before_the_other_is_not_the_same(one):
     part = replace(
-        one.part, time_s=one.part.time_s[:-7], signals={name: v[:-7] for name, v in one.part.signals.items()}
+        one.window,
+        time_s=one.window.time_s[:-7],
+        signals={name: v[:-7] for name, v in one.window.signals.items()},
     )
-    for pair in ((one, replace(one, part=part)), (replace(one, part=part), one)):
+    for pair in ((one, replace(one, window=part)), (replace(one, window=part), one)):
         found = compare(*pair)
         assert (found.same, found.equal, found.uncompared) == (False, True, 7)
 
 
 def test_runs_without_a_common_signal_or_time_are_refused_in_one_sentence(one):
-    alone = replace(one, part=replace(one.part, signals={'current': one.part['current']}))
-    other = replace(one, part=replace(one.part, signals={'tcp_true': one.part['tcp_true']}))
+    alone = replace(one, window=replace(one.window, signals={'current': one.window['current']}))
+    other = replace(one, window=replace(one.window, signals={'tcp_true': one.window['tcp_true']}))
     with pytest.raises(TraceError, match=r'^experiment1 and experiment1 have no signal in common$'):
         compare(alone, other)
     with pytest.raises(TraceError, match=r'have no time in common: -0.05 to 1.482 s, and 9.95 to 11.482 s$'):
@@ -130,17 +132,17 @@ def test_runs_without_a_common_signal_or_time_are_refused_in_one_sentence(one):
 def test_the_figures_of_a_move_are_those_of_its_cycles(one):
     move = one.moves[0]
     figures = move_figures(one, move)
-    within = (one.part.time_s >= move.start_s - 1e-9) & (one.part.time_s < move.end_s + 1e-9)
+    within = (one.window.time_s >= move.start_s - 1e-9) & (one.window.time_s < move.end_s + 1e-9)
     assert figures.duration_s == pytest.approx(one.whole.meta['program_s'] / len(one.moves), rel=0.5)
-    part = one.part
+    part = one.window
     assert figures.current_peak_a == np.maximum(-part['current_min'], part['current_max'])[within].max()
     rms = np.sqrt((part['current_rms'][within] ** 2).mean(axis=0)).max()
     assert figures.current_rms_a == pytest.approx(rms, rel=1e-12)
     # a recording without all samples has those of the AT
     held = {name: values for name, values in part.signals.items() if not name.startswith('current_')}
-    bare = move_figures(replace(one, part=replace(part, signals=held)), move)
+    bare = move_figures(replace(one, window=replace(part, signals=held)), move)
     assert bare.current_peak_a == np.abs(part['current'][within]).max() < figures.current_peak_a
-    assert figures.tcp_error_max_m == np.linalg.norm(one.part['tcp_error'][within], axis=1).max()
+    assert figures.tcp_error_max_m == np.linalg.norm(one.window['tcp_error'][within], axis=1).max()
     assert sum(move_figures(one, each).duration_s for each in one.moves) == pytest.approx(
         one.whole.meta['program_s'], abs=1e-9
     )

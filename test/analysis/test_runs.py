@@ -141,7 +141,7 @@ def test_a_program_tells_moves_outputs_and_its_start(program):
         'control.feed_forward': ('model', 'inertia'),
         'drive.interpolation': ('cubic', 'linear'),
     }
-    assert run.told_source == 'model'
+    assert run.parameter_source == 'model'
 
 
 def test_a_program_tells_what_limits_each_of_its_moves_in_every_round(program):
@@ -175,7 +175,7 @@ def test_a_trace_of_before_tells_whose_parameters_are_shown(tmp_path, robot):
     trace_file.save(trace, tmp_path / 'other.npz')
     assert runs.load(str(tmp_path / 'same.npz')).robot_note == ''
     other = runs.load(str(tmp_path / 'other.npz'))
-    assert other.robot_note == 'the recording does not tell its parameters: these are those of delta3.yaml'
+    assert other.robot_note == 'the recording does not contain its parameters: those of delta3.yaml are used'
     assert other.moves == ()
 
 
@@ -298,7 +298,7 @@ def test_a_lost_row_loses_the_moves_of_its_program_only_and_is_told(plan, record
     run = runs.load(str(recorded(arrivals)))
     assert run.moves[0].start_s == pytest.approx(0.2)  # those of the second program
     assert any(
-        note.startswith('The moves of the program that began at 0.000 s cannot be told: a motion profile')
+        note.startswith('The moves of the program that began at 0.000 s are unknown: a motion profile')
         for note in run.notes
     )
     assert [mark.text for mark in run.marks].count('stop on the path') == 2
@@ -310,7 +310,7 @@ def test_a_plan_that_lacks_a_row_loses_its_moves_and_is_told(plan, recorded):
     run = runs.load(str(recorded([*ordered(plan)[1:], ('motion/course', followed(timeline.profile, 1))])))
     assert run.moves == ()
     assert run.notes == (
-        'The moves of the program that began at 0.000 s cannot be told: its plan is not recorded as a whole',
+        'The moves of the program that began at 0.000 s are unknown: its plan is not recorded completely',
     )
 
 
@@ -348,7 +348,7 @@ def test_messages_that_are_missing_or_spoilt_are_told_in_one_note(tmp_path):
 def test_a_bag_of_signals_alone_is_shown_without_moves(tmp_path):
     run = runs.load(str(record(tmp_path / 'bare', messages())))
     assert (run.moves, run.marks, run.knows_start) == ((), (), False)
-    assert run.robot_note.startswith('the recording does not tell its parameters')
+    assert run.robot_note.startswith('the recording does not contain its parameters')
 
 
 def test_a_run_that_a_fault_stops_is_shown_beyond_the_stop(program, robot):
@@ -362,10 +362,10 @@ def test_a_run_that_a_fault_stops_is_shown_beyond_the_stop(program, robot):
     ]
     assert [move.number for move in run.moves] == [1]  # what comes behind the stop is not driven
     assert all(mark.kind != 'output' for mark in run.marks)
-    assert any('The program was given up' in note for note in run.notes)
+    assert any('The program was aborted' in note for note in run.notes)
     moving = np.flatnonzero(np.diff(run.whole['motor_command'], axis=0).any(axis=1))
     stood = moving[-1] * 1e-3 - run.whole.meta['start_cycle'] * 1e-3
-    assert run.part.time_s[-1] == pytest.approx(stood + 0.6, abs=5e-3)
+    assert run.window.time_s[-1] == pytest.approx(stood + 0.6, abs=5e-3)
 
 
 def test_what_is_no_run_is_refused_in_one_sentence(tmp_path, program, robot):
@@ -378,7 +378,7 @@ def test_what_is_no_run_is_refused_in_one_sentence(tmp_path, program, robot):
     spoilt = replace(trace, meta=trace.meta | {'moves': [{'kind': 'line'}]})
     trace_file.save(spoilt, tmp_path / 'spoilt.npz')
     with pytest.raises(
-        TraceError, match=r'^what .*spoilt.npz tells of its moves, outputs, faults or notes cannot be'
+        TraceError, match=r'spoilt.npz: the data of its moves, outputs, faults or notes cannot be'
     ):
         runs.load(str(tmp_path / 'spoilt.npz'))
 
@@ -388,12 +388,15 @@ def test_what_is_no_run_is_refused_in_one_sentence(tmp_path, program, robot):
     [
         (
             {'start_cycle': 'soon'},
-            r"^the recording tells 'soon' as its start_cycle, expected a whole number$",
+            r"^start_cycle of the recording is 'soon', expected a whole number$",
         ),
-        ({'end_cycle': [1]}, r'^the recording tells \[1\] as its end_cycle, expected a whole number$'),
-        ({'stopped': 'a fault', 'stop_cycle': 0.5}, r'stop_cycle.npz tells of its moves, .* cannot be read$'),
-        ({'start_cycle': math.nan}, r'^the recording tells nan as its start_cycle, expected'),
-        ({'notices': 7}, r'notices.npz tells of its moves, outputs, faults or notes cannot be read$'),
+        ({'end_cycle': [1]}, r'^end_cycle of the recording is \[1\], expected a whole number$'),
+        (
+            {'stopped': 'a fault', 'stop_cycle': 0.5},
+            r'stop_cycle.npz: the data of its moves, .* cannot be read$',
+        ),
+        ({'start_cycle': math.nan}, r'^start_cycle of the recording is nan, expected'),
+        ({'notices': 7}, r'notices.npz: the data of its moves, outputs, faults or notes cannot be read$'),
     ],
 )
 def test_a_trace_that_tells_nonsense_of_itself_is_refused_in_one_sentence(

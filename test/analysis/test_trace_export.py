@@ -51,7 +51,7 @@ def test_a_window_counts_from_the_start_of_the_program_and_keeps_bus_time(trace)
     assert part.time_s.tolist() == pytest.approx([0.063, 0.064, 0.065])
     assert part['tcp_actual'].tolist() == trace['tcp_actual'][63:66].tolist()
     assert trace_export.part(trace, None, -0.05).time_s.tolist() == pytest.approx([0.0, 0.001, 0.002, 0.003])
-    with pytest.raises(TraceError, match=r'nothing of that window: it goes from -0\.053 to 0\.146 s'):
+    with pytest.raises(TraceError, match=r'no cycle of that window: it goes from -0\.053 to 0\.146 s'):
         trace_export.part(trace, 7.0, None)
 
 

@@ -172,7 +172,7 @@ def test_what_does_not_fit_is_a_usage_error(arguments, sentence, capsys):
             "there is no signal 'curent': did you mean current?",
         ),
         (['--output', 'out.csv', '--signals', 'payload'], "run.npz holds no signal 'payload'"),
-        (['--output', 'out.csv', '--from', '9'], 'nothing of that window'),
+        (['--output', 'out.csv', '--from', '9'], 'no cycle of that window'),
     ],
 )
 def test_what_cannot_be_had_is_one_sentence_and_leaves_no_file(

@@ -84,7 +84,7 @@ def test_a_file_that_is_not_there_gets_one_sentence(here, capsys):
 
 def test_a_low_pass_is_for_a_reference_and_tells_what_it_changes(here, capsys):
     assert main(['simulate', '--reference', 'path.csv', '--lowpass', '50']) == 0
-    assert ', smoothed below 50 Hz: the TCP ' in capsys.readouterr().out
+    assert ', low pass at 50 Hz: it moves the TCP by ' in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(['simulate', 'experiment1', '--lowpass', '50'])
     assert '--lowpass is for --reference: a program has no noise' in capsys.readouterr().err

@@ -157,7 +157,7 @@ def test_plot_tells_the_starts_of_a_trace_that_does_not_tell_its_own(here, capsy
         (['report', 'notes.md'], 'notes.md:3:1: the program: unknown key'),
         (['report', 'bag'], 'bag: it was cut off or is damaged (it contains no messages)'),
         (['report', 'empty'], 'empty: it is not a bag: metadata.yaml is missing'),
-        (['report', 'bare.npz'], 'the recording does not tell its cycle_time_s'),
+        (['report', 'bare.npz'], 'the recording contains no valid cycle_time_s'),
         (
             ['report', 'experiment1', '--output', 'no/page.html'],
             'cannot write no/page.html: there is no folder no',

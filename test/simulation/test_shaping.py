@@ -96,7 +96,7 @@ def test_what_creeps_does_not_swing():
 def test_a_robot_that_does_not_stand_long_enough_is_refused(built):
     program = parse(built, [to(*END, **QUICK)], start_m=list(START))
     trace = simulation.run(program, built)
-    with pytest.raises(TraceError, match=r'must stand for 0\.15 s'):
+    with pytest.raises(TraceError, match=r'must be at rest for 0\.15 s'):
         after_stop(trace, trace.meta['end_cycle'])
 
 

@@ -93,7 +93,7 @@ def currents(trace):
     middle = run.time_s + 0.5 * run.meta['cycle_time_s']
     return 'Motor currents', [
         Panel(
-            whole_time(run), run.time_s, name, line(run['current'][:, i], 'told by the AT'),
+            whole_time(run), run.time_s, name, line(run['current'][:, i], 'sample in the AT'),
             line(run['current_mean'][:, i], 'their mean', middle),
             band(run['current_min'][:, i], run['current_max'][:, i], 'all samples', middle),
         )
@@ -230,7 +230,7 @@ def compared_paths(comparison, title):
 
 def compared_errors(comparison, title):
     words = {'tcp_error_norm': 'by forward kinematics of the encoders, set-point delay removed',
-             'tcp_error_norm_true': 'in truth: TCP of the arms as they are built',
+             'tcp_error_norm_true': 'true TCP of the real arms',
              'tcp_error_norm_raw': 'by the encoders, command and actual position of the same cycle'}  # fmt: skip
     return 'norm of the TCP error', [
         Panel(START, comparison.time_s, 'error', line(comparison.model.actual[name], 'model'),
@@ -257,7 +257,7 @@ def attributed(attribution, title):
             assert axes.get_title('left').endswith(f'\n{of.factor * rms:.2g} {of.shown_unit} rms')
 
         panels.append((Panel('share', None, '', bars([*share, one.other / total], 'share (Shapley)'),
-                             line(places, 'effect alone', alone), line(places, 'lost without it', lost),
+                             line(places, 'effect alone', alone), line(places, 'without it', lost),
                              mark(0.0)), check))  # fmt: skip
     return title, panels
 
@@ -280,7 +280,7 @@ def inside_a_cycle(found, cases):
             ('set point', line(s.set_point[rows] - s.set_point[rows][0], 'set point')),
             ('speed', line(s.speed_reference[rows], 'reference'), line(s.speed[rows], 'shaft')),
             ('current', line(s.current_reference[rows], 'reference'), line(s.current[rows], 'all samples', after),
-             line(s.at_current[told], 'told by the AT', at_s)),
+             line(s.at_current[told], 'sample in the AT', at_s)),
             ('voltage', line(s.voltage[rows], 'of a phase')),
         )):  # fmt: skip
             title = case.interpolation if n == 0 else ''
@@ -308,7 +308,7 @@ def ripple_currents(found):
 
         panels[case.cycle_time_s, case.interpolation] = Panel(
             START, middle, 'current', line(of_cycles.mean(axis=1), 'mean of a cycle'),
-            line(s.at_current, 'told by the AT', s.at_time_s),
+            line(s.at_current, 'sample in the AT', s.at_time_s),
             band(of_cycles.min(axis=1), of_cycles.max(axis=1), 'all samples'),
             title=f'{1e3 * case.cycle_time_s:g} ms, {case.interpolation}',
         ), check  # fmt: skip

@@ -26,8 +26,8 @@ FACTORS = dict.fromkeys(UNITS_OF_KEYS.values(), 1.0) | {
 }  # fmt: skip
 # names of axes that count, or that show a ratio
 WITHOUT_UNIT = re.compile(
-    r'|(trial|repetition|measurement|arm|runs|lag|share( of its variance)?|singular value( \(x: below, not seen\))?'
-    r'|condition number of J( \(dashed\))?|cosine to the true slope|factor on the right value'
+    r'|(trial|repetition|measurement|arm|runs|lag|share( of its variance)?|singular value( \(x: below threshold\))?'
+    r'|condition number of J( \(dashed\))?|cosine to the true slope|factor on the true value'
     r'|step, share of the value|gripper|condition|[1-7]|No manufacturer .*|[a-z_0-9.[\]]+)',
     re.DOTALL,
 )

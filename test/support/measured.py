@@ -6,7 +6,7 @@ import numpy as np
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.analysis.calibration import estimation, model, planning
-from delta3_pacdrive.analysis.calibration.data import Measurements, Method, Wanted
+from delta3_pacdrive.analysis.calibration.data import Measurements, Method, Requirements
 
 TRUTH = np.concatenate(
     [
@@ -20,7 +20,9 @@ NOISE_M = 2e-5
 @functools.cache
 def planned(robot, method='base', number=24, checks=8, **more):
     """Return the poses of a calibration."""
-    return planning.plan(Wanted(Method(method), number, checks, more.pop('noise_m', NOISE_M), **more), robot)
+    return planning.plan(
+        Requirements(Method(method), number, checks, more.pop('noise_m', NOISE_M), **more), robot
+    )
 
 
 def instrument(poses, robot, truth=TRUTH, noise_m=NOISE_M, seed=1):

@@ -204,9 +204,9 @@ def estimation_sensitivities(fit, problem):
     names = [one.symbol + ('' if one.verdict is Verdict.IDENTIFIABLE else ' *') for one in findings]
     values, seen = np.array(report.singular_values), report.rank
     hidden = [line(values[:seen].min() / 3.0, '', n) for n in range(seen + 1, len(values) + 1)]
-    last = 'singular value' + (' (x: below, not seen)' if hidden else '')
+    last = 'singular value' + (' (x: below threshold)' if hidden else '')
     change = 'change of the signals for 100 % of the value'
-    return 'What the signals tell', [
+    return 'Sensitivities of the signals', [
         Panel(change, None, '', *groups, mark(1.0), ticks=names),
         Panel(last, None, '', line(values[:seen], '', np.arange(1, seen + 1)), *hidden,
               title=f'condition {report.condition:.3g}'),
@@ -243,7 +243,7 @@ def quotients(study):
         right.append(line([one.agreement for one in own], symbol, STEPS))
     step = 'step, share of the value'
     return 'Difference quotients of the current in the closed loop', [
-        Panel(step, None, 'length of the quotient', *left, title='through encoders (solid), true slope (dashed)'),
+        Panel(step, None, 'length of the quotient', *left, title='with encoders (solid), true slope (dashed)'),
         Panel(step, None, 'cosine to the true slope', *right),
     ]  # fmt: skip
 
@@ -257,10 +257,10 @@ def attempts(study):
         if one.step == step and one.off == off
     ]
     costs = [line(np.maximum(study.profiles[symbol], 0.03), symbol) for symbol in SYMBOLS]
-    return 'The estimation of chapter 9 again', [
+    return 'The estimation of chapter 9, repeated', [
         Panel('', None, 'change of the value by the estimation', *groups, level(off / (1.0 + off)), ticks=SYMBOLS,
-              title=f'from values {100.0 * off:g} % off, usual settings'),
-        Panel('factor on the right value', FACTORS, 'cost above its minimum', *costs, level(3.84)),
+              title=f'from values {100.0 * off:g} % off, default settings'),
+        Panel('factor on the true value', FACTORS, 'cost above its minimum', *costs, level(3.84)),
     ]  # fmt: skip
 
 
@@ -292,10 +292,10 @@ def plan_of(found, robot):
 
 
 def measured_poses(found, robot):
-    return poses('Poses that were measured', found.points_m, found.measurements.checks, robot)
+    return poses('Measured poses', found.points_m, found.measurements.checks, robot)
 
 
-def what_is_left(found):
+def calibration_residuals(found):
     checks, curves = found.measurements.checks, []
     number = np.arange(1, len(checks) + 1)
     for values, word in zip(found.residuals_m, ('before', 'after'), strict=True):
@@ -303,20 +303,20 @@ def what_is_left(found):
         curves.append(line(shown[~checks], f'{word}, used', number[~checks]))
         if checks.any():
             curves.append(line(shown[checks], f'{word}, not used', number[checks]))
-    return 'Measurement less robot, before and after', [Panel('measurement', None, 'left', *curves)]
+    return 'Measurement less robot, before and after', [Panel('measurement', None, 'residual', *curves)]
 
 
 def corrections(found):
-    truth = found.truth or (math.nan,) * len(found.told)
+    truth = found.truth or (math.nan,) * len(found.estimates)
     panels = []
-    for symbol in dict.fromkeys(one.symbol for one in found.told):
+    for symbol in dict.fromkeys(one.symbol for one in found.estimates):
         curves = []
-        for one, true in zip(found.told, truth, strict=True):
+        for one, true in zip(found.estimates, truth, strict=True):
             if one.symbol == symbol:
                 for value in (one.value, one.value - one.half_width, one.value + one.half_width, true):
                     curves.append(line(value, '', one.arm))
         greek = {'alpha': r'$\alpha$', 'theta': r'$\theta$'}.get(symbol, f'${symbol}$')
-        unit = {'m': 'mm', 'rad': 'deg'}[next(one.unit for one in found.told if one.symbol == symbol)]
+        unit = {'m': 'mm', 'rad': 'deg'}[next(one.unit for one in found.estimates if one.symbol == symbol)]
         panels.append(Panel('arm', None, f'{greek} [{unit}]', *curves, title=f'{greek} [{unit}]'))
     return 'Corrections of the arms', panels
 
@@ -484,7 +484,7 @@ CONTENTS = {
     'estimation.figures.attempts': attempts,
     'calibration.figures.plan_of': plan_of,
     'calibration.figures.measured_poses': measured_poses,
-    'calibration.figures.what_is_left': what_is_left,
+    'calibration.figures.residuals': calibration_residuals,
     'calibration.figures.corrections': corrections,
     'two_link_arm.figures.solutions': two_solutions,
     'two_link_arm.figures.workspace': two_link_workspace,

@@ -14,7 +14,7 @@ def _of_sweep(summary):
 
 
 def _of_calibration(summary):
-    yield 'figure before after 95 % interval', None
+    yield 'parameter before after 95 % interval', None
     for one in summary['figures']:
         scale, unit = (DEG, 'deg') if one['unit'] == 'rad' else (MM, 'mm')
         values = [one['before'], one['value'], one['half_width_95']]
@@ -22,7 +22,7 @@ def _of_calibration(summary):
         yield one['symbol'], [scale * value for value in values]
         yield f'{one["symbol"]} {scale * one["before"]:z.4f}', None
         yield f'+- {scale * one["half_width_95"]:.4f} {unit}', None
-    yield 'left over [mm] before rms / max after rms / max', None
+    yield 'residuals [mm] before rms / max after rms / max', None
     for one in summary['left']:
         keys = ('before_rms_m', 'before_max_m', 'after_rms_m', 'after_max_m')
         yield f'{one["what"]} ({one["count"]})', [MM * one[key] for key in keys]
@@ -42,7 +42,7 @@ def _of_learning(summary):
         yield 'times smaller,', [summary['best'], summary['gain_max'], summary['gain_rms']]
     worst = summary['contraction']
     values = [worst['rate'], worst['at_hz'], PERCENT * worst['masses'], worst['payload_kg']]
-    yield 'a repetition leaves', values
+    yield 'contraction rate per repetition: at most', values
 
 
 def _of_line(summary):

@@ -69,20 +69,20 @@ def test_an_instant_is_that_of_its_cycle(run, robot):
         assert film.row(instant.time_s) == row
         assert film.row(instant.time_s + 0.9 * run.period_s) == row
         tcp = kinematics.forward(instant.theta_rad, robot)
-        assert tcp == pytest.approx(run.part['tcp_actual'][row], abs=1e-9)
-        assert instant.true_m == pytest.approx(run.part['tcp_true'][row])
+        assert tcp == pytest.approx(run.window['tcp_actual'][row], abs=1e-9)
+        assert instant.true_m == pytest.approx(run.window['tcp_true'][row])
         assert instant.torque_n_m == pytest.approx(
-            run.part['current'][row] * robot.motor.torque_constant_n_m_a
+            run.window['current'][row] * robot.motor.torque_constant_n_m_a
         )
 
 
 def test_the_load_of_a_motor_is_that_of_all_samples_of_its_current(run, robot):
     film, nominal, limit = Film(run), robot.motor.nominal_current_a, robot.drive.overload_time_s
-    expected = overload_of(run.part['current_rms'] / nominal, run.period_s) / limit
+    expected = overload_of(run.window['current_rms'] / nominal, run.period_s) / limit
     row = int(expected.max(axis=1).argmax())
     assert expected[row].max() > 0.01
     assert film.at(row).overload.tolist() == expected[row].tolist()
-    of_the_at = overload_of(run.part['current'] / nominal, run.period_s) / limit
+    of_the_at = overload_of(run.window['current'] / nominal, run.period_s) / limit
     assert film.at(row).overload.tolist() != of_the_at[row].tolist()
 
 
@@ -107,9 +107,9 @@ def test_the_tool_of_a_rotary_axis_is_shown_as_it_was_recorded(run, tmp_path, ro
     turning = robot.replace(rotary__present=True)
     simulation.run(program_file.load(tmp_path / 'p.yaml', turning.motion), turning).save(tmp_path / 'p.npz')
     turned = runs.load(str(tmp_path / 'p.npz'))
-    row = len(turned.part.time_s) // 2
+    row = len(turned.window.time_s) // 2
     angle, error, true = (
-        float(turned.part[f'turn_{name}'][row, 0]) for name in ('position', 'error', 'true')
+        float(turned.window[f'turn_{name}'][row, 0]) for name in ('position', 'error', 'true')
     )
     assert 0.1 < angle < 1.0
     assert Film(turned).at(row).turn == TurnInstant(angle, error, true)
@@ -138,7 +138,7 @@ def test_a_part_on_a_rotary_axis_is_shown_turned_as_it_was(tmp_path, robot):
 
 
 def test_a_recording_without_positions_is_refused(run):
-    trace = Trace(run.part.time_s, {'current': run.part['current']}, run.part.meta)
+    trace = Trace(run.window.time_s, {'current': run.window['current']}, run.window.meta)
     bare = runs.Run(**{name: getattr(run, name) for name in run.__dataclass_fields__} | {'part': trace})
     with pytest.raises(TraceError, match=r'cannot be shown without motor_position .* it has only current$'):
         Film(bare)
@@ -162,8 +162,8 @@ def test_the_drives_are_shown_as_their_status_words_tell_it(run):
 
     assert told(0.0) == [('ENABLED', 'free')] * 3
     assert told(tripped + 0.02)[1][0] in ('STOPPING', 'FAULT')
-    assert told(run.part.time_s[-1])[1] == ('FAULT', 'held')
-    assert {state for state, _ in told(run.part.time_s[-1])} <= {'READY', 'FAULT'}
+    assert told(run.window.time_s[-1])[1] == ('FAULT', 'held')
+    assert {state for state, _ in told(run.window.time_s[-1])} <= {'READY', 'FAULT'}
 
 
 def test_drives_that_are_not_recorded_tell_nothing(run):
@@ -180,14 +180,14 @@ def test_the_load_of_a_recording_stays_as_it_was_where_the_current_is_not_known(
 
 
 def test_the_tcp_error_is_the_recorded_one_and_only_without_it_that_of_the_following_error(run, robot):
-    film, told = Film(run), run.part['tcp_error']
+    film, told = Film(run), run.window['tcp_error']
     row = int(np.linalg.norm(told, axis=1).argmax())
     assert film.at(row).error_m.tolist() == told[row].tolist()
-    signals = {name: values for name, values in run.part.signals.items() if name != 'tcp_error'}
-    bare = Film(replace(run, part=Trace(run.part.time_s, signals, run.part.meta)))
-    lag = run.part['following_error'][row]
+    signals = {name: values for name, values in run.window.signals.items() if name != 'tcp_error'}
+    bare = Film(replace(run, window=Trace(run.window.time_s, signals, run.window.meta)))
+    lag = run.window['following_error'][row]
     commanded = kinematics.forward(film.at(row).theta_rad + lag, robot)
-    assert bare.at(row).error_m == pytest.approx(commanded - run.part['tcp_actual'][row], abs=1e-9)
+    assert bare.at(row).error_m == pytest.approx(commanded - run.window['tcp_actual'][row], abs=1e-9)
     assert film.before(10.0, 100.0)[row, 1:4] == pytest.approx(1e3 * told[row])
 
 
@@ -221,7 +221,7 @@ def test_inputs_of_a_recording_are_read_and_a_recording_without_a_cell_has_none(
         told = film.facts(row, 'playing', 1.0).inputs
         assert [one.name for one in told] == names
         assert [one.on for one in told] == [
-            value > 0.0 for value in film.run.part['cell_inputs'][row][: len(names)]
+            value > 0.0 for value in film.run.window['cell_inputs'][row][: len(names)]
         ]
         seen |= {(one.name, one.on) for one in told}
     assert {on for _, on in seen} == {True, False}

@@ -1,1 +1,1 @@
-"""Calibration: how each arm is built, from places of the TCP that somebody has measured; what the controller uses."""
+"""Calibration of the arms from positions of the TCP measured with an external instrument."""

@@ -1,12 +1,13 @@
-"""What measurements tell about the arms: least squares over the combinations of figures that they show, and no others.
+"""Least-squares estimation of the arm geometry, restricted to the identifiable directions.
 
-With residuals in standard deviations of their noise, and figures in what a workshop may miss (``model.SCALES``), a
-direction of figures whose singular value is s is known to 1/s of that. Directions that measurements know better than
-the workshop (s > 1) are estimated; in all others the arms stay as they were. Where they know little more (s < ``FIRM``)
-the workshop counts as one measurement more, so that noise does not become geometry.
+Residuals are scaled by the standard deviation of the noise, parameters by the tolerances of manufacture
+(``model.SCALES``). A direction of the parameters with singular value s is then known to 1/s of the tolerance.
+Directions that the measurements determine better than the tolerances (s > 1) are estimated; in all others the arms
+keep
+their values. For s < ``FIRM`` the tolerance counts as one more measurement, so that noise is not fitted.
 
-What is found makes the TCP right. It is that of the arms only as far as nothing else looks like them: gears that give
-under weight do, and where only zero angles are estimated, so do lengths. Intervals have room for both.
+The result corrects the TCP. It equals the true arm geometry only if no other effect has the same shape. Gears that
+yield under weight do, and so do lengths if only zero angles are estimated. The intervals include both effects.
 """
 
 import copy
@@ -19,61 +20,44 @@ from scipy.stats import t as student
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.analysis.calibration import model
-from delta3_pacdrive.analysis.calibration.data import Left, Told
+from delta3_pacdrive.analysis.calibration.data import Estimate, Residual
 from delta3_pacdrive.analysis.calibration.model import ALL, ARMS, SCALES, ZEROS, Observation
 from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.motion.capability import REACHED, capability
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-MODEL_M = 0.01e-3  # what is left without any noise: gears give under weight, and joints have play
-SEEN, FIRM = 1.0, 10.0  # singular values from which on a direction is estimated, and by measurements alone
+MODEL_M = 0.01e-3  # residual without noise: gears yield under weight, joints have backlash
+SEEN, FIRM = 1.0, 10.0  # singular values above which a direction is estimated, and without the prior
 FREEDOM_MIN = 3
 Z_95 = 1.959964
-FAR_M = 0.05  # no workshop misses so much
-CONTRADICTION = 4.0  # rms of what is left over what was to be expected
-OUTLIER = 6.0  # the same of one measurement
-TOO_LITTLE, TOO_LITTLE_UNPLACED = 0.3, 0.8  # of what a workshop leaves, from which on a calibration is none
-NAMED = 0.3  # weight in a direction from which on a figure is named
-INWARD = 0.95  # of the workspace, so that the arms as they are built reach it too
-GRID, FINE = (5, 12, 3), (8, 17, 6)  # radii, directions and heights of places that stand for the workspace
+FAR_M = 0.05  # larger than any manufacturing error
+CONTRADICTION = 4.0  # rms of the residuals relative to its expectation
+OUTLIER = 6.0  # the same for a single measurement
+TOO_LITTLE, TOO_LITTLE_UNPLACED = 0.3, 0.8  # of the uncalibrated uncertainty: useless calibration
+NAMED = 0.3  # smallest weight of a parameter that is named in a direction
+INWARD = 0.95  # of the workspace, so that the real arms reach it too
+GRID, FINE = (5, 12, 3), (8, 17, 6)  # radii, directions and heights that sample the workspace
 MM = 1e3
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """What one set of measurements gives.
+class Solution:
+    """Solution of one set of measurements."""
 
-    Attributes
-    ----------
-    x, place
-        Corrections of the arms, unknowns of the instrument.
-    told
-        About each free figure.
-    combinations
-        Directions that are not told.
-    directions, freedom, scatter
-        As in ``study.Found``.
-    expected_m
-        Rms over the workspace, before and after.
-    residuals
-        [m], before and after, each of shape (n, rows), of all measurements.
-
-    """
-
-    x: Floats
-    place: Floats
-    told: tuple[Told, ...]
-    combinations: tuple[str, ...]
-    directions: int
+    x: Floats  # corrections of the arms
+    place: Floats  # unknowns of the instrument
+    estimates: tuple[Estimate, ...]  # one per free parameter
+    combinations: tuple[str, ...]  # directions that are not identifiable
+    directions: int  # as in study.Result
     freedom: int
     scatter: float
-    expected_m: tuple[float, float]
-    residuals: tuple[Floats, Floats]
+    expected_m: tuple[float, float]  # expected rms error of the TCP over the workspace, before and after
+    residuals: tuple[Floats, Floats]  # before and after, of all measurements [m], each of shape (n, rows)
 
 
 def workspace(robot: Parameters, grid: tuple[int, int, int] = GRID) -> Floats:
-    """Return places all over the workspace, but for its very border, that the robot reaches [m], shape (n, 3)."""
+    """Return reachable points that sample the workspace except for its border [m], shape (n, 3)."""
     k = robot.kinematics
     radii, turns, heights = grid
     radius = 0.5 * INWARD * k.workspace_diameter_m * np.linspace(0.0, 1.0, radii)
@@ -86,7 +70,7 @@ def workspace(robot: Parameters, grid: tuple[int, int, int] = GRID) -> Floats:
 
 
 def levels(robot: Parameters, count: int) -> Floats:
-    """Return heights in the workspace [m], from its top to its bottom."""
+    """Return heights in the workspace [m], from top to bottom."""
     k = robot.kinematics
     middle, half = (
         0.5 * (k.workspace_top_m + k.workspace_bottom_m),
@@ -96,14 +80,14 @@ def levels(robot: Parameters, count: int) -> Floats:
 
 
 def within_limits(points: Floats, robot: Parameters) -> Floats:
-    """Return those of the places [m], shape (n, 3), at which the robot may be."""
+    """Return those of the points [m], shape (n, 3), that the robot reaches within its limits."""
     return np.asarray(points[capability(points, robot).limit == REACHED])
 
 
 def expected_m(covariance: Floats, robot: Parameters, free: Sequence[int], is_placed: bool) -> float:
-    """Return how far the TCP is off [m], rms over the workspace, for a covariance of the free figures in scales.
+    """Return the rms error of the TCP over the workspace [m] for a covariance of the scaled free parameters.
 
-    Unless the instrument knows where the robot is placed, only the shape of what the TCP does counts.
+    Without ``is_placed`` a rigid motion of all points does not count.
     """
     points = workspace(robot)
     shafts = shafts_of(points, robot)
@@ -116,53 +100,53 @@ def expected_m(covariance: Floats, robot: Parameters, free: Sequence[int], is_pl
 
 
 def shafts_of(points: Floats, robot: Parameters) -> Floats:
-    """Return the arm angles, as the shafts are referenced [rad], at which the controller sees the TCP at places."""
+    """Return the shaft angles [rad] at which the controller computes these TCP positions."""
     return kinematics.inverse(points, robot) - robot.kinematics.corrections.angle_rad
 
 
 def unplaced(columns: Floats, points: Floats) -> Floats:
-    """Return how places [m], shape (n, 3), move, columns of shape (3 n, m), less what is a motion of all together."""
+    """Return displacements of points, columns of shape (3 n, m), without their common rigid motion."""
     return np.asarray(columns - _projected(columns, _rigid(points)))
 
 
 def _flat(rows: Floats) -> Floats:
-    """Return slopes (n, rows, columns) as rows (n rows, columns), of which there may be none."""
+    """Reshape slopes (n, rows, columns) to (n rows, columns)."""
     return rows.reshape(rows.shape[0] * rows.shape[1], rows.shape[2])
 
 
 def _rigid(points: Floats) -> Floats:
-    """Return how places move when all of them are moved and turned, shape (3 n, 6)."""
+    """Return the displacements of points under the six rigid motions, shape (3 n, 6)."""
     turned = np.stack([np.cross(axis, points) for axis in np.eye(3)], axis=-1)
     shifted = np.broadcast_to(np.eye(3), (len(points), 3, 3))
     return np.concatenate([shifted, turned], axis=-1).reshape(-1, 6)
 
 
 def _projected(columns: Floats, onto: Floats) -> Floats:
-    """Return the part of columns that lies in the space of others."""
+    """Return the projection of columns onto the space of others."""
     basis, _ = np.linalg.qr(onto)
     return np.asarray(basis @ (basis.T @ columns))
 
 
 def estimate(
     observation: Observation, noise_m: float, free: Sequence[int] = ALL, is_placed: bool = True
-) -> Estimate:
-    """Estimate the free figures.
+) -> Solution:
+    """Estimate the free parameters.
 
     Parameters
     ----------
     observation
-        The measurements, and the robot that was measured.
+        The measurements and the measured robot.
     noise_m
-        Standard deviation of what is measured [m].
+        Standard deviation of the measurements [m].
     free
-        Elements of x that may be wrong.
+        Elements of x to be estimated.
     is_placed
-        Whether the instrument knows where the robot is.
+        Whether the instrument measures in the frame of the robot.
 
     Raises
     ------
     CalibrationError
-        The measurements are too few, tell too little, contradict one another, or cannot be of this robot.
+        The measurements are too few, insufficient, contradictory, or cannot be of this robot.
 
     """
     robot, columns = observation.robot, list(free)
@@ -185,7 +169,7 @@ def estimate(
     if freedom < (0 if len(columns) <= ARMS else FREEDOM_MIN):
         raise CalibrationError(_too_few(len(used), rows, by_place.shape[1], len(columns)))
     basis, hidden = directions[:kept], directions[kept:]
-    # who has homed anew knows nothing of zero angles before
+    # after homing there is no prior knowledge of the zero angles
     held = np.where((values[:kept] < FIRM) & (len(columns) > ARMS), 1.0, 0.0)
     covariance = basis.T @ np.diag(1.0 / (values[:kept] ** 2 + held)) @ basis + hidden.T @ hidden
     uncertain = (np.eye(len(columns)), covariance)
@@ -200,12 +184,12 @@ def estimate(
     scatter = float(np.sqrt((after[used] ** 2).sum() / max(freedom, 1))) / sigma
     if freedom:
         _require_agreement(observation, after, np.hstack([shown @ basis.T, by_place]), sigma, scatter)
-    # with few degrees of freedom the noise is taken for what it was told to be
+    # with few degrees of freedom the specified noise is used
     quantile = Z_95 if freedom < FREEDOM_MIN else float(student.ppf(0.975, freedom))
     spread = quantile * max(1.0, scatter) * np.sqrt(np.diag(covariance))
 
     def response(change: Floats) -> Floats:
-        """Return what the free figures make of residuals that have changed [m], rows by cause; in scales."""
+        """Return the response of the scaled free parameters to changed residuals [m], a column per cause."""
         own = change / sigma
         if by_place.shape[1]:
             own = own - _projected(own, by_place)
@@ -216,18 +200,18 @@ def estimate(
     others = [j for j in ALL if j not in columns and j not in ZEROS]
     if len(columns) < len(ALL) and not begin[others].any():
         spread = np.hypot(spread, Z_95 * np.linalg.norm(response(by_x[:, others] * SCALES[others]), axis=1))
-    told = tuple(
-        Told(*model.names()[j], float(begin[j]), float(x[j]), float(spread[n] * SCALES[j]), float(share))
+    estimates = tuple(
+        Estimate(*model.names()[j], float(begin[j]), float(x[j]), float(spread[n] * SCALES[j]), float(share))
         for n, (j, share) in enumerate(zip(columns, np.diag(covariance), strict=True))
     )
-    return Estimate(
-        x, place, told, tuple(_words(row, columns) for row in hidden), kept, freedom, scatter, off_m,
+    return Solution(
+        x, place, estimates, tuple(_words(row, columns) for row in hidden), kept, freedom, scatter, off_m,
         (before, after),
     )  # fmt: skip
 
 
 def _wind_up(observation: Observation, x: Floats, place: Floats) -> Floats:
-    """Return how residuals change by what gears give under the weight of the arms [m], shape (rows, 1)."""
+    """Return the change of the residuals due to gears that yield under the weight of the arms [m], shape (rows, 1)."""
     robot = observation.robot
     weight = dynamics.gravity(observation.measured.angles_rad, robot)
     twist = weight / robot.rich.gear_stiffness_n_m_rad + 0.5 * robot.rich.gear_backlash_rad * np.sign(weight)
@@ -246,7 +230,7 @@ def _solved(
     basis: Floats,
     held: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return corrections and place that fit best, within the directions that are shown."""
+    """Return corrections and instrument unknowns of best fit within the identifiable directions."""
     count, used = len(basis), observation.used
 
     def at(y: Floats) -> Floats:
@@ -267,7 +251,7 @@ def _solved(
 
 
 def _placed(observation: Observation, x: Floats, place: Floats, sigma: float) -> Floats:
-    """Return the unknowns of the instrument that fit best for given arms."""
+    """Return the instrument unknowns of best fit for given arms."""
     if not len(place):
         return place
     used = observation.used
@@ -275,32 +259,32 @@ def _placed(observation: Observation, x: Floats, place: Floats, sigma: float) ->
     return np.asarray(found.x)
 
 
-def compared(estimated: Estimate, observation: Observation) -> tuple[Left, ...]:
-    """Return what is left on the measurements that were used, and on those that were not."""
+def compared(estimated: Solution, observation: Observation) -> tuple[Residual, ...]:
+    """Return the residuals of the measurements used for the estimation, and of the others."""
     checks = observation.measured.checks
     groups = (('used', ~checks), ('not used', checks))
     return tuple(
-        left_of(what, *(r[rows] for r in estimated.residuals)) for what, rows in groups if rows.any()
+        residual_of(what, *(r[rows] for r in estimated.residuals)) for what, rows in groups if rows.any()
     )
 
 
-def left_of(what: str, before: Floats, after: Floats) -> Left:
-    """Return rms and largest of what is left, of rows of coordinates [m]."""
+def residual_of(what: str, before: Floats, after: Floats) -> Residual:
+    """Return rms and largest residual of rows of coordinates [m]."""
     lengths = [np.linalg.norm(rows, axis=1) for rows in (before, after)]
     figures = [value for one in lengths for value in (float(np.sqrt(np.mean(one**2))), float(one.max()))]
-    return Left(what, len(before), *figures)
+    return Residual(what, len(before), *figures)
 
 
 def _words(direction: Floats, columns: Sequence[int]) -> str:
-    """Return the figures that a direction consists of."""
+    """Return the parameters that dominate a direction."""
     strong = [n for n in np.argsort(-np.abs(direction)) if abs(direction[n]) > NAMED]
     sign = np.sign(direction[strong[0]]) if strong else 1.0
     names = model.names()
-    told = [
+    terms = [
         f'{"+" if sign * direction[n] > 0.0 else "-"} {names[columns[n]][0]}_{names[columns[n]][1]}'
         for n in strong
     ]
-    return ' '.join(told).removeprefix('+ ') or 'many figures at once'
+    return ' '.join(terms).removeprefix('+ ') or 'many parameters'
 
 
 def _require_reached(observation: Observation, x: Floats) -> None:
@@ -315,16 +299,16 @@ def _require_near(observation: Observation, left: Floats) -> None:
     far = np.linalg.norm(left, axis=1)
     if (n := int(np.argmax(far))) >= 0 and far[n] > FAR_M:
         raise CalibrationError(
-            f'measurement {n + 1} is {MM * far[n]:.1f} mm from where the arms are, and no calibration makes up for '
-            f'more than {MM * FAR_M:g} mm: is it of this robot, and in the frame and the units that are told?'
+            f'measurement {n + 1} is {MM * far[n]:.1f} mm from the TCP computed from the arm angles, the limit is '
+            f'{MM * FAR_M:g} mm: check that robot, frame and units are correct'
         )
 
 
 def _too_few(count: int, rows: int, places: int, figures: int) -> str:
     more = f' and {places} of the instrument' if places else ''
     return (
-        f'{count} measurements are too few: they give {rows} numbers for {figures} figures of the arms{more}, and '
-        f'nothing is left to judge them by'
+        f'{count} measurements are too few: they give {rows} equations for {figures} parameters of the arms{more} '
+        f'and leave no degrees of freedom'
     )
 
 
@@ -334,27 +318,28 @@ def _too_little(observation: Observation, before_m: float, after_m: float) -> st
     )
     spread = float(np.linalg.norm(np.ptp(points[observation.used], axis=0)))
     return (
-        f'the measurements tell too little: with them the TCP is known to {MM * after_m:.2f} mm over the workspace, '
-        f'without them to {MM * before_m:.2f} mm; their poses span {MM * spread:.0f} mm: measure where '
-        f'delta3 calibrate plan says'
+        f'the measurements are insufficient: the uncertainty of the TCP over the workspace is {MM * after_m:.2f} mm '
+        f'with and {MM * before_m:.2f} mm without them; their poses span {MM * spread:.0f} mm: measure at the poses '
+        f'of delta3 calibrate plan'
     )
 
 
 def _require_agreement(
     observation: Observation, left: Floats, shown: Floats, sigma: float, scatter: float
 ) -> None:
-    """Refuse measurements that contradict one another, and name the one that the others contradict most."""
+    """Reject contradictory measurements, and name the one that deviates most from the others."""
     used = observation.used
     basis, _ = np.linalg.qr(shown)
     own = 1.0 - (basis**2).sum(axis=1)
-    # what a measurement would be off if only the others had been used
+    # residual of a measurement in a fit to all others
     off = (left[used].ravel() / np.maximum(own, 1e-6)).reshape(len(used), -1)
     likely = np.abs(left[used].ravel()) / np.sqrt(np.maximum(own, 1e-6)) / sigma
     worst = int(np.argmax(likely)) // off.shape[1]
     if scatter > CONTRADICTION or likely.max() > OUTLIER:
         rms = scatter * sigma
         raise CalibrationError(
-            f'the measurements contradict one another: {MM * rms:.3f} mm are left where {MM * sigma:.3f} mm were to be '
-            f'expected, and measurement {int(used[worst]) + 1} is {MM * np.linalg.norm(off[worst]):.2f} mm from where '
-            f'the others have it; leave it out, or tell the noise of the instrument with --noise'
+            f'the measurements contradict one another: the residual is {MM * rms:.3f} mm, expected '
+            f'{MM * sigma:.3f} mm, and measurement {int(used[worst]) + 1} deviates by '
+            f'{MM * np.linalg.norm(off[worst]):.2f} mm from the others; remove it, or set the noise of the instrument '
+            f'with --noise'
         )

@@ -1,14 +1,14 @@
 """Files of poses and measurements: a table as text, one row per pose, units in the header.
 
-    # parameters: 0123456789abcdef (delta3.yaml)              optional: of the controller that told the angles
+    # parameters: 0123456789abcdef (delta3.yaml)              optional: of the controller that reported the angles
     use,axis1 [deg],axis2 [deg],axis3 [deg],measured_x [mm],measured_y [mm],measured_z [mm]
     fit,12.5,12.5,12.5,0.021,-0.013,-850.044
     check,...
 
-``axis1`` to ``axis3`` are arm angles as the controller tells them, ``measured_x`` to ``measured_z`` is the point of an
-instrument. A touch has ``object`` instead, the name of what was touched, and for a ball its ``diameter``. Without
-``use`` all rows are for the estimation. ``number``, ``x``, ``y`` and ``z`` (where the pose was planned) are only for
-people. Tables of others have a column file.
+``axis1`` to ``axis3`` are the arm angles reported by the controller, ``measured_x`` to ``measured_z`` the measured
+point. A touch has ``object`` instead, the name of the touched object, and for a ball its ``diameter``. Without ``use``
+all rows are used for the estimation. ``number`` and the planned position ``x``, ``y``, ``z`` are informative. Tables
+with other headings require a column file.
 """
 
 import math
@@ -45,7 +45,7 @@ MM = 1e3
 def write(
     path: Path, poses: Poses, angles_rad: Floats, origin: Provenance, points_m: Floats | None = None
 ) -> Path:
-    """Write poses with the arm angles there [rad], nan where they are still to be told, and measured points [m]."""
+    """Write poses, arm angles [rad] and measured points [m]; angles that are nan leave empty cells."""
     header = ['number', 'use', *(f'{name} [mm]' for name in PLANNED)]
     if poses.objects:
         header += ['object', 'diameter [mm]']
@@ -74,15 +74,16 @@ def read(path: Path, columns: str | Path | None = None) -> Measurements:
     Parameters
     ----------
     path
-        Of the table; whatever form of text ``table_csv`` reads.
+        Table in any text format that ``table_csv`` reads.
     columns
-        Column file of somebody else's table: which of its columns are ``arm_position`` and ``tcp_measured``.
+        Column file that assigns columns of a third-party table to ``arm_position`` and ``tcp_measured``.
 
     Raises
     ------
     CalibrationError
-        The file cannot be read, a column or unit is unknown, stands twice or is missing, or a value is missing or no
-        number; names the column or the row.
+        The file cannot be read, a column or unit is unknown, duplicate or missing, or a value is missing or not a
+        number;
+        the message names the column or the row.
 
     """
     try:
@@ -98,7 +99,7 @@ def read(path: Path, columns: str | Path | None = None) -> Measurements:
     angles = np.stack([_numbers(table, found[name]) for name in AXES], axis=-1)
     checks = _checks(table)
     if checks.all():
-        raise CalibrationError(f'{path} has no measurement to estimate from: all of them are to check with')
+        raise CalibrationError(f'{path} has no measurement for the estimation: all of them are checks')
     checksum = _checksum(table.comments)
     if 'object' in table.headings:
         objects, diameters = _objects(table, found.get('diameter'))
@@ -108,12 +109,12 @@ def read(path: Path, columns: str | Path | None = None) -> Measurements:
 
 
 def _checksum(comments: Sequence[str]) -> str:
-    told = next((line for line in comments if line.startswith(PARAMETERS)), '')
-    return told.removeprefix(PARAMETERS).strip().partition(' ')[0]
+    line = next((line for line in comments if line.startswith(PARAMETERS)), '')
+    return line.removeprefix(PARAMETERS).strip().partition(' ')[0]
 
 
 def _columns(table: Table) -> dict[str, Source]:
-    """Return the columns by name, as the headings tell them; raises CalibrationError."""
+    """Return the columns by name from the headings; raises CalibrationError."""
     found: dict[str, Source] = {}
     known = (*WORDS, *WITH_UNIT)
     seen = set()
@@ -121,8 +122,8 @@ def _columns(table: Table) -> dict[str, Source]:
         label, unit = quantities.split_heading(text)
         if label not in known:
             raise CalibrationError(
-                f'{table.path} is no file of measurements: it has the column {shown(text)}, expected '
-                f'{", ".join(known)}{nearest_of(label, known)}; a column file (--columns) says what others are'
+                f'{table.path} is not a table of measurements: it has the column {shown(text)}, expected '
+                f'{", ".join(known)}{nearest_of(label, known)}; a column file (--columns) defines other columns'
             )
         if label in seen:
             raise CalibrationError(f'{table.path} has the column {label} twice')
@@ -131,7 +132,7 @@ def _columns(table: Table) -> dict[str, Source]:
             continue
         if unit is None or UNITS.get(unit, ('', 0.0))[0] != WITH_UNIT[label]:
             raise CalibrationError(
-                f'{table.path}: column {shown(text)} must tell its unit, one of '
+                f'{table.path}: column {shown(text)} must have a unit, one of '
                 f'{quantities.possible_units(WITH_UNIT[label])}'
             )
         found[label] = Source(place, UNITS[unit][1])
@@ -139,14 +140,12 @@ def _columns(table: Table) -> dict[str, Source]:
     if missing := [name for name in wanted if name not in found]:
         raise CalibrationError(f'{table.path} has no column {missing[0]}')
     if 'object' in seen and any(name in found for name in POINT):
-        raise CalibrationError(
-            f'{table.path} has points of an instrument and touches of objects: it must be one of them'
-        )
+        raise CalibrationError(f'{table.path} has both points and touches of objects, only one is allowed')
     return found
 
 
 def _chosen(table: Table, chosen: ColumnFile) -> dict[str, Source]:
-    """Return the columns by name, as a column file tells them; raises CalibrationError, TraceError."""
+    """Return the columns by name from a column file; raises CalibrationError, TraceError."""
     if others := [one.signal for one in chosen.columns if one.signal not in (*OF_COLUMN_FILES, TIME)]:
         raise CalibrationError(
             f'{chosen.path} names {others[0]}, measurements have {" and ".join(OF_COLUMN_FILES)}'
@@ -166,13 +165,13 @@ def _numbers(table: Table, source: Source) -> Floats:
         n = int(np.argmin(np.isfinite(values)))
         name = table.headings[source.column]
         if np.isnan(values[n]):
-            raise CalibrationError(f'measurement {n + 1} of {table.path} has no {name}: was it not taken?')
-        raise CalibrationError(f'measurement {n + 1} of {table.path}: {name} is no finite number')
+            raise CalibrationError(f'measurement {n + 1} of {table.path} has no {name}')
+        raise CalibrationError(f'measurement {n + 1} of {table.path}: {name} is not a finite number')
     return values
 
 
 def _checks(table: Table) -> npt.NDArray[np.bool_]:
-    """Return which measurements are not used, but to check with; all are used if the table does not say."""
+    """Return which measurements are checks; none if the table has no column ``use``."""
     uses = table.texts.get('use')
     if uses is None:
         return np.zeros(len(table.values), dtype=bool)
@@ -185,12 +184,10 @@ def _checks(table: Table) -> npt.NDArray[np.bool_]:
 
 
 def _objects(table: Table, diameter: Source | None) -> tuple[tuple[str, ...], Floats]:
-    """Return what was touched, and diameters [m]: an object has one."""
+    """Return touched objects and their diameters [m]; the diameter of an object must not change."""
     path, objects = table.path, tuple(table.texts['object'])
     if '' in objects:
-        raise CalibrationError(
-            f'measurement {objects.index("") + 1} of {path} does not tell what was touched'
-        )
+        raise CalibrationError(f'measurement {objects.index("") + 1} of {path} names no object')
     diameters = np.full(len(objects), np.nan)
     if diameter is not None:
         diameters = np.asarray(table.values[:, diameter.column] * diameter.factor)
@@ -198,7 +195,7 @@ def _objects(table: Table, diameter: Source | None) -> tuple[tuple[str, ...], Fl
         first = diameters[objects.index(name)]
         if not (diameters[n] == first or (math.isnan(diameters[n]) and math.isnan(first))):
             raise CalibrationError(
-                f'measurement {n + 1} of {path} tells another diameter of {name} than the ones before'
+                f'measurement {n + 1} of {path}: the diameter of {name} differs from that of earlier measurements'
             )
         if diameters[n] <= 0.0 or math.isinf(diameters[n]):
             raise CalibrationError(f'measurement {n + 1} of {path}: the diameter of {name} must be positive')

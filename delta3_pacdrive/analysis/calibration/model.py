@@ -1,18 +1,18 @@
-"""What a measurement of the TCP says about how the arms are built.
+"""Model that relates measurements of the TCP to the geometry of the arms.
 
-Each arm has five figures x: corrections of l_A, l_B, R, alpha, and of the zero of theta. With them forward kinematics
-tells where the TCP is at the angles that the shafts were referenced to, and what is measured compares with that:
+Each arm has five parameters x: corrections of l_A, l_B, R, alpha and of the zero of theta. Forward kinematics with
+these corrections gives the TCP at the referenced shaft angles, which is compared with the measurement:
 
-    point of an instrument    Q (p - t) - X(x)          Q, t: turn and place of its frame, free or known
-    touch of a plane          n . X(x) - d              n, d: where it is, free or known
-    touch of a ball           |X(x) - c| - r            c: where it is, free
+    point                     Q (p - t) - X(x)          Q, t: rotation and origin of its frame, free or known
+    touch of a plane          n . X(x) - d              n, d: position of the plane, free or known
+    touch of a ball           |X(x) - c| - r            c: centre of the ball, free
 
-Whatever the instrument does not know is free as well (``place``), and is eliminated before anything is said about x.
+Unknowns of the instrument (``place``) are eliminated before x is estimated.
 
-Arguments of the functions and methods here:
+Arguments of the functions and methods base:
 
 ``x``
-    Corrections [m, rad], shape (15,): figure by figure, each for the three arms.
+    Corrections [m, rad], shape (15,): parameter by parameter, each for the three arms.
 ``place``
     Unknowns of the instrument [m, rad], shape (n,).
 ``robot``
@@ -36,14 +36,14 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics, Parameters
 
 ARMS = 3
-STEP = 1e-6  # [m, rad] of central differences
-PLANE_POINTS, BALL_POINTS = 3, 4  # that fix it
-NARROW = 0.02  # of their spread along a line, that points must have across it
+STEP = 1e-6  # of central differences [m, rad]
+PLANE_POINTS, BALL_POINTS = 3, 4  # points that determine a plane, a ball
+NARROW = 0.02  # smallest ratio of the spread across a line to that along it
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of an arm: its symbol, the parameter with its corrections, its unit, and what a workshop may miss."""
+    """Geometric parameter of an arm: symbol, name in the parameter file, unit, and tolerance of manufacture."""
 
     symbol: str
     parameter: str
@@ -69,13 +69,13 @@ def names() -> list[tuple[str, int, str]]:
 
 
 def corrections_of(kinematics_: Kinematics) -> Floats:
-    """Return the corrections that a controller has, as x."""
+    """Return the corrections of a controller as x."""
     c = kinematics_.corrections
     return np.concatenate([c.upper_arm_m, c.forearm_m, c.radius_m, c.azimuth_rad, c.angle_rad])
 
 
 def document_of(x: Floats) -> dict[str, list[float]]:
-    """Return x by the names of the parameters, in their units, rounded to what means something."""
+    """Return x by parameter name, in the units of the parameters and rounded."""
     found = {}
     for figure, values in zip(FIGURES, x.reshape(-1, ARMS), strict=True):
         shown = np.degrees(values) if figure.unit == 'rad' else values
@@ -93,35 +93,35 @@ def corrected(kinematics_: Kinematics, x: Floats) -> Kinematics:
 
 
 def tcp(shafts: Floats, x: Floats, robot: Parameters) -> Floats:
-    """Return where the TCP is [m] when the shafts, as referenced, say these arm angles [rad], shape (n, 3)."""
+    """Return the TCP [m] at referenced shaft angles [rad], shape (n, 3)."""
     zeros = x.reshape(-1, ARMS)[-1]
     return kinematics.forward(shafts + zeros, corrected(robot.kinematics, x), unreachable='nan')
 
 
 def sensitivity(shafts: Floats, robot: Parameters, x: Floats | None = None) -> Floats:
-    """Return how the TCP moves with each element of x [m/m, m/rad], shape (n, 3, 15)."""
-    here = corrections_of(robot.kinematics) if x is None else x
+    """Return the derivative of the TCP with respect to x [m/m, m/rad], shape (n, 3, 15)."""
+    base = corrections_of(robot.kinematics) if x is None else x
     columns = [
-        (tcp(shafts, here + step, robot) - tcp(shafts, here - step, robot)) / (2.0 * STEP)
+        (tcp(shafts, base + step, robot) - tcp(shafts, base - step, robot)) / (2.0 * STEP)
         for step in STEP * np.eye(len(ALL))
     ]
     return np.stack(columns, axis=-1)
 
 
 class Observation(ABC):
-    """Measurements of one kind compare with the robot.
+    """Measurements of one kind, compared with the robot.
 
     Parameters
     ----------
     measured
-        All of them; those that are for checks come in by ``rows`` of ``residuals`` only.
+        All measurements, including checks.
     robot
-        Parameters of the controller that told the angles.
+        Parameters of the controller that reported the angles.
 
     Attributes
     ----------
     shafts
-        Arm angles as the shafts are referenced [rad], shape (n, 3).
+        Referenced shaft angles [rad], shape (n, 3).
 
     """
 
@@ -131,23 +131,23 @@ class Observation(ABC):
 
     @abstractmethod
     def start(self, x: Floats) -> Floats:
-        """Return the unknowns of the instrument that fit x best, roughly; raises CalibrationError."""
+        """Return rough instrument unknowns for x; raises CalibrationError."""
 
     @abstractmethod
     def residuals(self, x: Floats, place: Floats) -> Floats:
-        """Return what is left [m], of each measurement a row of one or three."""
+        """Return the residuals [m], one row of one or three values per measurement."""
 
     @property
     def used(self) -> NDArray[np.int64]:
-        """Numbers of the measurements that are for the estimation."""
+        """Indices of the measurements used for the estimation."""
         return np.flatnonzero(~self.measured.checks)
 
 
 class PointsInBase(Observation):
-    """Points of an instrument that knows the frame of the robot."""
+    """Points measured in the frame base of the robot."""
 
     def start(self, x: Floats) -> Floats:
-        """Return nothing: everything is known."""
+        """Return an empty array: there are no unknowns."""
         return np.zeros(0)
 
     def residuals(self, x: Floats, place: Floats) -> Floats:
@@ -156,43 +156,43 @@ class PointsInBase(Observation):
 
 
 class PointsInFrame(Observation):
-    """Points of an instrument that stands somewhere."""
+    """Points measured in the frame of an instrument at an unknown pose."""
 
     def start(self, x: Floats) -> Floats:
-        """Return place and turn of the instrument: the best rigid fit (Kabsch)."""
+        """Return position and rotation of the instrument: the best rigid fit (Kabsch)."""
         own, seen = tcp(self.shafts, x, self.robot)[self.used], self.measured.points_m[self.used]
         if len(own) < PLANE_POINTS:
-            raise CalibrationError(f'{len(own)} measured point(s) do not tell where the instrument stands')
+            raise CalibrationError(
+                f'{len(own)} measured point(s) do not determine the pose of the instrument, which needs {PLANE_POINTS}'
+            )
         for points in (own, seen):
             spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
             if spread[1] <= NARROW * spread[0]:
                 raise CalibrationError(
-                    'the measured points lie on a line: they do not tell how the instrument is turned'
+                    'the measured points lie on a line and do not determine the rotation of the instrument'
                 )
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                'ignore', UserWarning
-            )  # points of somebody else, which are refused afterwards
+            warnings.simplefilter('ignore', UserWarning)  # points of another robot are rejected afterwards
             turn, _ = Rotation.align_vectors(own - own.mean(axis=0), seen - seen.mean(axis=0))
         return np.concatenate([own.mean(axis=0) - turn.apply(seen.mean(axis=0)), turn.as_rotvec()])
 
     def residuals(self, x: Floats, place: Floats) -> Floats:
-        """Return measured points, turned into the frame base, less those of the robot, shape (n, 3)."""
+        """Return measured points, transformed to the frame base, less those of the robot, shape (n, 3)."""
         seen = Rotation.from_rotvec(place[3:]).apply(self.measured.points_m) + place[:3]
         return np.asarray(seen - tcp(self.shafts, x, self.robot))
 
 
 class Touches(Observation):
-    """Touches of planes and balls, each of which has a name.
+    """Touches of named planes and balls.
 
     Parameters
     ----------
     measured, robot
-        As of any observation.
+        As for ``Observation``.
     level
-        Whether planes are level, as a surface plate that was set up with a spirit level.
+        Whether planes are level, such as a levelled surface plate.
     height_m
-        Of a level plane, if it is known.
+        Height of a level plane, if known.
 
     """
 
@@ -206,7 +206,7 @@ class Touches(Observation):
         self._normals: dict[str, Floats] = {}
 
     def start(self, x: Floats) -> Floats:
-        """Return where each object is: the best plane, the best ball."""
+        """Return the position of each object: the best plane, the best ball."""
         points = tcp(self.shafts, x, self.robot)
         found = []
         for name in self._objects:
@@ -222,17 +222,18 @@ class Touches(Observation):
             return np.array([points[:, 2].mean()])
         if len(points) <= PLANE_POINTS:
             raise CalibrationError(
-                f'{len(points)} touch(es) of {name} tell no more than where it is; it takes at least {PLANE_POINTS + 1}'
+                f'{len(points)} touch(es) of {name} determine no more than its position, at least {PLANE_POINTS + 1} '
+                'are needed'
             )
         middle = points.mean(axis=0)
         _, spread, axes = np.linalg.svd(points - middle)
         if spread[1] <= NARROW * spread[0]:
-            raise CalibrationError(f'the touches of {name} lie on a line: they do not tell how it is tilted')
+            raise CalibrationError(f'the touches of {name} lie on a line and do not determine its tilt')
         self._normals[name] = normal = axes[2] * np.sign(axes[2, 2] or 1.0)
         return np.array([0.0, 0.0, float(normal @ middle)])
 
     def residuals(self, x: Floats, place: Floats) -> Floats:
-        """Return how far the robot is outside of what it touches, shape (n, 1)."""
+        """Return the distance of the TCP outside the surface of each touched object, shape (n, 1)."""
         points = tcp(self.shafts, x, self.robot)
         out, begin = np.zeros((len(points), 1)), 0
         for name in self._objects:
@@ -254,10 +255,10 @@ class Touches(Observation):
 
 
 def _ball(name: str, points: Floats, radius_m: float) -> Floats:
-    """Return the centre of a ball that points of its upper side lie on."""
+    """Return the centre of a ball from points on its upper half."""
     if len(points) <= BALL_POINTS - 1:
         raise CalibrationError(
-            f'{len(points)} touch(es) of {name} tell no more than where it is; it takes at least {BALL_POINTS}'
+            f'{len(points)} touch(es) of {name} determine no more than its position, at least {BALL_POINTS} are needed'
         )
     centre = points.mean(axis=0) - [0.0, 0.0, 0.5 * radius_m]
     for _ in range(50):
@@ -269,11 +270,11 @@ def _ball(name: str, points: Floats, radius_m: float) -> Floats:
         centre = centre + step
         if np.linalg.norm(step) < 1e-9:
             return np.asarray(centre)
-    raise CalibrationError(f'the touches of {name} lie on no ball of {2e3 * radius_m:g} mm')
+    raise CalibrationError(f'the touches of {name} do not lie on a ball of {2e3 * radius_m:g} mm')
 
 
 def _across(normal: Floats) -> tuple[Floats, Floats]:
-    """Return two directions in a plane."""
+    """Return two orthogonal directions in a plane."""
     first = np.cross(normal, [0.0, 1.0, 0.0])
     first /= np.linalg.norm(first)
     return first, np.cross(normal, first)

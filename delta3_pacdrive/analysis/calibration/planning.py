@@ -1,11 +1,11 @@
-"""Which poses tell most: D-optimal ones, of many that the robot reaches.
+"""D-optimal selection of measuring poses among many that the robot reaches.
 
-The determinant of the information that poses give about the arms, once the unknowns of the instrument are eliminated,
-is made as large as leaving out and exchanging single poses can make it (Fedorov 1972). What is known of the arms
-before, that a workshop misses little (``model.SCALES``), counts as information.
+Poses are removed and exchanged one by one to maximise the determinant of the information about the arms, with the
+unknowns of the instrument eliminated (Fedorov 1972). The tolerances of manufacture (``model.SCALES``) count as prior
+information.
 
-Poses are taken only where the weight presses each gear against the same flank, by ``PRESSED_N_M`` at least: elsewhere
-the backlash puts the arm somewhere between its flanks, which no geometry can tell.
+Poses are restricted to those where the weight loads each gear against the same flank with at least ``PRESSED_N_M``.
+Elsewhere the arm is undetermined within the backlash, which no geometric model can represent.
 """
 
 from collections import Counter
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.analysis.calibration import estimation, model
-from delta3_pacdrive.analysis.calibration.data import Method, Poses, Wanted
+from delta3_pacdrive.analysis.calibration.data import Method, Poses, Requirements
 from delta3_pacdrive.analysis.calibration.model import ALL, SCALES, ZEROS
 from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.motion.capability import REACHED, capability
@@ -24,47 +24,50 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 CANDIDATES = (5, 12, 4)  # radii, directions and heights
-PLANES = 3  # heights at which a plate is touched
-BALLS = (1, 6, 2)  # radii, directions and heights at which a ball is set up, beside the middle
-BALL_RADIUS = 0.6  # of the workspace, at which it is set up
-TILTS_DEG = (0.0, 45.0, 75.0)  # from the top of a ball
+PLANES = 3  # heights of a touched plate
+BALLS = (1, 6, 2)  # radii, directions and heights of ball positions, in addition to the centre
+BALL_RADIUS = 0.6  # radius of the ball positions, of the workspace
+TILTS_DEG = (0.0, 45.0, 75.0)  # of the touches, from the top of a ball
 AROUND = 6  # directions of touches at each tilt
-UNKNOWN = 1e3  # how little is known of the instrument before, in scales of the figures
+UNKNOWN = 1e3  # prior uncertainty of the instrument, in scales of the parameters
 EXCHANGES_MAX = 200
-PER_OBJECT, PER_OBJECT_MIN = 6, 5  # touches of one object: as many as pay, and at least
-PRESSED_N_M = 1.0  # of each arm
-# that a probe goes on behind where it is to touch: things are set up by eye; who has homed anew knows no better
+PER_OBJECT, PER_OBJECT_MIN = 6, 5  # intended and minimum touches per object
+PRESSED_N_M = 1.0  # torque of the weight on each arm
+# travel of a probe beyond the planned surface: for objects set up by eye; for arms homed anew
 REACH_M, FAR_REACH_M = 0.002, 0.01
 LEAST = {Method.BASE: 6, Method.FRAME: 8, Method.PLANE: 20, Method.BALL: 20, Method.LEVEL: 1}
-PLACED = (Method.BASE, Method.LEVEL)  # the instrument knows where the robot is
+PLACED = (Method.BASE, Method.LEVEL)  # methods that measure in the frame of the robot
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Poses to choose from: as in ``Poses``, with what each tells about the arms and the instrument."""
+    """Candidate poses in the format of ``Poses``, with their information about the arms and the instrument."""
 
     points_m: Floats
     objects: tuple[str, ...]
     diameters_m: Floats
     directions: Floats
-    rows: Floats  # (n, rows, unknowns), in deviations of the noise per scale
+    rows: Floats  # shape (n, rows, unknowns), in standard deviations of the noise per scale
 
 
-def plan(wanted: Wanted, robot: Parameters) -> Poses:
-    """Choose the poses of a calibration; raises CalibrationError."""
-    number, least = wanted.number, LEAST[wanted.method]
+def plan(requirements: Requirements, robot: Parameters) -> Poses:
+    """Select the poses of a calibration; raises CalibrationError."""
+    number, least = requirements.number, LEAST[requirements.method]
     if number < least:
         raise CalibrationError(
-            f'{number} poses are too few to calibrate by the method {wanted.method}: it takes at least {least}'
+            f'{number} poses are too few for the method {requirements.method}, at least {least} are needed'
         )
-    found = _level_candidates(wanted, robot) if wanted.method == Method.LEVEL else _candidates(wanted, robot)
-    if len(found.points_m) < number + wanted.checks:
+    found = (
+        _level_candidates(requirements, robot)
+        if requirements.method == Method.LEVEL
+        else _candidates(requirements, robot)
+    )
+    if len(found.points_m) < number + requirements.checks:
         raise CalibrationError(
-            f'{number} poses and {wanted.checks} to check with are more than the '
-            f'{len(found.points_m)} that there are to choose from'
+            f'{number} poses and {requirements.checks} checks are more than the {len(found.points_m)} candidates'
         )
     chosen = _exchanged(found.rows, number, found.objects)
-    checks = _spread(found, chosen, wanted.checks)
+    checks = _spread(found, chosen, requirements.checks)
     order = _tour(found, [*chosen, *checks])
     return Poses(
         found.points_m[order],
@@ -72,34 +75,34 @@ def plan(wanted: Wanted, robot: Parameters) -> Poses:
         tuple(found.objects[n] for n in order) if found.objects else (),
         found.diameters_m[order],
         found.directions[order],
-        FAR_REACH_M if wanted.method == Method.LEVEL else REACH_M,
-        _expected(found.rows[chosen], wanted, robot),
+        FAR_REACH_M if requirements.method == Method.LEVEL else REACH_M,
+        _expected(found.rows[chosen], requirements, robot),
     )
 
 
-def free_of(wanted: Wanted) -> tuple[int, ...]:
-    """Return the elements of x that a calibration is for."""
-    if wanted.method != Method.LEVEL:
+def free_of(requirements: Requirements) -> tuple[int, ...]:
+    """Return the elements of x to be estimated."""
+    if requirements.method != Method.LEVEL:
         return ALL
-    return ZEROS if wanted.arm is None else (ZEROS[wanted.arm - 1],)
+    return ZEROS if requirements.arm is None else (ZEROS[requirements.arm - 1],)
 
 
-def _expected(rows: Floats, wanted: Wanted, robot: Parameters) -> tuple[float, float]:
-    information, free = _information(rows) + _prior(rows.shape[-1]), free_of(wanted)
+def _expected(rows: Floats, requirements: Requirements, robot: Parameters) -> tuple[float, float]:
+    information, free = _information(rows) + _prior(rows.shape[-1]), free_of(requirements)
     covariance = np.linalg.inv(information)[: len(free), : len(free)]
-    is_placed = wanted.method in PLACED
+    is_placed = requirements.method in PLACED
     before = estimation.expected_m(np.eye(len(free)), robot, free, is_placed)
     after = estimation.expected_m(np.asarray(covariance), robot, free, is_placed)
     return after, before
 
 
-def _candidates(wanted: Wanted, robot: Parameters) -> Candidates:
-    sigma = float(np.hypot(wanted.noise_m, estimation.MODEL_M))
-    if wanted.method == Method.BALL:
-        return _ball_candidates(robot, sigma, wanted.diameter_m)
+def _candidates(requirements: Requirements, robot: Parameters) -> Candidates:
+    sigma = float(np.hypot(requirements.noise_m, estimation.MODEL_M))
+    if requirements.method == Method.BALL:
+        return _ball_candidates(robot, sigma, requirements.diameter_m)
     k = robot.kinematics
     radii, turns, levels = CANDIDATES
-    heights = estimation.levels(robot, PLANES if wanted.method == Method.PLANE else levels)
+    heights = estimation.levels(robot, PLANES if requirements.method == Method.PLANE else levels)
     points = _rings(
         0.5 * estimation.INWARD * k.workspace_diameter_m * np.linspace(0.0, 1.0, radii), turns, heights
     )
@@ -107,14 +110,14 @@ def _candidates(wanted: Wanted, robot: Parameters) -> Candidates:
     moves = model.sensitivity(estimation.shafts_of(points, robot), robot) * SCALES / sigma
     count, objects = len(points), tuple[str, ...]()
     directions = np.zeros((count, 3))
-    if wanted.method == Method.FRAME:
+    if requirements.method == Method.FRAME:
         rigid = np.concatenate(
             [np.broadcast_to(np.eye(3), (count, 3, 3)),
              np.stack([np.cross(axis, points) for axis in np.eye(3)], axis=-1)],
             axis=-1,
         )  # fmt: skip
         moves = np.concatenate([moves, UNKNOWN * rigid * SCALES[0] / sigma], axis=-1)
-    if wanted.method == Method.PLANE:
+    if requirements.method == Method.PLANE:
         level = np.abs(points[:, 2, None] - heights).argmin(axis=1)
         objects = tuple(f'plane{n + 1}' for n in level)
         directions[:, 2] = 1.0
@@ -125,23 +128,23 @@ def _candidates(wanted: Wanted, robot: Parameters) -> Candidates:
     return Candidates(points, objects, np.full(count, np.nan), directions, moves)
 
 
-def _level_candidates(wanted: Wanted, robot: Parameters) -> Candidates:
+def _level_candidates(requirements: Requirements, robot: Parameters) -> Candidates:
     k = robot.kinematics
     radii, turns, _ = CANDIDATES
-    if wanted.height_m is None:
-        raise CalibrationError('touches of a level plane need its height')
-    sigma = float(np.hypot(wanted.noise_m, estimation.MODEL_M))
+    if requirements.height_m is None:
+        raise CalibrationError('touches of a level plane require its height')
+    sigma = float(np.hypot(requirements.noise_m, estimation.MODEL_M))
     rings = 0.5 * estimation.INWARD * k.workspace_diameter_m * np.linspace(0.0, 1.0, radii)
-    points = _rings(rings, turns, np.array([wanted.height_m]))
+    points = _rings(rings, turns, np.array([requirements.height_m]))
     points = points[_measurable(points, robot)]
-    free = list(free_of(wanted))
+    free = list(free_of(requirements))
     moves = model.sensitivity(estimation.shafts_of(points, robot), robot)[:, 2:, free] * SCALES[free] / sigma
     away = np.tile([0.0, 0.0, 1.0], (len(points), 1))
     return Candidates(points, ('plane',) * len(points), np.full(len(points), np.nan), away, moves)
 
 
 def _rings(radii: Floats, turns: int, heights: Floats) -> Floats:
-    """Return places on rings around the axis of the robot, in the middle only one, shape (n, 3)."""
+    """Return points on rings around the axis of the robot, one at the centre, shape (n, 3)."""
     found = []
     for z in heights:
         for n, radius in enumerate(radii):
@@ -181,13 +184,13 @@ def _ball_candidates(robot: Parameters, sigma: float, diameter_m: float) -> Cand
 
 
 def _measurable(points: Floats, robot: Parameters) -> NDArray[np.int64]:
-    """Return the numbers of the places at which the robot may be, and hangs on the usual flanks of its gears."""
+    """Return the indices of the points that are reachable with all gears loaded on their usual flank."""
     reached = np.flatnonzero(capability(points, robot).limit == REACHED)
     return reached[pressed(points[reached], robot)]
 
 
 def pressed(points: Floats, robot: Parameters) -> NDArray[np.bool_]:
-    """Return at which places [m], shape (n, 3), the weight presses all gears to the flank of home."""
+    """Return at which points [m], shape (n, 3), the weight loads all gears on the same flank as at home."""
     usual = np.sign(dynamics.gravity(kinematics.inverse(robot.motion.home_m, robot), robot))
     torque = dynamics.gravity(kinematics.inverse(points, robot), robot)
     return np.asarray((torque * usual > PRESSED_N_M).all(axis=-1))
@@ -203,7 +206,7 @@ def _information(rows: Floats) -> Floats:
 
 
 def _exchanged(rows: Floats, number: int, objects: tuple[str, ...]) -> list[int]:
-    """Return the numbers of the candidates that tell most: the least is left out, one by one, then exchanged."""
+    """Return the indices of the most informative candidates: the least informative are removed, then exchanged."""
     chosen = _of_best_objects(rows, number, objects)
     total = _prior(rows.shape[-1]) + _information(rows[chosen])
     least_each = PER_OBJECT_MIN if rows.shape[-1] > len(ALL) else 1
@@ -221,7 +224,7 @@ def _exchanged(rows: Floats, number: int, objects: tuple[str, ...]) -> list[int]
             gains = _gains(rows, without, 1.0)
             more = gains - gains[one]
             more[chosen] = -np.inf
-            if objects:  # an object of which too little is touched tells nothing
+            if objects:  # exchange within an object, so that each keeps enough touches
                 more[[objects[m] != objects[one] for m in range(len(rows))]] = -np.inf
             if more.max() > gain:
                 gain, place, other = float(more.max()), n, int(np.argmax(more))
@@ -234,7 +237,7 @@ def _exchanged(rows: Floats, number: int, objects: tuple[str, ...]) -> list[int]
 
 
 def _of_best_objects(rows: Floats, number: int, objects: tuple[str, ...]) -> list[int]:
-    """Return the candidates of as many objects as there are touches for: the least telling is left out, one by one."""
+    """Return the candidates of as many objects as the number of touches allows; the least informative are removed."""
     chosen = list(range(len(rows)))
     names = sorted(set(objects))
     while len(names) > max(1, number // PER_OBJECT):
@@ -246,16 +249,15 @@ def _of_best_objects(rows: Floats, number: int, objects: tuple[str, ...]) -> lis
 
 
 def _value(rows: Floats) -> float:
-    """Return the logarithm of the determinant of what rows tell about the arms."""
+    """Return the logarithm of the determinant of the information about the arms."""
     total, arms = _prior(rows.shape[-1]) + _information(rows), len(ALL)
     return float(np.linalg.slogdet(total)[1] - np.linalg.slogdet(total[arms:, arms:])[1])
 
 
 def _gains(rows: Floats, total: Floats, sign: float) -> Floats:
-    """Return by how much each candidate raises the logarithm of the determinant, or lowers it (``sign`` -1).
+    """Return the change of the log determinant by adding each candidate, or by removing it (``sign`` -1).
 
-    It is that of what is known of the arms once the unknowns of the instrument are eliminated: the determinant of all
-    over that of the instrument.
+    The determinant is that of the arms with the unknowns of the instrument eliminated: total over instrument.
     """
     arms = len(ALL)
     own = _change(rows, total, sign)
@@ -268,7 +270,7 @@ def _change(rows: Floats, total: Floats, sign: float) -> Floats:
 
 
 def _spread(found: Candidates, chosen: list[int], count: int) -> list[int]:
-    """Return candidates to check with: those of known objects that are farthest from all others, one by one."""
+    """Return candidates for validation: those of known objects farthest from all others, one by one."""
     known = {found.objects[n] for n in chosen} if found.objects else set()
     free = [
         n for n in range(len(found.points_m)) if n not in chosen and (not known or found.objects[n] in known)
@@ -282,16 +284,16 @@ def _spread(found: Candidates, chosen: list[int], count: int) -> list[int]:
 
 
 def _tour(found: Candidates, numbers: list[int]) -> list[int]:
-    """Return poses in an order without long ways, those of one object one after the other."""
+    """Return poses in an order with short distances, grouped by object."""
     order: list[int] = []
-    here = np.zeros(3)
+    position = np.zeros(3)
     left = list(numbers)
     while left:
         own = [
             n for n in left if order and found.objects and found.objects[n] == found.objects[order[-1]]
         ] or left
-        ways = np.linalg.norm(found.points_m[own] - here, axis=1)
-        order.append(own[int(np.argmin(ways))])
+        distances = np.linalg.norm(found.points_m[own] - position, axis=1)
+        order.append(own[int(np.argmin(distances))])
         left.remove(order[-1])
-        here = found.points_m[order[-1]]
+        position = found.points_m[order[-1]]
     return order

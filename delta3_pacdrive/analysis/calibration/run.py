@@ -1,4 +1,4 @@
-"""A calibration: poses are planned, measured by somebody or in simulation, and what they tell becomes parameters."""
+"""Calibration study: plans poses, reads or simulates measurements, estimates and writes the parameters."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from delta3_pacdrive.analysis.calibration import (
     report,
     simulated,
 )
-from delta3_pacdrive.analysis.calibration.data import Left, Measurements, Method, Poses
-from delta3_pacdrive.analysis.calibration.study import Found, Settings
+from delta3_pacdrive.analysis.calibration.data import Measurements, Method, Poses, Residual
+from delta3_pacdrive.analysis.calibration.study import Result, Settings
 from delta3_pacdrive.analysis.inputs import noted
 from delta3_pacdrive.analysis.provenance import Provenance, os_errors_as
 from delta3_pacdrive.analysis.report_folder import ReportFolder
@@ -31,20 +31,20 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 POSES, PROGRAM, MEASURED, CALIBRATED = 'poses.csv', 'poses.yaml', 'measurements.csv', 'calibrated.yaml'
-TRIED = 40  # poses of a simulated robot to look at the truth, neither used nor for checks
+TRIED = 40  # further poses at which a simulated robot is compared with its true TCP
 TOUCHES = (Method.PLANE, Method.BALL, Method.LEVEL)
-NOT_GEOMETRY = 'what is no geometry, as gears that give under weight: left without any noise'
-BACKLASH = 'backlash of the gears, wherever the weight changes the flank'
+NOT_GEOMETRY = 'non-geometric effects, such as gears that yield under weight (residual without noise)'
+BACKLASH = 'backlash of the gears, where the weight changes the flank'
 
 
 @dataclass
 class Study(studies.Study):
-    """A calibration leaves poses and a program to be measured, or what measurements tell."""
+    """Calibration study; writes poses and a measuring program, or the estimated parameters."""
 
     settings: Settings
 
     def __post_init__(self) -> None:
-        """Read the parameters of the controller, and those of the robot that is simulated; raises ParameterError."""
+        """Read the parameters of the controller and of the simulated robot; raises ParameterError."""
         s = self.settings
         machine = None if s.simulate is None else core.load(s.simulate)
         own = core.load(s.parameters) if s.parameters is not None or machine is None else machine
@@ -53,47 +53,47 @@ class Study(studies.Study):
         )
 
     def plan(self) -> dict[str, Any]:
-        """Plan measuring poses; write them as a table and as a program; return the summary."""
+        """Plan measuring poses, write them as a table and as a program, and return the summary."""
         poses = self._planned()
         folder = self._folder(())
         folder.clear((POSES, PROGRAM))
         angles = simulated.planned_angles(poses, self.robot)
         folder.add(measurement_file.write(folder.path / POSES, poses, angles, folder.provenance))
-        document = simulated.program(poses, f'{len(poses.points_m)} poses of a calibration')
-        folder.add(report.write_program(folder.path / PROGRAM, document, folder.provenance))
+        program = simulated.program(poses, f'{len(poses.points_m)} poses of a calibration')
+        folder.add(report.write_program(folder.path / PROGRAM, program, folder.provenance))
         folder.figures({'poses.png': partial(figures.plan_of, poses, self.robot)}, with_foot=True)
-        told = report.plan_document(poses, self.settings.wanted)
-        return folder.summary('Poses of a calibration', told, report.plan_text(told))
+        document = report.plan_document(poses, self.settings.requirements)
+        return folder.summary('Poses of a calibration', document, report.plan_text(document))
 
     def fit(self, path: Path | None) -> dict[str, Any]:
-        """Estimate from a file of measurements, or from simulated ones; return the summary."""
+        """Estimate from a file of measurements or from simulated ones; return the summary."""
         folder = self._folder(() if path is None else (str(path),))
-        found, calibrated = self.found(path)
+        result, calibrated = self.result(path)
         folder.clear((CALIBRATED, *report.TABLES, *figures.NAMES))
         if path is None:
-            folder.add(self._write_measured(folder, found.measurements))
+            folder.add(self._write_measured(folder, result.measurements))
         with os_errors_as(f'cannot write {folder.path / CALIBRATED}'):
             folder.make()
-            head = report.head(found, folder.provenance)
+            head = report.head(result, folder.provenance)
             folder.add(core.write(calibrated, folder.path / CALIBRATED, head))
-        document = report.document(found, self.settings.wanted, folder.path / CALIBRATED)
-        drawings = figures.by_name(found, self.robot)
+        document = report.document(result, self.settings.requirements, folder.path / CALIBRATED)
+        drawings = figures.by_name(result, self.robot)
         return folder.results(
-            'A calibration', document, report.text(document), report.tables(found), drawings
+            'A calibration', document, report.text(document), report.tables(result), drawings
         )
 
-    def found(self, path: Path | None = None) -> tuple[Found, Parameters]:
-        """Estimate as ``fit`` does; return what was found, and the parameters that know it. Nothing is written."""
+    def result(self, path: Path | None = None) -> tuple[Result, Parameters]:
+        """Estimate like ``fit`` without writing; return the result and the calibrated parameters."""
         measured = self._measured_poses() if path is None else self._read(path)
         self.on_progress('estimating', 0, 0)
         estimated = self._estimated(measured)
         calibrated = self._calibrated(estimated)
         left = list(estimation.compared(estimated, self._observation(measured)))
-        limits = [('measuring noise, and what the poses do not tell', estimated.expected_m[1])]
+        limits = [('measuring noise, and parameters that are not identified', estimated.expected_m[1])]
         if self.settings.simulate is not None:
             left += self._truly(calibrated)
             limits += self._limits()
-        return self._found(estimated, measured, left, limits), calibrated
+        return self._result(estimated, measured, left, limits), calibrated
 
     def _folder(self, inputs: tuple[str, ...]) -> ReportFolder:
         s = self.settings
@@ -105,73 +105,71 @@ class Study(studies.Study):
 
     def _planned(self) -> Poses:
         self.on_progress('planning poses', 0, 0)
-        poses = planning.plan(self.settings.wanted, self.robot)
+        poses = planning.plan(self.settings.requirements, self.robot)
         program = parse(simulated.program(poses, 'calibration'), self.robot.motion)
-        plan_program(program, self.robot.motion.home_m, self.robot)  # refuses what the robot cannot drive
+        plan_program(program, self.robot.motion.home_m, self.robot)  # rejects poses out of reach
         return poses
 
     def _measured_poses(self) -> Measurements:
         """Plan poses and measure them in simulation."""
-        poses, s = self._planned(), self.settings
+        poses = self._planned()
         self.on_progress('measuring', 0, 0)
-        return self._measure(poses, s.wanted.noise_m)
+        return self._measure(poses, self.settings.requirements.noise_m)
 
     def _measure(self, poses: Poses, noise_m: float) -> Measurements:
         s = self.settings
         if poses.objects:
-            return simulated.touches(poses, self.robot, noise_m, s.seed, s.wanted.height_m)
-        return simulated.points(poses, self.robot, s.wanted.method, noise_m, s.seed)
+            return simulated.touches(poses, self.robot, noise_m, s.seed, s.requirements.height_m)
+        return simulated.points(poses, self.robot, s.requirements.method, noise_m, s.seed)
 
     def _read(self, path: Path) -> Measurements:
         measured = measurement_file.read(path, self.settings.columns)
         if measured.checksum not in ('', 'none', self.robot.checksum):
             raise CalibrationError(
-                f'{path} tells angles of a controller with other parameters ({measured.checksum}, here '
-                f'{self.robot.checksum}): give its parameter file with --parameters'
+                f'{path} contains angles of a controller with other parameters ({measured.checksum}, expected '
+                f'{self.robot.checksum}): specify its parameter file with --parameters'
             )
-        method = self.settings.wanted.method
+        method = self.settings.requirements.method
         if not measured.objects and method in TOUCHES:
-            raise CalibrationError(
-                f'{path} has points of an instrument, not touches: it is for --method base or frame'
-            )
-        if measured.objects and method not in TOUCHES:  # what it is stands in the table
+            raise CalibrationError(f'{path} contains points, not touches: use --method base or frame')
+        if measured.objects and method not in TOUCHES:  # the table defines the method
             method = Method.PLANE if np.isnan(measured.diameters_m).all() else Method.BALL
-            wanted = dataclasses.replace(self.settings.wanted, method=method)
-            self.settings = dataclasses.replace(self.settings, wanted=wanted)
+            requirements = dataclasses.replace(self.settings.requirements, method=method)
+            self.settings = dataclasses.replace(self.settings, requirements=requirements)
         return measured
 
     def _observation(self, measured: Measurements) -> model.Observation:
         s = self.settings
-        if s.wanted.method == Method.LEVEL:
-            return model.Touches(measured, self.robot, True, s.wanted.height_m)
+        if s.requirements.method == Method.LEVEL:
+            return model.Touches(measured, self.robot, True, s.requirements.height_m)
         if measured.objects:
             return model.Touches(measured, self.robot)
-        kind = model.PointsInFrame if s.wanted.method == Method.FRAME else model.PointsInBase
+        kind = model.PointsInFrame if s.requirements.method == Method.FRAME else model.PointsInBase
         return kind(measured, self.robot)
 
-    def _estimated(self, measured: Measurements) -> estimation.Estimate:
+    def _estimated(self, measured: Measurements) -> estimation.Solution:
         s = self.settings
         return estimation.estimate(
             self._observation(measured),
-            s.wanted.noise_m,
-            planning.free_of(s.wanted),
-            s.wanted.method in planning.PLACED,
+            s.requirements.noise_m,
+            planning.free_of(s.requirements),
+            s.requirements.method in planning.PLACED,
         )
 
-    def _calibrated(self, estimated: estimation.Estimate) -> Parameters:
+    def _calibrated(self, estimated: estimation.Solution) -> Parameters:
         corrections = model.document_of(estimated.x)
         return self.robot.replace(**{f'kinematics__{name}': value for name, value in corrections.items()})
 
-    def _truly(self, calibrated: Parameters) -> list[Left]:
-        """Return how far the true TCP of the simulated robot is from where it is commanded to be."""
-        self.on_progress('looking at the truth', 0, 0)
-        what = 'true TCP' if self.settings.wanted.method in planning.PLACED else 'true TCP, its shape,'
+    def _truly(self, calibrated: Parameters) -> list[Residual]:
+        """Return the deviations of the true TCP of the simulated robot from its commands."""
+        self.on_progress('comparing with the true TCP', 0, 0)
+        what = 'true TCP' if self.settings.requirements.method in planning.PLACED else 'true TCP, its shape,'
         groups = (
-            (f'{what} where weight presses the gears', self._places(True)),
-            (f'{what} all over the workspace', self._places(False)),
+            (f'{what} with gears loaded by weight', self._places(True)),
+            (f'{what} over the whole workspace', self._places(False)),
         )
         return [
-            estimation.left_of(what, *(self._off(group[:TRIED], one) for one in (self.robot, calibrated)))
+            estimation.residual_of(what, *(self._off(group[:TRIED], one) for one in (self.robot, calibrated)))
             for what, group in groups
         ]
 
@@ -184,15 +182,15 @@ class Study(studies.Study):
     def _off(self, places: Floats, robot: Parameters) -> Floats:
         poses = simulated.scattered(places, [True] * len(places))
         off = simulated.standing(poses, robot)[1] - places
-        if self.settings.wanted.method in planning.PLACED:
+        if self.settings.requirements.method in planning.PLACED:
             return np.asarray(off)
         return estimation.unplaced(off.reshape(-1, 1), places).reshape(-1, 3)
 
     def _limits(self) -> list[tuple[str, float]]:
-        """Return what limits a calibration of the simulated robot, however well it is measured."""
+        """Return the sources of error that remain for the simulated robot with perfect measurements."""
         robot, effects = self.robot, self.robot.rich.effects
         found = [('increments of the encoders', report.increment_m(robot))]
-        if self.settings.wanted.method != Method.LEVEL:
+        if self.settings.requirements.method != Method.LEVEL:
             exact = self._calibrated(self._estimated(self._measure(self._planned(), 0.0)))
             off = self._off(self._places(True)[:TRIED], exact)
             found.append((NOT_GEOMETRY, float(np.sqrt((off**2).sum(axis=1).mean()))))
@@ -200,23 +198,23 @@ class Study(studies.Study):
             found.append((BACKLASH, effects.gear_backlash_rad * robot.kinematics.upper_arm_length_m))
         return found
 
-    def _found(
+    def _result(
         self,
-        estimated: estimation.Estimate,
+        estimated: estimation.Solution,
         measured: Measurements,
-        left: list[Left],
+        left: list[Residual],
         limits: list[tuple[str, float]],
-    ) -> Found:
+    ) -> Result:
         observation = self._observation(measured)
-        free = list(planning.free_of(self.settings.wanted))
+        free = list(planning.free_of(self.settings.requirements))
         truth = None
         if self.settings.simulate is not None:
             d = self.robot.rich.deviations
             whole = np.concatenate([d.upper_arm_m, d.forearm_m, d.radius_m, d.azimuth_rad, d.angle_rad])
             truth = tuple(whole[free].tolist())
         before, after = (np.linalg.norm(rows, axis=1) for rows in estimated.residuals)
-        return Found(
-            estimated.told,
+        return Result(
+            estimated.estimates,
             estimated.combinations,
             estimated.directions,
             estimated.freedom,
@@ -232,7 +230,7 @@ class Study(studies.Study):
         )
 
     def _write_measured(self, folder: ReportFolder, measured: Measurements) -> Path:
-        """Write simulated measurements as a person would fill in the table."""
+        """Write simulated measurements in the format of a filled-in table."""
         folder.make()
         where = model.tcp(
             measured.angles_rad - self.robot.kinematics.corrections.angle_rad,

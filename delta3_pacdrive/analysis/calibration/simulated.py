@@ -1,8 +1,9 @@
-"""A calibration without a robot: the measurements are simulated, with the drives, gears and errors of a built one.
+"""Simulated measurements, with the drives, gears and geometry errors of a built robot.
 
-Points: the robot drives a program of poses, stands at each, and what its true TCP is on average, with noise, is the
-point of the instrument. Touches: it creeps towards each object along a line, and where its true TCP meets the surface,
-give or take the noise, the probe switches: the angles of the encoders are those of that moment.
+Points: the robot stops at each pose of a program. The mean of its true TCP there, plus noise, is the measured point.
+Touches: the robot creeps along a line towards each object. The probe switches where the true TCP, plus noise, meets
+the
+surface; the measurement is the encoder angles at that instant.
 """
 
 from collections.abc import Sequence
@@ -20,23 +21,23 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation.run import run
 
-DWELL_S, AVERAGED_S = 0.4, 0.1  # at a pose, and at its end that counts
+DWELL_S, AVERAGED_S = 0.4, 0.1  # dwell at a pose, and its final part that is averaged
 LIMITS = {'speed_m_s': 1.0, 'acceleration_m_s2': 10.0, 'jerk_m_s3': 300.0}
 CREEP = {'speed_m_s': 0.02, 'acceleration_m_s2': 2.0, 'jerk_m_s3': 200.0}
-SETTLE_S = 0.2  # before a probe creeps on
-OFF_M, TILT_RAD = 0.3e-3, 2e-3  # how far an object is from where it was to be set up
-STAND_M, TURN_RAD = 1.0, 0.5  # where an instrument stands
+SETTLE_S = 0.2  # dwell before a probe creeps
+OFF_M, TILT_RAD = 0.3e-3, 2e-3  # standard deviations of the position and tilt of an object
+STAND_M, TURN_RAD = 1.0, 0.5  # standard deviations of the pose of an instrument
 
 
 def program(poses: Poses, name: str) -> dict[str, Any]:
-    """Return the program that goes to all poses, ready for YAML, as an operator measures them."""
+    """Return the measuring program that moves to all poses, ready for YAML."""
     moves: list[dict[str, Any]] = []
     for point, direction in zip(poses.points_m, poses.directions, strict=True):
         if not poses.objects:
             moves += [_line(point), {'dwell': {'time_s': DWELL_S}}]
             continue
-        before, behind = point + 2.0 * poses.reach_m * direction, point - poses.reach_m * direction
-        moves += [_line(before), {'dwell': {'time_s': SETTLE_S}}, _line(behind, **CREEP), _line(before)]
+        before, beyond = point + 2.0 * poses.reach_m * direction, point - poses.reach_m * direction
+        moves += [_line(before), {'dwell': {'time_s': SETTLE_S}}, _line(beyond, **CREEP), _line(before)]
     return {'name': name, 'limits': dict(LIMITS), 'moves': moves}
 
 
@@ -45,7 +46,7 @@ def _line(point: Floats, **limits: float) -> dict[str, Any]:
 
 
 def driven(poses: Poses, robot: Parameters) -> Trace:
-    """Return the trace of a robot that drives the program; raises CalibrationError."""
+    """Return the trace of the measuring program; raises CalibrationError."""
     document = program(poses, 'calibration')
     trace = run(program_file.parse(document, robot.motion), robot)
     if trace.meta['stopped']:
@@ -64,12 +65,12 @@ def stands(trace: Trace, kind: str) -> list[tuple[int, int]]:
 
 
 def standing(poses: Poses, robot: Parameters) -> tuple[Floats, Floats]:
-    """Return arm angles as the controller tells them [rad] and the true TCP [m] at poses, shapes (n, 3)."""
+    """Return arm angles of the controller [rad] and the true TCP [m] at rest at poses, shapes (n, 3)."""
     trace = driven(poses, robot)
     count = round(AVERAGED_S / robot.bus.cycle_time_s)
     ends = [end for _, end in stands(trace, 'dwell')]
     if len(ends) != len(poses.points_m):
-        raise CalibrationError('the robot did not stand at every pose')
+        raise CalibrationError('the robot did not stop at every pose')
     angles = trace['motor_position'] / robot.dynamics.gear_ratio
     return tuple(
         np.stack([signal[end - count : end].mean(axis=0) for end in ends])
@@ -78,7 +79,7 @@ def standing(poses: Poses, robot: Parameters) -> tuple[Floats, Floats]:
 
 
 def points(poses: Poses, robot: Parameters, method: Method, noise_m: float, seed: int) -> Measurements:
-    """Measure poses with an instrument."""
+    """Measure points at poses."""
     random = np.random.default_rng(seed)
     angles, seen = standing(poses, robot)
     seen = seen + noise_m * random.standard_normal(seen.shape)
@@ -91,7 +92,7 @@ def points(poses: Poses, robot: Parameters, method: Method, noise_m: float, seed
 def touches(
     poses: Poses, robot: Parameters, noise_m: float, seed: int, height_m: float | None = None
 ) -> Measurements:
-    """Touch the objects of poses; with a height all of them are one level plane that is exactly there."""
+    """Touch the objects of poses; with ``height_m`` all of them are one level plane at exactly this height."""
     random = np.random.default_rng(seed)
     trace = driven(poses, robot)
     angles = trace['motor_position'] / robot.dynamics.gear_ratio
@@ -107,7 +108,7 @@ def touches(
         met = np.flatnonzero((outside[:-1] > 0.0) & (outside[1:] <= 0.0))
         if not len(met):
             raise CalibrationError(
-                f'the probe did not meet {name}: it is set up too far from where it was planned'
+                f'the probe did not reach {name}: the object is too far from its planned position'
             )
         share = outside[met[0]] / (outside[met[0]] - outside[met[0] + 1])
         first, second = angles[begin + met[0]], angles[begin + met[0] + 1]
@@ -122,13 +123,12 @@ def touches(
     )
 
 
-Place = tuple[
-    Floats, Floats, float | None
-]  # normal of a plane, a point of it or the centre of a ball, its radius
+# normal of a plane, point on it or centre of a ball, radius of the ball
+Place = tuple[Floats, Floats, float | None]
 
 
 def _place(name: str, poses: Poses, random: np.random.Generator, height_m: float | None) -> Place:
-    """Return where an object is in truth: not quite where it was to be set up."""
+    """Return the true position of an object, which deviates from the planned one."""
     n = poses.objects.index(name)
     off = OFF_M * random.standard_normal(3)
     if not np.isnan(poses.diameters_m[n]):
@@ -143,14 +143,14 @@ def _place(name: str, poses: Poses, random: np.random.Generator, height_m: float
 
 
 def planned_angles(poses: Poses, robot: Parameters) -> Floats:
-    """Return the arm angles at poses as the controller commands them [rad]; nan for touches, which tell their own."""
+    """Return the commanded arm angles at poses [rad]; nan for touches, where they are measured."""
     if poses.objects:
         return np.full_like(poses.points_m, np.nan)
     return np.asarray(shafts_of(poses.points_m, robot) + robot.kinematics.corrections.angle_rad)
 
 
 def scattered(points_m: Floats, checks: Sequence[bool]) -> Poses:
-    """Return poses without objects at places [m]."""
+    """Return poses without objects at points [m]."""
     count = len(points_m)
     unknown = np.full(count, np.nan)
     return Poses(points_m, np.array(checks), (), unknown, np.zeros((count, 3)), 0.0, (np.nan, np.nan))

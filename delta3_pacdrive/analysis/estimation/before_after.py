@@ -1,9 +1,9 @@
-"""Estimate, put in, look again: how far model and robot are apart on a recording with the old and the new parameters.
+"""Comparison of model and robot on a recording, with the parameters before and after an estimation.
 
-Both models get the commands of the recording; compared are the current (figure 11.6) and the norm of the TCP error
-(figure 11.8), which is formed in one way from the shafts of robot and models. What the robot's sensors add by chance
-no model can follow: the current is compared a second time in the band of the motion, where little of it is. What it
-makes of the currents is computed from the noise of the parameters, and told as the floor.
+Both models receive the recorded commands. Compared are the current (figure 11.6) and the norm of the TCP error
+(figure 11.8), computed in the same way from the shafts of robot and models. No model can reproduce the noise of the
+robot's sensors. The current is therefore also compared in the frequency band of the motion, where there is little
+noise, and the rms caused by sensor noise alone is reported as the floor.
 """
 
 from __future__ import annotations
@@ -25,54 +25,33 @@ from delta3_pacdrive.recording.trace import Trace
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-AT_FLOOR = 1.1  # times the floor: nothing but noise is left
-NOISE_RUNS = 3  # of the new model with noise of its sensors, whose mean is the floor
+AT_FLOOR = 1.1  # times the floor: only noise remains
+NOISE_RUNS = 3  # runs of the new model with sensor noise; their mean is the floor
 SMALL: dict[str, Any] = {'fontsize': 8, 'frameon': False}
 
 
 @dataclass(frozen=True)
 class Course:
-    """The course of robot or model.
+    """Signals of the robot or of a model."""
 
-    Attributes
-    ----------
-    current
-        [A], shape (n, 3).
-    error_norm
-        Of the TCP [m], shape (n,).
-
-    """
-
-    current: Floats
-    error_norm: Floats
+    current: Floats  # [A], shape (n, 3)
+    error_norm: Floats  # of the TCP [m], shape (n,)
 
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """The recording, and the models with the old and the new parameters on its commands.
+    """Recording, and models with the old and the new parameters on its commands."""
 
-    Attributes
-    ----------
-    time_s
-        Shape (n,).
-    robot, before, after
-        Courses.
-    cycle_time_s
-        Of the bus.
-    noise
-        What the robot's sensors alone make of the current [A], shape (runs, n, 3); None: they have none.
-
-    """
-
-    time_s: Floats
+    time_s: Floats  # shape (n,)
     robot: Course
     before: Course
     after: Course
     cycle_time_s: float
+    # current caused by sensor noise alone [A], shape (runs, n, 3); None without noise
     noise: Floats | None = None
 
     def rms(self) -> dict[str, dict[str, float | None]]:
-        """Rms of model less robot before and after, their factor, and the floor, by what is compared [SI]."""
+        """Rms of model less robot before and after, their ratio, and the floor, by compared signal [SI]."""
         section = butter(4, BAND_HZ, fs=1.0 / self.cycle_time_s, output='sos')
         found: dict[str, dict[str, float | None]] = {}
         for name in ('current_a', 'current_in_the_band_of_the_motion_a', 'tcp_error_norm_m'):
@@ -102,7 +81,7 @@ class BeforeAfter:
 
 
 def compare(trace: Trace, before: Parameters, after: Parameters) -> BeforeAfter:
-    """Run both models on the commands of a recording that has one sample per bus cycle."""
+    """Run both models on the commands of a recording with one sample per bus cycle."""
     replays = [Replay(trace, parameters, ideal_encoder=False) for parameters in (before, after)]
     rows = replays[0].rows
     commands = trace['motor_command'][rows]
@@ -117,29 +96,29 @@ def compare(trace: Trace, before: Parameters, after: Parameters) -> BeforeAfter:
 
 
 def error_norm(positions: Floats, commands: Floats, parameters: Parameters) -> Floats:
-    """Norm of the TCP error [m]: commands of n cycles ago, between two by the straight line (7.3), less the shafts.
+    """Norm of the TCP error [m]: delayed and interpolated commands (7.3) less the shafts.
 
-    Commands and answers of a row are of the same cycle, so that the cycle of feedback does not count.
+    Commands and answers of a row belong to the same cycle, so the cycle of feedback does not count.
     """
     delay = parameters.following_error_delay_cycles - 1.0
     cycles = np.arange(len(commands), dtype=np.float64)
     ago = np.clip(cycles - delay, 0.0, None)
-    asked = np.column_stack([np.interp(ago, cycles, column) for column in commands.T])
+    delayed = np.column_stack([np.interp(ago, cycles, column) for column in commands.T])
     ratio = parameters.dynamics.gear_ratio
-    wanted, found = (
-        kinematics.forward(shafts / ratio, parameters.kinematics) for shafts in (asked, positions)
+    command, actual = (
+        kinematics.forward(shafts / ratio, parameters.kinematics) for shafts in (delayed, positions)
     )
-    return np.asarray(np.linalg.norm(found - wanted, axis=1))
+    return np.asarray(np.linalg.norm(actual - command, axis=1))
 
 
 def sentences(found: BeforeAfter) -> list[str]:
-    """Say how far model and robot are apart, before and after."""
+    """Return the deviations of the model from the robot before and after, as sentences."""
     texts = {
         'current_a': ('current', 'A', 1.0),
         'current_in_the_band_of_the_motion_a': (f'current below {BAND_HZ:g} Hz', 'A', 1.0),
         'tcp_error_norm_m': ('norm of the TCP error', 'mm', 1e3),
     }
-    rows, told = found.rms(), []
+    rows, lines = found.rms(), []
     for name, (text, unit, scale) in texts.items():
         before, after, factor = (float(rows[name][key] or 0.0) for key in ('before', 'after', 'factor'))
         sentence = (
@@ -148,14 +127,14 @@ def sentences(found: BeforeAfter) -> list[str]:
         )
         floor = rows[name]['floor']
         if floor is not None:
-            rest = ', which is all that is left' if after <= AT_FLOOR * floor else ''
-            sentence += f'; noise of the sensors alone makes {scale * floor:.3g}{rest}'
-        told.append(sentence)
-    return told
+            rest = ', which explains the remainder' if after <= AT_FLOOR * floor else ''
+            sentence += f'; sensor noise alone causes {scale * floor:.3g}{rest}'
+        lines.append(sentence)
+    return lines
 
 
 def current(found: BeforeAfter) -> Figure:
-    """Figure 11.6 before and after: the currents of robot and model with the old and the new parameters."""
+    """Figure 11.6 before and after: currents of the robot and of the models with old and new parameters."""
     figure = titled_figure('Figure 11.6: motor currents, before and after the estimation', 6.4)
     grid = figure.subplots(3, 2, sharex=True, sharey='row')
     for i, row in enumerate(grid):
@@ -170,7 +149,7 @@ def current(found: BeforeAfter) -> Figure:
 
 
 def tcp_error(found: BeforeAfter) -> Figure:
-    """Figure 11.8 before and after: the norm of the TCP error of robot and model."""
+    """Figure 11.8 before and after: norm of the TCP error of robot and model."""
     figure = titled_figure('Figure 11.8: norm of the TCP error, before and after the estimation', 3.6)
     row = figure.subplots(1, 2, sharex=True, sharey=True)
     for axes, model, title in zip(row, (found.before, found.after), ('before', 'after'), strict=True):
@@ -182,7 +161,7 @@ def tcp_error(found: BeforeAfter) -> Figure:
 
 
 def drawings(found: BeforeAfter) -> dict[str, Any]:
-    """Return what draws each figure, by file name."""
+    """Return the drawing function of each figure by file name."""
     return {
         'figure_11_06_before_after.png': partial(current, found),
         'figure_11_08_before_after.png': partial(tcp_error, found),

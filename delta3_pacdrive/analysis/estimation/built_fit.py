@@ -1,4 +1,4 @@
-"""Least squares on a built robot in its closed loop: where to begin, and what its noise does."""
+"""Least squares for a built robot in closed loop: start values and sensor noise."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,9 +11,9 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
 Build = Callable[[Parameters], Sequence[Model]]
-"""Makes the models of a robot for the recordings."""
+"""Builds the models of a robot for the recordings."""
 
-NEAR = 3.0  # times the noise: residuals of a start that needs no other one
+NEAR = 3.0  # times the noise: residuals below which the start is good enough
 
 
 def fit_built(
@@ -23,11 +23,11 @@ def fit_built(
     on_iterate: OnIterate | None = None,
     resume: Iterate | None = None,
 ) -> Fit:
-    """Estimate as ``solver.fit`` does; elastic gears and noisy sensors of a replayed robot get what they need.
+    """Estimate like ``solver.fit``, with special start values for elastic gears and with the effect of sensor noise.
 
-    Elastic gears leave the loops a decibel of margin: from a torque constant that is a third too large the model is
-    unstable, and says nothing of anything else. There a model with rigid gears comes first. Noise of the sensors is
-    measured at the solution, which then takes it into account.
+    Elastic gears leave the loops a margin of a decibel. With a torque constant that is a third too large the model is
+    unstable and carries no information. Then a model with rigid gears is fitted first. The effect of sensor noise is
+    measured at the solution and taken into account in a second fit.
     """
     if resume is None and (begin := _rigid_start(problem, start, build, on_iterate)) is not None:
         resume = Iterate(0, begin, 0.0)
@@ -42,7 +42,7 @@ def fit_built(
 def _rigid_start(
     problem: Problem, start: Floats, build: Build, on_iterate: OnIterate | None
 ) -> Floats | None:
-    """Return values that a model with rigid gears finds from ``start``; None where the start will do."""
+    """Return start values fitted by a model with rigid gears; None if ``start`` is good enough."""
     robot = problem.parameters
     replayed = any(isinstance(model, ReplayModel) for model in problem.models)
     if not robot.rich.effects.gear or not replayed or _is_near(problem, start):
@@ -52,13 +52,13 @@ def _rigid_start(
     stiff = Problem([problem.quantities[j] for j in places], build(rigid), rigid)
     begin = start.copy()
 
-    def tell(iterate: Iterate) -> None:
+    def report(iterate: Iterate) -> None:
         if on_iterate is not None:
             whole = begin.copy()
             whole[places] = iterate.x
             on_iterate(Iterate(iterate.number, whole, iterate.cost))
 
-    begin[places] = fit(stiff, start[places], tell).x
+    begin[places] = fit(stiff, start[places], report).x
     return begin
 
 

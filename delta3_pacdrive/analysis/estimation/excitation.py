@@ -1,9 +1,9 @@
-"""Exciting trajectories: closed curves through the workspace that show the parameters of a group best.
+"""Exciting trajectories: closed curves through the workspace, optimised to identify the parameters of a group.
 
-A curve is a sum of three harmonics in x, y and z, stretched to fill the workspace, run through twice as MoveSB (6.3):
-fast, for inertias, and slowly, which tells friction from them. Its coefficients minimise the condition number of the
-jacobian of the signals over the parameters, both scaled (as Swevers et al. do for robots): a random search, then
-Nelder and Mead from the best curve.
+A curve is a sum of three harmonics in x, y and z, scaled to fill the workspace. It is executed twice as MoveSB (6.3),
+fast to identify inertias and slowly to separate friction from them. The coefficients minimise the condition number of
+the scaled Jacobian of the signals over the parameters (Swevers et al.), by a random search and then Nelder-Mead from
+the best curve.
 """
 
 import math
@@ -32,7 +32,7 @@ from delta3_pacdrive.recording.trace import Trace
 HARMONICS = 3
 POINTS = 32
 DECIMALS = 4
-FILL = 0.9  # of the radius of the workspace, and of its height
+FILL = 0.9  # share of the radius and of the height of the workspace
 FAST = {'speed_m_s': 3.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 2000.0}
 SLOW = {'speed_m_s': 0.8, 'acceleration_m_s2': 10.0, 'jerk_m_s3': 500.0}
 SAMPLE_S = 1e-3
@@ -40,29 +40,19 @@ SAMPLE_S = 1e-3
 
 @dataclass(frozen=True)
 class Design:
-    """A design is an exciting program, and what it is worth.
+    """Exciting program and its quality."""
 
-    Attributes
-    ----------
-    document
-        Of the program, as a program file holds it.
-    condition
-        Of the scaled jacobian.
-    first_condition
-        Of the best curve of the random search.
-    evaluations
-        Curves that were tried.
-
-    """
-
-    document: dict[str, Any]
-    condition: float
-    first_condition: float
-    evaluations: int
+    document: dict[str, Any]  # program in the format of a program file
+    condition: float  # condition number of the scaled Jacobian
+    first_condition: float  # of the best curve of the random search
+    evaluations: int  # number of curves tried
 
 
 def curve(coefficients: Floats, parameters: Parameters) -> Floats:
-    """Points [m] of the closed curve of 6 ``HARMONICS`` coefficients, shape (POINTS, 3); it fills the workspace."""
+    """Return points [m] of the closed curve of 6 ``HARMONICS`` coefficients, shape (POINTS, 3).
+
+    The curve is scaled to fill the workspace.
+    """
     shape = np.asarray(coefficients).reshape(HARMONICS, 2, 3)
     phase = np.arange(POINTS) * math.tau / POINTS
     order = np.arange(1, HARMONICS + 1)[:, None]
@@ -81,10 +71,10 @@ def curve(coefficients: Floats, parameters: Parameters) -> Floats:
 
 
 def document_of(points: Floats, name: str) -> dict[str, Any]:
-    """Return the program, as a file holds it, that follows a closed curve fast and then slowly."""
+    """Return the program that follows a closed curve fast and then slowly, ready for YAML."""
 
     def through() -> list[list[float]]:
-        # a list of its own for each move: a file may hold no references
+        # a new list for each move: YAML would write references to a shared one
         return [*points[1:].tolist(), points[0].tolist()]
 
     return {
@@ -99,12 +89,12 @@ def document_of(points: Floats, name: str) -> dict[str, Any]:
 
 
 def planned_trace(program: Program, parameters: Parameters) -> Trace:
-    """Signals of a program that is followed exactly: shafts, TCP and the currents that the motion asks for.
+    """Return the signals of an exactly followed program: shafts, TCP and the required currents.
 
     Raises
     ------
     ProgramError
-        The program is refused.
+        The program is rejected.
 
     """
     start = program.start_m or parameters.motion.home_m
@@ -130,7 +120,7 @@ def planned_trace(program: Program, parameters: Parameters) -> Trace:
 
 
 def quality(program: Program, group: str, parameters: Parameters) -> Identifiability:
-    """Return what a program tells of a group, mechanical part, by its plan alone; raises ProgramError."""
+    """Return the identifiability of a group from the plan of a program alone; raises ProgramError."""
     trace, quantities = planned_trace(program, parameters), GROUPS[group].chosen()
     model: Model = (GeometryModel if group == 'geometry' else TorqueModel)(trace, parameters)
     return analyse(Problem(quantities, [model], parameters), start_values(quantities, parameters, 0.0))
@@ -146,7 +136,7 @@ def design(
 ) -> Design:
     """Find an exciting program for a group; raises EstimationError if no curve can be planned.
 
-    The same seed gives the same program. ``on_progress`` is told the curves tried and the best condition.
+    The same seed gives the same program. ``on_progress`` receives the number of curves tried and the best condition.
     """
     generator = np.random.default_rng(seed)
     found: list[float] = []

@@ -1,4 +1,4 @@
-"""Figures of an estimation: estimates with their intervals, sensitivities, residuals; why chapter 9 came to nothing."""
+"""Figures of an estimation: estimates with intervals, sensitivities, residuals; analysis of chapter 9 of the thesis."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, COLOURS, DASHED,
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ERROR_MIN_PERCENT = 1e-6  # shown on a logarithmic axis
+ERROR_MIN_PERCENT = 1e-6  # lower end of a logarithmic axis
 POINTS_MAX = 3000  # of a line over time
 LAGS = 60
-IDEAL_STEP_MIN = 1e-5  # of the slopes through an ideal encoder that are drawn
-SMALL: dict[str, Any] = {'fontsize': 8, 'frameon': False}  # a legend
-BESIDE: dict[str, Any] = SMALL | {'loc': 'center left', 'bbox_to_anchor': (1.0, 0.5)}
+IDEAL_STEP_MIN = 1e-5  # smallest drawn step with an ideal encoder
+SMALL: dict[str, Any] = {'fontsize': 8, 'frameon': False}  # legends
+AT_RIGHT: dict[str, Any] = SMALL | {'loc': 'center left', 'bbox_to_anchor': (1.0, 0.5)}
 LINE: dict[str, Any] = {'marker': 'o', 'markersize': 4, 'linewidth': 1.0}
 LEVEL: dict[str, Any] = {'color': MUTED, 'linewidth': 0.8, 'linestyle': DASHED}
 
 
 def of_fit(fit: Fit, problem: Problem, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return what draws each figure of an estimation, by file name; ``rows`` are its estimates."""
+    """Return the drawing functions of an estimation by file name; ``rows`` are its estimates."""
     return {
         'estimates.png': partial(estimates, rows),
         'sensitivities.png': partial(sensitivities, fit, problem),
@@ -43,12 +43,12 @@ def of_fit(fit: Fit, problem: Problem, rows: list[dict[str, Any]]) -> dict[str, 
 
 
 def of_thesis(study: ThesisStudy) -> dict[str, Any]:
-    """Return what draws each figure of the estimation of chapter 9, by file name."""
+    """Return the drawing functions of the analysis of chapter 9 by file name."""
     return {'quotients.png': partial(quotients, study), 'attempts.png': partial(attempts, study)}
 
 
 def estimates(rows: list[dict[str, Any]]) -> Figure:
-    """Start, estimate and 95 % interval of every quantity, against the truth or the start."""
+    """Start, estimate and 95 % interval of each quantity relative to its true value, or else to the estimate."""
     shown = list(reversed(rows))
     figure = titled_figure('Estimates', 1.6 + 0.34 * len(rows))
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1, 1.25))
@@ -80,10 +80,10 @@ def estimates(rows: list[dict[str, Any]]) -> Figure:
 
 
 def sensitivities(fit: Fit, problem: Problem) -> Figure:
-    """Sensitivities of the signals to every quantity, and singular values."""
+    """Sensitivities of the signals to each quantity, and singular values."""
     report = fit.identifiability
     findings = list(reversed(report.findings))
-    figure = titled_figure('What the signals tell', 1.9 + 0.34 * max(len(findings), 4))
+    figure = titled_figure('Sensitivities of the signals', 1.9 + 0.34 * max(len(findings), 4))
     left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
     names = list(dict.fromkeys(block.name for block in problem.blocks))
     height = 0.8 / len(names)
@@ -96,7 +96,7 @@ def sensitivities(fit: Fit, problem: Problem) -> Figure:
     labels = [f.symbol + ('' if f.verdict is Verdict.IDENTIFIABLE else ' *') for f in findings]
     left.set_yticks(range(len(findings)), labels)
     unclear = any(f.verdict is not Verdict.IDENTIFIABLE for f in findings)
-    dress(left, '* not identifiable by itself' if unclear else '', xscale='log',
+    dress(left, '* not identifiable separately' if unclear else '', xscale='log',
           xlim=(0.3, 3.0 * max(f.sensitivity for f in findings)),
           xlabel='change of the signals for 100 % of the value\n[standard deviations of their noise]')  # fmt: skip
     figure.legend(loc='outside upper right', ncols=len(names), **SMALL)
@@ -106,7 +106,7 @@ def sensitivities(fit: Fit, problem: Problem) -> Figure:
     floor = values[: report.rank].min() / 3.0
     for hidden in number[report.rank :]:
         right.semilogy(hidden, floor, 'x', color=COLOURS[1])
-    below = ' (x: below, not seen)' if report.rank < len(values) else ''
+    below = ' (x: below threshold)' if report.rank < len(values) else ''
     dress(right, f'condition {report.condition:.3g}', xticks=number, xlabel=f'singular value{below}')
     return figure
 
@@ -138,28 +138,28 @@ def residuals(fit: Fit, problem: Problem) -> Figure:
 
 
 def quotients(study: ThesisStudy) -> Figure:
-    """Difference quotients of the closed loop's current over the step, through encoders and without."""
+    """Difference quotients of the closed-loop current over the step size, with encoders and with ideal encoders."""
     figure = titled_figure('Difference quotients of the current in the closed loop', 4.8)
     left, right = figure.subplots(1, 2, sharex=True)
     for symbol, colour in zip(SYMBOLS, COLOURS, strict=False):
         own = [q for q in study.quotients if q.symbol == symbol]
         left.loglog(STEPS, [q.through_encoder for q in own], color=colour, **LINE)
-        # below, rounding of the arithmetic shows through
+        # smaller steps are dominated by rounding
         true = [q for q in own if q.step >= IDEAL_STEP_MIN]
         left.loglog([q.step for q in true], [q.ideal for q in true], '--', color=colour, linewidth=1.2)
         right.semilogx(STEPS, [q.agreement for q in own], color=colour, label=symbol, **LINE)
     step = 'step, share of the value'
-    dress(left, 'through encoders (solid), true slope (dashed)', xlabel=step,
+    dress(left, 'with encoders (solid), true slope (dashed)', xlabel=step,
           ylabel='length of the quotient [noise per 100 %]')  # fmt: skip
-    dress(right, '1: the right direction, 0: chance', xlabel=step, ylabel='cosine to the true slope',
+    dress(right, '1: correct direction, 0: chance', xlabel=step, ylabel='cosine to the true slope',
           ylim=(-0.15, 1.05))  # fmt: skip
-    right.legend(**BESIDE)
+    right.legend(**AT_RIGHT)
     return figure
 
 
 def attempts(study: ThesisStudy) -> Figure:
-    """How far each attempt moved its values, and the cost over each quantity."""
-    figure = titled_figure('The estimation of chapter 9 again', 4.8)
+    """Change of the values by each attempt, and the cost over each quantity."""
+    figure = titled_figure('The estimation of chapter 9, repeated', 4.8)
     left, right = figure.subplots(1, 2)
     off = max(a.off for a in study.attempts)
     width = 0.8 / len(ATTEMPT_STEPS)
@@ -173,7 +173,7 @@ def attempts(study: ThesisStudy) -> Figure:
     left.axhline(needed, color='#111111', linewidth=1.0, linestyle=DASHED)
     left.text(len(SYMBOLS) - 0.5, 1.25 * needed, 'needed', ha='right', va='bottom', fontsize=8)
     left.set_xticks(range(len(SYMBOLS)), SYMBOLS)
-    dress(left, f'from values {100.0 * off:g} % off, usual settings', yscale='log', ylim=(1e-4, 1e4),
+    dress(left, f'from values {100.0 * off:g} % off, default settings', yscale='log', ylim=(1e-4, 1e4),
           ylabel='change of the value by the estimation [%]')  # fmt: skip
     left.legend(loc='upper center', ncols=2, **SMALL)
     for symbol, colour in zip(SYMBOLS, COLOURS, strict=False):
@@ -181,7 +181,7 @@ def attempts(study: ThesisStudy) -> Figure:
         right.semilogy(FACTORS, costs, color=colour, label=symbol, **LINE)
     right.axhline(3.84, **LEVEL)
     right.text(FACTORS[0], 4.3, '95 %', color=MUTED, fontsize=8)
-    dress(right, 'what the current of the bus cycles tells', xlabel='factor on the right value',
+    dress(right, 'cost of the current of the bus cycles', xlabel='factor on the true value',
           ylabel='cost above its minimum [squares of the noise]')  # fmt: skip
-    right.legend(**BESIDE)
+    right.legend(**AT_RIGHT)
     return figure

@@ -1,4 +1,4 @@
-"""The parameter file that an estimation leaves: complete, with source and interval beside each value that it found."""
+"""Parameter file of an estimation: complete, with source and interval as a comment on each estimated value."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,18 +18,18 @@ NOTE_COLUMN = 50
 
 
 def notes(problem: Problem, found: Fit, source: str, holds: bool) -> dict[str, list[str]]:
-    """Return what stands beside each parameter that was estimated, by its dotted name."""
-    beside: dict[str, list[str]] = {}
+    """Return the comments on each estimated parameter, by dotted name."""
+    comments: dict[str, list[str]] = {}
     for quantity, estimate in zip(problem.quantities, found.estimates, strict=False):
         name = quantity.parameter.partition('[')[0]
         if name:
-            beside.setdefault(name, []).append(_note(estimate, holds))
-    return {name: [', '.join(texts), source] for name, texts in beside.items()}
+            comments.setdefault(name, []).append(_note(estimate, holds))
+    return {name: [', '.join(texts), source] for name, texts in comments.items()}
 
 
 def _note(estimate: Estimate, holds: bool) -> str:
     if estimate.verdict is Verdict.IDENTIFIABLE:
-        width = f'+- {estimate.half_width:.2g} {estimate.unit} (95 %)' if holds else 'no interval holds'
+        width = f'+- {estimate.half_width:.2g} {estimate.unit} (95 %)' if holds else 'no valid interval'
         return f'{estimate.symbol} {width}'
     if np.isfinite(estimate.half_width) and estimate.verdict is Verdict.WEAK and holds:
         return f'{estimate.symbol} {estimate.verdict.value}: +- {estimate.half_width:.2g} {estimate.unit}'
@@ -38,12 +38,12 @@ def _note(estimate: Estimate, holds: bool) -> str:
 
 def text(
     parameters: Parameters,
-    beside: Mapping[str, Sequence[str]],
+    comments: Mapping[str, Sequence[str]],
     provenance: Provenance,
     verdict: Sequence[str],
 ) -> str:
-    """Return the file as text: every parameter, and ``beside`` some of them a comment."""
-    lines = [f'# {name}: {told}' for name, told in provenance.lines().items()]
+    """Return the file as text: all parameters, and the ``comments`` on some of them."""
+    lines = [f'# {name}: {entry}' for name, entry in provenance.lines().items()]
     lines += [f'# {sentence}' for sentence in verdict]
     lines += ['/**:', '  ros__parameters:']
     group = ''
@@ -53,8 +53,8 @@ def text(
             lines.append(f'    {own}:')
             group = own
         line = f'      {key}: {_scalar(value)}'
-        if name in beside:
-            line = f'{line:<{NOTE_COLUMN}}  # {"; ".join(beside[name])}'
+        if name in comments:
+            line = f'{line:<{NOTE_COLUMN}}  # {"; ".join(comments[name])}'
         lines.append(line)
     return '\n'.join(lines) + '\n'
 

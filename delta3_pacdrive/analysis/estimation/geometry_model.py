@@ -1,4 +1,4 @@
-"""Closure of the arms on TCP positions that were measured from outside (4.4): the geometry P1."""
+"""Closure of the arms at externally measured TCP positions (4.4): the geometry P1."""
 
 from collections.abc import Mapping
 
@@ -17,16 +17,18 @@ POSES_MAX = 1000
 
 
 class GeometryModel:
-    """The model compares measured positions of the TCP with those that the arm angles allow.
+    """Compares measured positions of the TCP with those that follow from the arm angles.
 
-    Forearm i spans s_i = X - C_i(theta_i) and closes if |s_i| = l_B (4.4). The three gaps e_i = |s_i| - l_B become the
-    error of the position by S^-1, the rows of S being the directions s_i/|s_i|: to first order the error of the
-    forward kinematics, but defined for a geometry that does not close at all. Arms may differ from one another.
+    Forearm i spans s_i = X - C_i(theta_i) and closes if |s_i| = l_B (4.4). S^-1 maps the three gaps e_i = |s_i| - l_B
+    to a
+    position error, with the directions s_i/|s_i| as rows of S. To first order this is the error of the forward
+    kinematics,
+    but it is also defined for a geometry that does not close. Arms may differ from one another.
 
     Raises
     ------
     EstimationError
-        No measured TCP is in the trace.
+        The trace contains no measured TCP.
 
     """
 
@@ -45,9 +47,8 @@ class GeometryModel:
 
     def residuals(self, values: Mapping[str, float]) -> list[Floats]:
         """Measured TCP less that of the arm angles [m], shape (n, 3)."""
-        turned = Rotation.from_euler(
-            'xyz', _vector(values, FRAME[3:])
-        )  # about the measuring frame's axes at rest
+        # rotation about the fixed axes of the measuring frame
+        turned = Rotation.from_euler('xyz', _vector(values, FRAME[3:]))
         points = (self._points - _vector(values, FRAME[:3])) @ turned.as_matrix()
         theta = self._angles + _vector(values, OFFSETS)
         arm, forearm, radius, turn = (_vector(values, names) for names in OF_ARMS)
@@ -60,7 +61,9 @@ class GeometryModel:
         try:
             error = np.linalg.solve(forearms / lengths[..., None], (lengths - forearm)[..., None])
         except np.linalg.LinAlgError:
-            raise EstimationError('the geometry has become singular: the start is too far off') from None
+            raise EstimationError(
+                'the geometry has become singular: the start values are too far off'
+            ) from None
         return [np.asarray(error[..., 0])]
 
 

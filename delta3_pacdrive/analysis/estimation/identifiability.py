@@ -1,4 +1,4 @@
-"""What signals can tell: scaled sensitivities, singular values, collinear groups, and a verdict on every quantity."""
+"""Identifiability of quantities: scaled sensitivities, singular values, collinear groups and verdicts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,16 +11,16 @@ from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.numerics.types import Floats
 
 Z_95 = 1.959964
-WEAK = 0.10  # half width of the 95 % interval, of the value, from which on a number says nothing
-SEEN = 1e-3  # share of a quantity's direction in what signals do not show, from which on it is confounded
-NAMED = 0.05  # weight of a partner in a confounded or collinear direction that is worth a name
-CONDITION_INDEX = 30.0  # of Belsley, Kuh and Welsch: collinear from here on
-ERROR_WEIGHT = 1e-2  # of quantities that should be zero, in the choice of what is estimated
-VARIANCE_SHARE = 0.5  # that one direction contributes to the variances of at least two quantities
+WEAK = 0.10  # relative half width of the 95 % interval above which an estimate is too weak
+SEEN = 1e-3  # share of a quantity in hidden directions above which it is confounded
+NAMED = 0.05  # smallest weight of a partner that is named
+CONDITION_INDEX = 30.0  # of Belsley, Kuh and Welsch, for collinear groups
+ERROR_WEIGHT = 1e-2  # weight of error quantities in the selection of estimated ones
+VARIANCE_SHARE = 0.5  # share of one direction in the variances of two or more quantities
 
 
 class Verdict(Enum):
-    """A verdict says what the signals tell about a quantity."""
+    """Identifiability of a quantity."""
 
     IDENTIFIABLE = 'identifiable'
     INVISIBLE = 'no effect on the signals'
@@ -30,38 +30,22 @@ class Verdict(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding says what the signals tell about one quantity, and why.
-
-    Attributes
-    ----------
-    symbol
-        Of the quantity.
-    verdict, reason
-        What they tell, and why, in words.
-    sensitivity
-        Change of all signals together, in standard deviations of their noise, for a change by the quantity's scale.
-    sensitivity_by_block
-        The same for each compared signal.
-    relative_error
-        Standard deviation [of the scale] that no unbiased estimate can beat (Cramer and Rao), all others being free
-        as well; infinite where it is confounded.
-    partners
-        Quantities that it cannot be told from.
-
-    """
+    """Identifiability of one quantity, with the reason."""
 
     symbol: str
     verdict: Verdict
     reason: str
+    # change of all signals by one scale of the quantity [standard deviations of their noise]
     sensitivity: float
-    sensitivity_by_block: tuple[float, ...]
+    sensitivity_by_block: tuple[float, ...]  # the same for each compared signal
+    # Cramer-Rao bound of the standard deviation [scale], all others free; inf if confounded
     relative_error: float
-    partners: tuple[str, ...] = ()
+    partners: tuple[str, ...] = ()  # quantities from which it cannot be separated
 
 
 @dataclass(frozen=True)
 class Collinearity:
-    """Collinear quantities are those that signals can hardly tell apart; their direction has a condition index."""
+    """Group of quantities that signals hardly separate, with the condition index of their direction."""
 
     symbols: tuple[str, ...]
     condition_index: float
@@ -69,40 +53,22 @@ class Collinearity:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """The analysis says what the signals tell about all free quantities.
+    """Identifiability of all free quantities.
 
-    Attributes
-    ----------
-    findings
-        One per free quantity, in their order.
-    singular_values
-        Of the jacobian, signals over their noise and quantities over their scales, of what is visible.
-    condition
-        Of the same jacobian, without the directions that cannot be seen.
-    condition_of_columns
-        The same with columns of length one: collinearity alone.
-    rank
-        Number of directions that can be seen.
-    collinear
-        Groups that are hard to tell apart.
-    estimated
-        Places of the quantities that an estimation varies: enough to reach every visible direction.
-    basis
-        Directions of the free quantities, in scales, that can be seen: shape (rank, quantities).
-
+    The Jacobian is scaled: signals by their noise, quantities by their scales.
     """
 
-    findings: tuple[Finding, ...]
-    singular_values: tuple[float, ...]
-    condition: float
-    condition_of_columns: float
-    rank: int
+    findings: tuple[Finding, ...]  # one per free quantity, in their order
+    singular_values: tuple[float, ...]  # of the Jacobian of the visible quantities
+    condition: float  # of the same Jacobian, without hidden directions
+    condition_of_columns: float  # the same with columns of unit length: collinearity alone
+    rank: int  # number of visible directions
     collinear: tuple[Collinearity, ...]
-    estimated: tuple[int, ...]
-    basis: Floats
+    estimated: tuple[int, ...]  # indices of quantities to be estimated; they span all visible directions
+    basis: Floats  # visible directions [scale], shape (rank, quantities)
 
     def shows(self, gradient: Floats) -> bool:
-        """Whether signals show a function of the quantities, whose ``gradient`` is given per scale."""
+        """Whether the signals determine a function of the quantities with this ``gradient`` per scale."""
         length = float(np.linalg.norm(gradient))
         hidden = gradient - self.basis.T @ (self.basis @ gradient)
         return length > 0.0 and float(np.linalg.norm(hidden)) ** 2 <= SEEN * length**2
@@ -113,7 +79,7 @@ class Identifiability:
 
 
 def analyse(problem: Problem, x: Floats, noise: Sequence[float] | None = None) -> Identifiability:
-    """Analyse what the signals of a problem tell around the values ``x``.
+    """Analyse the identifiability of the quantities of a problem at the values ``x``.
 
     Parameters
     ----------
@@ -122,7 +88,7 @@ def analyse(problem: Problem, x: Floats, noise: Sequence[float] | None = None) -
     x
         Values [SI], shape (quantities,).
     noise
-        Standard deviation of the residuals of each block; that of the sensors without it.
+        Standard deviation of the residuals of each block; None: sensor noise.
 
     """
     sigmas = [block.sigma for block in problem.blocks] if noise is None else noise
@@ -135,9 +101,9 @@ def analyse(problem: Problem, x: Floats, noise: Sequence[float] | None = None) -
 def analyse_jacobian(
     parts: Sequence[Floats], symbols: Sequence[str], accuracy: float, errors: Sequence[str] = ()
 ) -> Identifiability:
-    """Analyse a jacobian, one part (rows, quantities) per signal, in deviations of the noise per scale.
+    """Analyse a Jacobian, one part (rows, quantities) per signal, in standard deviations of the noise per scale.
 
-    ``errors`` are quantities that should be zero: where signals cannot tell, others are estimated.
+    ``errors`` are quantities expected to be zero; they are the last to be selected for estimation.
     """
     lengths = np.array([np.linalg.norm(part, axis=0) for part in parts])
     total = np.linalg.norm(lengths, axis=0)
@@ -150,9 +116,8 @@ def analyse_jacobian(
     concealed = (hidden**2).sum(axis=0) if len(hidden) else np.zeros(len(visible))
     relative = np.full(len(symbols), np.inf)
     spread = ((seen / values[:rank, None]) ** 2).sum(axis=0) if rank else np.zeros(0)
-    told = concealed <= SEEN
     for own, j in enumerate(visible):
-        if told[own]:
+        if concealed[own] <= SEEN:
             relative[j] = np.sqrt(spread[own]) / total[j]
 
     names = [symbols[v] for v in visible]
@@ -187,13 +152,13 @@ def analyse_jacobian(
 
 
 def _triangle(parts: Sequence[Floats]) -> Floats:
-    """R of the QR decomposition of all parts: the same column space in as many rows as columns."""
+    """R of the QR decomposition of all parts: the same column space with as many rows as columns."""
     triangles = [np.linalg.qr(part, mode='r') for part in parts]
     return np.asarray(np.linalg.qr(np.concatenate(triangles), mode='r'))
 
 
 def _partners(hidden: Floats, own: int, symbols: Sequence[str]) -> tuple[str, ...]:
-    """Quantities that move along with one in directions that cannot be seen."""
+    """Return the quantities that move together with one in hidden directions."""
     weight = np.abs(hidden.T @ hidden[:, own]) if len(hidden) else np.zeros(len(symbols))
     return tuple(s for k, s in enumerate(symbols) if k != own and weight[k] > NAMED * max(weight[own], 1e-12)
                  and weight[own] > SEEN)  # fmt: skip
@@ -209,19 +174,21 @@ def _verdict(visible: bool, error: float) -> Verdict:
 
 def _reason(verdict: Verdict, sensitivity: float, error: float, partners: Sequence[str]) -> str:
     if verdict is Verdict.INVISIBLE:
-        return 'a change of it changes none of the signals'
+        return 'it does not affect the signals'
     if verdict is Verdict.CONFOUNDED:
-        return f'a change of it can be made up for by {", ".join(partners) or "others"} without a trace in the signals'
+        return (
+            f'{", ".join(partners) or "other quantities"} can compensate it without any change of the signals'
+        )
     if verdict is Verdict.WEAK:
         return (
-            f'a change by all of its value moves the signals by {sensitivity:.2g} standard deviations of their noise '
-            f'altogether: the 95 % interval would be +-{100.0 * Z_95 * error:.0f} %'
+            f'a change by 100 % changes the signals by {sensitivity:.2g} standard deviations of their noise in total: '
+            f'the 95 % interval would be +-{100.0 * Z_95 * error:.0f} %'
         )
     return f'the 95 % interval can be as narrow as +-{100.0 * Z_95 * error:.2g} %'
 
 
 def _collinear(directions: Floats, values: Floats, symbols: Sequence[str]) -> tuple[Collinearity, ...]:
-    """Groups by condition index and decomposition of variances."""
+    """Return groups by condition index and variance decomposition."""
     if not len(values):
         return ()
     variances = (directions / values[:, None]) ** 2

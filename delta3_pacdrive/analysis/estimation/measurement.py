@@ -1,4 +1,4 @@
-"""Measurements to estimate from: files, or a simulated robot with an oscilloscope in its drives; sensor noise."""
+"""Measurements for an estimation: recordings, or a simulated robot with oscilloscopes and sensor noise."""
 
 from dataclasses import dataclass
 
@@ -14,19 +14,21 @@ from delta3_pacdrive.motion.program import Output, Program
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 
-MOVING_RAD_S = 1.0  # a shaft that turns faster moves
+MOVING_RAD_S = 1.0  # speed of a shaft above which it moves
 MARGIN_S = 0.02  # kept before and after the motion
-REST_S = 0.05  # of the command, after which the robot rests
-EVEN_CLOCK = 1e-6  # deviation of a clock that is rounding
+REST_S = 0.05  # constant command after which the robot is at rest
+EVEN_CLOCK = 1e-6  # clock deviation within rounding
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Sensor noise is white and normally distributed; its standard deviations per sample are chosen as typical.
+    """Sensor noise: white, normally distributed, with typical standard deviations per sample.
 
-    The current sensor resolves about a thousandth of the peak current; a good SinCos encoder a few increments of
-    2^19 per revolution; the speed is the encoder's difference over some loop periods; a laser tracker. The voltage is
-    the drive's own command, a number without noise: what an end stage makes of it is left out.
+    The current sensor resolves about a thousandth of the peak current, a good SinCos encoder a few increments of 2^19
+    per
+    revolution. The speed is the encoder's difference over some loop periods; the TCP is measured by a laser tracker.
+    The
+    voltage is the drive's own command and has no noise; errors of the power stage are not modelled.
     """
 
     current_a: float = 0.02
@@ -35,7 +37,7 @@ class Noise:
     tcp_measured_m: float = 3.0e-5
 
     def sigmas(self) -> dict[str, float]:
-        """Return the deviations by the name of the signal [SI]."""
+        """Return the standard deviations by signal name [SI]."""
         return {
             'current': self.current_a,
             'motor_speed': self.motor_speed_rad_s,
@@ -48,7 +50,7 @@ NOISE = Noise()
 
 
 def sample_time_s(trace: Trace) -> float:
-    """Distance [s] of the samples; raises EstimationError unless they are evenly spaced."""
+    """Return the sampling period [s]; raises EstimationError unless samples are evenly spaced."""
     if len(trace.time_s) < 2:
         raise EstimationError('the trace is too short')
     steps = np.diff(trace.time_s)
@@ -61,7 +63,7 @@ def sample_time_s(trace: Trace) -> float:
 
 
 def completed(trace: Trace, parameters: Parameters) -> Trace:
-    """Return a recording with the signals of the motors: from those of the arms, and speeds from positions."""
+    """Return a recording with motor signals added from arm signals, and speeds from positions."""
     signals = measured.of_motors(trace, parameters)
     if 'motor_speed' not in signals and 'motor_position' in signals:
         signals['motor_speed'] = np.gradient(signals['motor_position'], sample_time_s(trace), axis=0)
@@ -71,9 +73,11 @@ def completed(trace: Trace, parameters: Parameters) -> Trace:
 def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trace], list[str]]:
     """Return the parts of a recording between its gaps, and notes on omitted samples and corrected times.
 
-    The first part is used as it is. Each later part begins once the command, or else the speed, has rested for 50 ms,
+    The first part is used as it is. Each later part begins after the command, or else the speed, was constant for 50
+    ms,
     because the motion during the gap is unknown. Parts without motion are omitted. Samples that are nearly one bus
-    cycle apart come from the clock of the controller: their times are bus times, multiplied by a constant.
+    cycle
+    apart come from the clock of the controller; their times are bus times, multiplied by a constant.
 
     Raises
     ------
@@ -92,8 +96,8 @@ def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trac
     fast = period / cycle - 1.0
     if EVEN_CLOCK < abs(fast) <= CLOCKS_MAX:
         notes.append(
-            f'The clock is {100.0 * abs(fast):.2g} % {"fast" if fast > 0.0 else "slow"}: its samples are taken as one '
-            f'in each bus cycle of {cycle * 1e3:g} ms'
+            f'The clock is {100.0 * abs(fast):.2g} % {"fast" if fast > 0.0 else "slow"}: samples are assigned to '
+            f'consecutive bus cycles of {cycle * 1e3:g} ms'
         )
         trace = Trace(trace.time_s[0] + rows * cycle, trace.signals, trace.meta | {'cycle_time_s': cycle})
     known = np.all([np.isfinite(values).all(axis=1) for values in trace.signals.values()], axis=0)
@@ -111,8 +115,8 @@ def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trac
         raise EstimationError('no part of the trace between its gaps begins at rest and moves')
     used = sum(len(part.time_s) for part in parts)
     notes.append(
-        f'{int(rows[-1]) + 1 - used} of {int(rows[-1]) + 1} instants are left out: gaps, and the motion after '
-        'them until the robot rests'
+        f'{int(rows[-1]) + 1 - used} of {int(rows[-1]) + 1} samples are omitted: gaps, and the motion after them until '
+        'the robot is at rest'
     )
     return parts, notes
 
@@ -145,9 +149,9 @@ def _moves(part: Trace) -> bool:
 
 
 def moving_rows(trace: Trace) -> slice:
-    """Rows from the start of the program to its end, else from the first motion to the last.
+    """Return the rows from program start to end, or else from the first to the last motion.
 
-    Before that the brakes hold the arms, and the current says nothing.
+    At other times the brakes hold the arms, so the current carries no information.
     """
     period, first = sample_time_s(trace), trace.time_s[0]
     cycle = float(trace.meta.get('cycle_time_s', 0.0))
@@ -171,33 +175,36 @@ def moving_rows(trace: Trace) -> slice:
 def simulate(
     program: Program, parameters: Parameters, sampling: str = 'drive', on_progress: OnProgress = silent
 ) -> Trace:
-    """Run a program and return exact signals, with ``tcp_measured`` besides those of a run.
+    """Run a program and return exact signals, including ``tcp_measured``.
 
     Parameters
     ----------
     program
-        Must not change the payload: its mass is estimated.
+        Must not change the payload, whose mass is estimated.
     parameters
-        The robot that is measured.
+        Parameters of the measured robot.
     sampling
-        'bus': once per bus cycle, as a recording. 'drive': every period of the current loop, with the voltage of the
-        phases, by exchanges of two such periods; ``shaft_position`` and ``shaft_speed`` are exact there.
+        'bus': once per bus cycle, like a recording. 'drive': every period of the current loop, with the phase voltage
+        and
+        the exact ``shaft_position`` and ``shaft_speed``; exchanges take two such periods.
     on_progress
-        Told bus cycles that are done and all.
+        Receives the numbers of completed and of all bus cycles.
 
     Raises
     ------
     EstimationError
         The program changes the payload or injects faults.
     ProgramError, RunError
-        As ``simulation.run``.
+        As for ``simulation.run``.
 
     """
     if program.faults:
-        raise EstimationError('a program with injected faults shows the faults, not the parameters')
+        raise EstimationError('a program with injected faults cannot be used for an estimation')
     carries = [s for s in program.statements if isinstance(s, Output) and s.payload_kg is not None]
     if carries or program.payload_kg not in (None, parameters.dynamics.payload_mass_kg):
-        raise EstimationError('the program changes the payload, which must stay what the parameters say')
+        raise EstimationError(
+            'the program changes the payload, which must be constant and as in the parameters'
+        )
     if sampling == 'bus':
         trace = simulation.run(program, parameters)
     else:
@@ -211,7 +218,7 @@ def simulate(
 
 
 def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress: OnProgress) -> Trace:
-    """Run drives and plant period by period: the same bits as the simulation with two periods per exchange."""
+    """Run drives and plant period by period, bit-identical to a simulation with two periods per exchange."""
     recorded = oscilloscope_run.run(program, parameters, on_progress, 'measurement')
     scope = recorded.scope
     signals = scope.signals() | {
@@ -223,7 +230,7 @@ def _run_with_oscilloscope(program: Program, parameters: Parameters, on_progress
 
 
 def with_noise(trace: Trace, parameters: Parameters, scale: float, seed: int) -> Trace:
-    """Return a copy with sensor noise, ``scale`` times as strong as ``NOISE``; encoders stay on their grid."""
+    """Return a copy with ``scale`` times the sensor noise ``NOISE``; encoder values stay on their grid."""
     generator = np.random.default_rng(seed)
     signals = dict(trace.signals)
     for name, sigma in NOISE.sigmas().items():

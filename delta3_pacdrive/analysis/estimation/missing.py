@@ -1,8 +1,8 @@
-"""What a model that does not explain its data lacks: all effects of built robots are fitted, then left out one by one.
+"""Search for missing effects in a model that does not explain its data.
 
-Effects help one another to explain a signal, so that none is judged by what it does alone: all that the group knows are
-switched on and estimated together with the quantities that were free; those without which the residuals stay as they
-are are dropped, and the others are fitted once more.
+Effects can compensate one another, so none is judged alone. All effects of the group are switched on and estimated
+together with the free quantities. Effects without which the residuals do not grow are removed, and the others are
+fitted once more.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,68 +26,55 @@ from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-RODS = 'forearm_rods'  # has no quantity: forearms are rods, or they are not
-NEEDED = 0.01  # of the sum of squares, by which residuals grow without an effect that is needed
+RODS = 'forearm_rods'  # a switch without a quantity
+NEEDED = 0.01  # smallest relative growth of the sum of squares without a necessary effect
 TEXTS = {
     'friction': 'stiction and Stribeck effect',
     'gear': 'elastic gears with backlash',
     'ripple': 'cogging and ripple of K_m',
     'sensors': 'gains and offsets of the current sensors',
-    'geometry': 'lengths and angles of each arm by itself',
+    'geometry': 'separate lengths and angles of each arm',
     RODS: 'forearms as rods',
 }
 
 
 @dataclass(frozen=True)
 class Lacking:
-    """A lacking effect, and the rms that the residuals would have without it [noise of the sensors]."""
+    """Missing effect, and the rms of the residuals without it [sensor noise]."""
 
     effect: str
     rms_without: float
 
     @property
     def text(self) -> str:
-        """The effect in words."""
+        """Description of the effect."""
         return TEXTS[self.effect]
 
 
 @dataclass(frozen=True)
 class Better:
-    """A better model has what was missing.
+    """Model with the missing effects."""
 
-    Attributes
-    ----------
-    robot
-        Its parameters, with what was estimated.
-    problem, fit, check
-        How it was estimated, and whether it explains the data.
-    lacking
-        What the first model lacks, the most important first.
-    rms_plain, rms
-        Of the residuals without and with it [noise of the sensors].
-
-    """
-
-    robot: Parameters
+    robot: Parameters  # parameters with the estimated values
     problem: Problem
     fit: Fit
     check: ModelCheck
-    lacking: tuple[Lacking, ...]
-    rms_plain: float
-    rms: float
+    lacking: tuple[Lacking, ...]  # missing effects, the most important first
+    rms_plain: float  # rms of the residuals without the effects [sensor noise]
+    rms: float  # the same with the effects
 
     @property
     def sentence(self) -> str:
-        """What is missing, in words."""
+        """The missing effects, as a sentence."""
         named = '; '.join(f'{one.text} ({one.rms_without:.2g} without)' for one in self.lacking)
         holds = 'explain the data' if self.check.holds else 'still do not explain the data'
         return (
             f'missing: {named or "nothing that could be fitted"}; '
-            f'residuals of {self.rms_plain:.2g} times the noise of the sensors become {self.rms:.2g} and {holds}'
+            f'residuals of {self.rms_plain:.2g} times the sensor noise become {self.rms:.2g} and {holds}'
         )
 
 
-def look(
+def search(
     group: Group,
     build: Build,
     robot: Parameters,
@@ -96,9 +83,9 @@ def look(
     on_progress: OnProgress,
     on_iterate: OnIterate,
 ) -> Better | None:
-    """Fit what may be missing; None if there is nothing more to fit, or if it explains no more.
+    """Fit the effects that may be missing; None if there are none, or if they explain no more.
 
-    ``first`` are the quantities that were free, with the values that were found without.
+    ``first`` are the free quantities and their estimates without the effects.
     """
     held = set(group.named(known))
     more = tuple(
@@ -146,14 +133,14 @@ def look(
 
 
 def _sum(residuals: Sequence[Floats], problem: Problem, models: Sequence[Model] = ()) -> float:
-    """Sum of squares [noise of the sensors]; their mean for other models, whose signals may be others."""
+    """Return the sum of squares [sensor noise], or their mean for ``models`` with other signals."""
     blocks = [block for model in models for block in model.blocks] or problem.blocks
     total = float(sum(((a / b.sigma) ** 2).sum() for a, b in zip(residuals, blocks, strict=True)))
     return total / sum(array.size for array in residuals) if models else total
 
 
 def _cost(found: Fit, problem: Problem, build: Build, built: Parameters, effect: str) -> float:
-    """Sum of squares without an effect, which the other quantities make up for as far as they can."""
+    """Return the sum of squares without an effect, minimised over the other quantities to first order."""
     values = problem.values(found.x)
     bare: Mapping[str, float] = values | {
         q.symbol: 0.0 for q in TABLE.values() if q.is_error and q.effect == effect

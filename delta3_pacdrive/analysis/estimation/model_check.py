@@ -1,14 +1,14 @@
-"""Whether a model explains the data that it was fitted to: the verdict that comes before any estimate.
+"""Check whether a model explains the data to which it was fitted, before any estimate is reported.
 
-Three questions, of which each can say no:
+Three criteria:
 
-- Are the residuals as small as the noise of the sensors?
-- Are they white, beyond the time for which filter and model carry noise on? What is left of a wrong model comes back
-  whenever the motion does.
-- Do the values predict what they were not fitted to: each eighth of a signal by the seven others (a Gauss-Newton step
-  from the solution), and recordings that were kept aside?
+- The residuals are as small as the sensor noise.
+- They are white, beyond the time for which filter and model propagate noise. Errors of a wrong model repeat with the
+  motion.
+- The values predict data to which they were not fitted: each eighth of a signal from the seven others (a Gauss-Newton
+  step from the solution), and validation recordings.
 
-Residuals that are quieter than any sensor are errors of increments and arithmetic; they have no colour that tells.
+Residuals smaller than any sensor noise are rounding errors of increments and arithmetic; their correlation is ignored.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,73 +22,57 @@ from delta3_pacdrive.analysis.estimation.problem import Block, Model, Problem
 from delta3_pacdrive.analysis.estimation.solver import Fit, Whiteness
 from delta3_pacdrive.numerics.types import Floats
 
-RMS_MAX = 1.5  # times the noise of the sensors
-CHANCE_MIN = 1e-6  # that white noise has such an autocorrelation
-PREDICTED_MAX = 1.25  # mean square of predicted residuals, of that which chance alone makes of fitted ones
-ASIDE_MAX = 1.5  # rms on a recording that was kept aside, times noise or residuals of those that were fitted
+RMS_MAX = 1.5  # times the sensor noise
+CHANCE_MIN = 1e-6  # probability of such an autocorrelation for white noise
+PREDICTED_MAX = 1.25  # mean square of predicted residuals relative to its expectation from the fitted ones
+ASIDE_MAX = 1.5  # rms on a validation recording relative to noise or fitted residuals
 PARTS = 8
 LAGS = 40
-FIRST_LAG = 4  # samples for which the filters of the models carry noise on
-MEMORIES = 4.0  # times the memory of a model, after which nothing is left of a disturbance
+FIRST_LAG = 4  # samples over which the filters of the models correlate noise
+MEMORIES = 4.0  # time constants of a model after which a disturbance has decayed
 
 
 @dataclass(frozen=True)
 class BlockCheck:
-    """A check of one signal.
-
-    Attributes
-    ----------
-    signal, unit
-        Of the residuals.
-    rms, noise
-        Of the residuals, and what the sensors alone make.
-    chance
-        That white noise has such an autocorrelation; 1 where there is nothing to judge.
-    predicted
-        Rms of residuals of parts that were predicted by the others; None of a signal that was kept aside.
-    is_small, is_white, is_predicted
-        The three answers.
-    aside
-        Whether the signal was kept aside.
-
-    """
+    """Check of one signal."""
 
     signal: str
     unit: str
-    rms: float
-    noise: float
-    chance: float
+    rms: float  # of the residuals
+    noise: float  # of the sensors
+    chance: float  # probability of such an autocorrelation for white noise; 1 if not applicable
+    # rms of residuals of parts predicted from the others; None for validation signals
     predicted: float | None
     is_small: bool
     is_white: bool
     is_predicted: bool
-    aside: bool = False
+    aside: bool = False  # whether it is a validation signal
 
     @property
     def holds(self) -> bool:
-        """Whether all answers are yes."""
+        """Whether all criteria are met."""
         return self.is_small and self.is_white and self.is_predicted
 
     @property
     def sentence(self) -> str:
-        """What was found, in words."""
+        """The result as a sentence."""
         ratio = self.rms / self.noise
-        where = ' of a recording that was not fitted' if self.aside else ''
+        where = ' of a validation recording' if self.aside else ''
         begin = (
             f'{self.signal}{where}: residuals {self.rms:.3g} {self.unit} rms, '
-            f'{ratio:.2g} times the noise of the sensors ({self.noise:.3g} {self.unit})'
+            f'{ratio:.2g} times the sensor noise ({self.noise:.3g} {self.unit})'
         )
         parts = [begin]
         if not self.is_white:
             parts.append('correlated far beyond the memory of the model')
         if self.predicted is not None and not self.is_predicted:
-            parts.append(f'eighths that are predicted by the others leave {self.predicted:.3g} {self.unit}')
+            parts.append(f'prediction errors {self.predicted:.3g} {self.unit} rms for eighths of the signal')
         return ', '.join(parts)
 
 
 @dataclass(frozen=True)
 class ModelCheck:
-    """A check says whether the model explains all signals."""
+    """Check of all signals of a model."""
 
     blocks: tuple[BlockCheck, ...]
 
@@ -99,13 +83,13 @@ class ModelCheck:
 
     @property
     def sentences(self) -> list[str]:
-        """The verdict in words, first the answer."""
+        """The verdict and the results of the checks as sentences."""
         answer = 'the model explains the data' if self.holds else 'THE MODEL DOES NOT EXPLAIN THE DATA'
         return [answer, *(block.sentence for block in self.blocks if self.holds or not block.holds)]
 
 
 def check(problem: Problem, found: Fit, aside: Sequence[Model] = ()) -> ModelCheck:
-    """Judge a fit; ``aside`` are models of recordings that were not fitted."""
+    """Check a fit; ``aside`` are models of validation recordings."""
     slopes = problem.jacobian(found.x, found.identifiability.estimated)
     predicted = _predicted(problem, found, slopes)
     count = len(found.identifiability.estimated)
@@ -124,7 +108,7 @@ def check(problem: Problem, found: Fit, aside: Sequence[Model] = ()) -> ModelChe
 def _of_fitted(block: Block, residuals: Floats, white: Whiteness, predicted: float, count: int) -> BlockCheck:
     quiet = block.is_quieter(white.rms)
     chance = 1.0 if quiet else chance_of(block, white, residuals)
-    # estimates of few numbers from coloured residuals fit chance as well
+    # coloured residuals contain fewer independent samples, so that noise is fitted as well
     inflation = 1.0 + 2.0 * count * _colour(white) / residuals.size
     return BlockCheck(
         block.name,
@@ -144,7 +128,7 @@ def _of_aside(model: Model, values: Mapping[str, float], fitted: Sequence[BlockC
     for block, residuals in zip(model.blocks, model.residuals(values), strict=True):
         rms = float(np.sqrt(np.mean(residuals**2)))
         likes = [own.rms for own in fitted if own.signal == block.name]
-        # a residual that the fitted recordings have as well was judged there
+        # residuals as large as those of the fitted recordings were judged there
         is_small = rms <= ASIDE_MAX * max([block.sigma, *likes])
         out.append(
             BlockCheck(block.name, block.unit, rms, block.sigma, 1.0, None, is_small, True, True, aside=True)
@@ -157,13 +141,13 @@ def _first_lag(block: Block) -> int:
 
 
 def _colour(white: Whiteness) -> float:
-    """Sum of the squares of the autocorrelation over lags near zero: Bartlett's factor of coloured noise."""
+    """Return Bartlett's factor of coloured noise: sum of the squared autocorrelation over lags near zero."""
     near = white.autocorrelation[: max(white.lag, FIRST_LAG)]
     return float(2.0 * (near**2).sum() - 1.0)
 
 
 def chance_of(block: Block, white: Whiteness, residuals: Floats) -> float:
-    """Chance of such an autocorrelation beyond the memory of filters and model (Box and Pierce, Bartlett)."""
+    """Return the probability of such an autocorrelation beyond the memory of the model (Box-Pierce, Bartlett)."""
     first = _first_lag(block)
     lags = white.autocorrelation[first : first + LAGS]
     if not len(lags) or not np.isfinite(lags).all():
@@ -174,7 +158,7 @@ def chance_of(block: Block, white: Whiteness, residuals: Floats) -> float:
 
 
 def _predicted(problem: Problem, found: Fit, slopes: Sequence[Floats]) -> list[float]:
-    """Rms of each block's residuals where each part is predicted by the others: one step from the solution."""
+    """Return the rms of each block's residuals, with each part predicted from the others."""
     sigmas = [max(w.rms, 1e-300) for w in found.whiteness]
     parts = []
     for array, jacobian, sigma in zip(found.residuals, slopes, sigmas, strict=True):

@@ -1,4 +1,4 @@
-"""Models of the motors: the winding by its voltage (7.2, 8.2), the balance of torques on the shafts (4.26, 4.31)."""
+"""Models of the motors: winding (7.2, 8.2) and torque balance of the shafts (4.26, 4.31)."""
 
 import math
 from collections.abc import Mapping
@@ -15,22 +15,23 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 
-BAND_HZ = 60.0  # of the balance of torques: motions lie below, noise mostly above
-EDGE_PERIODS = 3.0  # of the band that the filter's ends spoil
-SAMPLES_PER_BAND = 2.5  # that are kept per period of the band's edge
-STEPS_PER_TIME_CONSTANT = 10.0  # a winding must be sampled this often in its L/R
+BAND_HZ = 60.0  # low pass of the torque balance: motion below, mostly noise above
+EDGE_PERIODS = 3.0  # periods of the band edge removed at either end for filter transients
+SAMPLES_PER_BAND = 2.5  # kept samples per period of the band edge
+STEPS_PER_TIME_CONSTANT = 10.0  # minimum samples per time constant L/R of a winding
 
 
 class WindingModel:
-    """The model computes the current of the winding from the voltage of its phase and the speed of the shaft.
+    """Simulates the current of a winding from the voltage of its phase and the speed of the shaft.
 
-    I(t + T) = I_f + (I(t) - I_f) exp(-T R/L),  I_f = (v - K_m/3 w)/(R/2), with v and w held through a period T: an
-    output error, the current is simulated from its first sample on and compared with the measured one.
+    I(t + T) = I_f + (I(t) - I_f) exp(-T R/L),  I_f = (v - K_m/3 w)/(R/2), with v and w constant during a period T.
+    This is
+    an output error model: the current is simulated from its first sample and compared with the measured one.
 
     Raises
     ------
     EstimationError
-        The voltage is not in the trace, or is sampled too slowly for the winding.
+        The trace contains no voltage, or is sampled too slowly for the winding.
 
     """
 
@@ -45,7 +46,7 @@ class WindingModel:
         if self._period > slowest:
             raise EstimationError(
                 f'the voltage is sampled every {self._period * 1e3:g} ms, '
-                f'but L/R asks for {slowest * 1e3:.2g} ms or less'
+                f'but L/R requires {slowest * 1e3:.2g} ms or less'
             )
         rows = moving_rows(trace)
         # one row per axis: the filter runs along the rows
@@ -61,19 +62,21 @@ class WindingModel:
         resistance = values['R'] / 2.0
         decay = math.exp(-self._period * values['R'] / values['L'])
         final = (self._voltage - values['K_m'] / 3.0 * self._speed) / resistance
-        # a filter's state that lets it begin at the first measured current
+        # initial filter state: the first measured current
         begin = self._current[:, :1]
         driven, _ = lfilter([0.0, 1.0 - decay], [1.0, -decay], final, zi=begin)
         return [np.asarray((self._current - driven).T)]
 
 
 class TorqueModel:
-    """The model balances the torques of the three shafts, and compares the current that they ask for.
+    """Balances the torques of the three shafts and compares the required current with the measured one.
 
     K_m I = (I_b Y_1 + m_nt Y_2 + m_br r_Gb Y_3)/k_r + F_v w + F_s tanh(w/w_s), Y of ``dynamics.regressor``: linear in
-    the masses and inertias. Both sides pass the same filter without phase, which leaves the band of the motion;
-    accelerations are slopes of the speed. Asks for currents that are sampled faster than the bus cycle: once per
-    cycle they catch the ripple of the set points always in the same phase, and look like another inertia.
+    the
+    masses and inertias. Both sides pass the same zero-phase filter, which keeps the band of the motion; accelerations
+    are
+    slopes of the speed. Currents must be sampled faster than the bus cycle. With one sample per cycle they contain the
+    ripple of the set points in a fixed phase, which is indistinguishable from an inertia.
     """
 
     step, accuracy = 1e-5, 1e-6
@@ -96,7 +99,7 @@ class TorqueModel:
         )
         if not np.isfinite(regressor).all():
             raise EstimationError(
-                'the forearms do not meet at angles of the trace: does the geometry belong to it?'
+                'the forearms do not meet at angles of the trace: check that the geometry belongs to it'
             )
         self._inertial = [self._filtered(regressor[..., i] / ratio) for i in range(3)]
         self._viscous = self._filtered(self._speed)
@@ -129,7 +132,7 @@ class TorqueModel:
 
 
 def slope(values: Floats, period_s: float) -> Floats:
-    """Time derivative of the columns by five points, by two or three at the ends."""
+    """Return the time derivative of the columns from five points, from two or three at the ends."""
     out = np.gradient(values, period_s, axis=0)
     out[2:-2] = (8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12.0 * period_s)
     return np.asarray(out)

@@ -1,4 +1,4 @@
-"""A problem of estimation: what is free, and the residuals of signals against models, with their slopes."""
+"""Estimation problem: free quantities, and the residuals of signals against models with their slopes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,57 +10,40 @@ from delta3_pacdrive.analysis.estimation.quantities import Combination, Quantity
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-QUIET = 0.7  # of the sensors' noise: residuals below it show something else
+QUIET = 0.7  # of the sensor noise: smaller residuals have another cause
 
 
 @dataclass(frozen=True)
 class Block:
-    """A block is a signal that is compared.
+    """Compared signal."""
 
-    Attributes
-    ----------
-    name
-        Of the signal.
-    unit
-        Of the residuals.
-    sigma
-        Standard deviation of a residual by sensor noise alone.
-    period_s
-        Distance of the samples.
-    start_s
-        Time of the first one.
-    memory_s
-        For how long the model carries a disturbance on.
-
-    """
-
-    name: str
-    unit: str
-    sigma: float
-    period_s: float
-    start_s: float = 0.0
-    memory_s: float = 0.0
+    name: str  # of the signal
+    unit: str  # of the residuals
+    sigma: float  # standard deviation of a residual due to sensor noise alone
+    period_s: float  # of the samples
+    start_s: float = 0.0  # time of the first sample
+    memory_s: float = 0.0  # time constant of the model
 
     @property
     def columns(self) -> str:
-        """Names of its three columns: axes of the TCP, or numbers of the motors."""
+        """Labels of its three columns: axes of the TCP, or motor numbers."""
         return 'xyz' if self.name == 'TCP' else '123'
 
     def is_quieter(self, rms: float) -> bool:
-        """Whether residuals are too small to be noise of the sensors."""
+        """Whether residuals are too small to be sensor noise."""
         return rms < QUIET * self.sigma
 
     def times(self, count: int) -> Floats:
-        """Times [s] of its first samples."""
+        """Return the times [s] of the first ``count`` samples."""
         return self.start_s + self.period_s * np.arange(count, dtype=np.float64)
 
 
 class Model(Protocol):
-    """A model gives the residuals of one trace, for all quantities by symbol."""
+    """Model that computes the residuals of one trace from the values of all quantities by symbol."""
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """The signals that are compared."""
+        """Compared signals."""
 
     @property
     def shapes(self) -> tuple[tuple[int, int], ...]:
@@ -68,7 +51,7 @@ class Model(Protocol):
 
     @property
     def depends(self) -> frozenset[str]:
-        """Symbols of the quantities that the residuals depend on."""
+        """Symbols of the quantities on which the residuals depend."""
 
     @property
     def step(self) -> float:
@@ -76,17 +59,18 @@ class Model(Protocol):
 
     @property
     def accuracy(self) -> float:
-        """Relative accuracy of the difference quotients: what is smaller is no sensitivity."""
+        """Relative accuracy of the difference quotients, below which a sensitivity counts as zero."""
 
     def residuals(self, values: Mapping[str, float]) -> list[Floats]:
         """Measured less modelled, one array (n, 3) per block."""
 
 
 class Problem:
-    """A problem joins the free quantities and the models of all traces.
+    """Free quantities and the models of all traces.
 
-    Vectors of values are in SI. ``scales`` [SI] are what changes are compared with, from the values of the parameters
-    that are known beforehand; jacobians are per scale.
+    Values are in SI. ``scales`` [SI] are the reference for changes, computed from the initial parameters; Jacobians
+    are per
+    scale.
     """
 
     def __init__(
@@ -99,20 +83,20 @@ class Problem:
         self.step = max(model.step for model in models)
         self._known = values_of(parameters)
         self.scales: Floats = np.array([q.extent(self._known[q.symbol]) for q in self.quantities])
-        # analysis, steps, intervals and checks ask for slopes at the same values
+        # cache: analysis, steps, intervals and checks use slopes at the same values
         self._slopes_at: tuple[bytes, dict[int, list[Floats]]] = (b'', {})
 
     @property
     def blocks(self) -> tuple[Block, ...]:
-        """The signals that are compared, of all models."""
+        """Compared signals of all models."""
         return tuple(block for model in self.models for block in model.blocks)
 
     def values(self, x: Floats) -> dict[str, float]:
-        """Return every quantity by symbol, the free ones as in ``x``."""
+        """Return all quantities by symbol, with the free ones as in ``x``."""
         return self._known | {q.symbol: float(v) for q, v in zip(self.quantities, x, strict=True)}
 
     def combined(self, combination: Combination, x: Floats) -> float:
-        """Value of a combination of quantities."""
+        """Return the value of a combination of quantities."""
         return combination.value(self.values(x), self.parameters)
 
     def residuals(self, x: Floats) -> list[Floats]:
@@ -121,7 +105,7 @@ class Problem:
         return [array for model in self.models for array in model.residuals(values)]
 
     def jacobian(self, x: Floats, columns: Sequence[int] | None = None) -> list[Floats]:
-        """Derivatives of the residuals per scale by central differences, one array (n, 3, columns) per block."""
+        """Return derivatives of the residuals per scale by central differences, one array (n, 3, columns) per block."""
         columns = range(len(x)) if columns is None else columns
         if self._slopes_at[0] != x.tobytes():
             self._slopes_at = x.tobytes(), {}

@@ -1,7 +1,7 @@
-"""What can be estimated: the parameters of Table 9-1 by their symbols, in groups, and the sums that signals show.
+"""Quantities that can be estimated: parameters of Table 9-1 by symbol, groups, and identifiable combinations.
 
-Besides these there is what the thesis leaves out and built robots have: its quantities belong to effects, which are
-switched on where one of them is free.
+Quantities of built robots that the thesis does not model belong to effects, which are switched on if one of them is
+free.
 """
 
 import math
@@ -16,55 +16,37 @@ from delta3_pacdrive.errors import EstimationError, ParameterError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ELASTIC_EXCHANGE_S, Parameters, flatten
 
-ANGLE_SCALE_RAD = math.pi / 3.0  # "all of it" for the azimuth of an arm: half of what lies between two arms
-SMALL_LENGTH_M, SMALL_ANGLE_RAD = 1e-2, 1e-2  # the same for offsets that should be zero
-CURRENT_DELAY_S = 62.5e-6  # and for the instant at which a logger samples the current
-SMALL_GAIN, SMALL_CURRENT_A = 0.02, 0.05  # and for errors of current sensors
-BUILT_EXCHANGE_S = 125e-6  # every step of the velocity loop of a model with elastic gears sees the true shaft
+# scales: the change of a quantity that counts as 100 %
+ANGLE_SCALE_RAD = math.pi / 3.0  # azimuth of an arm: half the angle between two arms
+SMALL_LENGTH_M, SMALL_ANGLE_RAD = 1e-2, 1e-2  # offsets that should be zero
+CURRENT_DELAY_S = 62.5e-6  # instant at which a logger samples the current
+SMALL_GAIN, SMALL_CURRENT_A = 0.02, 0.05  # errors of current sensors
+BUILT_EXCHANGE_S = 125e-6  # for elastic gears: each step of the velocity loop uses the true shaft
 
 _AZIMUTHS = ('alpha_1', 'alpha_2', 'alpha_3')
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity is one number to be estimated.
+    """Quantity that can be estimated."""
 
-    Attributes
-    ----------
-    symbol
-        Of the thesis (Table 9-1); it names the quantity on the command line and in every output.
-    unit
-        SI.
-    meaning
-        In words.
-    parameter
-        Name in a parameter file, with the place for a list; '' for what belongs to the measurement.
-    scale
-        What a change is compared with; 0: the value itself, or ``typical`` where it is zero.
-    lowest, highest
-        Bounds of the estimation, as multiples of the start for values that are positive.
-    effect
-        Switch in the group ``rich`` without which it does not exist.
-
-    """
-
-    symbol: str
-    unit: str
+    symbol: str  # as in Table 9-1; used on the command line and in outputs
+    unit: str  # SI
     meaning: str
-    parameter: str = ''
-    scale: float = 0.0
+    parameter: str = ''  # name in a parameter file, with the index in a list; empty for the measurement
+    scale: float = 0.0  # reference for changes; 0: the value itself, or 'typical' if it is zero
     typical: float = 1.0
-    lowest: float = 0.05
-    highest: float = 20.0
-    effect: str = ''
+    lowest: float = 0.05  # bound, as a multiple of a positive start value
+    highest: float = 20.0  # upper bound
+    effect: str = ''  # switch in the group rich on which it depends
 
     @property
     def is_error(self) -> bool:
-        """Whether it is the error of something, which should be zero."""
+        """Whether it is an error or offset that should be zero."""
         return bool(self.scale) and self.symbol not in _AZIMUTHS
 
     def read(self, parameters: Parameters) -> float:
-        """Value [SI] in a set of parameters; 0 for what belongs to the measurement, and for errors that are off."""
+        """Return its value [SI] in a set of parameters; 0 for quantities of the measurement and errors that are off."""
         if not self.parameter or (self.is_error and not self.is_on(parameters)):
             return 0.0
         name, _, place = self.parameter.partition('[')
@@ -81,7 +63,7 @@ class Quantity:
         return self.scale or abs(value) or self.typical
 
     def bounds(self, start: float) -> tuple[float, float]:
-        """Bounds [SI] for an estimation that begins at ``start``."""
+        """Return the bounds [SI] of an estimation that begins at ``start``."""
         if self.scale:
             return start - 3.0 * self.scale, start + 3.0 * self.scale
         return self.lowest * start, self.highest * (start or self.typical)
@@ -146,36 +128,25 @@ FRAME = ('x_0', 'y_0', 'z_0', 'r_x', 'r_y', 'r_z')
 
 @dataclass(frozen=True)
 class Group:
-    """A group holds the quantities that one kind of data shows: free by default, or held unless they are freed.
-
-    Attributes
-    ----------
-    name
-        On the command line.
-    free, held
-        Symbols of Table 9-1.
-    built
-        Symbols of what only built robots have: free by default where the robot has it.
-
-    """
+    """Quantities that one kind of data identifies, free or held by default."""
 
     name: str
     free: tuple[str, ...]
-    held: tuple[str, ...]
-    built: tuple[str, ...] = ()
+    held: tuple[str, ...]  # held unless freed
+    built: tuple[str, ...] = ()  # quantities of built robots; free by default if the robot has the effect
 
     @property
     def possible(self) -> tuple[str, ...]:
-        """Symbols of all its quantities."""
+        """Symbols of all quantities of the group."""
         return self.free + self.held + self.built
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Effects of built robots that have quantities here; their names stand for all of them."""
+        """Effects of built robots with quantities in the group; their names stand for all of them."""
         return tuple(dict.fromkeys(TABLE[symbol].effect for symbol in self.built))
 
     def named(self, symbols: Iterable[str]) -> tuple[str, ...]:
-        """Return symbols in which names of effects are replaced by their quantities; raises EstimationError."""
+        """Return the symbols with names of effects replaced by their quantities; raises EstimationError."""
         found: list[str] = []
         for symbol in symbols:
             if symbol in self.effects:
@@ -184,7 +155,7 @@ class Group:
                 found.append(symbol)
             else:
                 raise EstimationError(
-                    f'{symbol!r} is no quantity of the group {self.name}, '
+                    f'{symbol!r} is not a quantity of the group {self.name}, '
                     f'expected one of {", ".join(self.possible + self.effects)}'
                 )
         return tuple(dict.fromkeys(found))
@@ -192,24 +163,24 @@ class Group:
     def chosen(
         self, free: Iterable[str] = (), known: Iterable[str] = (), robot: Parameters | None = None
     ) -> tuple[Quantity, ...]:
-        """Free quantities after freeing some and holding others at the values of the parameter file.
+        """Return the free quantities, given those to be freed and those held at the values of the parameter file.
 
-        Those of the effects that ``robot`` has are free as well; without it there are none.
+        Quantities of the effects of ``robot`` are free as well.
 
         Raises
         ------
         EstimationError
-            A symbol does not belong to the group, or nothing is left.
+            A symbol does not belong to the group, or no quantity is free.
 
         """
         free, known = set(self.named(sorted(free))), set(self.named(sorted(known)))
         if both := sorted(free & known):
-            raise EstimationError(f'{both[0]} cannot be free and known at once')
+            raise EstimationError(f'{both[0]} cannot be both free and known')
         if robot is not None:
             free |= {symbol for symbol in self.built if TABLE[symbol].is_on(robot)} - known
         symbols = [s for s in self.possible if (s in self.free or s in free) and s not in known]
         if not symbols:
-            raise EstimationError('nothing is left to be estimated: every quantity is known')
+            raise EstimationError('nothing to estimate: all quantities are known')
         return tuple(TABLE[symbol] for symbol in symbols)
 
 
@@ -230,15 +201,15 @@ GROUPS = {
 
 
 def values_of(parameters: Parameters) -> dict[str, float]:
-    """Return every quantity of a set of parameters by its symbol [SI]."""
+    """Return all quantities of a set of parameters by symbol [SI]."""
     return {symbol: quantity.read(parameters) for symbol, quantity in TABLE.items()}
 
 
 def with_values(parameters: Parameters, values: Mapping[str, float]) -> Parameters:
-    """Return parameters with other values of some quantities; raises EstimationError for what no robot can have."""
+    """Return parameters with other values of some quantities; raises EstimationError for impossible ones."""
     changes: dict[str, Any] = {}
     if 'F_s' in values:
-        # no robot breaks away below its F_s: a start or a step beyond the break-away torque takes that along
+        # the break-away torque is at least F_s: raise it together with F_s
         break_away = values.get('F_b', parameters.rich.break_away_torque_n_m)
         values = {**values, 'F_b': max(break_away, values['F_s'])}
     flat = flatten(parameters)
@@ -256,11 +227,11 @@ def with_values(parameters: Parameters, values: Mapping[str, float]) -> Paramete
     try:
         return parameters.replace(**changes)
     except ParameterError as error:
-        raise EstimationError(f'the estimation asks for a robot that cannot be: {error}') from error
+        raise EstimationError(f'the estimation requires impossible parameters: {error}') from error
 
 
 def with_effects_of(parameters: Parameters, quantities: Iterable[Quantity]) -> Parameters:
-    """Return parameters of a robot that has the effects that quantities belong to; errors begin at zero."""
+    """Return parameters with the effects to which the quantities belong switched on; errors start at zero."""
     missing = {q.effect for q in quantities if q.effect and not q.is_on(parameters)}
     if not missing:
         return parameters
@@ -276,10 +247,11 @@ def with_effects_of(parameters: Parameters, quantities: Iterable[Quantity]) -> P
 
 
 def start_values(quantities: Sequence[Quantity], parameters: Parameters, off: float) -> Floats:
-    """Values to begin with: those of the parameters, ``off`` (0.3: 30 %) beside them.
+    """Return start values: those of the parameters, changed by the share ``off`` (0.3: 30 %).
 
-    Azimuths, which have no zero of their own, start off by that share of 60 degrees, neighbours in opposite
-    directions; errors, which nobody expects, start at zero then.
+    Azimuths, which have no natural zero, are shifted by that share of 60 degrees, neighbours in opposite directions.
+    With a
+    share errors start at zero.
     """
     start = []
     for quantity in quantities:
@@ -295,14 +267,14 @@ def start_values(quantities: Sequence[Quantity], parameters: Parameters, off: fl
 
 @dataclass(frozen=True)
 class Combination:
-    """A combination is a function of quantities that signals may show although they do not show each of them."""
+    """Function of quantities that may be identifiable although the quantities are not."""
 
     symbol: str
     unit: str
     formula: str
     depends: tuple[str, ...]
     value: Callable[[Mapping[str, float], Parameters], float]
-    only_beside: str = ''  # a quantity that must be hidden as well, for ratios to it
+    only_beside: str = ''  # for ratios: quantity that must be hidden as well
 
 
 def base_constants(v: Mapping[str, float], parameters: Parameters) -> tuple[float, float, float]:
@@ -318,7 +290,7 @@ def base_constants(v: Mapping[str, float], parameters: Parameters) -> tuple[floa
 
 
 def _seen_constant(gain: str, v: Mapping[str, float], _: Parameters) -> float:
-    """K_m as it looks through a current sensor."""
+    """Return the apparent K_m through a current sensor."""
     return v['K_m'] / (1.0 + v[gain])
 
 

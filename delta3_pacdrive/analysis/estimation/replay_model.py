@@ -1,4 +1,4 @@
-"""The closed loop replayed: the commands of a recording through simulated drives and plant, currents compared."""
+"""Replay of the closed loop: drives and plant simulated on recorded commands, currents compared."""
 
 import math
 from collections.abc import Mapping
@@ -18,36 +18,37 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
 
-STANDING_CYCLES = 150  # that the model stands in torque before the first command: enable, brake, integrators
-OF_MOTOR = ('R', 'L', 'K_m', 'F_v', 'F_s', 'w_s')  # that parameters have to allow one by one
-OF_ROTOR = ('I_m', 'I_brake')  # the same behind elastic gears, where the rotor turns by itself
-IDEAL_INCREMENTS = 2.0**40  # per revolution: an encoder without steps that anything could notice
-BAND_HZ = 60.0  # of a built robot: its gears ring at 200 Hz, in a phase that no parameter tells
-EDGE_PERIODS = 3.0  # of the band that the filter's ends spoil
-SAMPLES_PER_BAND = 2.5  # that are kept per period of the band's edge
-NOISY_SEED = 71  # the first of the sensors of the model, whose noise is measured
-NOISY_RUNS = 32  # of which the mean is taken
+STANDING_CYCLES = 150  # at rest in torque before the first command: enable, brake, integrators
+OF_MOTOR = ('R', 'L', 'K_m', 'F_v', 'F_s', 'w_s')  # must each be valid parameters
+OF_ROTOR = ('I_m', 'I_brake')  # the same with elastic gears, where the rotor moves separately
+IDEAL_INCREMENTS = 2.0**40  # per revolution: an encoder without noticeable steps
+BAND_HZ = 60.0  # of a built robot: its gears ring at 200 Hz with an unpredictable phase
+EDGE_PERIODS = 3.0  # periods of the band edge removed at either end for filter transients
+SAMPLES_PER_BAND = 2.5  # kept samples per period of the band edge
+NOISY_SEED = 71  # first seed of the model's sensors for measuring their noise
+NOISY_RUNS = 32  # averaged runs
 
 
 class Replay:
-    """The replay runs the closed loop with other parameters of the robot, on the commands of a trace.
+    """Runs the closed loop with modified parameters on the commands of a trace.
 
-    The model stands at the first command until its loops are at rest, then it takes the commands of the trace, from
-    five cycles before the motion on. Its sensors have no noise: what cannot be repeated is no part of a model.
+    The model holds the first command until its loops have settled, then follows the commands of the trace, from five
+    cycles
+    before the motion. Its sensors have no noise.
 
     Parameters
     ----------
     trace
-        Holds ``motor_command`` once per bus cycle, and ``torque_command`` if the robot's master sends it.
+        Contains ``motor_command`` once per bus cycle, and ``torque_command`` if the robot's master sends it.
     parameters
-        The robot; its drives (P2) and geometry (P1) are known.
+        Parameters of the robot; its drives (P2) and geometry (P1) are known.
     ideal_encoder
-        Let the model's encoders have no increments: signals then have slopes over the parameters instead of steps.
+        Use encoders without increments, so that signals are differentiable with respect to the parameters.
 
     Raises
     ------
     EstimationError
-        The samples are not one bus cycle apart, nothing moves, or torques are not told that were commanded.
+        The samples are not one bus cycle apart, nothing moves, or commanded torques are missing.
 
     """
 
@@ -56,14 +57,14 @@ class Replay:
         if abs(sample_time_s(trace) - cycle) > 1e-3 * cycle:
             raise EstimationError(
                 f'the samples are {sample_time_s(trace) * 1e3:g} ms apart, '
-                f'but the replay takes one per bus cycle of {cycle * 1e3:g} ms'
+                f'but the replay requires one per bus cycle of {cycle * 1e3:g} ms'
             )
         rows = moving_rows(trace)
         self.rows = slice(max(0, rows.start - 5), rows.stop)
         self._commands = np.ascontiguousarray(trace['motor_command'][self.rows])
         if parameters.sends_torque and 'torque_command' not in trace.signals:
             raise EstimationError(
-                'the robot has control.feed_forward: model, but the trace holds no torque_command'
+                'the robot has control.feed_forward: model, but the trace contains no torque_command'
             )
         self._torques = (
             trace['torque_command'][self.rows] if parameters.sends_torque else self._commands * 0.0
@@ -86,12 +87,12 @@ class Replay:
     def run(self, values: Mapping[str, float]) -> dict[str, Floats]:
         """Return motor_position [rad], motor_speed [rad/s] and current [A] of the cycles, shapes (n, 3).
 
-        The current is that of the AT, or the one ``t_I`` before it.
+        The current is that of the AT, or that ``t_I`` earlier.
         """
         return self._run(values, self._parameters, self._ideal)
 
     def noise(self, values: Mapping[str, float], count: int) -> Floats:
-        """Return what noise and increments of the model's own sensors make of the current [A], shape (count, n, 3)."""
+        """Return the current caused by noise and increments of the model's own sensors [A], shape (count, n, 3)."""
         quiet = self.run(values)['current']
         seeded = [self._noisy.replace(rich__sensor_seed=NOISY_SEED + k) for k in range(count)]
         return np.array([self._run(values, own, ideal=False)['current'] - quiet for own in seeded])
@@ -101,9 +102,9 @@ class Replay:
         parameters = with_values(own, {symbol: whole[symbol] for symbol in self._single})
         robot = Robot(parameters)
         _take_masses(robot, whole, parameters)
-        # telegrams carry whole steps of the payload
+        # telegrams transmit the payload in discrete steps
         robot.grip(parameters.dynamics.payload_mass_kg)
-        # the drives keep what they were set to, also the torque constant of the name plate
+        # the drives keep their settings, including the nominal torque constant
         for drive in robot.drives:
             drive.configure(own)
             if ideal:
@@ -118,19 +119,19 @@ class Replay:
 
 
 def _earlier(answers: Floats, periods: float) -> Floats:
-    """Return the current some periods of the current loop before that of the AT, on straight lines between periods."""
+    """Return the current some periods of the current loop before that of the AT, interpolated linearly."""
     if not periods:
         return answers[:, 2]
     samples = answers[:, 3:]
     begin = min(max(math.floor(periods), 0), samples.shape[1] - 2)
     share = periods - begin
     earlier = (1.0 - share) * samples[:, begin] + share * samples[:, begin + 1]
-    # what the sensor makes of a current changes slowly
+    # the error of the sensor changes slowly
     return np.asarray(answers[:, 2] - samples[:, 0] + earlier)
 
 
 def _take_masses(robot: Robot, v: Mapping[str, float], parameters: Parameters) -> None:
-    """Give a plant its masses by their sums: one of them may be negative for a while, where only sums can be seen."""
+    """Set the masses of a plant by their sums; a single mass may be negative while only sums are identifiable."""
     effects, p = parameters.rich.effects, parameters.dynamics
     record, l_a = robot.plant.record['inertia'], robot.plant.record['geometry']['l_a']
     share = 1.0 / 3.0 if effects.forearm_rods else p.forearm_share_at_elbow
@@ -146,18 +147,20 @@ def _take_masses(robot: Robot, v: Mapping[str, float], parameters: Parameters) -
 
 
 class ReplayModel:
-    """The model compares the current of a recording with that of the replay: for signals once per bus cycle.
+    """Compares the recorded current with that of the replay, for signals with one sample per bus cycle.
 
-    Everything that the drives do between two samples is simulated, so that the phase in which the samples catch the
-    current's ripple does no harm. Of a built robot the band of the motion is compared: what its gears and encoders
-    stir up above it is chance. Its sensors have noise, which the loops answer, and which friction and backlash change
-    in the mean: ``settle`` measures both at values near the solution.
+    The drives are simulated between samples, so the phase at which the samples catch the ripple of the current is
+    correct.
+    For a built robot only the band of the motion is compared, because the motion of gears and encoder noise above it
+    is
+    random. Its sensor noise, through the loops and through friction and backlash, shifts the mean current; ``settle``
+    measures that shift near the solution.
     """
 
     accuracy = 3e-4
 
     def __init__(self, trace: Trace, parameters: Parameters) -> None:
-        # backlash and bristles give courses of the loop kinks: wider steps look over them
+        # backlash and bristle friction cause kinks: use wider steps
         self.step = 1e-2 if parameters.rich.enabled else 1e-3
         self._replay = Replay(trace, parameters)
         self.rows = rows = self._replay.rows
@@ -180,7 +183,7 @@ class ReplayModel:
         self._mean: Floats = np.zeros(self.shapes[0])
 
     def settle(self, values: Mapping[str, float]) -> bool:
-        """Measure strength and mean of the noise of the model's own sensors at values; return whether it has any."""
+        """Measure mean and standard deviation of the sensor noise at ``values``; return whether there is any noise."""
         if self._section is None or not self._replay.is_noisy:
             return False
         found = np.array([self.seen(one) for one in self._replay.noise(self._own(values), NOISY_RUNS)])
@@ -193,13 +196,13 @@ class ReplayModel:
         return {symbol: value for symbol, value in values.items() if symbol in self.depends}
 
     def seen(self, values: Floats) -> Floats:
-        """Return what is compared of a current [A], shape (cycles, 3)."""
+        """Return the compared part of a current [A], shape (cycles, 3)."""
         if self._section is None:
             return values
         return np.asarray(sosfiltfilt(self._section, values, axis=0)[self._kept])
 
     def residuals(self, values: Mapping[str, float]) -> list[Floats]:
-        """Measured less replayed current [A], shape (n, 3); nan for a robot that cannot be."""
+        """Measured less replayed current [A], shape (n, 3); nan for impossible parameters."""
         try:
             replayed = self._replay.run(self._own(values))['current']
         except EstimationError:

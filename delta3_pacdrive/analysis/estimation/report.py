@@ -1,4 +1,4 @@
-"""An estimation in words and numbers: the summary, the text for people, the tables."""
+"""Report of an estimation: JSON document, text and tables."""
 
 import math
 from dataclasses import asdict
@@ -14,13 +14,13 @@ from delta3_pacdrive.analysis.estimation.thesis_setup import FACTORS, SYMBOLS, T
 from delta3_pacdrive.analysis.report_folder import Table, columns_of
 from delta3_pacdrive.parameters import Parameters
 
-ROWS_MAX = 20_000  # of a table of residuals; longer ones are thinned out
+ROWS_MAX = 20_000  # of a table of residuals; longer ones are decimated
 
 
 def estimates_table(
     fit: Fit, problem: Problem, parameters: Parameters, truth_known: bool
 ) -> list[dict[str, Any]]:
-    """Return one row per estimate; what the signals do not show has no value but a reason."""
+    """Return one row per estimate; quantities that are not identifiable have a reason instead of a value."""
     reasons = {finding.symbol: finding.reason for finding in fit.identifiability.findings}
     true = values_of(parameters)
     combined = {c.symbol: c for c in COMBINATIONS}
@@ -52,7 +52,7 @@ def estimates_table(
 
 
 def sensitivity_table(report: Identifiability, problem: Problem) -> list[dict[str, Any]]:
-    """Return one row per free quantity: sensitivities in deviations of the noise, and what they mean."""
+    """Return one row per free quantity: sensitivities in standard deviations of the noise, with the verdict."""
     rows = []
     for finding, quantity in zip(report.findings, problem.quantities, strict=True):
         blocks = {
@@ -75,7 +75,7 @@ def sensitivity_table(report: Identifiability, problem: Problem) -> list[dict[st
 
 
 def fit_summary(fit: Fit, problem: Problem, parameters: Parameters, truth_known: bool) -> dict[str, Any]:
-    """Return the report of an estimation, ready for JSON."""
+    """Return an estimation ready for JSON."""
     report = fit.identifiability
     return {
         'estimates': estimates_table(fit, problem, parameters, truth_known),
@@ -117,11 +117,11 @@ def judged(
     parameters: Parameters,
     truth_known: bool,
 ) -> dict[str, Any]:
-    """Return the report of an estimation with its verdict: no interval is given as if a model held that does not.
+    """Return the document of an estimation with its verdict; intervals are removed if the model does not hold.
 
-    Where a better model was found that holds, each interval is widened to what that one says; else there is none.
+    If a better model holds, each interval is widened to include the interval of that model.
     """
-    told = {
+    judgement = {
         'ok': verdict.holds,
         'model_holds': verdict.holds,
         'verdict': verdict.sentences,
@@ -129,13 +129,13 @@ def judged(
         'missing': None,
     }
     if verdict.holds:
-        return told | document
+        return judgement | document
     others: dict[str, dict[str, Any]] = {}
     if better is not None:
         found = fit_summary(better.fit, better.problem, parameters, truth_known)
         if better.check.holds:
             others = {row['quantity']: row for row in found['estimates']}
-        told['missing'] = {
+        judgement['missing'] = {
             'sentence': better.sentence,
             'effects': [asdict(one) for one in better.lacking],
             'model_holds': better.check.holds,
@@ -143,7 +143,7 @@ def judged(
             **{key: found[key] for key in ('estimates', 'residuals', 'solver')},
         }
     rows = [_widened(row, others.get(row['quantity'])) for row in document['estimates']]
-    return told | document | {'estimates': rows}
+    return judgement | document | {'estimates': rows}
 
 
 def _widened(row: dict[str, Any], other: dict[str, Any] | None) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def _widened(row: dict[str, Any], other: dict[str, Any] | None) -> dict[str, Any
 
 
 def thesis_summary(study: ThesisStudy) -> dict[str, Any]:
-    """Return what the report of the thesis' set-up has beside that of its last estimation."""
+    """Return the additional content of the document for the group ``thesis``."""
     return {
         'explanation': explanation(study),
         'quotients': [asdict(q) for q in study.quotients],
@@ -177,7 +177,7 @@ def thesis_summary(study: ThesisStudy) -> dict[str, Any]:
 
 
 def text(document: dict[str, Any]) -> list[str]:
-    """Return the lines of a summary that people read."""
+    """Return a summary as lines of text."""
     lines = [*document.get('verdict', ()), *document.get('explanation', ())]
     lines += [_line(row) for row in document['estimates']]
     if more := document.get('missing'):
@@ -211,11 +211,11 @@ def _line(row: dict[str, Any]) -> str:
         return f'{row["quantity"]:>14}  {row["verdict"]}: {row["reason"]}'
     error = '' if row['true'] is None else f'  true error {100.0 * row["error_relative"]:+.2g} %'
     if row['low_95'] is None:
-        return f'{row["quantity"]:>14}  {row["estimate"]:.6g} {row["unit"]}, no interval holds{error}'
+        return f'{row["quantity"]:>14}  {row["estimate"]:.6g} {row["unit"]}, no valid interval{error}'
     low, high, value = row['low_95'], row['high_95'], row['estimate']
     share = 100.0 * row['half_width_relative']
     begin = f'{row["quantity"]:>14}  {value:.6g}'
-    # widened intervals are not even on both sides
+    # widened intervals are asymmetric
     if abs(low + high - 2.0 * value) > 1e-6 * (high - low):
         return f'{begin}, {low:.6g} to {high:.6g} {row["unit"]} (95 %, {share:.2g} %){error}'
     half = (high - low) / 2.0
@@ -223,13 +223,13 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def refusal(document: dict[str, Any]) -> str:
-    """Why the estimates are not to be taken for the robot's, in one sentence; empty if they may be."""
+    """Return the reason for rejecting the estimates, in one sentence; empty if they are valid."""
     if document.get('model_holds', True):
         return ''
     more = document.get('missing')
     if more and more['model_holds'] and document.get('applied'):
         return ''
-    begin = 'the model does not explain the data: its estimates are not those of the robot'
+    begin = 'the model does not explain the data, so its estimates do not apply to the robot'
     if not more:
         return begin
     effects = ','.join(one['effect'] for one in more['effects'])
@@ -237,7 +237,7 @@ def refusal(document: dict[str, Any]) -> str:
 
 
 def fit_tables(document: dict[str, Any], fit: Fit, problem: Problem) -> list[Table]:
-    """Return estimates, sensitivities, and the residuals of each signal."""
+    """Return estimates, sensitivities and the residuals of each signal as tables."""
     own = dict.fromkeys(('start', 'estimate', 'low_95', 'high_95', 'true', 'scale'), '[unit]')
     units = own | dict.fromkeys(('half_width_relative', 'error_relative', 'relative_error'), '[1]')
     quantities = document['identifiability']['quantities']
@@ -256,7 +256,7 @@ def fit_tables(document: dict[str, Any], fit: Fit, problem: Problem) -> list[Tab
 
 
 def thesis_tables(study: ThesisStudy) -> list[Table]:
-    """Return difference quotients, profiles of the cost, and attempts."""
+    """Return difference quotients, cost profiles and attempts as tables."""
     quotients = [
         'quantity', 'step [1]', 'quotient through encoder [noise per 100 %]',
         'quotient with ideal encoder [noise per 100 %]', 'cosine to the true slope [1]',

@@ -1,4 +1,4 @@
-"""One estimation from its settings to its folder: what is measured, which models fit it, where it can go on."""
+"""Estimation study: reads or simulates measurements, fits models and writes the results; can be resumed."""
 
 import json
 from collections.abc import Sequence
@@ -56,33 +56,29 @@ from delta3_pacdrive.recording.trace_file import load, save
 
 THESIS = 'thesis'
 TIMING = (
-    'one sample in a bus cycle shows it only together with the instant of sampling and the dead times of the current '
-    'loops, which the log does not show; phase_voltage would'
+    'with one sample per bus cycle it is confounded with the sampling instant and the dead times of the current '
+    'loops, which the log does not contain; phase_voltage would separate them'
 )
-OF_TIMING = (
-    'R',
-    'L',
-    't_I',
-)  # what a log of another program shows only together with the timing inside its drives
-# periods of the current loop by which other drives may differ: samples up to two earlier, dead times by one
+OF_TIMING = ('R', 'L', 't_I')  # confounded with the timing inside the drives in a third-party log
+# range of the timing of other drives in periods of the current loop: samples up to two earlier, dead time by one
 TIMING_PERIODS = (-1.0, 3.0)
 SETTINGS, ITERATE = 'session.json', 'iterate.json'
 
 
 @dataclass
 class Study(studies.Study):
-    """An estimation in a folder, which can go on from its last accepted iterate."""
+    """Estimation study in a folder, which can be resumed from its last accepted iterate."""
 
     settings: Settings
     iterate: Iterate | None = None
     robot: Parameters = field(init=False)
     model_robot: Parameters = field(init=False)
     quantities: tuple[Quantity, ...] = field(init=False, default=())
-    timing: tuple[str, ...] = field(init=False, default=())  # free, but no numbers of the robot
+    timing: tuple[str, ...] = field(init=False, default=())  # free, but not identifiable
     notes: list[str] = field(init=False, default_factory=list)  # on incomplete recordings
 
     def __post_init__(self) -> None:
-        """Read the parameters and refuse settings that contradict one another."""
+        """Read the parameters and reject contradictory settings."""
         self.robot = self.model_robot = core.load(self.settings.parameters)
         traces = [is_recording(text) for text in self.settings.inputs]
         self._simulates, off = not any(traces), self.settings.start_off
@@ -100,8 +96,8 @@ class Study(studies.Study):
         else:
             if self.settings.group == 'geometry' and self.robot.kinematics.corrections != ArmDeviations():
                 raise EstimationError(
-                    f'the group geometry starts from equal arms, but {self.settings.parameters} has corrections of '
-                    'each arm (kinematics.*_correction_*): delta3 calibrate fit estimates them'
+                    f'the group geometry requires equal arms, but {self.settings.parameters} has corrections of '
+                    'each arm (kinematics.*_correction_*): use delta3 calibrate fit to estimate them'
                 )
             own = GROUPS[self.settings.group]
             self.quantities = own.chosen(self.settings.free, self.settings.known, self.robot)
@@ -109,12 +105,12 @@ class Study(studies.Study):
 
     @staticmethod
     def resumed(folder: Path, command: str, on_progress: OnProgress) -> 'Study':
-        """Return the session that began in a folder, to go on from its last accepted iterate.
+        """Return the study that was begun in a folder, to continue from its last accepted iterate.
 
         Raises
         ------
         EstimationError
-            No estimation began there, or its parameters or inputs have changed since.
+            No estimation was begun there, or its parameters or inputs have changed since.
 
         """
         document = _read_json(folder / SETTINGS, 'no estimation began in')
@@ -138,15 +134,15 @@ class Study(studies.Study):
         return session
 
     def run(self, measurement: Path | None = None) -> dict[str, Any]:
-        """Estimate, write everything into the folder and return the report; a simulated trace goes to a file as well.
+        """Estimate, write all results and return the report; ``measurement`` is a file for the simulated trace.
 
         Raises
         ------
         Delta3Error
-            Inputs cannot be read, or hold nothing that can be estimated.
+            Inputs cannot be read, or nothing can be estimated from them.
 
         """
-        # inputs are read first: one that cannot be read leaves an earlier estimation as it is
+        # read inputs first, so that an error leaves an earlier estimation unchanged
         origin = {'settings': asdict(self.settings), 'stamp': self._stamp(), 'command': self.command}
         if self.iterate is None:
             ReportFolder(self.folder, self._provenance()).clear([ITERATE])
@@ -162,8 +158,7 @@ class Study(studies.Study):
         problem = Problem(self.quantities, build(self.model_robot), self.model_robot)
         start = start_values(self.quantities, self.model_robot, self._off)
         if self.iterate is not None and len(self.iterate.x) != len(start):
-            told = f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values'
-            raise EstimationError(told)
+            raise EstimationError(f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values')
         found = built_fit.fit_built(problem, start, build, self._keep, self.iterate)
         found = found.without(self.reasons_of_timing(problem, found))
         aside = [
@@ -172,7 +167,7 @@ class Study(studies.Study):
             for model in self.models(trace, self.model_robot)
         ]
         verdict = check(problem, found, aside)
-        better = None if verdict.holds else self._look(traces, found)
+        better = None if verdict.holds else self._search(traces, found)
         document = report.fit_summary(found, problem, self.robot, self._simulates)
         document = report.judged(document, verdict, better, self.robot, self._simulates)
         document |= {'notes': self.notes} if self.notes else {}
@@ -188,10 +183,13 @@ class Study(studies.Study):
         return folder.results(title, document, report.text(document), tables, drawings)
 
     def allow_for_timing(self, traces: Sequence[Trace]) -> None:
-        """Free the timing inside the drives, for logs that do not come from this robot's recorder.
+        """Free the timing inside the drives for logs that were not recorded by this package.
 
-        Such a log does not show when within a bus cycle the current is sampled, nor how long its current loops take;
-        both look like inertia and inductance. The arms are coupled in every period of the current loop, as in reality.
+        Such a log contains neither the instant within a bus cycle at which the current is sampled nor the dead time of
+        the
+        current loops; both are confounded with inertia and inductance. The arms are coupled in every period of the
+        current loop,
+        as in reality.
         """
         group = GROUPS[self.settings.group]
         if self._simulates or all({'parameters', 'checksum'} & trace.meta.keys() for trace in traces):
@@ -204,15 +202,13 @@ class Study(studies.Study):
         self.model_robot = self.model_robot.replace(bus__exchange_period_s=BUILT_EXCHANGE_S)
 
     def reasons_of_timing(self, problem: Problem, found: Fit) -> dict[str, str]:
-        """Return why the quantities of the timing mean nothing, each with its interval over the possible instants."""
+        """Return why each timing quantity is not identifiable, with its interval over the possible instants."""
         early, late = (n * self.robot.drive.current_period_s for n in TIMING_PERIODS)
         reasons = dict.fromkeys(self.timing, TIMING)
         for symbol, (low, high) in found.spans(problem, 't_I', early, late).items():
             if symbol in reasons:
                 interval = f'{max(low, 0.0):.3g} to {high:.3g} {TABLE[symbol].unit}'
-                reasons[symbol] += (
-                    f'; {interval} if these differ from here by {1e6 * early:.4g} to {1e6 * late:.4g} us'
-                )
+                reasons[symbol] += f'; {interval} if these differ by {1e6 * early:.4g} to {1e6 * late:.4g} us'
         return reasons
 
     def _run_thesis(self) -> dict[str, Any]:
@@ -229,8 +225,16 @@ class Study(studies.Study):
             (trace, *more), built, recorded = self._traces(chosen.inputs), None, chosen.inputs[0]
             if more:
                 raise EstimationError('the group thesis takes one trace without gaps')
-        wanted = trace, self.robot, self._off, self.on_progress, self._keep, self.iterate
-        study = thesis_setup.study(*wanted, built, recorded)
+        study = thesis_setup.study(
+            trace,
+            self.robot,
+            self._off,
+            on_progress=self.on_progress,
+            on_iterate=self._keep,
+            resume=self.iterate,
+            built=built,
+            recorded=recorded,
+        )
         found, problem = study.cure, study.problem
         document = report.fit_summary(found, problem, self.robot, self._simulates)
         document = report.judged(document, check(problem, found), None, self.robot, self._simulates)
@@ -241,8 +245,8 @@ class Study(studies.Study):
         drawings = figures.of_thesis(study) | figures.of_fit(found, problem, document['estimates'])
         return folder.results('Estimation: thesis', document, report.text(document), tables, drawings)
 
-    def _look(self, traces: Sequence[Trace], found: Fit) -> missing.Better | None:
-        """Look for what the model lacks, where the signals can tell."""
+    def _search(self, traces: Sequence[Trace], found: Fit) -> missing.Better | None:
+        """Search for missing effects if the signals allow it."""
         group = GROUPS[self.settings.group]
         if group.name != 'geometry' and not all(self._can_replay(trace) for trace in traces):
             return None
@@ -252,7 +256,7 @@ class Study(studies.Study):
 
         first = self.quantities, found.x
         known = self.settings.known
-        return missing.look(group, build, self.model_robot, first, known, self.on_progress, lambda _: None)
+        return missing.search(group, build, self.model_robot, first, known, self.on_progress, lambda _: None)
 
     def _can_replay(self, trace: Trace) -> bool:
         coarse = abs(sample_time_s(trace) - self.robot.bus.cycle_time_s) < 1e-3 * self.robot.bus.cycle_time_s
@@ -268,7 +272,7 @@ class Study(studies.Study):
         better: missing.Better | None,
         start: Floats,
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Leave the parameter file, and return what it changes, with what draws it."""
+        """Write the parameter file; return its summary and the drawing functions of its figures."""
         symbols = [q.symbol for q in self.quantities]
         before = with_values(self.model_robot, dict(zip(symbols, start.tolist(), strict=True)))
         if better is None:
@@ -281,9 +285,9 @@ class Study(studies.Study):
             problem, found, verdict, after = better.problem, better.fit, better.check, better.robot
         path = folder.path / fitted_file.NAME
         source = f'from {", ".join(self.settings.inputs)}'
-        told = [*verdict.sentences, *([better.sentence] if better else [])]
+        sentences = [*verdict.sentences, *([better.sentence] if better else [])]
         holds = verdict.holds
-        fitted_file.write(path, after, problem, found, self._provenance(), source, told, holds)
+        fitted_file.write(path, after, problem, found, self._provenance(), source, sentences, holds)
         folder.add(path)
         document: dict[str, Any] = {'file': str(path), 'model_holds': holds, 'before_after': []}
         drawings: dict[str, Any] = {}
@@ -303,19 +307,19 @@ class Study(studies.Study):
         return document, drawings
 
     def models(self, trace: Trace, robot: Parameters, method: str = '') -> list[Model]:
-        """Return the models of a robot that a trace of the group has the signals for.
+        """Return the models of a robot for which a trace contains the signals.
 
         Raises
         ------
         EstimationError, TraceError
-            Signals are missing; says which, and why they are needed.
+            Required signals are missing.
 
         """
         ratio = trace.meta.get('gear_ratio', self.robot.dynamics.gear_ratio)
         if ratio != self.robot.dynamics.gear_ratio:
             raise EstimationError(
                 f'the trace is of a robot with gear ratio {ratio:g}, '
-                f'the parameters say {self.robot.dynamics.gear_ratio:g}'
+                f'that of the parameters is {self.robot.dynamics.gear_ratio:g}'
             )
         models = self._fitting(trace, robot, method or self.settings.method)
         loudness = max(1.0, self.settings.noise, float(trace.meta.get('noise', 0.0)))
@@ -327,8 +331,8 @@ class Study(studies.Study):
         if self.settings.group == 'geometry':
             if 'tcp_measured' not in trace.signals:
                 raise EstimationError(
-                    'the trace has no tcp_measured: arm angles alone show no geometry, '
-                    'for with three angles and three freedoms every geometry closes'
+                    'the trace has no tcp_measured: the geometry cannot be estimated from arm angles alone, '
+                    'because with three angles and three degrees of freedom every geometry closes'
                 )
             return [GeometryModel(trace, robot)]
         models: list[Any] = []
@@ -340,7 +344,7 @@ class Study(studies.Study):
             method = 'replay' if coarse else 'balance'
             if coarse and 'motor_command' not in trace.signals:
                 raise EstimationError(
-                    'currents that are sampled once per bus cycle catch the ripple of the set points in one phase: '
+                    'currents sampled once per bus cycle contain the ripple of the set points in a fixed phase: '
                     'the trace needs motor_command for a replay, or faster samples '
                     '(or --method balance, if the samples are means)'
                 )
@@ -379,7 +383,7 @@ class Study(studies.Study):
         return traces
 
     def _keep(self, iterate: Iterate) -> None:
-        """Write an accepted iterate, so that the estimation can go on from it."""
+        """Write an accepted iterate for resuming."""
         self.iterate = iterate
         document = {'iteration': iterate.number, 'values': iterate.x.tolist(), 'cost': iterate.cost}
         write_json(document, self.folder / ITERATE)

@@ -1,4 +1,4 @@
-"""Least squares with bounds and scales, covariance that holds for coloured residuals, confidence intervals."""
+"""Least squares with bounds and scales, covariance for coloured residuals, confidence intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,20 +17,20 @@ from delta3_pacdrive.numerics.types import Floats
 OnIterate = Callable[['Iterate'], None]
 
 LIMITS: dict[str, Any] = {'ftol': 1e-10, 'xtol': 1e-10, 'gtol': 1e-10, 'max_nfev': 100}
-WIDE_STEP = 5e-3  # of difference quotients, from which on a model has kinks
-ROUGH = {'ftol': 1e-5, 'xtol': 1e-6}  # there: far below a standard deviation, of cost and values
-ROUNDS_MAX = 3  # of weighting and choosing again
+WIDE_STEP = 5e-3  # step of difference quotients at or above which a model has kinks
+ROUGH = {'ftol': 1e-5, 'xtol': 1e-6}  # tolerances there: far below a standard deviation
+ROUNDS_MAX = 3  # rounds of weighting and selection
 COLOURED = 0.1  # autocorrelation below which residuals count as independent
-BLOCK_PER_LAG = 12  # correlation lengths in a block of residuals that is independent of its neighbours
+BLOCK_PER_LAG = 12  # correlation lengths per independent block of residuals
 BLOCKS_MIN = 12
-LENGTH_MIN = 8  # samples in a block
-PRIOR = 1.0  # scales that a start may be off: holds what signals hardly show, and nothing else
-FAR = 0.5  # relative way from the start of a quantity that starts a second time
+LENGTH_MIN = 8  # samples per block
+PRIOR = 1.0  # standard deviation of the start [scale]; only holds quantities that are hardly visible
+FAR = 0.5  # relative distance from the start at which a quantity is restarted
 
 
 @dataclass(frozen=True)
 class Iterate:
-    """An iterate is an accepted step: its number, the values [SI] and half the weighted sum of squares."""
+    """Accepted step: number, values [SI] and half the weighted sum of squares."""
 
     number: int
     x: Floats
@@ -39,27 +39,16 @@ class Iterate:
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Whiteness tells how independent the residuals of one signal are.
+    """Independence of the residuals of one signal."""
 
-    Attributes
-    ----------
-    rms
-        Of the residuals.
-    autocorrelation
-        From lag 0 on, mean of the three columns.
-    lag
-        First lag [samples] at which it is small: 1 for white residuals.
-
-    """
-
-    rms: float
-    autocorrelation: Floats
-    lag: int
+    rms: float  # of the residuals
+    autocorrelation: Floats  # from lag 0, mean of the three columns
+    lag: int  # first lag [samples] at which it is small: 1 for white residuals
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimate is a quantity or a combination with its 95 % interval [SI]; the verdict says if it means anything."""
+    """Estimated quantity or combination with its 95 % interval [SI] and its verdict."""
 
     symbol: str
     unit: str
@@ -72,41 +61,21 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fit is the result of an estimation.
+    """Result of an estimation."""
 
-    Attributes
-    ----------
-    x
-        Values of all free quantities [SI]; those that no signal shows stay where they started.
-    estimates
-        One per free quantity, then the combinations that signals show although they hide one of their parts.
-    identifiability
-        At the solution.
-    residuals
-        Per block, shape (n, 3).
-    whiteness
-        Per block.
-    cost
-        Half the weighted sum of squares.
-    iterations
-        Accepted steps.
-    converged, message
-        Of the solver.
-
-    """
-
-    x: Floats
+    x: Floats  # all free quantities [SI]; those not identifiable keep their start values
+    # one per free quantity, then identifiable combinations of hidden quantities
     estimates: tuple[Estimate, ...]
-    identifiability: Identifiability
-    residuals: list[Floats]
-    whiteness: tuple[Whiteness, ...]
-    cost: float
-    iterations: int
+    identifiability: Identifiability  # at the solution
+    residuals: list[Floats]  # per block, shape (n, 3)
+    whiteness: tuple[Whiteness, ...]  # per block
+    cost: float  # half the weighted sum of squares
+    iterations: int  # accepted steps
     converged: bool
     message: str
 
     def without(self, reasons: Mapping[str, str]) -> 'Fit':
-        """Return the fit without the values of free quantities that are not identifiable, each with the reason."""
+        """Return the fit with some quantities marked as not identifiable, each with a reason."""
         verdict = Verdict.CONFOUNDED
         estimates = [replace(e, verdict=verdict) if e.symbol in reasons else e for e in self.estimates]
         findings = [
@@ -117,9 +86,9 @@ class Fit:
         return replace(self, estimates=tuple(estimates), identifiability=analysed)
 
     def spans(self, problem: Problem, symbol: str, low: float, high: float) -> dict[str, tuple[float, float]]:
-        """Return the interval [SI] of each other estimated quantity if one lies between two values [SI].
+        """Return the intervals [SI] of the other estimated quantities if one is between two values [SI].
 
-        The others follow it to first order, as the signals ask for; their half widths are added at both ends.
+        The others follow to first order the minimum of the cost; their half widths are added at both ends.
         """
         columns = list(self.identifiability.estimated)
         symbols = [problem.quantities[j].symbol for j in columns]
@@ -144,20 +113,22 @@ class Fit:
 def fit(
     problem: Problem, start: Floats, on_iterate: OnIterate | None = None, resume: Iterate | None = None
 ) -> Fit:
-    """Estimate the free quantities of a problem from ``start`` [SI], or going on from an iterate of a former run.
+    """Estimate the free quantities of a problem from ``start`` [SI], or continue from an iterate of an earlier run.
 
-    Which quantities are varied follows from what the signals show: one that is confounded with others stays at its
-    start, so that the others reach every sum that can be seen; one that signals hardly show does not leave its start
-    without a reason (``PRIOR``). After each round signals are weighted by their own residuals. ``on_iterate`` is called
-    with every accepted iterate.
+    The varied quantities are selected by identifiability. A confounded quantity keeps its start value, so that the
+    others
+    reach every identifiable combination; ``PRIOR`` holds quantities that are hardly visible. After each round signals
+    are
+    weighted by their own residuals. ``on_iterate`` is called with every accepted iterate.
 
-    Quantities that went far may have gone into a side valley: they start a second time, beside what the others have
-    found, and the better solution counts.
+    Quantities that moved far may be in a local minimum. They are restarted with the estimates of the others, and the
+    better
+    solution counts.
 
     Raises
     ------
     EstimationError
-        Signals show none of the quantities, or residuals are not finite.
+        No quantity is identifiable, or residuals are not finite.
 
     """
     start = np.asarray(start, dtype=np.float64)
@@ -171,7 +142,7 @@ def fit(
 
 
 def _misfit(found: Fit) -> float:
-    """Negative logarithm of the likelihood of signals whose noise is what their residuals are."""
+    """Return the negative log likelihood for noise as large as the residuals."""
     return float(sum(array.size * np.log(max(w.rms, 1e-300))
                      for array, w in zip(found.residuals, found.whiteness, strict=True)))  # fmt: skip
 
@@ -184,7 +155,7 @@ def fit_once(problem: Problem, start: Floats, on_iterate: OnIterate | None, resu
     count = 0 if resume is None else resume.number
     for number in range(ROUNDS_MAX):
         if not report.estimated:
-            raise EstimationError('the signals show none of the quantities')
+            raise EstimationError('none of the quantities is identifiable from the signals')
         x, solution, count = _solve(problem, start, x, report, sigmas, on_iterate, count)
         residuals = problem.residuals(x)
         own = [max(float(np.sqrt(np.mean(array**2))), 1e-3 * s.sigma)
@@ -212,12 +183,12 @@ def _solve(
     on_iterate: OnIterate | None,
     count: int,
 ) -> tuple[Floats, Any, int]:
-    """Run the trust region over the estimated quantities, in scales of the start; return values, solution, count."""
+    """Run the trust region method on the estimated quantities, scaled; return values, solution and count."""
     columns = list(report.estimated)
     scales = problem.scales[columns]
     low, high = np.full(len(columns), -np.inf), np.full(len(columns), np.inf)
     for k, j in enumerate(columns):
-        # a quantity that stands for a sum with hidden ones has no bounds of its own
+        # a confounded quantity represents a sum with hidden ones and has no bounds
         if report.findings[j].verdict is not Verdict.CONFOUNDED:
             bounds = problem.quantities[j].bounds(float(start[j]))
             low[k], high[k] = bounds[0] / scales[k], bounds[1] / scales[k]

@@ -1,17 +1,17 @@
-"""The estimation of chapter 9 again: why least squares on the closed loop gave its initial values back.
+"""Repetition of the estimation of chapter 9: why least squares on the closed loop returned its initial values.
 
-Model and measurement are compared as in Table 10-1, in what the bus shows once per cycle: arm angles, arm speeds and
-currents of the closed loop, in SI units and without weights; free are R, L, F_v, F_s and I_m of P4. Derivatives are
-forward differences; the step that was used is not known, so several are tried, among them the usual one, the square
-root of the machine's precision. Four facts explain the outcome:
+As in Table 10-1, model and measurement are compared in arm angles, arm speeds and currents of the closed loop, sampled
+once per bus cycle, in SI units and unweighted. R, L, F_v, F_s and I_m of P4 are free. Derivatives are forward
+differences. The step is not documented, so several are tried, including the usual one, the square root of the machine
+precision. Four facts explain the result:
 
-1. The loop sees its shafts through encoders. One reading that tips over to the next increment sends the loops along
-   another course within the increments: the difference quotient is that course, divided by the step.
-2. Quotients that are too steep by orders of magnitude ask for steps that are too short by as much: the initial values
-   are returned, the right ones as well as those that are 30 % off.
-3. Unweighted, with parameters whose sizes differ by five decades, one tolerance means another thing for each of them.
-4. The current loop lets the winding's current follow its reference whatever R and L are: hardly a trace of R, and
-   little of L, reaches signals that are sampled once per bus cycle.
+1. The loop reads its shafts through encoders. A single reading that changes by one increment changes the trajectory of
+   the loops within the increments, and the difference quotient is that change divided by the step.
+2. Quotients that are too steep by orders of magnitude make the steps too short by the same factor. The initial values
+   are returned, the true ones as well as those that are 30 % off.
+3. Without weights, and with parameters that differ by five decades, one tolerance has a different meaning for each.
+4. The current loop makes the current follow its reference regardless of R and L. Hardly any information on R, and
+   little on L, reaches signals sampled once per bus cycle.
 """
 
 import math
@@ -33,16 +33,16 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 
 SYMBOLS = ('R', 'L', 'F_v', 'F_s', 'I_m')
-FREED = tuple(TABLE[symbol] for symbol in (*SYMBOLS, 'K_m'))  # that the same signals are then estimated from
+FREED = tuple(TABLE[symbol] for symbol in (*SYMBOLS, 'K_m'))  # estimated from the same signals afterwards
 DEFAULT_STEP = math.sqrt(np.finfo(np.float64).eps)
 STEPS = (DEFAULT_STEP, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
-TRUE_STEP = 1e-3  # of quotients through an ideal encoder, in the middle of the range where they agree
-# tolerances on the function, the step and the gradient are the solver's usual ones
+TRUE_STEP = 1e-3  # with an ideal encoder, in the middle of the range where quotients agree
+# default tolerances of the solver on function, step and gradient
 LIMITS: dict[str, Any] = {'ftol': 1e-6, 'xtol': 1e-6, 'gtol': 1e-6, 'max_nfev': 30}
 ATTEMPT_STEPS = (DEFAULT_STEP, 1e-5, 1e-4, 1e-2)
 BOUNDS = (1e-3, 1e2)  # of an attempt, as multiples of the start
-OFF = 0.3  # of the starts that are not right
-AT_MINIMUM, FOUND = 0.1, 0.05  # of the cost above the least; of the values beside the right ones
+OFF = 0.3  # relative error of the wrong start values
+AT_MINIMUM, FOUND = 0.1, 0.05  # relative excess of the cost; relative error of the values
 STUCK = 5e-3  # relative change below which an attempt has returned its initial values
 FACTORS = tuple(np.linspace(0.5, 1.5, 11).tolist())
 SIGNALS = ('motor_position', 'motor_speed', 'current')
@@ -50,139 +50,72 @@ SIGNALS = ('motor_position', 'motor_speed', 'current')
 
 @dataclass(frozen=True)
 class Quotient:
-    """A quotient is the change of the current by one step of one quantity, over the step.
-
-    Attributes
-    ----------
-    symbol
-        Of the quantity.
-    step
-        Share of its value.
-    through_encoder, ideal
-        Length of the quotient in deviations of the current's noise, per 100 %: with the encoder's increments, and
-        with an encoder without increments.
-    agreement
-        Cosine between the quotient through the encoder and the true slope: 1 the same direction, 0 chance.
-    increments
-        Largest change of a shaft position by the step.
-
-    """
+    """Difference quotient of the current with respect to one quantity."""
 
     symbol: str
-    step: float
-    through_encoder: float
-    ideal: float
-    agreement: float
-    increments: float
+    step: float  # share of the value
+    through_encoder: float  # length with encoder increments [standard deviations of the noise per 100 %]
+    ideal: float  # the same with an ideal encoder
+    agreement: float  # cosine between quotient and true slope: 1 same direction, 0 chance
+    increments: float  # largest change of a shaft position
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """An attempt is an estimation with the usual settings.
+    """Estimation with default settings."""
 
-    Attributes
-    ----------
-    step
-        Of the difference quotients, share of a value.
-    off
-        Share by which it started beside the right values.
-    start, values
-        Initial and returned values [SI] in the order of ``SYMBOLS``.
-    moved
-        Relative changes of the values.
-    cost_start, cost
-        Half the sum of squares before and after.
-    evaluations
-        Simulations.
-    message
-        Of the solver.
-
-    """
-
-    step: float
-    off: float
-    start: tuple[float, ...]
-    values: tuple[float, ...]
-    moved: tuple[float, ...]
-    cost_start: float
-    cost: float
-    evaluations: int
+    step: float  # of the difference quotients, share of a value
+    off: float  # relative error of the start values
+    start: tuple[float, ...]  # initial values [SI] in the order of SYMBOLS
+    values: tuple[float, ...]  # returned values [SI]
+    moved: tuple[float, ...]  # relative changes
+    cost_start: float  # half the sum of squares before
+    cost: float  # half the sum of squares after
+    evaluations: int  # number of simulations
     message: str
 
     @property
     def error(self) -> float:
-        """Largest relative distance of a value from the right one, which the start was ``off`` beside."""
+        """Largest relative error of a value."""
         return max(abs((1.0 + self.off) * (1.0 + moved) - 1.0) for moved in self.moved)
 
 
 @dataclass(frozen=True)
 class ThesisStudy:
-    """The study holds all that explains the outcome of chapter 9.
+    """Analysis of the result of chapter 9."""
 
-    Attributes
-    ----------
-    quotients
-        For every quantity and step.
-    profiles
-        Cost over the factor of one quantity, the others being right, less its minimum: in sums of squares of the
-        current over its noise; through an ideal encoder.
-    attempts
-        With several steps, from values that are off and from the right ones.
-    recorded
-        Whose data these are.
-    cure
-        With an ideal encoder in the model, scales, weights and steps that fit, and K_m free besides.
-    problem
-        That of the cure.
-    built
-        Attempts on data of a built robot, from which the model differs.
-
-    """
-
-    quotients: tuple[Quotient, ...]
+    quotients: tuple[Quotient, ...]  # for each quantity and step
+    # cost over the factor of one quantity, less its minimum [noise^2], with an ideal encoder
     profiles: dict[str, tuple[float, ...]]
-    attempts: tuple[Attempt, ...]
-    cure: Fit
-    problem: Problem
-    built: tuple[Attempt, ...] = ()
-    recorded: str = 'the model'
+    attempts: tuple[Attempt, ...]  # with several steps, from wrong and from true values
+    cure: Fit  # with ideal encoder, scales, weights, suitable steps, and K_m free
+    problem: Problem  # problem of the cure
+    built: tuple[Attempt, ...] = ()  # attempts on data of a built robot, which differs from the model
+    recorded: str = 'the model'  # source of the data
 
     @property
     def trials(self) -> list['Trial']:
-        """All attempts, with what came of each, by the data they were made on."""
+        """All attempts with their outcomes."""
         return _trials(self.recorded, self.attempts) + _trials('a built robot', self.built)
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial says what came of an attempt.
+    """Outcome of an attempt."""
 
-    Attributes
-    ----------
-    data
-        Whose signals they are.
-    attempt
-        What was tried.
-    outcome
-        What came of it, in words.
-    excess
-        Cost that is left, of the least of all attempts on these data.
-
-    """
-
-    data: str
+    data: str  # source of the signals
     attempt: Attempt
     outcome: str
-    excess: float
+    excess: float  # remaining cost relative to the smallest cost of all attempts on these data
 
     @property
     def sentence(self) -> str:
-        """One line of the table in words."""
+        """The outcome as a sentence."""
         own = self.attempt
-        begin = f'{100.0 * own.off:g} % off' if own.off else 'at the right values'
+        begin = f'{100.0 * own.off:g} % off' if own.off else 'at the true values'
         return (
             f'data of {self.data}, step {own.step:.2g}, start {begin}: moved by at most '
-            f'{100.0 * max(map(abs, own.moved)):.2g} %, ends at most {100.0 * own.error:.2g} % beside the right values '
+            f'{100.0 * max(map(abs, own.moved)):.2g} %, final error at most {100.0 * own.error:.2g} % '
             f'with {self.excess:.3g} times the least cost: {self.outcome}'
         )
 
@@ -197,12 +130,12 @@ def study(
     built: Trace | None = None,
     recorded: str = 'the model',
 ) -> ThesisStudy:
-    """Estimate from a recording as chapter 9 did, and as one should.
+    """Estimate from a recording as in chapter 9, and with correct settings.
 
     Raises
     ------
     EstimationError
-        The recording has not one sample per bus cycle, with the commands of the shafts.
+        The recording does not contain one sample per bus cycle with the commands of the shafts.
 
     """
     off = off or OFF
@@ -233,22 +166,22 @@ def _trials(data: str, attempts: Sequence[Attempt]) -> list[Trial]:
 
 
 def _outcome(attempt: Attempt, excess: float) -> str:
-    """Say which explanation holds of an attempt: that of the thesis, that of the steps, or none."""
+    """Return the outcome of an attempt in words."""
     came_back = max(map(abs, attempt.moved)) < STUCK
     is_least = excess < 1.0 + AT_MINIMUM
     if came_back and is_least:
-        return 'came back, and was in a minimum, as the thesis supposes'
+        return 'returned the start values at a minimum, as the thesis assumes'
     if came_back:
-        return 'came back outside of a minimum: quotients with such a step point nowhere'
+        return 'returned the start values outside a minimum: quotients with such a step are meaningless'
     if attempt.error < FOUND:
-        return 'found the right values'
+        return 'found the true values'
     if is_least:
-        return 'went to wrong values that fit best: the signals or the model do not tell them'
-    return 'went astray'
+        return 'found wrong values of best fit: the signals or the model do not identify them'
+    return 'diverged'
 
 
 def explanation(study: ThesisStudy) -> list[str]:
-    """Say in words, with the figures of a study, why the estimation came to nothing."""
+    """Return the explanation of the result of chapter 9 with the figures of a study, as sentences."""
     off = max(a.off for a in study.attempts)
     lost = [q for q in study.quotients if 1e-5 <= q.step <= 1e-3]
     slopes = {q.symbol: q.ideal for q in study.quotients if q.step == TRUE_STEP}
@@ -257,19 +190,19 @@ def explanation(study: ThesisStudy) -> list[str]:
     best = min(study.attempts, key=lambda a: a.cost)
     sentences = [
         f'With steps from 1e-5 to 1e-3 the difference quotients through the encoders are {min(excess):.2g} to '
-        f'{max(excess):.2g} times as long as the true slopes and stand nearly at right angles to them '
+        f'{max(excess):.2g} times as long as the true slopes and nearly perpendicular to them '
         f'(cosine at most {max(abs(q.agreement) for q in lost):.2g}): '
-        'a single reading that tips over sends the loops along another course.',
-        f'A change by 100 % moves the current of all bus cycles together by {slopes["R"]:.2g} (R), '
+        'one changed encoder reading changes the trajectory of the loops.',
+        f'A change by 100 % changes the current of all bus cycles by {slopes["R"]:.2g} (R), '
         f'{slopes["L"]:.2g} (L), {slopes["F_v"]:.2g} (F_v), {slopes["F_s"]:.2g} (F_s) and {slopes["I_m"]:.2g} (I_m) '
-        'standard deviations of its noise: the current loop hides the winding.',
+        'standard deviations of its noise in total: the current loop hides the winding.',
     ]
     off_and_stuck = [a for a in stuck if a.off]
     if off_and_stuck:
         sentences.append(
             f'Of {sum(a.off > 0.0 for a in study.attempts)} estimations that began {100.0 * off:g} % off, '
-            f'{len(off_and_stuck)} moved by less than {100.0 * STUCK:g} %: the initial values came back, '
-            f'at {min(a.cost for a in off_and_stuck) / best.cost:.2g} times the least cost and more.'
+            f'{len(off_and_stuck)} moved by less than {100.0 * STUCK:g} % and returned the initial values, '
+            f'at {min(a.cost for a in off_and_stuck) / best.cost:.2g} times the least cost or more.'
         )
     sentences += [trial.sentence for trial in study.trials]
     return sentences
@@ -282,7 +215,7 @@ def quotients_of(
     symbols: Sequence[str] = SYMBOLS,
     steps: Sequence[float] = STEPS,
 ) -> list[Quotient]:
-    """Return difference quotients of the replayed current, through encoders and without."""
+    """Return difference quotients of the replayed current, with encoders and with ideal encoders."""
     values = values_of(parameters)
     rough, ideal = Replay(trace, parameters, ideal_encoder=False), Replay(trace, parameters)
     before, before_ideal = rough.run({}), ideal.run({})
@@ -330,7 +263,7 @@ def _profiles(trace: Trace, parameters: Parameters, on_progress: OnProgress) -> 
 
 
 def attempt_once(trace: Trace, parameters: Parameters, step: float, off: float) -> Attempt:
-    """Estimate from the closed loop's signals in SI units with the usual settings and a step of the quotients."""
+    """Estimate from the closed-loop signals in SI units with default settings and a step of the quotients."""
     replay = Replay(trace, parameters, ideal_encoder=False)
     ratio = parameters.dynamics.gear_ratio
     measured = [trace[name][replay.rows] for name in SIGNALS]

@@ -1,16 +1,15 @@
-"""Which of the effects that the model leaves out explains how much of its distance from the robot.
+"""Attribution of the difference between robot and model to the effects that the model lacks.
 
-Every combination of the robot's effects is simulated on the same program. What is explained is a number v of a run:
-the mean square of a signal's deviation from the model, or a statistic such as the largest TCP error. For each effect
-there is
+Every combination of the robot's effects is simulated on the same program. The attributed number v of a run is the mean
+square of a signal's deviation from the model, or a statistic such as the largest TCP error. For each effect:
 
 - alone:     v with this effect only, less v without any;
-- left out:  v with all of them, less v with all but this one;
-- share:     its Shapley value, the mean of what it adds over all orders in which the effects could be switched on.
+- left out:  v with all effects, less v with all but this one;
+- share:     its Shapley value, the mean increase of v over all orders in which the effects can be switched on.
 
-The Shapley values add up exactly to v(all) - v(none); what is left of robot - model is due to other parameters, such
-as the exchange period. Where effects superpose, the Shapley value of a mean square is mean(d_i d): what of the
-deviation d goes along with the effect's own d_i. It can be negative: an effect that compensates others.
+The Shapley values sum to v(all) - v(none); the remainder of robot - model is due to other parameters, such as the
+exchange period. If effects superpose, the Shapley value of a mean square is mean(d_i d): the part of the deviation d
+that is correlated with the effect's own d_i. It is negative for an effect that compensates others.
 """
 
 import math
@@ -33,22 +32,11 @@ from delta3_pacdrive.parameters import Parameters, flatten
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect is something that the thesis leaves out.
-
-    Attributes
-    ----------
-    text
-        In words.
-    switch
-        In the group ``rich``; an effect without magnitudes is all of it.
-    magnitudes
-        Of this effect, where several share a switch.
-
-    """
+    """Physical effect that the thesis does not model."""
 
     text: str
-    switch: str
-    magnitudes: tuple[str, ...] = ()
+    switch: str  # in the group rich; without magnitudes it is the whole effect
+    magnitudes: tuple[str, ...] = ()  # of this effect, if several share a switch
 
 
 EFFECTS = {
@@ -65,7 +53,7 @@ EFFECTS = {
     'parallelogram': Effect('rods and tilt of the plate', 'parallelogram'),
 }
 
-# what is explained beside the deviation of each signal: (signal, statistic)
+# attributed numbers in addition to the deviation of each signal: (signal, statistic)
 EXPLAINED = tuple(
     (name, statistic)
     for name in ('current', 'tcp_error_norm', 'tcp_error_norm_true')
@@ -75,45 +63,31 @@ EXPLAINED = tuple(
 
 @dataclass(frozen=True)
 class Outcome:
-    """An outcome is a number of a run [SI], and what each effect has to do with it.
+    """Number of a run [SI] and its attribution to effects."""
 
-    Attributes
-    ----------
-    signal
-        One of ``QUANTITIES``.
-    statistic
-        'deviation': mean square of the deviation from the model; 'max', 'rms': of the signal itself.
-    model, robot
-        The number of either; of the model itself a deviation is 0.
-    other
-        What parameters beside the effects explain.
-    alone, left_out, share
-        By effect.
-
-    """
-
-    signal: str
+    signal: str  # one of QUANTITIES
+    # 'deviation': mean square of the deviation from the model; 'max', 'rms': of the signal itself
     statistic: str
-    model: float
+    model: float  # number of the model; 0 for a deviation
     robot: float
-    other: float
-    alone: dict[str, float]
+    other: float  # contribution of parameters other than the effects
+    alone: dict[str, float]  # by effect, as are left_out and share
     left_out: dict[str, float]
     share: dict[str, float]
 
     @property
     def total(self) -> float:
-        """What is to be explained."""
+        """Difference to be explained."""
         return self.robot - self.model
 
     @property
     def unit(self) -> str:
-        """In which the numbers are."""
+        """Unit of the numbers."""
         unit = QUANTITIES[self.signal].unit
         return f'({unit})^2' if self.statistic == 'deviation' else unit
 
     def percent(self, value: float) -> float | None:
-        """Share of a deviation; None of statistics, whose changes may cancel."""
+        """Share of a deviation; None for statistics, whose changes may cancel."""
         if self.statistic != 'deviation' or self.total <= 0.0:
             return None
         return 100.0 * value / self.total
@@ -121,29 +95,16 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Attribution:
-    """An attribution says what explains the difference of a robot from its model.
+    """Attribution of the difference between a robot and its model."""
 
-    Attributes
-    ----------
-    effects
-        Of the robot, in the order of ``EFFECTS``.
-    other_parameters
-        Names of parameters beside the effects in which robot and model differ.
-    simulations
-        Runs that it took.
-    outcomes
-        By signal and statistic.
-
-    """
-
-    effects: tuple[str, ...]
-    other_parameters: tuple[str, ...]
-    simulations: int
-    outcomes: dict[tuple[str, str], Outcome]
+    effects: tuple[str, ...]  # effects of the robot in the order of EFFECTS
+    other_parameters: tuple[str, ...]  # parameters other than the effects that differ
+    simulations: int  # number of runs
+    outcomes: dict[tuple[str, str], Outcome]  # by signal and statistic
 
 
 def effects_of(robot: Parameters) -> tuple[str, ...]:
-    """Return the effects that a robot has: switched on, and with a magnitude."""
+    """Return the effects of a robot that are switched on and have a magnitude."""
     rich = robot.rich.effects
     return tuple(
         name
@@ -154,7 +115,7 @@ def effects_of(robot: Parameters) -> tuple[str, ...]:
 
 
 def with_effects(robot: Parameters, chosen: Iterable[str]) -> Parameters:
-    """Return the robot with no more of its effects than ``chosen``, and nothing else changed."""
+    """Return the robot with those of its effects that are ``chosen``, otherwise unchanged."""
     kept = set(chosen).intersection(effects_of(robot))
     values: dict[str, object] = {
         f'rich__{effect.switch}': any(EFFECTS[name].switch == effect.switch for name in kept)
@@ -174,7 +135,7 @@ def shapley(values: Floats) -> Floats:
     Parameters
     ----------
     values
-        Worth of every coalition, shape (2^n, ...): player i is in coalition m where bit i of m is set.
+        Value of every coalition, shape (2^n, ...): player i is in coalition m if bit i of m is set.
 
     Returns
     -------
@@ -184,7 +145,7 @@ def shapley(values: Floats) -> Floats:
     """
     players = len(values).bit_length() - 1
     if len(values) != 1 << players:
-        raise ValueError(f'{len(values)} coalitions are not those of a whole number of players')
+        raise ValueError(f'the number of coalitions is {len(values)}, but must be a power of two')
     masks = np.arange(len(values))
     sizes = np.array([int(mask).bit_count() for mask in masks])
     found = np.zeros((players, *values.shape[1:]))
@@ -198,12 +159,12 @@ def shapley(values: Floats) -> Floats:
 def attribute(
     program: Program, model: Run, model_parameters: Parameters, robot: Parameters, on_progress: OnProgress
 ) -> Attribution:
-    """Simulate every combination of the robot's effects and share out its difference from the model.
+    """Simulate every combination of the robot's effects and attribute its difference from the model.
 
     Raises
     ------
     RunError
-        The robot cannot run the program with some of its effects; names them.
+        The robot cannot run the program with some of its effects; the message names them.
 
     """
     effects = effects_of(robot)
@@ -212,7 +173,7 @@ def attribute(
     plans: dict[bytes, Planned] = {}
 
     def planned(program: Program, tcp_m: Floats, parameters: Parameters) -> Planned:
-        """Plan once for each place: effects change what the encoders say of it, but nothing that is planned with."""
+        """Plan once per start position; effects change the measured position, but nothing else in a plan."""
         place = tcp_m.tobytes()
         if place not in plans:
             plans[place] = program_planner.plan(program, tcp_m, parameters)
@@ -235,7 +196,7 @@ def attribute(
 
 
 def _numbers(comparison: Comparison) -> dict[tuple[str, str], float]:
-    """Return what is explained, of one run."""
+    """Return the attributed numbers of one run."""
     numbers = {(name, 'deviation'): comparison.mean_square_deviation(name) for name in comparison.names}
     for name, statistic in EXPLAINED:
         largest, square = map(comparison.measured, comparison.extent(comparison.robot, name))
@@ -245,7 +206,7 @@ def _numbers(comparison: Comparison) -> dict[tuple[str, str], float]:
 
 
 def outcome_of(key: tuple[str, str], effects: Sequence[str], of_model: float, values: Floats) -> Outcome:
-    """Return what the values of all subsets of effects tell about each effect; bit i of an index is effect i."""
+    """Return the attribution from the values of all subsets of effects; bit i of an index is effect i."""
     every = len(values) - 1
     return Outcome(
         *key,

@@ -1,6 +1,6 @@
-"""The claims of 11.1.1 to 11.1.4, one by one: the verdict of a run, its figure, and the interval over seeds.
+"""The claims of 11.1.1 to 11.1.4: verdict of a run, its numbers, and their range over seeds.
 
-The thesis gives no numbers, only plots; the limits from which on a difference counts are chosen here.
+The thesis shows plots without numbers, so the limits for a significant difference are chosen here.
 """
 
 import math
@@ -15,12 +15,12 @@ from delta3_pacdrive.analysis.experiments.comparison import Comparison, Statisti
 
 HOLDS, FAILS, UNKNOWN = 'holds', 'does not hold', 'cannot be known'
 DEPENDS = 'depends on the seed'
-ALIKE_PERCENT = 1.0  # rms of the deviation, of the peak: nobody sees it in a figure of a page
-APART_PERCENT = 10.0  # rms of the deviation, of the model's rms: nobody overlooks it
-FOLLOWS_PERCENT = 20.0  # rms of an acceleration from its reference, of the reference, that still follows it
-RIPPLE_RATIO = 1.5  # of the robot's ripple over the model's, from which on one sees it
-DYNAMICS_PERCENT = 50.0  # of the mean square of the deviation, from which on dynamics explain it
-RIPPLE_CYCLES = 5  # on either side, whose mean is taken off
+ALIKE_PERCENT = 1.0  # rms of the deviation relative to the peak: invisible in a printed figure
+APART_PERCENT = 10.0  # rms of the deviation relative to the model's rms: clearly visible
+FOLLOWS_PERCENT = 20.0  # largest rms deviation of an acceleration that follows its reference
+RIPPLE_RATIO = 1.5  # visible ratio of the robot's ripple to the model's
+DYNAMICS_PERCENT = 50.0  # share of the mean square at which dynamics explain a deviation
+RIPPLE_CYCLES = 5  # half width of the moving average that is subtracted
 
 PLANE = 'the model is symmetric to the plane of the motion, so it has no error in y'
 NOISE = 'only the robot has sensor noise and cogging'
@@ -28,47 +28,27 @@ NOISE = 'only the robot has sensor noise and cogging'
 
 @dataclass(frozen=True)
 class ArmSpeeds:
-    """The arm speeds of an experiment, as those of others are held against them.
+    """Figures of the arm speeds of an experiment, for comparison with other experiments."""
 
-    Attributes
-    ----------
-    ripple_deg_s
-        Of the robot: ``ripple_deg_s``.
-    apart_percent
-        What model and robot are apart, rms, of the peak; None if the model does not move.
-
-    """
-
-    ripple_deg_s: float
-    apart_percent: float | None
+    ripple_deg_s: float  # of the robot
+    apart_percent: float | None  # rms deviation relative to the peak; None if the model does not move
 
     @classmethod
     def of(cls, comparison: Comparison) -> 'ArmSpeeds':
-        """Of model and robot that both tell their arm speeds."""
+        """Return the figures of a model and a robot with recorded arm speeds."""
         (row,) = [row for row in comparison.statistics() if (row.signal, row.column) == ('arm_speed', 'all')]
         return cls(ripple_deg_s(comparison, comparison.robot), row.deviation_rms_percent)
 
 
 @dataclass(frozen=True)
 class Value:
-    """A number that decides a claim: below or above its limit the claim holds.
-
-    Attributes
-    ----------
-    number, unit
-        ``unit`` says also of what, such as ``% of the peak``.
-    limit, holds_above
-        The claim holds above the limit, or below it.
-    figure
-        The numbers in words.
-
-    """
+    """Number that decides a claim by comparison with a limit."""
 
     number: float
-    unit: str
+    unit: str  # unit and reference, such as '% of the peak'
     limit: float
-    holds_above: bool
-    figure: str
+    holds_above: bool  # whether the claim holds above the limit, or below it
+    figure: str  # description of the numbers
 
     @property
     def verdict(self) -> str:
@@ -79,38 +59,21 @@ class Value:
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the thesis.
-
-    Attributes
-    ----------
-    section, text
-        Section of the thesis, and the claim in our words.
-    verdict
-        ``HOLDS``, ``FAILS``, ``DEPENDS`` or ``UNKNOWN``.
-    figure
-        The numbers in words; for ``UNKNOWN`` the reason.
-    value
-        The number that decides; None for ``UNKNOWN``.
-    low, high, seeds
-        Range of the number over this run and ``seeds`` further seeds of the robot's sensor noise; None without seeds.
-    by_construction
-        Reason why the claim holds whatever the values of the parameters are; empty for all others.
-
-    """
+    """Claim of the thesis."""
 
     section: str
-    text: str
-    verdict: str
-    figure: str
-    value: Value | None = None
-    low: float | None = None
-    high: float | None = None
-    seeds: int = 0
-    by_construction: str = ''
+    text: str  # paraphrase of the claim
+    verdict: str  # HOLDS, FAILS, DEPENDS or UNKNOWN
+    figure: str  # description of the numbers; the reason for UNKNOWN
+    value: Value | None = None  # None for UNKNOWN
+    low: float | None = None  # smallest value over this run and other seeds; None without seeds
+    high: float | None = None  # largest value
+    seeds: int = 0  # number of other seeds
+    by_construction: str = ''  # why the claim holds for any parameter values; empty if it does not
 
     @classmethod
     def of(cls, section: str, text: str, found: 'Value | str', by_construction: str = '') -> 'Claim':
-        """Return the claim that a number decides, or the one that cannot be known for a reason."""
+        """Return a claim that a number decides, or that is unknown for a reason."""
         if isinstance(found, str):
             return cls(section, text, UNKNOWN, found)
         reason = by_construction if found.verdict == HOLDS else ''
@@ -118,14 +81,14 @@ class Claim:
 
     @property
     def sentence(self) -> str:
-        """One line for people."""
+        """The claim with its verdict in one line."""
         line = f'{self.section}: {self.text}: {self.verdict.upper()}: {self.figure}'
         if self.value is not None and self.low != self.high:
             line += f'; {self.low:.3g} to {self.high:.3g} {self.value.unit} over {self.seeds + 1} seeds'
         return line + (f'; true by construction: {self.by_construction}' if self.by_construction else '')
 
     def over(self, others: Sequence['Claim']) -> 'Claim':
-        """Return the claim with the range over the same claim of runs with other seeds."""
+        """Return the claim with its range over runs with other seeds."""
         values = [one.value for one in (self, *others) if one.value is not None]
         if self.value is None or len(values) < 2:
             return self
@@ -152,18 +115,18 @@ def claims(
     attribution: Attribution | None,
     elsewhere: Mapping[int, ArmSpeeds] | None = None,
 ) -> list[Claim]:
-    """Hold a run of an experiment against every claim of its section and of 11.1.4; none for other programs.
+    """Check a run of an experiment against all claims of its section and of 11.1.4; empty for other programs.
 
     Parameters
     ----------
     number
-        Of the experiment.
+        Number of the experiment.
     comparison
-        Of model and robot.
+        Comparison of model and robot.
     attribution
-        What explains it, if that is known.
+        Its attribution, if available.
     elsewhere
-        Arm speeds of the same two in other experiments, by their numbers, if they are known.
+        Arm speeds of the same model and robot in other experiments by number, if available.
 
     """
     if number is None:
@@ -320,7 +283,7 @@ def _ripple(section: str, number: int, comparison: Comparison, elsewhere: Mappin
 
 
 def ripple_deg_s(comparison: Comparison, run: Run) -> float:
-    """Return the small amplitude variation of arm speeds [deg/s rms]: what their mean over 11 cycles leaves."""
+    """Return the ripple of the arm speeds [deg/s rms] about their moving average over 11 cycles."""
     speed = comparison.measured(run.actual['arm_speed'])
     width = 2 * RIPPLE_CYCLES + 1
     if len(speed) <= width:
@@ -337,8 +300,8 @@ def _dynamics(attribution: Attribution | None) -> Claim:
         return Claim.of('11.1.4', text, 'no attribution was made')
     outcome = attribution.outcomes.get(('tcp_error_norm', 'deviation'))
     if outcome is None or outcome.total <= 0.0:
-        return Claim.of('11.1.4', text, 'there is nothing to explain')
+        return Claim.of('11.1.4', text, 'there is no deviation to explain')
     dynamic = ('forearm_rods', 'gear', 'friction', 'cogging', 'torque_ripple')
     share = 100.0 * sum(outcome.share.get(name, 0.0) for name in dynamic) / outcome.total
-    figure = f'{share:.0f} % of the mean square; the rest are sensors, geometry and parameters ({100.0 - share:.0f} %)'
+    figure = f'{share:.0f} % of the mean square; sensors, geometry and parameters cause {100.0 - share:.0f} %'
     return Claim.of('11.1.4', text, Value(share, '% of the mean square', DYNAMICS_PERCENT, True, figure))

@@ -1,15 +1,16 @@
-"""The signals of a run that model and robot are compared by: those of Table 10-1, cycle by cycle.
+"""Signals for the comparison of model and robot: those of Table 10-1, in every bus cycle.
 
-Everything of the arms comes from the answers of the drives, as the controller sees it: encoder position and speed over
-the gear ratio (4.17), the TCP by forward kinematics with the nominal geometry. What is really there, the arm angle
-behind the gear and the TCP of the arms as they are built, only simulations tell (``*_true``).
+Arm signals come from the answers of the drives, as the controller sees them: encoder position and speed over the gear
+ratio (4.17), and the TCP by forward kinematics with the nominal geometry. The true arm angle after the gear and the
+TCP
+of the real arms (``*_true``) are available in simulations only.
 
-The actual acceleration is not measured: it is the slope of the straight line through the actual speed of the five
+The actual acceleration is not measured. It is the slope of the least-squares line through the actual speed of five
 cycles (at 1 ms) within ``run_signals.SLOPE_S`` on either side. The reference acceleration is the same slope of the
-reference speed, so that smoothing is no difference between the two; the thesis could compare only with the reference.
+reference speed, so both are smoothed equally; the thesis could only compare with the unsmoothed reference.
 
-The current is the mean of all samples that the current loop leaves in a bus cycle, which is what moves the arm; its
-maxima and rms are those of the samples.
+The current is the mean of all samples of the current loop in a bus cycle, because this mean moves the arm; maxima and
+rms are those of the samples.
 """
 
 import math
@@ -26,37 +27,22 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
-Values = dict[str, Floats]  # (cycles, columns) by the names of ``QUANTITIES``
+Values = dict[str, Floats]  # shape (cycles, columns), keys as in ``QUANTITIES``
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity is a signal that is compared.
-
-    Attributes
-    ----------
-    text
-        What it is, in words.
-    unit
-        SI, in which it is held.
-    shown_unit, factor
-        In which people read it: shown value = factor x value.
-    columns
-        Names of its columns; '' where there is one.
-    position
-        Whether its peak counts from where it starts, not from zero.
-
-    """
+    """Signal that is compared."""
 
     text: str
-    unit: str
+    unit: str  # SI
     shown_unit: str
-    factor: float
-    columns: tuple[str, ...]
-    position: bool = False
+    factor: float  # shown value = factor x value
+    columns: tuple[str, ...]  # names of the columns; '' for a single one
+    position: bool = False  # whether its peak is relative to its start instead of zero
 
 
-OF_SAMPLES = ('current_min', 'current_max', 'current_rms')  # beside the mean
+OF_SAMPLES = ('current_min', 'current_max', 'current_rms')  # in addition to the mean
 _AXES, XYZ, _NORM = ('1', '2', '3'), ('x', 'y', 'z'), ('',)
 _DEG = math.degrees(1.0)
 QUANTITIES = {
@@ -76,49 +62,29 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Run:
-    """A run holds the signals from shortly before its program to shortly after.
+    """Signals from shortly before to shortly after a program."""
 
-    Attributes
-    ----------
-    cycle
-        Bus cycles from the start of the program, shape (cycles,).
-    period_s
-        Of the bus.
-    actual
-        Signals by the names of ``QUANTITIES``, each (cycles, columns), nan where a recording has a gap; beside them
-        ``OF_SAMPLES``, where they are known.
-    reference
-        What the drives were told, delayed as set points reach them; of those that have one.
-    missing
-        Signals that the recording does not hold.
-    origin_s
-        Time of the cycle 0.
-    knows_start
-        Whether that is the start of a program.
-
-    """
-
-    cycle: NDArray[np.int64]
+    cycle: NDArray[np.int64]  # bus cycles from the start of the program, shape (cycles,)
     period_s: float
-    actual: Values
-    reference: Values
-    missing: tuple[str, ...]
-    origin_s: float = 0.0
-    knows_start: bool = True
+    actual: Values  # by QUANTITIES, each (cycles, columns), nan in gaps; also OF_SAMPLES if available
+    reference: Values  # commands with set-point delay, for signals with a command
+    missing: tuple[str, ...]  # signals that the recording lacks
+    origin_s: float = 0.0  # time of cycle 0
+    knows_start: bool = True  # whether that is the start of a program
 
     @staticmethod
     def of(trace: Trace, parameters: Parameters) -> 'Run':
-        """Take the signals from a trace of a robot with these parameters; raises TraceError."""
+        """Return the signals of a trace of a robot with these parameters; raises TraceError."""
         return Run.of_part(program_part(trace), parameters)
 
     @staticmethod
     def of_part(part: Trace, parameters: Parameters) -> 'Run':
-        """Take the signals from the part of a trace that is shown, on an even grid without gaps.
+        """Return the signals of a displayed part, on an even grid without gaps.
 
         Raises
         ------
         TraceError
-            The trace does not tell its cycle time.
+            The trace contains no cycle time.
 
         """
         period, gear_ratio = positive(part, 'cycle_time_s'), parameters.dynamics.gear_ratio
@@ -165,26 +131,26 @@ class Run:
 
     @property
     def time_s(self) -> Floats:
-        """Time of each cycle, from the start of the program if that is known, shape (cycles,)."""
+        """Time of each cycle, from the start of the program if it is known, shape (cycles,)."""
         return np.asarray(self.cycle * self.period_s + self.origin_s, dtype=np.float64)
 
     def rows(self, rows: NDArray[np.int64]) -> 'Run':
-        """Return some of the cycles."""
+        """Return a selection of cycles."""
         actual = {name: values[rows] for name, values in self.actual.items()}
         reference = {name: values[rows] for name, values in self.reference.items()}
         return replace(self, cycle=self.cycle[rows], actual=actual, reference=reference)
 
     def shifted(self, shift_s: float) -> 'Run':
-        """Return the run at other times: whole cycles stay whole."""
+        """Return the run with shifted times; shifts by whole cycles are exact."""
         cycles = round(shift_s / self.period_s)
         if abs(shift_s - cycles * self.period_s) <= ON_GRID * self.period_s:
             return replace(self, cycle=self.cycle + cycles)
         return replace(self, origin_s=self.origin_s + shift_s)
 
     def at(self, other: 'Run') -> 'Run':
-        """Return the run at the times of another, between its own cycles if need be.
+        """Return the run at the times of another, interpolated if necessary.
 
-        Accelerations are the slope over the cycles of the other, so that they are smoothed alike.
+        Accelerations are slopes over the cycles of the other run, so that both are smoothed equally.
         """
         within = (other.time_s >= self.time_s[0]) & (other.time_s <= self.time_s[-1])
         time_s = other.time_s[within]
@@ -207,7 +173,7 @@ class Run:
         )
 
     def _currents_within(self, time_s: Floats, period_s: float) -> Values:
-        """Return the currents of all samples of longer cycles, each from one of these times on."""
+        """Return the currents over all samples of longer cycles that begin at these times."""
         count = round(period_s / self.period_s)
         rows = np.rint((time_s - self.time_s[0]) / self.period_s).astype(np.int64)
         rows = np.minimum(rows[:, None] + np.arange(count), len(self.cycle) - 1)
@@ -220,7 +186,7 @@ class Run:
         }
 
     def of_the_at(self) -> 'Run':
-        """Return the run with the current as an AT tells it, for a comparison with one that has no other."""
+        """Return the run with the current of the AT, for comparison with a run without other samples."""
         actual = {name: values for name, values in self.actual.items() if name not in OF_SAMPLES}
         if 'current_at' in actual:
             actual['current'] = actual.pop('current_at')

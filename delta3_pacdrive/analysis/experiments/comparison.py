@@ -1,4 +1,4 @@
-"""Model and robot on one program: how far the signals of their runs are apart."""
+"""Comparison of model and robot on one program: deviations of their signals."""
 
 import math
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from delta3_pacdrive.numerics.types import Floats
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics are one signal of model and robot in numbers, in the unit that people read.
+    """Statistics of one signal of model and robot, in the displayed unit.
 
-    ``*_max`` are largest absolute values, ``deviation`` is robot - model, percentages are of ``peak``: the largest
-    excursion of the model over all columns of the signal, from its start for positions, else from zero.
+    ``*_max`` are largest absolute values and ``deviation`` is robot - model. Percentages are relative to ``peak``, the
+    largest excursion of the model over all columns of the signal, from its start for positions, otherwise from zero.
     """
 
     signal: str
@@ -41,20 +41,11 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison holds model and robot over the same bus cycles of the program.
+    """Model and robot over the same bus cycles of a program."""
 
-    Attributes
-    ----------
-    model, robot
-        At the same times: those of the model, or of whichever has the longer cycle.
-    start_s
-        When the program starts; -inf if neither knows it.
-
-    """
-
-    model: Run
+    model: Run  # at the times of the run with the longer cycle, as is robot
     robot: Run
-    start_s: float = 0.0
+    start_s: float = 0.0  # start of the program; -inf if unknown
 
     @staticmethod
     def of(model: Run, robot: Run, shift_s: float = 0.0) -> 'Comparison':
@@ -63,14 +54,14 @@ class Comparison:
         Parameters
         ----------
         model, robot
-            The runs; the one with the shorter cycle is taken at the times of the other.
+            The runs; the one with the shorter cycle is resampled to the times of the other.
         shift_s
-            What is added to the times of the robot.
+            Added to the times of the robot.
 
         Raises
         ------
         TraceError
-            The runs have no signal, or no cycle of the program, in common.
+            The runs have no signal or no cycle of the program in common.
 
         """
         start_s = 0.0 if model.knows_start else shift_s if robot.knows_start else -math.inf
@@ -97,29 +88,29 @@ class Comparison:
 
     @property
     def counted(self) -> NDArray[np.bool_]:
-        """Which cycles are those of the program and behind it."""
+        """Whether a cycle is at or after the start of the program, shape (cycles,)."""
         return np.asarray(self.time_s >= self.start_s - ON_GRID * self.model.period_s)
 
     @property
     def names(self) -> list[str]:
-        """Signals that both runs hold in some cycle of the program, in the order of ``QUANTITIES``."""
+        """Signals known in both runs in some cycle of the program, in the order of ``QUANTITIES``."""
         both = [name for name in QUANTITIES if name in self.model.actual and name in self.robot.actual]
         return [name for name in both if len(self.measured(self.deviation(name)))]
 
     @property
     def missing(self) -> list[str]:
-        """Signals of simulations that at least one of the runs lacks."""
+        """Signals that one of the runs lacks."""
         lacking = [name for name in QUANTITIES if name not in self.names]
-        # where there is no other, the current is that of the AT
+        # without other samples the current is that of the AT
         return [name for name in lacking if name != 'current_at' or 'current' not in self.names]
 
     def measured(self, values: Floats) -> Floats:
-        """Rows from the start of the program on that are known."""
+        """Return the known rows from the start of the program."""
         rows = values[self.counted]
         return np.asarray(rows[np.isfinite(rows).all(axis=1)])
 
     def extent(self, run: Run, name: str) -> tuple[Floats, Floats]:
-        """Return a signal as it counts for its maximum, and as it counts for its rms: of a current all samples."""
+        """Return a signal for its maximum and for its rms, which for a current cover all samples."""
         values = run.actual[name]
         if name != 'current' or not all(own in run.actual for own in OF_SAMPLES):
             return values, values
@@ -131,11 +122,11 @@ class Comparison:
         return self.robot.actual[name] - self.model.actual[name]
 
     def mean_square_deviation(self, name: str) -> float:
-        """Mean of the squared deviation over time [SI]: of a vector's length, or of all axes alike."""
+        """Mean squared deviation over time [SI]: of the length of a vector, or of all axes."""
         return _rms(self.measured(self.deviation(name)), QUANTITIES[name].columns == XYZ) ** 2
 
     def reference_apart_m(self) -> float:
-        """Largest distance of the two reference TCPs [m]: each plan begins where its encoders say that it stands.
+        """Largest distance of the two reference TCPs [m]; they differ because a plan starts at the measured position.
 
         Nan if one has no reference.
         """
@@ -145,7 +136,7 @@ class Comparison:
         return float(norm(apart).max(initial=0.0))
 
     def statistics(self) -> list[Statistics]:
-        """Return the numbers of each column of each signal, and of all its columns together."""
+        """Return the statistics of each column of each signal, and of all columns of a signal."""
         return [row for name in self.names for row in self._of_signal(name)]
 
     def _of_signal(self, name: str) -> list[Statistics]:
@@ -166,7 +157,7 @@ class Comparison:
         columns = {label: slice(i, i + 1) for i, label in enumerate(quantity.columns)}
         if len(columns) > 1:
             columns['all'] = slice(None)
-        # of a vector in space the length counts, of three axes the worst
+        # the length of a vector in space, the largest of three axes
         in_space = quantity.columns == XYZ
         size = _length if in_space else _largest
         peak = float(size(from_start).max())
@@ -198,6 +189,6 @@ def _largest(values: Floats) -> Floats:
 
 
 def _rms(values: Floats, of_vector: bool) -> float:
-    """Root of the mean square over time: of a vector's length, or of all columns alike."""
+    """Root mean square over time: of the length of a vector, or of all columns."""
     squares = (values**2).sum(axis=1) if of_vector else (values**2).mean(axis=1)
     return math.sqrt(squares.mean())

@@ -1,4 +1,4 @@
-"""What a comparison shows, in sentences with numbers: whether it is what the thesis found, and what explains it."""
+"""Conclusions of a comparison as sentences: agreement with the thesis, and attribution to effects."""
 
 import math
 from dataclasses import dataclass
@@ -7,9 +7,9 @@ from delta3_pacdrive.analysis.experiments.attribution import EFFECTS, Attributio
 from delta3_pacdrive.analysis.experiments.compared_signals import QUANTITIES
 from delta3_pacdrive.analysis.experiments.comparison import Statistics
 
-SMALL_PERCENT = 1.0  # of the peak: two curves that nobody tells apart in a figure of a page
-CLEAR_PERCENT = 10.0  # rms of the deviation, of the model's rms: nobody overlooks it
-NAMED_PERCENT = 5.0  # a share that is named
+SMALL_PERCENT = 1.0  # of the peak: indistinguishable curves in a printed figure
+CLEAR_PERCENT = 10.0  # rms of the deviation relative to the model's rms: clearly visible
+NAMED_PERCENT = 5.0  # smallest share that is listed
 OF_CURVES = (
     'arm_angle',
     'arm_speed',
@@ -24,7 +24,7 @@ OTHER = 'other parameters'
 
 @dataclass(frozen=True)
 class Conclusion:
-    """A conclusion is one claim of 11.1.4, and whether this run bears it out."""
+    """Claim of 11.1.4, and whether this run confirms it."""
 
     claim: str
     holds: bool
@@ -32,9 +32,9 @@ class Conclusion:
 
 
 def conclusions(rows: list[Statistics]) -> list[Conclusion]:
-    """Hold the run against what the thesis found: angles and TCP alike, error norm and current clearly not.
+    """Check a run against the results of the thesis; signals missing in both runs are omitted.
 
-    What both runs do not hold is left out.
+    The thesis reports small deviations of angles and TCP, and clear deviations of the error norm and the current.
     """
     whole = {row.signal: row for row in rows if row.column in ('', 'all')}
     return [
@@ -44,7 +44,7 @@ def conclusions(rows: list[Statistics]) -> list[Conclusion]:
 
 
 def truth(rows: list[Statistics]) -> str:
-    """Return what the controller does not see, in one sentence; empty if the runs do not tell."""
+    """Return the true TCP errors in one sentence; empty if the runs do not contain them."""
     whole = {row.signal: row for row in rows if row.column in ('', 'all')}
     if 'tcp_error_norm_true' not in whole:
         return ''
@@ -57,7 +57,7 @@ def truth(rows: list[Statistics]) -> str:
 
 
 def explanations(attribution: Attribution) -> list[str]:
-    """Return one sentence for each curve, and one for each statistic: which effect explains how much."""
+    """Return one sentence per curve and per statistic with the shares of the effects."""
     outcomes = attribution.outcomes
     curves = [name for name in OF_CURVES if (name, 'deviation') in outcomes]
     sentences = [_of_curve(outcomes[name, 'deviation'], attribution) for name in curves]
@@ -66,7 +66,7 @@ def explanations(attribution: Attribution) -> list[str]:
 
 
 def other_text(attribution: Attribution) -> str:
-    """Name what is neither an effect nor the same in model and robot."""
+    """Name the parameters that differ between model and robot in addition to the effects."""
     names = attribution.other_parameters
     listed = ', '.join(names[:3]) + (', ...' if len(names) > 3 else '')
     return f'{OTHER} ({listed})' if names else OTHER
@@ -105,7 +105,7 @@ def _of_curve(outcome: Outcome, attribution: Attribution) -> str:
     rms = quantity.factor * math.sqrt(max(outcome.total, 0.0))
     begin = f'{quantity.text}, {rms:.3g} {quantity.shown_unit} rms apart'
     if outcome.total <= 0.0:
-        return f'{begin}: nothing to explain'
+        return f'{begin}: no deviation to explain'
     shares = {EFFECTS[name].text: 100.0 * value / outcome.total for name, value in outcome.share.items()}
     shares[other_text(attribution)] = 100.0 * outcome.other / outcome.total
     named = {name: share for name, share in shares.items() if abs(share) >= NAMED_PERCENT}

@@ -1,7 +1,7 @@
-"""Figures 11.1 to 11.24: model against robot against reference, and what explains the difference.
+"""Figures 11.1 to 11.24: model, robot and reference, and the attribution of the difference.
 
-Where the curves cannot be told apart, a second panel shows how far each is from the reference. Figures count from the
-first of their experiment: 11.1, 11.9, 11.17.
+A second column shows deviations from the reference if the curves are indistinguishable. Figures are numbered from the
+first one of their experiment: 11.1, 11.9, 11.17.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
 
 PER_EXPERIMENT = 8
 ATTRIBUTION = 'attribution.png'
-MARGIN = 5.0  # beside the bars of the shares [%]
+MARGIN = 5.0  # of the bars of the shares [%]
 # panels of the figure of effects
 SHARED_OUT = ('tcp_error_norm', 'current', 'arm_angle', 'tcp_error_norm_true')
-MAGNIFIED = 0.06  # of the longest side of the path: how far magnified deviations reach
+MAGNIFIED = 0.06  # size of magnified deviations relative to the longest side of the path
 
-# the robot's curve is the restless one: it lies below
+# the robot's curve is noisier and is drawn below
 MODEL: dict[str, Any] = {'color': COLOURS[0], 'linewidth': 1.4, 'solid_capstyle': 'round', 'zorder': 3.0}
 ROBOT: dict[str, Any] = {'color': COLOURS[1], 'linewidth': 1.0, 'zorder': 2.5}
 REFERENCE: dict[str, Any] = COMMAND | {'zorder': 3.5}
@@ -53,10 +53,10 @@ TRUE: dict[str, Any] = {'color': COLOURS[4], 'linewidth': 1.0}
 
 
 def by_name(found: Results) -> Drawings:
-    """Return what draws each figure of an experiment, by file name."""
+    """Return the drawing functions of an experiment by file name."""
     number, comparison, attribution = found.number, found.comparison, found.attribution
     zoom = _zoom(comparison)
-    # name: (signal that it is about, what draws it)
+    # name: (signal, drawing function)
     drawn: dict[str, tuple[str, Any]] = {
         'tcp_path': ('tcp', tcp_path),
         'arm_angles': ('arm_angle', partial(panels, name='arm_angle', symbol=r'$\theta_{}$')),
@@ -88,7 +88,7 @@ def by_name(found: Results) -> Drawings:
 
 
 def file_names(number: int | None) -> list[str]:
-    """Names that figures of an experiment, or of any two runs, may have."""
+    """Return patterns of the figure names of an experiment, or of any two runs."""
     first = 1 + PER_EXPERIMENT * ((number or 1) - 1)
     return [
         ATTRIBUTION,
@@ -154,14 +154,14 @@ def panels(
 
 
 def _draw_samples(comparison: Comparison, keep: NDArray[np.bool_], panels: Sequence[Axes]) -> None:
-    """Draw all samples of the currents as bands behind their means, and those that the AT tell as dots."""
+    """Draw all samples of the currents as bands, and the samples in the AT as dots."""
     time_s = comparison.time_s[keep]
     for run, look in ((comparison.robot, ROBOT), (comparison.model, MODEL)):
-        told = {'color': look['color'], 'linestyle': 'none', 'marker': '.', 'markersize': 0.7, 'zorder': 2.2}
+        dots = {'color': look['color'], 'linestyle': 'none', 'marker': '.', 'markersize': 0.7, 'zorder': 2.2}
         for i, axes in enumerate(panels):
             low, high = run.actual['current_min'][keep, i], run.actual['current_max'][keep, i]
             axes.fill_between(time_s, low, high, color=look['color'], alpha=0.45, linewidth=0.0, zorder=2.0)
-            axes.plot(time_s, run.actual['current_at'][keep, i], **told)
+            axes.plot(time_s, run.actual['current_at'][keep, i], **dots)
 
 
 def tcp_path(comparison: Comparison, title: str) -> Figure:
@@ -169,12 +169,12 @@ def tcp_path(comparison: Comparison, title: str) -> Figure:
     figure = titled_figure(f'{title}: TCP path', 6.0)
     axes = path_axes(figure, 0.14, 0.79)
     of_model, of_robot = comparison.model, comparison.robot
-    told = next((run.reference['tcp'] for run in (of_model, of_robot) if 'tcp' in run.reference), None)
-    reference = 1e3 * comparison.measured(of_model.actual['tcp'] if told is None else told)
+    known = next((run.reference['tcp'] for run in (of_model, of_robot) if 'tcp' in run.reference), None)
+    reference = 1e3 * comparison.measured(of_model.actual['tcp'] if known is None else known)
     model, robot = (1e3 * comparison.measured(run.actual['tcp']) for run in (of_model, of_robot))
     axes.plot(*model.T, label='model', **MODEL | WHOLE | {'linewidth': 3.0})
     axes.plot(*robot.T, label='robot', **ROBOT | WHOLE | {'linewidth': 1.6, 'zorder': 3.2})
-    if told is not None:
+    if known is not None:
         axes.plot(*reference.T, label='reference', **REFERENCE, **WHOLE)
     drawn = [model, robot]
     longest = max(float(np.ptp(reference, axis=0).max()), 1.0)
@@ -196,10 +196,10 @@ def tcp_path(comparison: Comparison, title: str) -> Figure:
 
 
 def tcp_error_norm(comparison: Comparison, title: str) -> Figure:
-    """Norm of the TCP error [mm]: as the controller sees it, in truth if that is known, and undelayed."""
+    """Norm of the TCP error [mm]: from encoders, true if known, and with set-point delay."""
     texts = {
         'tcp_error_norm': 'by forward kinematics of the encoders, set-point delay removed',
-        'tcp_error_norm_true': 'in truth: TCP of the arms as they are built',
+        'tcp_error_norm_true': 'true TCP of the real arms',
         'tcp_error_norm_raw': 'by the encoders, command and actual position of the same cycle',
     }
     names = [name for name in texts if name in comparison.names]
@@ -221,10 +221,10 @@ def tcp_error_norm(comparison: Comparison, title: str) -> Figure:
 
 
 def effects(attribution: Attribution, title: str) -> Figure:
-    """What each effect explains of the mean-square deviations: Shapley values, alone, left out."""
+    """Share of each effect in the mean-square deviations: Shapley values, alone, left out."""
     names = [name for name in SHARED_OUT if (name, 'deviation') in attribution.outcomes]
     labels = [*(_typeset(EFFECTS[name].text) for name in attribution.effects), OTHER]
-    heading = f'{title}: what makes the mean-square deviation of robot from model'
+    heading = f'{title}: causes of the mean-square deviation of robot from model'
     figure = titled_figure(heading, 2.6 + 0.34 * len(labels))
     row = figure.subplots(1, len(names), sharey=True, sharex=True)
     places = np.arange(len(labels))
@@ -238,14 +238,14 @@ def effects(attribution: Attribution, title: str) -> Figure:
         bars = [*share, 100.0 / total * outcome.other]
         axes.barh(places, bars, 0.62, color=COLOURS[0], alpha=0.85, label='share (Shapley)')
         axes.plot(alone, places[:-1], 'o', color=COLOURS[1], markersize=4.5, label='effect alone')
-        axes.plot(left_out, places[:-1], 'x', color='#111111', markersize=5, label='lost without it')
+        axes.plot(left_out, places[:-1], 'x', color='#111111', markersize=5, label='without it')
         quantity = QUANTITIES[name]
         rms = quantity.factor * math.sqrt(max(outcome.total, 0.0))
         text = textwrap.fill(quantity.text, 16)
         axes.axvline(0.0, color=MUTED, linewidth=0.8)
         dress(axes, f'{_typeset(text)}\n{rms:.2g} {quantity.shown_unit} rms', xlabel='share [%]')
         axes.grid(visible=False, axis='y')
-    # effects may cancel one another: shares lie below 0 and above 100 % then
+    # effects may cancel one another, so that shares are below 0 or above 100 %
     row[0].set_xlim(right=max(105.0, *(axes.dataLim.xmax + MARGIN for axes in row)))
     row[0].set_xlim(left=min(-12.0, *(axes.dataLim.xmin - MARGIN for axes in row)))
     row[0].set_yticks(places, labels)
@@ -257,7 +257,7 @@ def effects(attribution: Attribution, title: str) -> Figure:
 
 
 def _zoom(comparison: Comparison) -> tuple[float, float]:
-    """Return the 0.15 s [s] around the fastest change of the speeds; everything if no run tells them."""
+    """Return the 0.15 s [s] around the fastest change of speed; the whole time without recorded speeds."""
     for run in (comparison.model, comparison.robot):
         for values in (run.reference, run.actual):
             if 'arm_speed' in values:
@@ -280,5 +280,5 @@ def _alike(column: Sequence[Axes]) -> None:
 
 
 def _typeset(text: str) -> str:
-    """Return a text with its symbols as formulas have them."""
+    """Return a text with its symbols in TeX."""
     return text.replace('I_eff', r'$I_{\mathrm{eff}}$').replace('K_m', '$K_m$')

@@ -1,4 +1,4 @@
-"""An experiment in words and numbers: the summary, the text for people, the tables."""
+"""Report of an experiment: JSON document, text and tables."""
 
 import math
 from dataclasses import asdict, fields
@@ -20,7 +20,7 @@ ACCELERATION = (
 
 
 def tables(found: Results) -> list[Table]:
-    """Return signals cycle by cycle, maxima, rms and deviations, and what explains them."""
+    """Return signals, statistics, attribution and claims as tables."""
     made = [_signals(found.comparison), _statistics(found.comparison.statistics())]
     if found.attribution is not None:
         made.append(_attribution(found.attribution))
@@ -52,7 +52,7 @@ def _claim_row(claim: Claim) -> dict[str, Any]:
 
 
 def _signals(comparison: Comparison) -> Table:
-    """Return all that is drawn, cycle by cycle, in SI."""
+    """Return all drawn signals in every cycle [SI]."""
     columns = {'time [s]': comparison.time_s}
     model, robot = comparison.model, comparison.robot
     for name in comparison.names:
@@ -77,7 +77,7 @@ def _statistics(rows: list[Statistics]) -> Table:
 
 
 def _attribution(attribution: Attribution) -> Table:
-    """Return one row per number that is explained and effect, in SI."""
+    """Return one row per attributed number and effect [SI]."""
     header = [
         'signal', 'statistic', 'unit', 'model [unit]', 'robot [unit]', 'effect', 'alone [unit]', 'left_out [unit]',
         'share [unit]', 'alone [%]', 'left_out [%]', 'share [%]',
@@ -100,11 +100,9 @@ def summary(found: Results) -> dict[str, Any]:
     notes, apart = list(found.notes), 1e3 * comparison.reference_apart_m()
     unseen = [name for name in missing if name.endswith('_true')]
     if unseen:
-        notes.append(
-            f'topics do not carry what is really there, so these signals are missing: {", ".join(unseen)}'
-        )
+        notes.append(f'topics do not contain true values, so these signals are missing: {", ".join(unseen)}')
     if absent := [name for name in missing if name not in unseen]:
-        notes.append(f'not both runs tell these signals: {", ".join(absent)}')
+        notes.append(f'these signals are not in both runs: {", ".join(absent)}')
     return {
         'experiment': found.number,
         'program': found.program,
@@ -136,7 +134,7 @@ def _attribution_summary(attribution: Attribution) -> dict[str, Any]:
 
 
 def text(document: dict[str, Any]) -> list[str]:
-    """Return the lines of a summary that people read."""
+    """Return a summary as lines of text."""
     columns = ('model max', 'rms', 'robot max', 'rms', 'apart max', 'rms', '% of peak')
     lines = [document['program'], f'{"":>42} {"":>8}' + ''.join(f'{column:>11}' for column in columns)]
     for row in document['signals']:
@@ -150,9 +148,9 @@ def text(document: dict[str, Any]) -> list[str]:
     sentences += [document['truth']] if document['truth'] else []
     lines.append('')
     lines += [f'- {sentence}' for sentence in sentences]
-    if told := document.get('claims'):
-        lines += ['', 'Claim by claim:', *(f'- {claim["sentence"]}' for claim in told)]
+    if found := document.get('claims'):
+        lines += ['', 'Claims:', *(f'- {claim["sentence"]}' for claim in found)]
     if document['attribution'] is not None:
-        lines += ['', 'What explains it (Shapley values; of a deviation shares of its mean square):']
+        lines += ['', 'Attribution (Shapley values; for a deviation shares of its mean square):']
         lines += [f'- {sentence}' for sentence in document['attribution']['explanations']]
     return [*lines, '', *(f'note: {note}' for note in document['notes'])]

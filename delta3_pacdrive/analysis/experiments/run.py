@@ -1,7 +1,4 @@
-"""An experiment from its settings to its folder: a model and a robot run one program, and are compared.
-
-Any two runs are compared in the same way; an experiment is the case in which it makes them itself.
-"""
+"""Experiment study: runs model and robot on one program and compares them; also compares any two runs."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -27,7 +24,7 @@ from delta3_pacdrive.analysis.study import OnProgress
 from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.recording.trace import Trace
 
-LAST = 3  # of the experiments: 11.1.3 compares its arm speeds with those of the others
+LAST = 3  # last experiment: 11.1.3 compares its arm speeds with those of the others
 FILES = {'model': 'model.yaml', 'robot': 'robot.yaml'}  # their parameters
 
 SEED_LIMIT = 2**31  # of rich.sensor_seed
@@ -35,12 +32,12 @@ SEED_LIMIT = 2**31  # of rich.sensor_seed
 Graph = Callable[
     [Path, Mapping[str, Path], Mapping[str, Trace], OnProgress], tuple[dict[str, Trace], list[str]]
 ]
-"""Runs a program (file) on robots (parameter files, by name) whose simulations are known; returns traces and notes."""
+"""Runs a program file on robots, given as parameter files and simulations by name; returns traces and notes."""
 
 
 @dataclass
 class Study(studies.Study):
-    """The study is an experiment in a folder; with a ``graph`` both robots run as nodes, which are compared."""
+    """Experiment study in a folder; with a ``graph`` both robots run as ROS nodes."""
 
     settings: Settings
     graph: Graph | None = None
@@ -55,13 +52,13 @@ class Study(studies.Study):
             self.robots['robot'] = self.robots['robot'].replace(rich__sensor_seed=chosen.seed)
             if not self.robots['robot'].rich.effects.sensors:
                 self._notes.append('the robot has no sensor noise, so --seed changes nothing')
-        # a folder of that name in the working directory is not meant
+        # the packaged program, not a folder of that name in the working directory
         self._path = core.config_directory() / 'programs' / f'experiment{chosen.number}.yaml'
         self._make_cycles_alike()
         self._program = programs.load(self._path, self.robots['model'].motion)
 
     def run(self) -> dict[str, Any]:
-        """Run both robots, write everything into the folder and return the report; raises Delta3Error."""
+        """Run both robots, write all results and return the report; raises Delta3Error."""
         number = self.settings.number
         folder = ReportFolder(self.folder, self._provenance())
         folder.clear([*report.TABLES, *figures.file_names(number)])
@@ -73,7 +70,7 @@ class Study(studies.Study):
         if self.graph is not None:
             recorded, notes = self.graph(self._path, files, simulated, self.on_progress)
             self._notes += notes
-            # a recorder ends without knowing when the program ended
+            # a recording does not contain the end of the program
             ends = {who: {'end_cycle': trace.meta['end_cycle']} for who, trace in simulated.items()}
             traces = {who: Trace(t.time_s, t.signals, t.meta | ends[who]) for who, t in recorded.items()}
         comparison = Comparison.of(Run.of(traces['model'], model), Run.of(traces['robot'], robot))
@@ -89,10 +86,10 @@ class Study(studies.Study):
         self.on_progress('tables and figures', 0, 0)
         for path in files.values():
             folder.add(path)
-        return _leave(folder, found)
+        return _write(folder, found)
 
     def _make_cycles_alike(self) -> None:
-        """Let the packaged model run with the robot's bus cycle; one that was asked for keeps its own."""
+        """Run the packaged model with the robot's bus cycle; a specified model keeps its own."""
         cycle_s = {who: robot.bus.cycle_time_s for who, robot in self.robots.items()}
         if cycle_s['model'] == cycle_s['robot']:
             return
@@ -108,7 +105,7 @@ class Study(studies.Study):
         )
 
     def _with_other_seeds(self, model: Run) -> list[tuple[Comparison, dict[int, ArmSpeeds]]]:
-        """Return the simulated comparison, and the other experiments, with further seeds of the robot."""
+        """Return the simulated comparison, and the other experiments, for further seeds of the robot."""
         robot, number = self.robots['robot'], self.settings.number
         if not robot.rich.effects.sensors:
             return []
@@ -122,7 +119,7 @@ class Study(studies.Study):
         return found
 
     def _arm_speeds_elsewhere(self, robot: core.Parameters) -> dict[int, ArmSpeeds]:
-        """Return the arm speeds of model and robot in the experiments before, which are simulated for it."""
+        """Simulate the earlier experiments and return their arm speeds."""
         found = {}
         for number in range(1, LAST):
             path = self._path.with_stem(f'experiment{number}')
@@ -149,34 +146,36 @@ class Study(studies.Study):
 
 @dataclass
 class PairStudy(studies.Study):
-    """The study compares any two runs as an experiment compares its two."""
+    """Compares any two runs like an experiment."""
 
     settings: Pair
 
     def run(self) -> dict[str, Any]:
-        """Compare, write everything into the folder and return the report; raises Delta3Error."""
+        """Compare, write all results and return the report; raises Delta3Error."""
         pair = self.settings
         folder = ReportFolder(self.folder, self._provenance())
         folder.clear([*report.TABLES, *figures.file_names(None)])
         self.on_progress('comparison', 0, 0)
         found = compared(pair, self.on_progress)
         self.on_progress('tables and figures', 0, 0)
-        return _leave(folder, found)
+        return _write(folder, found)
 
     def _provenance(self) -> Provenance:
         model, robot = self.settings.model, self.settings.robot
-        origin = Provenance.of(self.command, model.robot, model.told_source, [model.origin, robot.origin])
-        of_robot = f'{robot.robot.checksum} ({robot.told_source or core.DEFAULT_FILE})'
+        origin = Provenance.of(
+            self.command, model.robot, model.parameter_source, [model.origin, robot.origin]
+        )
+        of_robot = f'{robot.robot.checksum} ({robot.parameter_source or core.DEFAULT_FILE})'
         return replace(origin, parameters=f'model {origin.parameters}, robot {of_robot}')
 
 
 def compared(pair: Pair, on_progress: OnProgress = studies.silent) -> Results:
-    """Compare any two runs, and look for what explains the difference where both are simulated.
+    """Compare any two runs, and attribute the difference if both are simulated.
 
     Raises
     ------
     TraceError
-        They cannot be aligned, or have no signal or no time in common.
+        The runs cannot be aligned, or have no signal or no time in common.
 
     """
     model, robot = pair.model, pair.robot
@@ -184,11 +183,11 @@ def compared(pair: Pair, on_progress: OnProgress = studies.silent) -> Results:
     aligned = found.alignment
     robot = aligned.clocked(robot)
     comparison = Comparison.of(
-        Run.of_part(model.part, model.robot), Run.of_part(robot.part, robot.robot), aligned.shift_s
+        Run.of_part(model.window, model.robot), Run.of_part(robot.window, robot.robot), aligned.shift_s
     )
     names = named([model, robot])
     notes = [
-        f'{name}: {text}' for name, run in zip(names, (model, robot), strict=True) for text in _told(run)
+        f'{name}: {text}' for name, run in zip(names, (model, robot), strict=True) for text in _notes_of(run)
     ]
     notes += found.doubts
     if not math.isclose(model.period_s, robot.period_s):
@@ -200,35 +199,33 @@ def compared(pair: Pair, on_progress: OnProgress = studies.silent) -> Results:
     if pair.attributed:
         why_not = _unexplained(pair, aligned.by)
         if why_not is None and model.program is not None:
-            own = Run.of_part(model.part, model.robot)
+            own = Run.of_part(model.window, model.robot)
             explained = attribution.attribute(model.program, own, model.robot, robot.robot, on_progress)
         else:
-            notes.append(f'what explains the difference is not looked for: {why_not}')
+            notes.append(f'the difference is not attributed to effects: {why_not}')
     return Results(
         None, f'{names[0]} as the model, {names[1]} as the robot', comparison, explained, notes, aligned
     )
 
 
-def _told(run: runs.Run) -> list[str]:
+def _notes_of(run: runs.Run) -> list[str]:
     return [*run.notes, run.robot_note] if run.robot_note else list(run.notes)
 
 
 def _unexplained(pair: Pair, by: str) -> str | None:
-    """Return why nobody can say what explains the difference; None if that can be found out."""
+    """Return why the difference cannot be attributed; None if it can."""
     model, robot = pair.model, pair.robot
     if model.program is None or robot.program is None:
-        return 'for that both must be programs, which can be simulated with each effect alone'
+        return 'both runs must be programs, which can be simulated with each effect alone'
     if model.program != robot.program:
         return 'the programs are not the same'
     if by != BY_START:
         return 'the runs are not aligned by the start of their programs'
-    return (
-        None if attribution.effects_of(robot.robot) else 'the robot has no effect that the thesis leaves out'
-    )
+    return None if attribution.effects_of(robot.robot) else 'the robot has none of the effects'
 
 
-def _leave(folder: ReportFolder, found: Results) -> dict[str, Any]:
-    """Write the results of a comparison into a folder; return the report; raises Delta3Error."""
+def _write(folder: ReportFolder, found: Results) -> dict[str, Any]:
+    """Write the results of a comparison and return the report; raises Delta3Error."""
     document, drawings = report.summary(found), figures.by_name(found)
     text, tables = report.text(document), report.tables(found)
     return folder.results(f'{found.title}: model and robot', document, text, tables, drawings)

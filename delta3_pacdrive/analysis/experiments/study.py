@@ -1,4 +1,4 @@
-"""What an experiment, or the comparison of any two runs, depends on, and what it finds."""
+"""Settings and results of an experiment or of a comparison of two runs, data only."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,89 +14,42 @@ SEEDS = 8  # further seeds, by default
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings are what an experiment depends on, apart from the contents of its files.
+    """Settings of an experiment."""
 
-    Attributes
-    ----------
-    number
-        1 to 3, of the thesis.
-    parameters
-        Parameter file of the model; None: the packaged one.
-    robot
-        Parameter file of the robot.
-    seed
-        Of the robot's sensor noise; None: the one in its file.
-    attributed
-        Whether to look for what explains the difference.
-    seeds
-        Number of further seeds of the robot's sensor noise, over which each verdict gets its range.
-
-    """
-
-    number: int
-    parameters: str | None = None
-    robot: str = 'rich'
-    seed: int | None = None
-    attributed: bool = True
-    seeds: int = SEEDS
+    number: int  # 1 to 3
+    parameters: str | None = None  # file of the model; None: the packaged one
+    robot: str = 'rich'  # parameter file
+    seed: int | None = None  # of the robot's sensor noise; None: from its file
+    attributed: bool = True  # whether to attribute the difference to effects
+    seeds: int = SEEDS  # number of further seeds for the range of each verdict
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two runs that are compared.
-
-    Attributes
-    ----------
-    model, robot
-        The runs.
-    how
-        They are aligned, as ``alignment.align`` takes it.
-    attributed
-        Whether to look for what explains the difference, where both are simulated.
-
-    """
+    """Two runs to be compared."""
 
     model: runs.Run
     robot: runs.Run
-    how: str = alignment.START
-    attributed: bool = True
+    how: str = alignment.START  # alignment method, as for alignment.align
+    attributed: bool = True  # whether to attribute the difference if both are simulated
 
 
 @dataclass(frozen=True)
 class Results:
-    """The results are the comparison, and what is known of it.
+    """Comparison of model and robot with its attribution."""
 
-    Attributes
-    ----------
-    number
-        Of the experiment; None: of any two runs.
-    program
-        Its name, or those of the runs.
-    comparison
-        Of model and robot.
-    attribution
-        What explains it; None: not looked for.
-    notes
-        In sentences.
-    alignment
-        How any two runs were brought to one time.
-    elsewhere
-        Arm speeds of the same two in other experiments, by their numbers.
-    seeded
-        Comparison and ``elsewhere`` of the same two with other seeds of the robot.
-
-    """
-
-    number: int | None
-    program: str
+    number: int | None  # of the experiment; None for any two runs
+    program: str  # its name, or those of the runs
     comparison: Comparison
-    attribution: Attribution | None
-    notes: list[str]
-    alignment: Alignment | None = None
+    attribution: Attribution | None  # None: not determined
+    notes: list[str]  # sentences
+    alignment: Alignment | None = None  # of any two runs
+    # arm speeds in other experiments, by number
     elsewhere: Mapping[int, ArmSpeeds] = field(default_factory=dict)
+    # comparison and 'elsewhere' for other seeds of the robot
     seeded: Sequence[tuple[Comparison, Mapping[int, ArmSpeeds]]] = ()
 
     @property
     def title(self) -> str:
-        """Return what stands above figures."""
+        """Return the title of figures."""
         return self.program if self.number is None else f'Experiment {self.number}'

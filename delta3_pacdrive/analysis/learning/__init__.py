@@ -1,1 +1,1 @@
-"""Learning: torques that a program still lacks, from repetitions of it (norm-optimal iterative learning control)."""
+"""Norm-optimal iterative learning control: corrections of the feed-forward torque from repetitions of a program."""

@@ -1,4 +1,4 @@
-"""Figures of learning: the error from repetition to repetition, and over time, before and after."""
+"""Figures of learning: error over the repetitions, and over time before and after."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.learning.study import Results
 
 REPETITIONS, ERRORS = NAMES = ('repetitions.png', 'before_and_after.png')
-WIDTHS = (0.9, 2.4, 0.9)  # of the motors: a path in the x-z plane asks the same of motors 2 and 3
+WIDTHS = (0.9, 2.4, 0.9)  # of the lines: torques of motors 2 and 3 coincide for a path in the x-z plane
 
 
 def by_name(found: Results) -> Drawings:
-    """Return what draws each figure, by file name."""
+    """Return the drawing function of each figure by file name."""
     return {ERRORS: partial(before_and_after, found), REPETITIONS: partial(repetitions, found)}
 
 
 def repetitions(found: Results) -> Figure:
-    """TCP error of each repetition; the one that is kept is marked."""
+    """TCP error of each repetition; the selected one is marked."""
     figure = figure_of_program('Learning', found.program, 3.4)
     axes = figure.subplots()
     numbers = [one.number for one in found.repetitions]
@@ -49,7 +49,7 @@ def repetitions(found: Results) -> Figure:
 
 
 def before_and_after(found: Results) -> Figure:
-    """TCP error without and with the learned torques, and these torques."""
+    """TCP error without and with the learned torques, and the torques."""
     figure = figure_of_program('Before and after learning', found.program, 5.4)
     panels = figure.subplots(3, 1, sharex=True)
     for errors, label, colour in (

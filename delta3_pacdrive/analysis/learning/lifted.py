@@ -1,12 +1,13 @@
-"""Norm-optimal iterative learning control of one axis, lifted: errors and torques of a whole repetition as vectors.
+"""Norm-optimal iterative learning control of one axis in lifted form: errors and torques of a repetition are vectors.
 
     e = d - G u                     error of a repetition; G: lower triangular Toeplitz matrix of an impulse response
     u+ minimises |e+|^2 + w_d |u+ - u|^2 + w_u |u+|^2
     u+ = Q (G'G + (w_d + w_u) I)^-1 (w_d u + G'(G u + e))
     Q  = (I + kappa D'D)^-1         zero-phase low pass, D: second differences
 
-Weights are shares of the largest |G(f)|^2. All matrices are banded: a repetition of n cycles takes n times the square
-of the length of the response once, and n times the length for each update.
+Weights are relative to the largest |G(f)|^2. All matrices are banded: n cycles cost n times the square of the length
+of
+the response once, and n times the length per update.
 """
 
 from typing import Any
@@ -21,16 +22,16 @@ POINTS = 4096  # frequencies of the criterion
 
 
 class AxisLearning:
-    """The update of one axis.
+    """Learning update of one axis.
 
     Parameters
     ----------
     response
-        Impulse response from torque to motor [rad/(N m)], shape (taps,).
+        Impulse response from torque to motor angle [rad/(N m)], shape (taps,).
     cycles
-        Length of a repetition.
+        Number of cycles of a repetition.
     cycle_time_s
-        Of the bus.
+        Bus cycle.
     bandwidth_hz, change_weight, torque_weight
         As in ``study.Settings``.
 
@@ -63,7 +64,7 @@ class AxisLearning:
         return np.asarray(cho_solve_banded((self._smooth, True), found))
 
     def filters(self) -> tuple[Floats, Floats, Any]:
-        """Frequencies [Hz]; what the update makes of a torque without G; and of a torque's answer: u+ = K u + L e."""
+        """Return frequencies [Hz], and the gains K and L of the update u+ = K u + L e."""
         frequencies = np.asarray(np.fft.rfftfreq(POINTS, self._cycle_time_s), dtype=np.float64)
         smooth = 1.0 / (1.0 + self._kappa * _bend(frequencies, self._cycle_time_s) ** 4)
         model = np.fft.rfft(self._response, POINTS)
@@ -73,7 +74,7 @@ class AxisLearning:
 
 
 def _bend(frequency_hz: ArrayLike, cycle_time_s: float) -> Floats:
-    """Gain of a first difference; that of the second one is its square."""
+    """Gain of a first difference; its square is that of the second difference."""
     return np.asarray(2.0 * np.sin(np.pi * cycle_time_s * np.asarray(frequency_hz, dtype=np.float64)))
 
 
@@ -90,14 +91,14 @@ def gram(response: Floats, cycles: int, weight: float) -> Floats:
 
 
 def contraction(axes: list[AxisLearning], responses: Floats) -> tuple[float, float]:
-    """Return the largest singular value of K - L G over all frequencies, and where that is [Hz].
+    """Return the largest singular value of K - L G over all frequencies, and its frequency [Hz].
 
     Parameters
     ----------
     axes
         Updates of the three axes.
     responses
-        Impulse responses of a robot as ``responses.measured`` gives them.
+        Impulse responses of a robot in the format of ``responses.measured``.
 
     """
     frequencies, *_ = axes[0].filters()

@@ -1,4 +1,4 @@
-"""What learning comes to: tables and text for people, and as JSON."""
+"""Report of learning: JSON document, text and tables."""
 
 import shlex
 from dataclasses import asdict
@@ -12,7 +12,7 @@ LEARNED, TABLE, CONTRACTIONS = 'learned.npz', 'repetitions.csv', 'contractions.c
 
 
 def summary(found: Results, settings: Settings, file: Path | None) -> dict[str, Any]:
-    """Return the results, ready for JSON; ``file`` holds the learned torques, None: nothing was learned."""
+    """Return the results ready for JSON; ``file`` contains the learned torques, None without improvement."""
     worst = max(found.contractions, key=lambda one: one.rate)
     before = found.repetitions[0]
     return {
@@ -35,13 +35,13 @@ def _gain(before_m: float, after_m: float) -> float:
 
 
 def _follow(settings: Settings, file: Path) -> str:
-    """Return the command that follows what was learned."""
+    """Return the command that applies the learned torques."""
     robot = ['--parameters', settings.parameters] if settings.parameters else []
     return shlex.join(['delta3', 'simulate', settings.program, *robot, '--learned', str(file)])
 
 
 def tables(found: Results) -> list[Table]:
-    """Return the table of the repetitions, and that of the contractions."""
+    """Return repetitions and contractions as tables."""
     runs = [
         {
             'repetition': one.number,
@@ -67,7 +67,7 @@ def tables(found: Results) -> list[Table]:
 
 
 def text(document: dict[str, Any]) -> list[str]:
-    """Return the lines that people read: one for each repetition."""
+    """Return a summary as lines of text, one per repetition."""
     worst = document['contraction']
     lines = [
         document['program'],
@@ -82,17 +82,17 @@ def text(document: dict[str, Any]) -> list[str]:
         lines.append(f'{one["number"]:>10} {error:>22} {current:>22} {torque:>16}{mark}')
     if document['follow']:
         kept = (
-            f'repetition {document["best"]} is kept: the error is {document["gain_max"]:.1f} times smaller, '
+            f'repetition {document["best"]} is used: the error is {document["gain_max"]:.1f} times smaller, '
             f'{document["gain_rms"]:.1f} times in rms; {document["at_end"]}'
         )
     else:
-        kept = 'no repetition is better than the first run: nothing was learned, and no torques are written'
+        kept = 'no repetition is better than the first run: no torques were written'
     return [
         *lines,
         '',
         kept,
-        f'a repetition leaves {worst["rate"]:.2f} of what there is to learn at most ({worst["at_hz"]:.0f} Hz, '
-        f'{100.0 * worst["masses"]:.0f} % of the masses, {worst["payload_kg"]:g} kg): it converges monotonically',
-        *([f'to follow it: {document["follow"]}'] if document['follow'] else []),
+        f'contraction rate per repetition: at most {worst["rate"]:.2f} ({worst["at_hz"]:.0f} Hz, '
+        f'{100.0 * worst["masses"]:.0f} % of the masses, {worst["payload_kg"]:g} kg), so learning converges monotonically',
+        *([f'to apply it: {document["follow"]}'] if document['follow'] else []),
         '',
     ]

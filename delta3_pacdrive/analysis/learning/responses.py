@@ -1,7 +1,7 @@
-"""What a torque of one bus cycle makes of the motors: impulse responses of the closed loops, measured on the robot.
+"""Impulse responses of the closed loops from a torque in one bus cycle to the motors, measured on a simulated robot.
 
-The robot stands in a pose, holds a payload, and gets a torque in one MDT. Friction, backlash, ripple and noise are off:
-they are no linear part, and a standing shaft would stick. Elastic gears stay.
+The robot holds a pose with a payload and receives a torque in one MDT. Friction, backlash, ripple and noise are off
+because they are nonlinear and would stop a shaft at rest; elastic gears are included.
 """
 
 import math
@@ -14,9 +14,9 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
 
-SETTLE_S, LENGTH_S = 0.4, 0.4  # until the robot stands in torque; of a response
+SETTLE_S, LENGTH_S = 0.4, 0.4  # settling time before the torque; length of a response
 PULSE_N_M = 2.0
-FINE_INCREMENTS = 2**23  # of the encoder: the grid of a real one would be noise
+FINE_INCREMENTS = 2**23  # finer than the real encoder, whose quantisation would be noise
 LINEAR = {
     'motor__static_friction_n_m': 0.0,
     'rich__friction': False,
@@ -29,7 +29,7 @@ MASSES = ('upper_arm_mass_kg', 'elbow_mass_kg', 'forearm_mass_kg', 'plate_mass_k
 
 
 def with_masses(parameters: Parameters, share: float) -> Parameters:
-    """Return the parameters of a robot whose masses are this share of what they are."""
+    """Return the parameters of a robot with scaled masses."""
     return parameters.replace(
         **{f'dynamics__{name}': share * getattr(parameters.dynamics, name) for name in MASSES}
     )
@@ -41,14 +41,14 @@ def measured(parameters: Parameters, place_m: ArrayLike, payload_kg: float) -> F
     Parameters
     ----------
     parameters
-        Of the robot.
+        Parameters of the robot.
     place_m, payload_kg
-        Where it stands, and what it holds.
+        TCP position and payload.
 
     Returns
     -------
     Floats
-        Angles [rad] in the AT of the cycles from the MDT on, for 1 N m: shape (cycles, motor, motor with the torque).
+        Angles [rad] in the AT for 1 N m, from the cycle of the MDT: shape (cycles, motor, motor with the torque).
 
     """
     standing = parameters.replace(

@@ -1,4 +1,4 @@
-"""Learning from its settings to its folder: responses, criterion, repetitions, and the file of what was learned."""
+"""Learning study: impulse responses, convergence criterion, repetitions, and the file of learned torques."""
 
 import math
 from collections.abc import Callable
@@ -29,31 +29,23 @@ from delta3_pacdrive.motion.program import PathMove, Program
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
 
-MASS_SHARES = (1.0, 0.7, 1.3)  # of robots for which learning has to converge as well
-PLACES = 3  # on the path, where it has to
-RESPONSE_S = 0.2  # after which the learning takes an impulse response for over
-CYCLES_MAX = 30_000  # of a program: its matrices take 150 MB then
-LEAST_GAIN = 0.03  # of the rms error by a repetition, else it was the last
+MASS_SHARES = (1.0, 0.7, 1.3)  # scaled masses for which learning must converge
+PLACES = 3  # points of the path at which it must converge
+RESPONSE_S = 0.2  # length of an impulse response in the update
+CYCLES_MAX = 30_000  # of a program; the matrices then take 150 MB
+LEAST_GAIN = 0.03  # relative improvement of the rms error below which learning ends
 SEED_MAX = 2**31
 
 
 @dataclass
 class Study(studies.Study):
-    """The study is what is learned of a program in a folder.
-
-    Attributes
-    ----------
-    robot, machine, program
-        What the controller knows, what is driven, and how.
-    kept
-        Number of the repetition whose torques are in the file so far; 0: none are.
-
-    """
+    """Learning study of a program."""
 
     settings: Settings
-    robot: core.Parameters = field(init=False)
-    machine: core.Parameters = field(init=False)
+    robot: core.Parameters = field(init=False)  # parameters of the controller
+    machine: core.Parameters = field(init=False)  # parameters of the simulated robot
     program: Program = field(init=False)
+    # number of the repetition whose torques are in the file; 0: none
     kept: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
@@ -63,31 +55,30 @@ class Study(studies.Study):
         machine = robot if chosen.machine is None else core.load(chosen.machine)
         self.program = programs.load(chosen.program, robot.motion)
         if self.program.faults:
-            raise LearnedError(f'{chosen.program} injects faults: these would be learned')
+            raise LearnedError(f'{chosen.program} injects faults, which would be learned')
         if any(isinstance(one, PathMove) and one.in_position for one in self.program.statements):
             raise LearnedError(
-                f'{chosen.program} waits at exact stops (in_position): how long is not known beforehand'
+                f'{chosen.program} waits at exact stops (in_position), whose duration is not known beforehand'
             )
         if not robot.sends_torque:
             raise LearnedError(
-                'torques are learned that the controller commands: control.feed_forward must be model, as with '
-                '--parameters model'
+                'learning requires commanded torques: control.feed_forward must be model, as with --parameters model'
             )
         if machine.bus.cycle_time_s != robot.bus.cycle_time_s:
-            raise LearnedError('controller and machine need the same bus.cycle_time_s')
+            raise LearnedError('bus.cycle_time_s of controller and machine must be equal')
         highest_hz = 0.5 / robot.bus.cycle_time_s
         if chosen.bandwidth_hz > highest_hz:
             raise LearnedError(
-                f'the bandwidth is {chosen.bandwidth_hz:g} Hz, a bus of {1e3 * robot.bus.cycle_time_s:g} ms has '
-                f'{highest_hz:g} Hz'
+                f'the bandwidth is {chosen.bandwidth_hz:g} Hz, the limit for a bus cycle of '
+                f'{1e3 * robot.bus.cycle_time_s:g} ms is {highest_hz:g} Hz'
             )
         self.robot = simulation.placed(robot, self.program)
         self.machine = simulation.placed(machine, self.program)
 
     def run(self) -> dict[str, Any]:
-        """Learn, write everything into the folder and return the report; raises Delta3Error.
+        """Learn, write all results and return the report; raises Delta3Error.
 
-        Whatever ends it early, the torques of the best repetition so far stay in the folder.
+        If it ends early, the torques of the best repetition so far remain in the folder.
         """
         chosen = self.settings
         origin = Provenance.of(self.command, self.robot, chosen.parameters, noted([chosen.program]))
@@ -111,7 +102,7 @@ class Study(studies.Study):
         document = report.summary(found, chosen, self.file if self.kept else None)
         self.on_progress('table and figures', 0, 0)
         return folder.results(
-            'What was learned of a program',
+            'Learned torques of a program',
             document,
             report.text(document),
             report.tables(found),
@@ -120,7 +111,7 @@ class Study(studies.Study):
 
     @property
     def file(self) -> Path:
-        """Where the torques go."""
+        """File of the torques."""
         return self.folder / report.LEARNED
 
     def learned(self, keep: Callable[[Learned, int], None] = lambda learned, number: None) -> Results:
@@ -129,7 +120,7 @@ class Study(studies.Study):
         Parameters
         ----------
         keep
-            Takes the torques of each repetition that is the best so far, and its number.
+            Receives the torques and the number of each repetition that is the best so far.
 
         """
         chosen = self.settings
@@ -138,7 +129,7 @@ class Study(studies.Study):
         cycles = math.ceil(planned.plan.duration_s / cycle_s - 1e-9) + SETTLE_CYCLES
         if cycles > CYCLES_MAX:
             raise LearnedError(
-                f'{self.program.name} takes {cycles} bus cycles, {CYCLES_MAX} can be learned: repeat it less often'
+                f'{self.program.name} takes {cycles} bus cycles, the limit is {CYCLES_MAX}: repeat it less often'
             )
         places = sample_plan(planned.plan, np.linspace(0.0, planned.plan.duration_s, PLACES))[0]
         payloads = {move.payload_kg for move in planned.plan.moves}
@@ -153,15 +144,15 @@ class Study(studies.Study):
         worst = max(contractions, key=lambda one: one.rate)
         if worst.rate >= 1.0:
             raise LearnedError(
-                f'the filter is no contraction: with {100.0 * worst.masses:.0f} % of the masses and '
-                f'{worst.payload_kg:g} kg a repetition leaves {worst.rate:.3f} of an error at {worst.at_hz:.0f} Hz, '
-                f'which must be less than 1; a bandwidth below {chosen.bandwidth_hz:g} Hz learns less and converges'
+                f'learning does not converge: with {100.0 * worst.masses:.0f} % of the masses and '
+                f'{worst.payload_kg:g} kg the contraction rate is {worst.rate:.3f} at {worst.at_hz:.0f} Hz, but must be '
+                f'less than 1; choose a bandwidth below {chosen.bandwidth_hz:g} Hz'
             )
         origin = Origin.of(self.program.name, planned.plan, self.robot)
         return self._repeated(axes, contractions, Learned(np.zeros((cycles, 3)), origin), keep)
 
     def _axes(self, loads: list[tuple[Floats, float]], cycles: int) -> list[AxisLearning]:
-        """Return the updates, by the mean of what the controller knows of the robot at all loads."""
+        """Return the updates for the mean response of the controller's model over all loads."""
         chosen, cycle_s = self.settings, self.robot.bus.cycle_time_s
         known = self.robot.replace(rich__enabled=False)
         taps = math.ceil(RESPONSE_S / cycle_s)
@@ -221,7 +212,7 @@ class Study(studies.Study):
                 best, best_run = present, run
                 keep(best, number)
             if reached > (1.0 - LEAST_GAIN) * least:
-                at_end = f'repetition {number} has gained less than {100.0 * LEAST_GAIN:.0f} %'
+                at_end = f'repetition {number} improved by less than {100.0 * LEAST_GAIN:.0f} %'
                 break
         return Results(
             self.program.name,
@@ -236,18 +227,18 @@ class Study(studies.Study):
         )
 
     def _drive(self, learned: Learned, number: int) -> Trace:
-        """Run a repetition; the noise of its sensors is its own."""
+        """Run a repetition with its own seed of the sensor noise."""
         seed = (self.machine.rich.sensor_seed + number) % SEED_MAX
         machine = self.machine.replace(rich__sensor_seed=seed)
         run = simulation.run(self.program, self.robot, learned=learned, machine=machine)
         if stopped := run.meta['stopped']:
             raise LearnedError(f'repetition {number}: {stopped}')
         if unlearned := run.meta['unlearned']:
-            raise LearnedError(f'repetition {number} has not followed what was learned: {unlearned}')
+            raise LearnedError(f'repetition {number} did not apply the learned torques: {unlearned}')
         return run
 
     def _errors(self, run: Trace) -> Floats:
-        """Errors of the motors [rad], shape (cycles, 3): the command that is due less the encoder."""
+        """Return the errors of the motors [rad], shape (cycles, 3): delayed command less encoder."""
         delay = self.robot.set_point_delay_cycles
         whole, share = math.floor(delay), delay - math.floor(delay)
         command, cycle = run['motor_command'], np.arange(len(run.time_s))
@@ -255,18 +246,18 @@ class Study(studies.Study):
         return np.asarray((1.0 - share) * newer + share * older - run['motor_position'])
 
     def _possible(self, torques: Floats, model: Floats) -> Floats:
-        """Return what the motors can give of torques beside those of the model."""
+        """Limit torques to the reserve of the motors beyond the torques of the model."""
         limit = self.robot.torque_max_n_m
         return np.clip(torques, np.minimum(-limit - model, 0.0), np.maximum(limit - model, 0.0))
 
 
 def _repetition(number: int, run: Trace, learned: Learned) -> Repetition:
-    told = run.meta['figures']
+    figures = run.meta['figures']
     return Repetition(
         number,
-        told['tcp_error_max_m'],
-        told['tcp_error_rms_m'],
-        max(told['current_peak_a']),
-        max(told['current_rms_a']),
+        figures['tcp_error_max_m'],
+        figures['tcp_error_rms_m'],
+        max(figures['current_peak_a']),
+        max(figures['current_rms_a']),
         float(np.abs(learned.torques).max()),
     )

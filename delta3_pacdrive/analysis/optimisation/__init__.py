@@ -1,1 +1,1 @@
-"""Optimisation: values of parameters and of the program for which a number of the run is best, within limits."""
+"""Optimisation of parameters and programs by simulated trials."""

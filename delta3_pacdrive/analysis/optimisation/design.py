@@ -1,4 +1,4 @@
-"""What an optimisation is: what may be chosen, what is best, and what became of every trial."""
+"""Definition and results of an optimisation: search space, goal, trials."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,99 +6,59 @@ from typing import Any
 
 from delta3_pacdrive.analysis.sweep.design import Outcome, Sweep
 
-BASE = 0  # number of the run with the values of the files, if these cannot be chosen
+BASE = 0  # number of the run with the values of the files, if they are outside the search space
 
 
 @dataclass(frozen=True)
 class Optimisation:
-    """An optimisation, as its file has it.
+    """Optimisation as defined in its file."""
 
-    Attributes
-    ----------
-    sweep
-        Program, robot, what is chosen (``vary``), kept and limited; its runs are the trials.
-    goal
-        Number that is to be best.
-    maximise
-        Whether the largest one is best.
-    together
-        Trials that are chosen at a time, before any of them is known.
-
-    """
-
-    sweep: Sweep
-    goal: str
+    sweep: Sweep  # program, robot, varied quantities, results and limits; its runs are the trials
+    goal: str  # number to be optimised
     maximise: bool
-    together: int
+    together: int  # number of trials chosen at a time, before their results are known
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One choice and what became of it.
+    """Chosen values and the result of their run."""
 
-    Attributes
-    ----------
-    number
-        From 1 on; ``BASE`` is none of the search.
-    values
-        That were chosen, by what is chosen.
-    kept
-        Numbers of its run; none if it was refused.
-    outcome, reason
-        What has become of the run, and why.
-    excess
-        How far it breaks each limit, as a share of that, by their names; negative within it.
-
-    """
-
-    number: int
-    values: Mapping[str, Any]
-    kept: Mapping[str, float]
+    number: int  # from 1; BASE is outside the search
+    values: Mapping[str, Any]  # by varied quantity
+    kept: Mapping[str, float]  # numbers of the run; empty if it was rejected
     outcome: Outcome
     reason: str
-    excess: Mapping[str, float]
+    excess: Mapping[str, float]  # excess over each limit relative to the limit; negative within it
 
     @property
     def keeps_limits(self) -> bool:
-        """Whether it came to its end within all limits."""
+        """Whether the run was completed within all limits."""
         return self.outcome == Outcome.DONE and all(one <= 0.0 for one in self.excess.values())
 
 
 @dataclass(frozen=True)
 class Trials:
-    """All trials of an optimisation.
+    """All trials of an optimisation."""
 
-    Attributes
-    ----------
-    wanted
-        What was asked for.
-    base
-        The run with the values of the files: the first trial, or one beside all trials.
-    trials
-        In the order in which they were chosen.
-    importance
-        Share of each quantity in whether a trial is a good one, by what is chosen; empty if that is not known.
-
-    """
-
-    wanted: Optimisation
-    base: Trial
-    trials: Sequence[Trial]
+    optimisation: Optimisation  # definition
+    base: Trial  # run with the values of the files: the first trial, or a separate run
+    trials: Sequence[Trial]  # in the order of their choice
+    # share of each varied quantity in the quality of a trial; empty if unknown
     importance: Mapping[str, float]
 
     def value(self, trial: Trial) -> float | None:
-        """Return the number that is to be best; None if the run has none."""
-        return trial.kept.get(self.wanted.goal)
+        """Return the number to be optimised; None if the run has none."""
+        return trial.kept.get(self.optimisation.goal)
 
     @property
     def best(self) -> Trial | None:
-        """The best trial within all limits, the first of several; None without any."""
+        """The best trial within all limits, the first of equal ones; None if there is none."""
         good = [one for one in self.trials if one.keeps_limits and self.value(one) is not None]
-        sign = -1.0 if self.wanted.maximise else 1.0
-        return min(good, key=lambda one: sign * one.kept[self.wanted.goal], default=None)
+        sign = -1.0 if self.optimisation.maximise else 1.0
+        return min(good, key=lambda one: sign * one.kept[self.optimisation.goal], default=None)
 
     @property
     def nearest(self) -> Trial | None:
-        """The trial that breaks limits least, where none keeps them; None if no run came to its end."""
+        """The trial with the smallest excess over the limits; None if no run was completed."""
         done = [one for one in self.trials if one.outcome == Outcome.DONE]
         return min(done, key=lambda one: sum(max(share, 0.0) for share in one.excess.values()), default=None)

@@ -16,7 +16,7 @@ REASONS = 5
 
 def summary(results: Results) -> dict[str, Any]:
     """Return the summary of an optimisation, ready for JSON."""
-    found, sweep = results.trials, results.trials.wanted.sweep
+    found, sweep = results.trials, results.trials.optimisation.sweep
     outcomes = {str(kind): sum(one.outcome == kind for one in found.trials) for kind in Outcome}
     reasons: dict[str, int] = {}
     for one in found.trials:
@@ -27,8 +27,8 @@ def summary(results: Results) -> dict[str, Any]:
     return {
         'optimisation': sweep.name,
         'program': sweep.program_name,
-        'goal': found.wanted.goal,
-        'maximise': found.wanted.maximise,
+        'goal': found.optimisation.goal,
+        'maximise': found.optimisation.maximise,
         'limits': dict(sweep.limits),
         'trials': sweep.runs,
         'trials_within_limits': sum(one.keeps_limits for one in found.trials),
@@ -37,20 +37,20 @@ def summary(results: Results) -> dict[str, Any]:
         'seconds': results.seconds if results.made else None,
         'outcomes': outcomes,
         'reasons': [{'reason': reason, 'trials': count} for reason, count in common],
-        'base': _told(found, found.base),
-        'best': None if best is None else _told(found, best),
-        'nearest': None if best is not None or found.nearest is None else _told(found, found.nearest),
+        'base': _to_dict(found, found.base),
+        'best': None if best is None else _to_dict(found, best),
+        'nearest': None if best is not None or found.nearest is None else _to_dict(found, found.nearest),
         'importance': dict(found.importance),
         'again': None if not results.files else again(*map(str, results.files)),
     }
 
 
 def again(parameters: str, program: str) -> str:
-    """Return the command that drives the best trial again."""
+    """Return the command that runs the best trial again."""
     return f'delta3 simulate {shlex.quote(program)} --parameters {shlex.quote(parameters)}'
 
 
-def _told(found: Trials, trial: Trial) -> dict[str, Any]:
+def _to_dict(found: Trials, trial: Trial) -> dict[str, Any]:
     return {
         'trial': trial.number,
         'value': found.value(trial),
@@ -63,9 +63,9 @@ def _told(found: Trials, trial: Trial) -> dict[str, Any]:
 
 
 def text(document: dict[str, Any]) -> Iterator[str]:
-    """Return the summary in lines for people."""
+    """Yield the summary as lines of text."""
     outcomes = ', '.join(f'{count} {name}' for name, count in document['outcomes'].items() if count)
-    within = f'; {document["trials_within_limits"]} keep the limits' if document['limits'] else ''
+    within = f'; {document["trials_within_limits"]} within the limits' if document['limits'] else ''
     yield f'{document["optimisation"]}: {document["trials"]} trials of {document["program"]}: {outcomes}{within}'
     if document['runs_made']:
         yield (
@@ -75,7 +75,7 @@ def text(document: dict[str, Any]) -> Iterator[str]:
         yield f'{one["trials"]} trials: {one["reason"]}'
     best, base, goal = document['best'], document['base'], document['goal']
     if best is None:
-        yield 'no trial keeps the limits'
+        yield 'no trial is within the limits'
         best = document['nearest']
         if best is None:
             return
@@ -84,9 +84,9 @@ def text(document: dict[str, Any]) -> Iterator[str]:
             for name, limit in document['limits'].items()
             if best['kept'].get(name, math.inf) > limit and name in best['kept']
         ]
-        yield f'trial {best["trial"]} breaks them least: {", ".join(broken)}'
+        yield f'trial {best["trial"]} exceeds them least: {", ".join(broken)}'
     word = 'largest' if document['maximise'] else 'least'
-    yield f'{word} {goal}: {_number(best["value"])} in trial {best["trial"]}{_beside(best, base)}'
+    yield f'{word} {goal}: {_number(best["value"])} in trial {best["trial"]}{_base_text(best, base)}'
     names = list(best['values'])
     width = max(map(len, names), default=0)
     yield ''
@@ -103,7 +103,7 @@ def text(document: dict[str, Any]) -> Iterator[str]:
         yield f'again: {document["again"]}'
 
 
-def _beside(best: dict[str, Any], base: dict[str, Any]) -> str:
+def _base_text(best: dict[str, Any], base: dict[str, Any]) -> str:
     if base['value'] is None:
         return f'; the base is {base["outcome"]}: {base["reason"]}'
     share = (best['value'] - base['value']) / abs(base['value']) if base['value'] else math.nan
@@ -124,7 +124,7 @@ def tables(found: Trials) -> list[Table]:
     best = found.best or found.nearest or found.base
     lowest = {
         one.key: ('', '') if one.law is Law.LIST else (one.values[0], one.values[1])
-        for one in found.wanted.sweep.vary
+        for one in found.optimisation.sweep.vary
     }
     chosen = [
         [
@@ -138,10 +138,10 @@ def tables(found: Trials) -> list[Table]:
     ]
     names = dict.fromkeys([*found.base.kept, *best.kept])
     figures = [
-        [name, found.base.kept.get(name), best.kept.get(name), found.wanted.sweep.limits.get(name)]
+        [name, found.base.kept.get(name), best.kept.get(name), found.optimisation.sweep.limits.get(name)]
         for name in names
     ]
-    kept = dict.fromkeys([found.wanted.goal, *found.wanted.sweep.limits])
+    kept = dict.fromkeys([found.optimisation.goal, *found.optimisation.sweep.limits])
     history = [
         [
             one.number,

@@ -34,7 +34,7 @@ def surroundings(run: Run) -> dict[str, Any] | None:
     if story is None or not (story.things or any(story.stays)):
         return None
     first = first_cycle(run)
-    cycles = first + np.arange(len(run.part.time_s), dtype=np.float64)
+    cycles = first + np.arange(len(run.window.time_s), dtype=np.float64)
     drawn = shown_stays(run, story)[-PARTS_DRAWN:]
     things = story.things[:THINGS_DRAWN]
     belts = [thing.name for thing in things if thing.kind is Kind.BELT]
@@ -61,13 +61,13 @@ def surroundings(run: Run) -> dict[str, Any] | None:
 
 def first_cycle(run: Run) -> int:
     """Return the number of the first bus cycle of the window of a run."""
-    return round(float(run.part.time_s[0]) / run.period_s) + (noted_cycle(run.part, 'start_cycle') or 0)
+    return round(float(run.window.time_s[0]) / run.period_s) + (noted_cycle(run.window, 'start_cycle') or 0)
 
 
 def shown_stays(run: Run, story: CellStory) -> list[Drawn]:
     """Return the parts visible in the window of a run, as rows of its story with their stays."""
     first = first_cycle(run)
-    last = first + len(run.part.time_s) - 1
+    last = first + len(run.window.time_s) - 1
     found: list[Drawn] = []
     for row, stays in enumerate(story.stays):
         begun = [stay for stay in stays if stay.cycle <= first][-1:]

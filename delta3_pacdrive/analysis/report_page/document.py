@@ -70,15 +70,15 @@ def report_document(
 
 def signals_of(run: Run) -> dict[str, Floats]:
     """Return the signals that a page shows, including computed ones, each of shape (cycles, columns)."""
-    found = {name: values for name, values in run.part.signals.items() if is_shown(name)}
-    if 'tcp_velocity' in run.part.signals:
-        found['tcp_speed'] = np.linalg.norm(run.part['tcp_velocity'], axis=1, keepdims=True)
-    if 'tcp_acceleration' in run.part.signals:
-        found['tcp_acceleration_norm'] = np.linalg.norm(run.part['tcp_acceleration'], axis=1, keepdims=True)
+    found = {name: values for name, values in run.window.signals.items() if is_shown(name)}
+    if 'tcp_velocity' in run.window.signals:
+        found['tcp_speed'] = np.linalg.norm(run.window['tcp_velocity'], axis=1, keepdims=True)
+    if 'tcp_acceleration' in run.window.signals:
+        found['tcp_acceleration_norm'] = np.linalg.norm(run.window['tcp_acceleration'], axis=1, keepdims=True)
     for name, columns in APART.items():
-        if name in run.part.signals:
+        if name in run.window.signals:
             for n, column in enumerate(columns):
-                found[f'{name}_{column}'] = run.part[name][:, n : n + 1]
+                found[f'{name}_{column}'] = run.window[name][:, n : n + 1]
     if 'tcp_error' in found:
         found['tcp_error_norm'] = np.linalg.norm(found['tcp_error'], axis=1, keepdims=True)
     return found
@@ -91,9 +91,9 @@ def _run(
         'name': name,
         'title': run.title,
         'kind': run.kind,
-        'first_s': float(run.part.time_s[0]) + shift_s,
+        'first_s': float(run.window.time_s[0]) + shift_s,
         'period_s': run.period_s,
-        'cycles': len(run.part.time_s),
+        'cycles': len(run.window.time_s),
         'shift_s': shift_s,
         'gear_ratio': run.robot.dynamics.gear_ratio,
         'payload_kg': run.robot.dynamics.payload_mass_kg,

@@ -71,7 +71,7 @@ def page(
     runs: Sequence[Run], origin: Provenance, how: str = START, records: Sequence[SavedRecord] = ()
 ) -> str:
     """Return the page as text; raises as ``write`` does."""
-    length_s = sum(float(run.part.time_s[-1] - run.part.time_s[0]) for run in runs)
+    length_s = sum(float(run.window.time_s[-1] - run.window.time_s[0]) for run in runs)
     if len(runs) > RUNS_MAX:
         raise ReportError(f'a page takes at most {RUNS_MAX} runs, not {len(runs)}')
     if length_s > LONGEST_S:
@@ -98,7 +98,7 @@ def page(
 def _require_pose(run: Run) -> None:
     """Raise ReportError for a run whose robot cannot be drawn."""
     for quantity, names in POSE.items():
-        if not any(name in run.part.signals for name in names):
+        if not any(name in run.window.signals for name in names):
             raise ReportError(f'{run.name} cannot be shown: it has no {quantity} ({" or ".join(names)})')
 
 

@@ -42,9 +42,9 @@ def shown(run: Run, records: Sequence[SavedRecord]) -> list[SavedRecord]:
 
 
 def _placed(run: Run, record: SavedRecord) -> SavedRecord:
-    start = (run_signals.noted_cycle(run.part, 'start_cycle') or 0) * run.period_s
+    start = (run_signals.noted_cycle(run.window, 'start_cycle') or 0) * run.period_s
     time_s = record.first_s - start + record.step_s * np.arange(len(record.values))
-    low, high = float(run.part.time_s[0]), float(run.part.time_s[-1]) + run.period_s
+    low, high = float(run.window.time_s[0]), float(run.window.time_s[-1]) + run.period_s
     room = 0.5 * record.step_s  # for rounded times
     within = np.flatnonzero((time_s > low - room) & (time_s < high + room))
     if len(within) < 2:

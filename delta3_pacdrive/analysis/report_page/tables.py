@@ -273,7 +273,7 @@ def _parts(number: int, run: Run, name: str) -> str:
                 _text(part['reason']),
             ]
         )
-        end = released if math.isfinite(released) else float(run.part.time_s[-1])
+        end = released if math.isfinite(released) else float(run.window.time_s[-1])
         attributes.append(
             f'data-from="{picked:.6f}" data-to="{end:.6f}" data-run="{number}"' if taken else ''
         )
@@ -293,7 +293,7 @@ def _parts(number: int, run: Run, name: str) -> str:
 
 def _time(run: Run, cycle: int) -> float:
     """Return the time of the begin of a bus cycle [s], on the time of a run; nan for no cycle."""
-    begin = float(run.part.time_s[0])
+    begin = float(run.window.time_s[0])
     return begin + (cycle - first_cycle(run)) * run.period_s if cycle >= 0 else math.nan
 
 
@@ -304,7 +304,7 @@ def _text(text: str) -> str:
 
 def _drives(run: Run, name: str) -> str:
     """Return the table of the reported states of the drives in the window of a run."""
-    first, last = float(run.part.time_s[0]), float(run.part.time_s[-1])
+    first, last = float(run.window.time_s[0]), float(run.window.time_s[-1])
     rows = []
     for axis, changes in enumerate(run.drives, start=1):
         ends = [*(change.time_s for change in changes[1:]), math.inf]
@@ -344,9 +344,9 @@ def _statistics(run: Run, name: str) -> str:
             ]
         )
     header = ['signal', 'what it is', 'least', 'greatest', 'rms', 'unit']
-    length = run.part.time_s[-1] - run.part.time_s[0]
+    length = run.window.time_s[-1] - run.window.time_s[0]
     hint = (
-        f'<p class="hint">{len(run.part.time_s)} bus cycles of {1e3 * run.period_s:g} ms, {length:.3f} s.</p>'
+        f'<p class="hint">{len(run.window.time_s)} bus cycles of {1e3 * run.period_s:g} ms, {length:.3f} s.</p>'
     )
     return _section('statistics', f'Statistics {name}'.strip(), hint + _table(header, rows))
 

@@ -68,7 +68,7 @@ def inside_a_cycle(found: Results, cases: list[Case]) -> Figure:
         speed.plot(time_ms, s.speed[keep], label='shaft', **ACTUAL)
         current.step(time_ms, s.current_reference[keep], where='post', label='reference', **REFERENCE)
         current.plot(time_ms + period_ms, s.current[keep], label='all samples', **ACTUAL)
-        current.plot(at_ms, s.at_current[told], label='told by the AT', zorder=4, **AT)
+        current.plot(at_ms, s.at_current[told], label='sample in the AT', zorder=4, **AT)
         voltage.step(time_ms, s.voltage[keep], where='post', label='of a phase', **ACTUAL)
         for axes in column:
             axes.axvspan(0.0, 1e3 * cycle_s, color='#EEEEEE', zorder=0)
@@ -105,7 +105,7 @@ def currents(found: Results) -> Figure:
             label='all samples',
         )
         axes.plot(middle, np.mean(of_cycles, axis=1), label='mean of a cycle', **ACTUAL | {'linewidth': 0.9})
-        axes.plot(s.at_time_s, s.at_current, label='told by the AT', **AT | {'markersize': 0.9})
+        axes.plot(s.at_time_s, s.at_current, label='sample in the AT', **AT | {'markersize': 0.9})
         i = found.axis - 1
         dress(axes, f'{1e3 * case.cycle_time_s:g} ms, {case.interpolation}')
         axes.annotate(

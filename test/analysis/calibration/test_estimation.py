@@ -68,7 +68,7 @@ def test_95_per_cent_intervals_hold_the_truth(poses, robot):
     for seed in range(40):
         found = estimated(instrument(poses, robot, seed=seed), robot)
         held += [
-            abs(one.value - truth) < one.half_width for one, truth in zip(found.told, TRUTH, strict=True)
+            abs(one.value - truth) < one.half_width for one, truth in zip(found.estimates, TRUTH, strict=True)
         ]
     assert np.mean(held) >= 0.9
 
@@ -97,7 +97,7 @@ def test_an_instrument_that_stands_anywhere_tells_everything_but_a_common_turn(p
     assert {'alpha_1', 'alpha_2', 'alpha_3'} in [
         set(re.findall(r'\w+_\d', line)) for line in found.combinations
     ]
-    assert not any(one.is_told for one in found.told if one.symbol == 'alpha')
+    assert not any(one.is_identified for one in found.estimates if one.symbol == 'alpha')
     assert off_m(found.x, robot, is_placed=False) < 0.1 * off_m(ZERO, robot, is_placed=False)
 
 
@@ -120,9 +120,9 @@ def test_three_touches_tell_the_homing_error_of_each_arm(touches, robot):
     homing = np.concatenate([np.zeros(12), np.radians([0.5, -0.8, 1.2])])
     observation = model.Touches(probe(touches, robot, homing), robot, height_m=-0.9)
     found = estimation.estimate(observation, NOISE_M, model.ZEROS)
-    assert [(one.symbol, one.arm) for one in found.told] == [('theta', 1), ('theta', 2), ('theta', 3)]
+    assert [(one.symbol, one.arm) for one in found.estimates] == [('theta', 1), ('theta', 2), ('theta', 3)]
     assert np.degrees(found.x[12:]) == pytest.approx([0.5, -0.8, 1.2], abs=0.01)
-    for one, truth in zip(found.told, homing[12:], strict=True):
+    for one, truth in zip(found.estimates, homing[12:], strict=True):
         assert abs(one.value - truth) < one.half_width
 
 
@@ -140,11 +140,13 @@ def test_three_touches_of_one_arm_can_contradict_one_another(touches, robot):
 def test_lengths_that_nobody_has_calibrated_are_in_the_intervals_of_zero_angles(touches, robot):
     measured = probe(touches, robot, noise_m=0.0)
     found = estimation.estimate(model.Touches(measured, robot, height_m=-0.9), NOISE_M, model.ZEROS)
-    for one, truth in zip(found.told, TRUTH[12:], strict=True):
+    for one, truth in zip(found.estimates, TRUTH[12:], strict=True):
         assert abs(one.value - truth) < one.half_width
     known = robot.replace(kinematics__upper_arm_correction_m=[1e-9, 0.0, 0.0])
     sure = estimation.estimate(model.Touches(measured, known, height_m=-0.9), NOISE_M, model.ZEROS)
-    assert all(a.half_width < 0.7 * b.half_width for a, b in zip(sure.told, found.told, strict=True))
+    assert all(
+        a.half_width < 0.7 * b.half_width for a, b in zip(sure.estimates, found.estimates, strict=True)
+    )
 
 
 # refusals
@@ -157,8 +159,8 @@ def test_a_measurement_that_the_others_contradict_is_named(off_mm, poses, robot)
     wrong = with_row(measured, 'points_m', row, measured.points_m[row] + np.array([0.0, 1e-3 * off_mm, 0.0]))
     sentence = refusal(wrong, robot)
     assert 'the measurements contradict one another' in sentence
-    told = re.search(rf'measurement {row + 1} is ([\d.]+) mm from where the others have it', sentence)
-    assert float(told[1]) == pytest.approx(off_mm, abs=0.15)
+    named = re.search(rf'measurement {row + 1} deviates by ([\d.]+) mm from the others', sentence)
+    assert float(named[1]) == pytest.approx(off_mm, abs=0.15)
 
 
 def test_noise_that_was_told_too_small_is_a_contradiction_and_larger_is_none(poses, robot):
@@ -171,8 +173,8 @@ def test_too_few_measurements_are_told_apart_from_enough(poses, robot):
     measured = instrument(poses, robot)
     few = dataclasses.replace(measured, checks=np.arange(len(measured.checks)) >= 4)
     assert refusal(few, robot) == (
-        '4 measurements are too few: they give 12 numbers for 15 figures of the arms, and nothing is left to judge '
-        'them by'
+        '4 measurements are too few: they give 12 equations for 15 parameters of the arms and leave no degrees of '
+        'freedom'
     )
 
 
@@ -180,7 +182,7 @@ def test_poses_in_a_corner_tell_too_little(robot):
     poses = planned(robot)
     near = dataclasses.replace(poses, points_m=np.array([0.1, 0.1, -0.8]) + 0.005 * poses.points_m)
     sentence = refusal(instrument(near, robot), robot)
-    assert sentence.startswith('the measurements tell too little')
+    assert sentence.startswith('the measurements are insufficient')
     assert 'their poses span' in sentence
 
 
@@ -190,8 +192,8 @@ def test_poses_in_a_corner_tell_too_little(robot):
 def test_points_of_another_frame_or_unit_are_those_of_somebody_else(poses, robot, moved):
     measured = instrument(poses, robot)
     sentence = refusal(dataclasses.replace(measured, points_m=moved(measured.points_m)), robot)
-    assert re.match(r'measurement \d+ is [\d.]+ mm from where the arms are', sentence)
-    assert sentence.endswith('is it of this robot, and in the frame and the units that are told?')
+    assert re.match(r'measurement \d+ is [\d.]+ mm from the TCP computed from the arm angles', sentence)
+    assert sentence.endswith('check that robot, frame and units are correct')
 
 
 def test_angles_at_which_the_forearms_do_not_meet_are_named(poses, robot):
@@ -205,7 +207,7 @@ def test_points_on_a_line_do_not_tell_how_the_instrument_is_turned(poses, robot)
     line = dataclasses.replace(
         poses, points_m=poses.points_m * np.array([1.0, 1e-4, 1e-4]) + [0.0, 0.1, -0.8]
     )
-    told = 'the measured points lie on a line: they do not tell how the instrument is turned'
+    told = 'the measured points lie on a line and do not determine the rotation of the instrument'
     assert refusal(instrument(line, robot), robot, model.PointsInFrame, is_placed=False) == told
     measured = instrument(poses, robot)
     one = dataclasses.replace(measured, points_m=0.0 * measured.points_m)
@@ -229,7 +231,9 @@ def test_touches_that_only_tell_where_something_is_are_refused(robot):
         diameters_m=few.diameters_m[rows],
     )
     assert refusal(few, robot, model.Touches).startswith(
-        '3 touch(es) of plane1 tell no more than where it is'
+        '3 touch(es) of plane1 determine no more than its position'
     )
     ball = dataclasses.replace(few, diameters_m=np.full(3, 0.05), objects=('ball',) * 3)
-    assert refusal(ball, robot, model.Touches).startswith('3 touch(es) of ball tell no more than where it is')
+    assert refusal(ball, robot, model.Touches).startswith(
+        '3 touch(es) of ball determine no more than its position'
+    )

@@ -50,9 +50,7 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
     assert (found.checks == poses.checks).all()
     assert found.checksum == robot.checksum
     empty = measurement_file.write(tmp_path / 'b.csv', poses, simulated.planned_angles(poses, robot), origin)
-    with pytest.raises(
-        CalibrationError, match=r'measurement 1 of .* has no measured_x \[mm\]: was it not taken\?'
-    ):
+    with pytest.raises(CalibrationError, match=r'measurement 1 of .* has no measured_x \[mm\]$'):
         measurement_file.read(empty)
 
 
@@ -61,16 +59,19 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
     [
         ([], 'is empty: it has no headings and no numbers'),
         ([HEADER], 'has no measurement'),
-        (['time [s],current_1 [A]', '0,1'], 'is no file of measurements: it has the column .time'),
+        (['time [s],current_1 [A]', '0,1'], 'is not a table of measurements: it has the column .time'),
         ([HEADER.replace('axis2', 'axes2'), ROW], 'did you mean axis2'),
-        ([HEADER.replace('axis2 [deg]', 'axis2'), ROW], 'must tell its unit, one of'),
-        ([HEADER.replace('[mm]', '[kg]'), ROW], 'must tell its unit, one of'),
+        ([HEADER.replace('axis2 [deg]', 'axis2'), ROW], 'must have a unit, one of'),
+        ([HEADER.replace('[mm]', '[kg]'), ROW], 'must have a unit, one of'),
         ([HEADER.replace('axis2', 'axis1'), ROW], 'has the column axis1 twice'),
         ([HEADER.rpartition(',')[0], '10,20,30,1,2'], 'has no column measured_z'),
         ([HEADER, '10,20,30'], 'line 2 of .* has 3 values, the header 6 columns'),
         ([HEADER, ROW, '10,20,x,1,2,3'], 'line 3 of .* contains .x., not only numbers'),
-        ([HEADER, ROW, ROW.replace('30', 'inf')], r'measurement 2 of .*: axis3 \[deg\] is no finite number'),
-        ([HEADER, ROW.replace('30', '')], r'has no axis3 \[deg\]: was it not taken'),
+        (
+            [HEADER, ROW, ROW.replace('30', 'inf')],
+            r'measurement 2 of .*: axis3 \[deg\] is not a finite number',
+        ),
+        ([HEADER, ROW.replace('30', '')], r'has no axis3 \[deg\]$'),
         (
             ['use,' + HEADER, 'perhaps,' + ROW],
             'measurement 1 of .*: use is .perhaps., but must be fit or check',
@@ -79,12 +80,12 @@ def test_the_table_of_a_plan_is_read_back_once_it_is_filled_in(tmp_path, robot):
             ['use,' + HEADER, 'fit,' + ROW, ',' + ROW],
             "measurement 2 of .*: use is '', but must be fit or check",
         ),
-        (['use,' + HEADER, 'check,' + ROW], 'all of them are to check with'),
-        ([HEADER + ',object', ROW + ',plate'], 'points of an instrument and touches of objects'),
-        ([TOUCH, '10,20,30,,'], 'measurement 1 of .* does not tell what was touched'),
+        (['use,' + HEADER, 'check,' + ROW], 'all of them are checks'),
+        ([HEADER + ',object', ROW + ',plate'], 'has both points and touches of objects'),
+        ([TOUCH, '10,20,30,,'], 'measurement 1 of .* names no object'),
         (
             [TOUCH, '10,20,30,ball,50', '10,20,31,ball,60'],
-            'measurement 2 of .* tells another diameter of ball',
+            'measurement 2 of .* the diameter of ball differs',
         ),
         ([TOUCH, '10,20,30,ball,-50'], 'measurement 1 of .*: the diameter of ball must be positive'),
     ],

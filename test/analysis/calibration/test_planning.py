@@ -79,9 +79,9 @@ def test_three_touches_tell_each_zero_angle_by_itself(robot):
 @pytest.mark.parametrize(
     ('method', 'number', 'checks', 'sentence'),
     [
-        ('base', 5, 0, '5 poses are too few to calibrate by the method base: it takes at least 6'),
-        ('base', 400, 8, '400 poses and 8 to check with are more than the'),
-        ('plane', 12, 0, '12 poses are too few to calibrate by the method plane: it takes at least 20'),
+        ('base', 5, 0, '5 poses are too few for the method base, at least 6 are needed'),
+        ('base', 400, 8, '400 poses and 8 checks are more than the'),
+        ('plane', 12, 0, '12 poses are too few for the method plane, at least 20 are needed'),
     ],
 )
 def test_numbers_of_poses_that_cannot_be_are_refused(method, number, checks, sentence, robot):
@@ -95,7 +95,9 @@ def test_numbers_of_poses_that_cannot_be_are_refused(method, number, checks, sen
 def test_the_least_number_of_poses_of_a_method_is_planned_and_one_less_is_refused(method, least, robot):
     more = {'height_m': -0.9} if method == 'level' else {}
     assert len(planned(robot, method, least, 0, **more).points_m) == least
-    with pytest.raises(CalibrationError, match=f'{least - 1} poses are too few .* takes at least {least}$'):
+    with pytest.raises(
+        CalibrationError, match=f'{least - 1} poses are too few .* at least {least} are needed$'
+    ):
         planned(robot, method, least - 1, 0, **more)
 
 
@@ -121,5 +123,5 @@ def test_a_touch_has_the_angles_at_which_the_probe_meets_the_surface(robot):
 
 
 def test_a_plane_that_the_robot_does_not_reach_is_refused(robot):
-    with pytest.raises(CalibrationError, match='more than the 0 that there are to choose from'):
+    with pytest.raises(CalibrationError, match='more than the 0 candidates'):
         planned(robot, 'level', 3, 0, height_m=-2.0)

@@ -10,9 +10,9 @@ import pytest
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.analysis.calibration import estimation, figures, measurement_file, model, simulated
-from delta3_pacdrive.analysis.calibration.data import Measurements, Method, Wanted
+from delta3_pacdrive.analysis.calibration.data import Measurements, Method, Requirements
 from delta3_pacdrive.analysis.calibration.run import Study
-from delta3_pacdrive.analysis.calibration.study import Found, Settings
+from delta3_pacdrive.analysis.calibration.study import Result, Settings
 from delta3_pacdrive.analysis.study import silent
 from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.motion import program_file as programs
@@ -24,7 +24,7 @@ GOAL_M = 0.03e-3
 
 
 def study(folder, method='base', number=24, checks=8, noise_m=2e-5, simulate='rich', chosen=None, **more):
-    wanted = Wanted(Method(method), number, checks, noise_m, **more)
+    wanted = Requirements(Method(method), number, checks, noise_m, **more)
     return Study(Settings(chosen, simulate, wanted, 0), folder, 'delta3 calibrate', silent)
 
 
@@ -49,7 +49,7 @@ def left(summary, what):
 
 
 def test_the_true_tcp_of_the_built_robot_is_right_on_poses_that_were_not_used(summary):
-    true = left(summary, 'true TCP where weight presses')
+    true = left(summary, 'true TCP with gears loaded')
     print({key: round(1e3 * value, 4) for key, value in true.items() if key.endswith('_m')}, 'mm')
     assert 0.2e-3 < true['before_rms_m'] < 0.35e-3
     assert true['after_rms_m'] < GOAL_M
@@ -59,7 +59,7 @@ def test_the_true_tcp_of_the_built_robot_is_right_on_poses_that_were_not_used(su
 
 def test_what_limits_it_is_told(summary):
     limits = {one['what'].partition(',')[0]: one['size_m'] for one in summary['limits_m']}
-    assert limits['what is no geometry'] < 0.015e-3
+    assert limits['non-geometric effects'] < 0.015e-3
     assert limits['increments of the encoders'] < 1e-6
     assert limits['measuring noise'] < GOAL_M
     # where the weight changes the flank, the backlash of a gear at the end of its arm
@@ -92,7 +92,7 @@ def test_intervals_hold_what_was_built_whatever_the_noise_is():
         measured = dataclasses.replace(exact, points_m=exact.points_m + noise)
         found = estimation.estimate(model.PointsInBase(measured, robot), 2e-5)
         held += [
-            abs(one.value - truth) < one.half_width for one, truth in zip(found.told, TRUTH, strict=True)
+            abs(one.value - truth) < one.half_width for one, truth in zip(found.estimates, TRUTH, strict=True)
         ]
         true = (model.tcp(exact.angles_rad, found.x, robot) - exact.points_m)[exact.checks]
         off.append(np.sqrt((true**2).sum(axis=1).mean()))
@@ -143,10 +143,10 @@ def test_the_figure_of_the_residuals_has_each_measurement_under_its_label():
     )
     nothing = np.full((3, 3), np.nan)
     measured = Measurements(nothing, nothing, checks, (), nothing[:, 0])
-    found = Found((), (), 0, 0, (), 1.0, 0.0, (), measured, nothing, (before, after), {})
+    found = Result((), (), 0, 0, (), 1.0, 0.0, (), measured, nothing, (before, after), {})
     drawn = {
         label: values
-        for (_, unit, label), values in curves(figures.what_is_left(found)).items()
+        for (_, unit, label), values in curves(figures.residuals(found)).items()
         if '[mm]' in unit
     }
     assert drawn.keys() == {'before, used', 'before, not used', 'after, used', 'after, not used'}
@@ -167,8 +167,8 @@ def test_the_table_that_it_leaves_gives_the_same_again(summary, folder, tmp_path
 @pytest.mark.long
 def test_a_calibrated_robot_is_calibrated_already(summary, tmp_path):
     again = study(tmp_path, chosen=summary['parameter_file']).fit(None)
-    assert left(again, 'true TCP where weight presses')['before_rms_m'] < GOAL_M
-    assert left(again, 'true TCP where weight presses')['after_rms_m'] < GOAL_M
+    assert left(again, 'true TCP with gears loaded')['before_rms_m'] < GOAL_M
+    assert left(again, 'true TCP with gears loaded')['after_rms_m'] < GOAL_M
 
 
 @pytest.mark.long
@@ -183,7 +183,7 @@ def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrat
     found = np.degrees([one['value'] for one in homed['figures']])
     before = np.degrees([one['before'] for one in homed['figures']])
     assert found - before == pytest.approx(missed, abs=0.015)
-    true = left(homed, 'true TCP where weight presses')
+    true = left(homed, 'true TCP with gears loaded')
     assert true['before_rms_m'] > 1e-3
     assert true['after_rms_m'] < 0.1e-3
 
@@ -192,7 +192,7 @@ def test_the_homing_error_of_each_arm_comes_from_three_touches(summary, calibrat
 @pytest.mark.parametrize('method', ['plane', 'ball'])
 def test_touches_make_the_shape_of_the_motion_right(method, tmp_path):
     found = study(tmp_path, method, 40, 4, noise_m=1e-5).fit(None)
-    true = left(found, 'true TCP, its shape, where weight presses')
+    true = left(found, 'true TCP, its shape, with gears loaded')
     assert true['after_rms_m'] < true['before_rms_m']
     assert found['method'] == method
     measured = measurement_file.read(tmp_path / 'measurements.csv')
@@ -200,12 +200,12 @@ def test_touches_make_the_shape_of_the_motion_right(method, tmp_path):
 
 
 def test_angles_of_another_controller_are_refused(summary, folder, tmp_path):
-    with pytest.raises(CalibrationError, match='tells angles of a controller with other parameters'):
+    with pytest.raises(CalibrationError, match='contains angles of a controller with other parameters'):
         study(tmp_path, simulate=None).fit(folder / 'measurements.csv')
 
 
 def test_points_are_no_touches(summary, folder, tmp_path):
-    with pytest.raises(CalibrationError, match='has points of an instrument, not touches'):
+    with pytest.raises(CalibrationError, match='contains points, not touches'):
         study(tmp_path, 'level', 3, 0, simulate=None, chosen='rich', height_m=-0.9).fit(
             folder / 'measurements.csv'
         )

@@ -206,7 +206,7 @@ def test_what_is_applied_brings_the_model_to_the_robot(applied):
     assert 0.9 * raw['floor'] < raw['after'] < 1.1 * raw['floor']
     assert 0.0 < slow['floor'] < 0.5 * raw['floor']
     assert row['rms']['tcp_error_norm_m']['floor'] is None
-    assert 'which is all that is left' in row['text'][0]
+    assert 'which explains the remainder' in row['text'][0]
     for name in ('figure_11_06_before_after.png', 'figure_11_08_before_after.png'):
         assert (folder / name).exists()
 
@@ -229,9 +229,9 @@ def test_without_apply_the_exit_status_says_that_the_model_does_not_hold(bus, tm
     assert estimate.main(arguments) == 1
     told = capsys.readouterr()
     assert told.out.startswith('THE MODEL DOES NOT EXPLAIN THE DATA')
-    assert 'no interval holds' in told.out
+    assert 'no valid interval' in told.out
     assert told.err.strip().endswith(
-        'error: the model does not explain the data: its estimates are not those of the robot'
+        'error: the model does not explain the data, so its estimates do not apply to the robot'
     )
 
 

@@ -141,7 +141,7 @@ def test_parts_between_gaps_begin_at_rest_and_the_rest_is_counted(gap, parts, le
     assert [
         (round(1e3 * (one.time_s[0] + 5.0)), round(1e3 * (one.time_s[-1] + 5.0)) + 1) for one in found
     ] == parts
-    told = [note for note in notes if 'instants are left out' in note]
+    told = [note for note in notes if 'samples are omitted' in note]
     assert [note.split(' ', 1)[0] for note in told] == ([str(left_out)] if left_out else [])
 
 
@@ -150,7 +150,7 @@ def test_a_cell_without_a_number_is_a_gap(robot):
     log.signals['motor_speed'][400, 1] = np.nan
     found, notes = parts_of(log, robot, 'a.csv')
     assert [len(one.time_s) for one in found] == [400, 549]
-    assert notes[0].startswith('51 of 1000 instants are left out')
+    assert notes[0].startswith('51 of 1000 samples are omitted')
 
 
 def test_a_log_of_which_no_part_moves_from_rest_is_rejected(robot):

@@ -49,7 +49,7 @@ def test_residuals_above_the_noise_are_no_noise(robot):
     assert [block.is_white for block in found.blocks] == [True]
     assert not found.holds
     assert found.sentences[0] == 'THE MODEL DOES NOT EXPLAIN THE DATA'
-    assert '1.6 times the noise of the sensors (0.02 A)' in found.sentences[1]
+    assert '1.6 times the sensor noise (0.02 A)' in found.sentences[1]
 
 
 def test_what_comes_back_with_the_motion_is_seen_below_the_noise(robot):
@@ -75,7 +75,7 @@ def test_a_recording_that_was_kept_aside_can_refute_a_model(robot):
     other.data *= 1.2
     found = judged(Line(), robot, [other])
     assert [block.holds for block in found.blocks] == [True, False]
-    assert found.sentences[1].startswith('y of a recording that was not fitted: residuals')
+    assert found.sentences[1].startswith('y of a validation recording: residuals')
 
 
 @pytest.mark.parametrize('group', MODELS)

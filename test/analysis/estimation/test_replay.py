@@ -23,5 +23,5 @@ def test_a_replay_with_the_true_parameters_repeats_the_currents(feed_forward, ro
 
 def test_torques_that_were_commanded_must_be_told(robot):
     trace = simulation.run(programs.load('experiment1', robot.motion), robot)
-    with pytest.raises(EstimationError, match='the trace holds no torque_command'):
+    with pytest.raises(EstimationError, match='the trace contains no torque_command'):
         Replay(trace, robot.replace(control__feed_forward='model'))

@@ -100,7 +100,7 @@ def test_the_parameter_file_has_intervals_only_of_a_model_that_holds(holds):
     notes = [texts[0] for texts in fitted_file.notes(problem, found, 'from log.csv', holds).values()]
     assert ['0.25' in note for note in notes] == [holds, holds, False]
     assert notes[2] == 'K_m only together with others'
-    assert notes[0] == ('F_v +- 0.25 N (95 %)' if holds else 'F_v no interval holds')
+    assert notes[0] == ('F_v +- 0.25 N (95 %)' if holds else 'F_v no valid interval')
 
 
 class Measured:
@@ -153,7 +153,9 @@ def test_missing_effects_are_named_by_their_importance_and_those_that_are_there_
     assert found.rms == pytest.approx(1.0, abs=0.05)
     assert found.rms < min(left)
     listed = '; '.join(f'{names[c][1]} ({rms:.2g} without)' for c, rms in zip(order, left, strict=True))
-    assert found.sentence.startswith(f'missing: {listed}; residuals of {found.rms_plain:.2g} times the noise')
+    assert found.sentence.startswith(
+        f'missing: {listed}; residuals of {found.rms_plain:.2g} times the sensor noise'
+    )
     assert found.sentence.endswith(f'become {found.rms:.2g} and explain the data')
 
 

@@ -55,9 +55,7 @@ def test_corrections_of_each_arm_are_no_start_of_the_group_geometry(bus, tmp_pat
     robot = parameters.load().replace(kinematics__upper_arm_correction_m=(1e-4, 0.0, 0.0))
     path = parameters.write(robot, tmp_path / 'corrected.yaml')
     settings = settings_of(tmp_path, bus, parameters=str(path))
-    with pytest.raises(
-        EstimationError, match=r'starts from equal arms, but .*corrected\.yaml has corrections'
-    ):
+    with pytest.raises(EstimationError, match=r'requires equal arms, but .*corrected\.yaml has corrections'):
         Study(settings, tmp_path / 'run', 'test', quiet)
 
 
@@ -111,8 +109,8 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
         (cut(bus, 'motor_command'), '--group', 'masses'): 'needs motor_command',
         (cut(scope, 'current'), '--group', 'masses'): 'no signal current',
         (str(standing), '--group', 'masses'): 'nothing moves',
-        ('--known', 'm_b,nonsense', '--group', 'masses'): "'nonsense' is no quantity",
-        ('--known', 'R,L,K_m,F_v,F_s,I_m'): 'nothing is left',
+        ('--known', 'm_b,nonsense', '--group', 'masses'): "'nonsense' is not a quantity",
+        ('--known', 'R,L,K_m,F_v,F_s,I_m'): 'nothing to estimate',
         ('experiment1', 'experiment2'): 'only one program',
         (cut(bus, 'motor_command'), '--group', 'thesis'): 'no signal motor_command',
         (cut(bus, 'tcp_error'), '--validate', 'experiment1'): '--validate takes recordings',
@@ -188,7 +186,7 @@ def short(tmp_path_factory):
 @pytest.mark.long
 def test_the_estimation_of_the_thesis_runs_as_the_documentation_has_it(tmp_path, capsys):
     report = run_json(['--group', 'thesis', '--output', str(tmp_path)], capsys)
-    assert any('the initial values came back' in sentence for sentence in report['explanation'])
+    assert any('returned the initial values' in sentence for sentence in report['explanation'])
     assert {'K_m', 'F_s'} <= estimates(report).keys()
 
 

@@ -358,7 +358,7 @@ def test_a_report_without_attribution_leaves_none_of_an_earlier_one(tmp_path, ca
     printed = capsys.readouterr().out
     assert 'reproduced' not in printed
     assert 'Claim by claim' in printed
-    assert 'What explains it' not in printed
+    assert 'Attribution (Shapley' not in printed
 
 
 @pytest.mark.parametrize(

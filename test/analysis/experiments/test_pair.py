@@ -37,7 +37,7 @@ def built():
 
 def table_of(run, path, names, rate_hz=1000.0, origin_s=5.0):
     """Write some signals of a run, told on the side of the arms, as a table without a bus cycle."""
-    part, gear = run.part, run.robot.dynamics.gear_ratio
+    part, gear = run.window, run.robot.dynamics.gear_ratio
     time_s = np.arange(round((part.time_s[-1] - part.time_s[0]) * rate_hz) + 1) / rate_hz + part.time_s[0]
     told = {
         'arm_position': part['motor_position'] / gear,
@@ -87,7 +87,7 @@ def test_signals_that_are_missing_are_named_and_the_others_compared(nominal, bui
     table = table_of(built, tmp_path / 'robot.csv', ('arm_position', 'tcp_error_norm'), 700.0)
     found = compared(Pair(nominal, table, attributed=False))
     assert by_signal(found.comparison.statistics()).keys() == {'arm_angle', 'tcp', 'tcp_error_norm'}
-    assert any('not both runs tell these signals: arm_speed, arm_acceleration, current' in note
+    assert any('these signals are not in both runs: arm_speed, arm_acceleration, current' in note
                for note in report.summary(found)['notes'])  # fmt: skip
     assert any('both are compared every 1.42857 ms' in note for note in found.notes)
     drawn = figures.by_name(found)
@@ -108,7 +108,7 @@ def test_a_gap_of_the_robot_costs_only_its_instants(nominal, built, tmp_path):
         found.comparison.measured(found.comparison.deviation('current'))
     )
     assert missing == pytest.approx(50, abs=2)
-    assert any('It lacks 50 of' in note for note in found.notes)
+    assert any('50 of' in note and 'samples are missing' in note for note in found.notes)
 
 
 def test_a_signal_that_is_never_known_when_the_other_is_counts_as_missing(nominal, built, tmp_path):
@@ -161,8 +161,8 @@ def test_two_simulations_of_one_program_are_attributed(tmp_path):
     ('other', 'why'),
     [
         (('experiment2', 'rich'), 'the programs are not the same'),
-        (('experiment1', None), 'the robot has no effect'),
-        (('a.npz', None), 'both must be programs'),
+        (('experiment1', None), 'the robot has none of the effects'),
+        (('a.npz', None), 'both runs must be programs'),
     ],
 )
 def test_what_cannot_be_attributed_is_told(other, why, nominal, tmp_path, monkeypatch):
@@ -239,7 +239,7 @@ def test_the_command_reads_a_foreign_table_and_tells_the_shift_it_found(built, t
     out = capsys.readouterr().out
     assert 'aligned by best correlation, shifted by -1234' in out
     assert '(95 %)' in out
-    assert 'these are those of delta3.yaml' in out
+    assert 'those of delta3.yaml are used' in out
     assert (tmp_path / 'out' / 'index.html').exists()
 
 
@@ -248,7 +248,7 @@ def test_the_command_reads_a_foreign_table_and_tells_the_shift_it_found(built, t
     [
         (
             ['experiment1', 'experiment2', '--columns', 'c.yaml'],
-            'experiment1 is a program, so the column file c.yaml',
+            'experiment1 is a program, the column file c.yaml',
         ),
         (['experiment1', 'a.csv', '--columns', ',missing.yaml'], 'cannot read column file missing.yaml'),
         (['experiment1', 'a.csv'], "a.csv has an unknown column 'K0'"),

@@ -106,7 +106,7 @@ def test_it_converges_with_wrong_masses_of_the_built_robot(share, learn, built):
 
 def test_a_filter_that_is_no_contraction_is_refused_with_place_and_remedy(learn, built):
     """The gears of the built robot swing against their motors where a wide filter still learns."""
-    with pytest.raises(LearnedError, match=r'no contraction: with \d+ % .* leaves 1\.\d+ .* at \d+ Hz'):
+    with pytest.raises(LearnedError, match=r'does not converge: with \d+ % .* rate is 1\.\d+ at \d+ Hz'):
         learn(built, bandwidth_hz=200.0)
 
 
@@ -151,7 +151,9 @@ def test_programs_with_faults_or_exact_stops_and_those_that_are_too_long_are_ref
     program.write_text(json.dumps(moves | {'moves': stops}))
     with pytest.raises(LearnedError, match=r'waits at exact stops .*: how long is not known beforehand'):
         learn(model, program=str(program))
-    with pytest.raises(LearnedError, match='bandwidth is 600 Hz, a bus of 1 ms has 500 Hz'):
+    with pytest.raises(
+        LearnedError, match='bandwidth is 600 Hz, the limit for a bus cycle of 1 ms is 500 Hz'
+    ):
         learn(model, bandwidth_hz=600.0)
 
 

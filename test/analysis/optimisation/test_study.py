@@ -155,9 +155,9 @@ def test_without_a_trial_within_the_limits_there_are_no_files_of_a_best_one(path
     assert document['again'] is None
     assert not (tmp_path / 'out' / PARAMETERS).exists()
     lines = list(report.text(document))
-    assert 'no trial keeps the limits' in lines
+    assert 'no trial is within the limits' in lines
     assert any(
-        line.startswith(f'trial {document["nearest"]["trial"]} breaks them least: program_s ')
+        line.startswith(f'trial {document["nearest"]["trial"]} exceeds them least: program_s ')
         for line in lines
     )
 

@@ -67,9 +67,9 @@ def test_parts_of_the_page_are_where_the_simulation_has_them(name, request):
     run, truth = request.getfixturevalue(name)
     document = document_of(page.page([run], ORIGIN))
     cell = cell_of(document)
-    first = round(document['runs'][0]['first_s'] / 1e-3) + run.part.meta['start_cycle']
+    first = round(document['runs'][0]['first_s'] / 1e-3) + run.window.meta['start_cycle']
     compared = set()
-    for cycle in range(0, len(run.part.time_s), 5):
+    for cycle in range(0, len(run.window.time_s), 5):
         tcp, at = truth.cycles[first + cycle]
         there = {part['number'] for part, _, _ in run.cell.at(first + cycle, tcp)}
         drawn = parts_at(cell, cycle, tcp)
@@ -106,7 +106,7 @@ def test_a_page_of_a_part_of_a_run_holds_what_was_there_then(belted):
 def test_only_the_newest_parts_and_stays_are_drawn_and_listed_and_the_page_stays_small(packaged):
     run, _ = packaged
     short = runs.load(run.name, to_s=0.1)
-    first = round(short.part.time_s[0] / 1e-3) + short.part.meta['start_cycle']
+    first = round(short.window.time_s[0] / 1e-3) + short.window.meta['start_cycle']
     noise = np.random.default_rng(1)
     stays = [
         STAY | {'cycle': int(c), 'at_m': noise.normal(size=3).tolist()} for c in first + np.arange(1, 21)
@@ -120,7 +120,7 @@ def test_only_the_newest_parts_and_stays_are_drawn_and_listed_and_the_page_stays
     rows = rows_of(text)
     assert [rows[0][0], rows[-1][0]] == [str(PARTS_DRAWN + 200 - PARTS_SHOWN), str(PARTS_DRAWN + 199)]
     assert f'{PARTS_DRAWN + 200 - PARTS_SHOWN} more parts are not listed.' in text
-    length_s = short.part.time_s[-1] - short.part.time_s[0]
+    length_s = short.window.time_s[-1] - short.window.time_s[0]
     assert len(text.encode()) <= BASE_BYTES + BYTES_PER_S * length_s
 
 
@@ -138,7 +138,7 @@ def test_the_table_tells_what_has_become_of_each_part(packaged):
     text = page.page([run], ORIGIN)
     rows = rows_of(text)
     assert len(rows) == len(run.cell.parts)
-    start = run.part.meta['start_cycle']
+    start = run.window.meta['start_cycle']
     for row, part in zip(rows, run.cell.parts, strict=True):
         assert row[:4] == [str(part['number']), part['type'], part['source'], part['outcome']]
         if part['picked_cycle'] < 0:
@@ -201,7 +201,7 @@ def test_a_recording_of_before_lists_its_parts_and_draws_none(packaged):
 )
 def test_a_run_that_tells_no_pose_is_refused_in_one_sentence(absent, told, packaged):
     run, _ = packaged
-    signals = {name: values for name, values in run.part.signals.items() if name not in absent}
-    part = Trace(run.part.time_s, signals, run.part.meta)
+    signals = {name: values for name, values in run.window.signals.items() if name not in absent}
+    part = Trace(run.window.time_s, signals, run.window.meta)
     with pytest.raises(ReportError, match=rf'^.*packaged.npz cannot be shown: it has {told}'):
-        page.page([replace(run, part=part)], ORIGIN)
+        page.page([replace(run, window=part)], ORIGIN)

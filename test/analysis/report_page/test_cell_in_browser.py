@@ -63,9 +63,9 @@ def visit(browser, address):
 
 def there(run, time_s):
     """Return the places [m] of the parts of a run at a time, those in hand at the actual TCP, by their numbers."""
-    row = round((time_s - run.part.time_s[0]) / run.period_s)
-    cycle = round(time_s / run.period_s) + run.part.meta['start_cycle']
-    tcp = tuple(run.part['tcp_actual'][row])
+    row = round((time_s - run.window.time_s[0]) / run.period_s)
+    cycle = round(time_s / run.period_s) + run.window.meta['start_cycle']
+    tcp = tuple(run.window['tcp_actual'][row])
     return {part['number']: np.array(place) for part, place, _ in run.cell.at(cycle, tcp)}
 
 
@@ -143,7 +143,7 @@ def test_a_row_of_the_table_of_parts_goes_to_its_pick(opened, run):
     row = opened.page.locator('#parts0 tr[data-from]').nth(1)
     assert row.locator('td').first.text_content() == '1'
     row.click()
-    picked = (run.cell.parts[1]['picked_cycle'] - run.part.meta['start_cycle']) * run.period_s
+    picked = (run.cell.parts[1]['picked_cycle'] - run.window.meta['start_cycle']) * run.period_s
     assert opened.page.evaluate('delta3.clock.time') == pytest.approx(picked, abs=1e-6)
     assert 'driven' in row.get_attribute('class')
     seek(opened, 0.9)

@@ -62,8 +62,8 @@ def visit(opened):
 
 def tcp_at(run, time_s):
     """Return the TCP [m] of the actual angles in the bus cycle at a time."""
-    row = round((time_s - run.part.time_s[0]) / run.period_s)
-    theta = run.part['motor_position'][row] / run.robot.dynamics.gear_ratio
+    row = round((time_s - run.window.time_s[0]) / run.period_s)
+    theta = run.window['motor_position'][row] / run.robot.dynamics.gear_ratio
     return kinematics.forward(theta, run.robot)
 
 
@@ -121,8 +121,8 @@ def test_each_arm_is_drawn_as_long_as_the_parameters_say(browser, robot, tmp_pat
     with Visit(browser, (tmp_path / 'page.html').as_uri()) as visit:
         visit.page.wait_for_selector(READY, state='attached')
         seek(visit, 0.1)
-        row = round((0.1 - run.part.time_s[0]) / run.period_s)
-        theta = run.part['motor_position'][row] / corrected.dynamics.gear_ratio
+        row = round((0.1 - run.window.time_s[0]) / run.period_s)
+        theta = run.window['motor_position'][row] / corrected.dynamics.gear_ratio
         there = poses(theta, corrected)
         for rod in RODS:
             drawn = visit.page.evaluate(f'delta3.stage.robot.parts.get("forearm{rod}").position.toArray()')
@@ -132,7 +132,7 @@ def test_each_arm_is_drawn_as_long_as_the_parameters_say(browser, robot, tmp_pat
 def test_numbers_in_the_browser_are_those_of_the_trace(visit, one, robot):
     series = 'delta3.report.runs[0].columns'
     for name in (*SIGNALS, *TRUE_SIGNALS):
-        values = one.part[name]
+        values = one.window[name]
         held = np.array(visit.page.evaluate(f'{series}[{name!r}].map(column => Array.from(column))')).T
         step = resolution_of(name, quantity(name)[0], robot.bus.increments_per_rev)
         assert np.abs(held - values).max() <= 0.5 * step * ROUNDING, name
@@ -142,7 +142,7 @@ def test_numbers_in_the_browser_are_those_of_the_trace(visit, one, robot):
 def test_samples_of_a_record_stand_until_the_next_one_and_tell_their_values(browser, one, tmp_path):
     step, names = 62.5e-6, tuple(f'axis1.phase_current_{n}' for n in range(8))
     values = np.arange(320.0)[:, np.newaxis] + 1000.0 * np.arange(8)
-    start_s = one.part.meta['start_cycle'] * one.period_s
+    start_s = one.window.meta['start_cycle'] * one.period_s
     record = SavedRecord(
         Path('s.npz'), names, ('A',) * 8, start_s + 0.3, step, values, 'a fault', start_s + 0.31
     )
@@ -180,7 +180,7 @@ def test_slider_robot_plots_and_table_show_the_same_instant(visit, one):
     visit.page.evaluate(
         'share => { slider.value = share * slider.max; slider.dispatchEvent(new Event("input")) }', share
     )
-    first, last = one.part.time_s[[0, -1]]
+    first, last = one.window.time_s[[0, -1]]
     time_s = first + share * (last - first)
     assert visit.page.evaluate('delta3.clock.time') == pytest.approx(time_s, abs=1e-6)
     assert visit.page.locator('#time').text_content() == f'{time_s:.3f} s'
@@ -195,7 +195,7 @@ def test_slider_robot_plots_and_table_show_the_same_instant(visit, one):
     assert np.abs(lines).max() < 1.0
     row = round((round(time_s, 3) - first) / one.period_s)
     current = visit.page.locator('figure', has_text='Current').locator('output').first.text_content()
-    assert float(current) == pytest.approx(one.part['current_mean'][row, 0], abs=1e-3)
+    assert float(current) == pytest.approx(one.window['current_mean'][row, 0], abs=1e-3)
     driven = visit.page.locator('tr.driven td').first.text_content()
     move = next(each for each in one.moves if each.start_s <= time_s < each.end_s)
     assert driven == str(move.number)
@@ -342,8 +342,8 @@ def test_the_ghost_of_the_command_stands_off_by_the_magnified_error(visit, one):
     visit.page.evaluate('magnify.value = 40; magnify.dispatchEvent(new Event("input"))')
     assert visit.page.locator('#magnified').text_content() == '\u00d7100'
     seek(visit, 0.111)
-    row = round((0.111 - one.part.time_s[0]) / one.period_s)
-    expected = one.part['tcp_actual'][row] + 100.0 * one.part['tcp_error'][row]
+    row = round((0.111 - one.window.time_s[0]) / one.period_s)
+    expected = one.window['tcp_actual'][row] + 100.0 * one.window['tcp_error'][row]
     ghost = visit.page.evaluate('delta3.stage.ghosts[0].robot.tcp')
     np.testing.assert_allclose(ghost, expected, atol=2e-6)
 
@@ -385,12 +385,12 @@ def test_a_page_of_two_runs_shows_their_difference(browser, written, one):
         seek(visit, 0.111)
         panel = visit.page.locator('figure.difference', has_text='Current').first
         assert 'Current: packaging (rich) \u2212 packaging' in panel.text_content()
-        row = round((0.111 - one.part.time_s[0]) / one.period_s)
-        difference = built.part['current_mean'][row] - one.part['current_mean'][row]
+        row = round((0.111 - one.window.time_s[0]) / one.period_s)
+        difference = built.window['current_mean'][row] - one.window['current_mean'][row]
         shown = [float(text) for text in panel.locator('output').all_text_contents()]
         np.testing.assert_allclose(shown, difference, atol=2e-3)
         ghost = visit.page.evaluate('delta3.stage.ghosts.find(one => one.text.includes("rich")).robot.tcp')
-        np.testing.assert_allclose(ghost, built.part['tcp_actual'][row], atol=1e-7)
+        np.testing.assert_allclose(ghost, built.window['tcp_actual'][row], atol=1e-7)
         assert (visit.requests, visit.complaints) == ([written[1]], [])
 
 
@@ -520,7 +520,7 @@ def test_each_block_and_mark_of_the_track_goes_to_its_time(visit, one):
     for block, move in zip(blocks.all(), one.moves, strict=True):
         block.dispatch_event('click')
         assert visit.page.evaluate('delta3.clock.time') == pytest.approx(
-            max(move.start_s, one.part.time_s[0]), abs=1e-6
+            max(move.start_s, one.window.time_s[0]), abs=1e-6
         )
         assert block.get_attribute('title').startswith(f'move {move.number}, ')
     for mark in visit.page.locator('#track .mark').all():

@@ -69,12 +69,12 @@ class Tags(HTMLParser):
 
 def test_the_numbers_in_the_page_are_those_of_the_trace(one, text, robot):
     time_s, found = signals_of(document_of(text)['runs'][0])
-    np.testing.assert_allclose(time_s, one.part.time_s, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(time_s, one.window.time_s, rtol=0.0, atol=1e-9)
     usual = {name for name in DERIVED if not name.startswith('jacobian_')}
     assert set(found) == {*SIGNALS, *TORQUE_SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS, *usual}
     for name in (*SIGNALS, *TORQUE_SIGNALS, *CURRENT_SIGNALS, *TRUE_SIGNALS):
         step = resolution_of(name, quantity(name)[0], robot.bus.increments_per_rev)
-        assert np.abs(found[name] - one.part[name]).max() <= 0.5 * step * ROUNDING, name
+        assert np.abs(found[name] - one.window[name]).max() <= 0.5 * step * ROUNDING, name
 
 
 def test_the_page_tells_the_energy_of_a_round_as_simulate_does(one, text, both):
@@ -100,15 +100,17 @@ def test_a_page_has_every_signal_of_a_trace_and_hides_those_on_request_at_first(
     document = document_of(page.page([run], ORIGIN))
     _, found = signals_of(document['runs'][0])
     # of these a page has norms and columns
-    lacking = set(run.part.signals) - set(found)
+    lacking = set(run.window.signals) - set(found)
     assert lacking == {'master', 'tcp_velocity', 'tcp_acceleration', 'jacobian'}
-    np.testing.assert_allclose(found['jacobian_condition'], run.part['jacobian'][:, :1], rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(
+        found['jacobian_condition'], run.window['jacobian'][:, :1], rtol=0.0, atol=1e-6
+    )
     for name, first in (('master', 'distance'), ('jacobian', 'condition')):
         for n, column in enumerate((first, 'speed', 'acceleration')):
-            values = run.part[name][:, n : n + 1]  # rounded to a step of 1e-3 at most
+            values = run.window[name][:, n : n + 1]  # rounded to a step of 1e-3 at most
             np.testing.assert_allclose(found[f'{name}_{column}'], values, rtol=0.0, atol=1e-3, err_msg=column)
-    np.testing.assert_array_equal(found['status_word'], run.part['status_word'])
-    assert np.abs(found['drive_voltage'] - run.part['drive_voltage']).max() <= 0.5e-3 * ROUNDING
+    np.testing.assert_array_equal(found['status_word'], run.window['status_word'])
+    assert np.abs(found['drive_voltage'] - run.window['drive_voltage']).max() <= 0.5e-3 * ROUNDING
     plots = {plot['signals'][0]['name']: plot for plot in document['plots']}
     assert (
         set(found) - {name for plot in document['plots'] for name in (s['name'] for s in plot['signals'])}
@@ -121,7 +123,7 @@ def test_a_page_has_every_signal_of_a_trace_and_hides_those_on_request_at_first(
 
 
 def test_a_page_keeps_within_a_megabyte_and_a_tenth_of_one_for_each_second(one, text, both):
-    length_s = one.part.time_s[-1] - one.part.time_s[0]
+    length_s = one.window.time_s[-1] - one.window.time_s[0]
     assert len(text.encode()) <= BASE_BYTES + BYTES_PER_S * length_s
     assert len(both.encode()) <= BASE_BYTES + BYTES_PER_S * 2.0 * length_s
 
@@ -196,7 +198,7 @@ def test_a_page_of_two_runs_holds_their_difference(one, other, both):
 def test_a_run_that_is_aligned_by_its_motion_stands_at_the_time_of_the_first(one):
     from dataclasses import replace
 
-    later = replace(one, part=replace(one.part, time_s=one.part.time_s + 0.25))
+    later = replace(one, window=replace(one.window, time_s=one.window.time_s + 0.25))
     first, second = document_of(page.page([one, later], ORIGIN, 'correlation'))['runs']
     assert second['first_s'] == pytest.approx(first['first_s'])
     assert second['moves'][1][2] == pytest.approx(first['moves'][1][2] - 0.25)  # its own moves are not later
@@ -218,11 +220,11 @@ def test_every_signal_has_a_plot(text):
 def test_noise_that_would_make_the_page_too_large_is_rounded_more(one):
     from dataclasses import replace
 
-    part = replace(one.part, signals=dict(one.part.signals))
+    part = replace(one.window, signals=dict(one.window.signals))
     noise = np.random.default_rng(4)
     for name in part.signals:
         part.signals[name] = part.signals[name] + noise.normal(size=part.signals[name].shape)
-    found = page.page([replace(one, part=part)], ORIGIN)
+    found = page.page([replace(one, window=part)], ORIGIN)
     length_s = part.time_s[-1] - part.time_s[0]
     assert len(found.encode()) <= BASE_BYTES + BYTES_PER_S * length_s
     _, signals = signals_of(document_of(found)['runs'][0])
@@ -234,7 +236,7 @@ def test_too_many_or_too_long_runs_are_refused_in_one_sentence(one):
 
     with pytest.raises(ReportError, match=r'^a page takes at most 4 runs, not 5$'):
         page.page([one] * 5, ORIGIN)
-    long = replace(one, part=replace(one.part, time_s=one.part.time_s * 100.0))
+    long = replace(one, window=replace(one.window, time_s=one.window.time_s * 100.0))
     with pytest.raises(
         ReportError, match=r'^the runs last 412 s, the limit of a page is 300 s: shorten them'
     ):

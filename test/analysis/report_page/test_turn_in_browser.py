@@ -59,9 +59,9 @@ def placed(visit, robot, name):
 
 
 def there(run, time_s):
-    row = round((time_s - run.part.time_s[0]) / run.period_s)
-    theta = run.part['motor_position'][row] / run.robot.dynamics.gear_ratio
-    return row, poses(theta, run.robot, run.part['turn_position'][row, 0])
+    row = round((time_s - run.window.time_s[0]) / run.period_s)
+    theta = run.window['motor_position'][row] / run.robot.dynamics.gear_ratio
+    return row, poses(theta, run.robot, run.window['turn_position'][row, 0])
 
 
 def test_tool_and_bar_are_drawn_as_the_run_has_them(visit, run):
@@ -69,7 +69,7 @@ def test_tool_and_bar_are_drawn_as_the_run_has_them(visit, run):
     for time_s in INSTANTS_S:
         seek(visit, time_s)
         row, expected = there(run, time_s)
-        turned.append(math.degrees(run.part['turn_position'][row, 0]))
+        turned.append(math.degrees(run.window['turn_position'][row, 0]))
         for name in ('plate', 'tool', 'payload', 'pointer', 'bar_tube', 'bar_rod', 'motor4'):
             position, quaternion = placed(visit, 'delta3.stage.robot', name)
             assert position == pytest.approx(expected.of(name)[0], abs=ROUNDED), name
@@ -85,8 +85,8 @@ def test_the_tool_of_the_ghost_stands_off_by_the_magnified_error(visit, run):
     time_s = INSTANTS_S[2]
     seek(visit, time_s)
     row, _ = there(run, time_s)
-    error = run.part['turn_error'][row, 0]
-    angle = run.part['turn_position'][row, 0] + 100.0 * error
+    error = run.window['turn_error'][row, 0]
+    angle = run.window['turn_position'][row, 0] + 100.0 * error
     _, (x, y, z, w) = placed(visit, 'delta3.stage.ghosts[0].robot', 'pointer')
     assert (x, y) == (0.0, 0.0)
     assert abs(error) > 1e-5
@@ -115,7 +115,7 @@ def carried(tmp_path_factory, robot):
 @pytest.mark.long
 def test_a_part_in_hand_turns_about_the_tcp_with_the_tool(browser, carried, tmp_path):
     page.write(tmp_path / 'page.html', [carried], Provenance.of('test'))
-    part, angles = carried.part, []
+    part, angles = carried.window, []
     with Visit(browser, (tmp_path / 'page.html').as_uri()) as visit:
         visit.page.wait_for_selector(READY, state='attached')
         for row in (0, len(part.time_s) * 3 // 4, len(part.time_s) - 1):
