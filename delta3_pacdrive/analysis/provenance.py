@@ -63,12 +63,12 @@ def versions() -> str:
 
 
 @contextmanager
-def os_errors_as(told: str, kind: type[Delta3Error] = ReportError) -> Iterator[None]:
-    """Re-raise file system errors as errors of this package, with the message ``told`` and the reason."""
+def os_errors_as(message: str, kind: type[Delta3Error] = ReportError) -> Iterator[None]:
+    """Re-raise file system errors as errors of this package, with a message and the reason."""
     try:
         yield
     except OSError as error:
-        raise kind(f'{told}: {error.strerror or error}') from error
+        raise kind(f'{message}: {error.strerror or error}') from error
 
 
 def digest(path: Path) -> str:

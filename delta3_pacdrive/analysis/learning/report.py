@@ -92,7 +92,7 @@ def text(document: dict[str, Any]) -> list[str]:
         '',
         kept,
         f'contraction rate per repetition: at most {worst["rate"]:.2f} ({worst["at_hz"]:.0f} Hz, '
-        f'{100.0 * worst["masses"]:.0f} % of the masses, {worst["payload_kg"]:g} kg), so learning converges monotonically',
+        f'{100.0 * worst["masses"]:.0f} % of the masses, {worst["payload_kg"]:g} kg): learning converges monotonically',
         *([f'to apply it: {document["follow"]}'] if document['follow'] else []),
         '',
     ]

@@ -145,8 +145,8 @@ class Study(studies.Study):
         if worst.rate >= 1.0:
             raise LearnedError(
                 f'learning does not converge: with {100.0 * worst.masses:.0f} % of the masses and '
-                f'{worst.payload_kg:g} kg the contraction rate is {worst.rate:.3f} at {worst.at_hz:.0f} Hz, but must be '
-                f'less than 1; choose a bandwidth below {chosen.bandwidth_hz:g} Hz'
+                f'{worst.payload_kg:g} kg the contraction rate is {worst.rate:.3f} at {worst.at_hz:.0f} Hz, but must '
+                f'be less than 1; choose a bandwidth below {chosen.bandwidth_hz:g} Hz'
             )
         origin = Origin.of(self.program.name, planned.plan, self.robot)
         return self._repeated(axes, contractions, Learned(np.zeros((cycles, 3)), origin), keep)

@@ -128,7 +128,7 @@ def test_the_best_is_driven_again_from_its_files_to_the_last_bit(path, here, tmp
     within = document['trials_within_limits']
     assert (
         lines[0]
-        == f'own: 12 trials of short: {12 - refused} done, {refused} refused; {within} keep the limits'
+        == f'own: 12 trials of short: {12 - refused} done, {refused} refused; {within} within the limits'
     )
     assert f'least tcp_error_max_m: {best["value"]:.5g} in trial {best["trial"]}, ' in '\n'.join(lines)
     assert any(line.startswith(f'{refused} trials: ') and 'speed' in line for line in lines)
