@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
-from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.cli.studies import run_study
 
 if TYPE_CHECKING:
     from delta3_pacdrive.analysis.study import OnProgress
@@ -122,7 +122,7 @@ def run(options: Options) -> int:
     text = report.plan_text if options.action == PLAN else report.text
     if options.parameters is None:
         options.parameters = options.simulate
-    return conduct(options, lambda show: _work(options, show), text)
+    return run_study(options, lambda show: _work(options, show), text)
 
 
 def _work(options: Options, show: OnProgress) -> dict[str, Any]:

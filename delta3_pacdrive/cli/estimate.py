@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import NOISE, SEED, number_within, program_file, trace_file
-from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.cli.studies import run_study
 
 if TYPE_CHECKING:
     from delta3_pacdrive.analysis.study import OnProgress
@@ -126,7 +126,7 @@ def run(options: Options) -> int:
 
     _refuse_ignored(options)
     if path := options.design:
-        return conduct(
+        return run_study(
             options,
             lambda show: _design(options, path, show),
             lambda found: [f'{found["file"]}: condition {found["condition"]:.4g}'],
@@ -149,7 +149,7 @@ def run(options: Options) -> int:
 
     if options.measurement:
         trace_file.require_writable_trace(options.measurement)
-    status = conduct(options, work, report.text, unfinished, None if options.resume else options.output)
+    status = run_study(options, work, report.text, unfinished, None if options.resume else options.output)
     if refusal := '' if status else report.refusal(summaries[0]):
         print(f'error: {refusal}', file=sys.stderr)
         return 1

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
-from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.cli.studies import run_study
 
 
 @dataclass
@@ -54,7 +54,7 @@ def run(options: Options) -> int:
     if options.graph:
         experiment_graph.refuse_existing(run.FILES, folder)
         graph = experiment_graph.Graph(folder, options.real_time_factor)
-    return conduct(
+    return run_study(
         options,
         lambda show: run.Study(settings, folder, options.command_line, show, graph).run(),
         report.text,

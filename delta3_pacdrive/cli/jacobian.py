@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
-from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.cli.studies import run_study
 
 SYMBOLS = ('l_A', 'l_B', 'R_A', 'R_B')
 EXPERIMENTS = ('1', '2', '3')
@@ -74,7 +74,7 @@ def run(options: Options) -> int:
         Pose(options.pose),
         Signals(options.signals),
     )
-    return conduct(
+    return run_study(
         options,
         lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
         report.text,

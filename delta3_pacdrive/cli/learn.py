@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import integer_within, number_within
-from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.cli.studies import run_study
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def run(options: Options) -> int:
             return 'interrupted: no repetition has learned anything yet, and nothing was written'
         return f'interrupted: what repetition {studies[0].kept} has learned is in {studies[0].file}'
 
-    return conduct(options, work, report.text, unfinished, folder)
+    return run_study(options, work, report.text, unfinished, folder)
 
 
 main = Command(

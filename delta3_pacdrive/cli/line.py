@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
-from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.cli.studies import run_study
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -79,7 +79,7 @@ def run(options: Options) -> int:
 
             yield from ['', *line_replay.text(summary['replay'])]
 
-    return conduct(options, work, text, writes=folder)
+    return run_study(options, work, text, writes=folder)
 
 
 main = Command(

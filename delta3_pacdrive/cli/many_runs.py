@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import integer_within
-from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.cli.studies import run_study
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -47,9 +47,7 @@ def settings_of(options: Any) -> Settings:
     return Settings(Path(options.specification), options.workers, options.scheduler or '')
 
 
-def conduct_many(
-    options: Any, study: Callable[..., Any], text: Callable[[dict[str, Any]], Iterable[str]]
-) -> int:
+def run_many(options: Any, study: Callable[..., Any], text: Callable[[dict[str, Any]], Iterable[str]]) -> int:
     """Make the runs of a study, print its summary and return the exit status; an interrupted study goes on later.
 
     Parameters
@@ -57,7 +55,7 @@ def conduct_many(
     options
         ``ManyRunsOptions`` with ``output``.
     study
-        Class of the study; ``kept_told`` says what is on the disk.
+        Class of the study; ``kept_text`` describes the runs on disk.
     text
         Turns the summary into lines for people.
 
@@ -73,6 +71,6 @@ def conduct_many(
     def unfinished() -> str:
         if not studies:
             return 'interrupted: nothing was made'
-        return f'interrupted: {studies[0].kept_told} in {folder}; the command goes on'
+        return f'interrupted: {studies[0].kept_text} in {folder}; the command goes on'
 
-    return conduct(options, work, text, unfinished, folder)
+    return run_study(options, work, text, unfinished, folder)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from delta3_pacdrive.cli.command import Command, option
-from delta3_pacdrive.cli.many_runs import ManyRunsOptions, conduct_many
+from delta3_pacdrive.cli.many_runs import ManyRunsOptions, run_many
 
 
 @dataclass
@@ -21,7 +21,7 @@ def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive.analysis.optimisation import report, run
 
-    return conduct_many(options, run.Study, report.text)
+    return run_many(options, run.Study, report.text)
 
 
 main = Command(

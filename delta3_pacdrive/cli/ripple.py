@@ -5,7 +5,7 @@ from pathlib import Path
 
 from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import number_within
-from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.cli.studies import run_study
 from delta3_pacdrive.configuration.packaged import program_names
 
 CYCLE_TIMES_MS = {'1': 1e-3, '2': 2e-3, '4': 4e-3}
@@ -55,7 +55,7 @@ def run(options: Options) -> int:
         options.at,
     )
     folder = Path(options.output).absolute()
-    return conduct(
+    return run_study(
         options,
         lambda show: run.Study(settings, folder, options.command_line, show).run(),
         report.text,

@@ -336,7 +336,7 @@ def _run_one_motor(options: Options) -> int:
     """Run the study of a single motor; return the exit status."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.one_motor import report, run, study
-    from delta3_pacdrive.cli.studies import conduct
+    from delta3_pacdrive.cli.studies import run_study
     from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.motion.adapted_program import rest_of
     from delta3_pacdrive.recording import trace_file
@@ -359,7 +359,7 @@ def _run_one_motor(options: Options) -> int:
     with program_of(options) as chosen:
         robot = core.load(options.parameters)
         program = rest_of(programs.load(chosen.program, robot.motion), options.first, robot)
-    return conduct(
+    return run_study(
         options,
         lambda show: run.Study(settings, folder, options.command_line, show, program, chosen.digests()).run(),
         report.text,

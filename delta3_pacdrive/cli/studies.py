@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.study import OnProgress
 
 
-def conduct(
+def run_study(
     options: Any,
     work: Callable[[OnProgress], dict[str, Any]],
     text: Callable[[dict[str, Any]], Iterable[str]],

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, flag, option
-from delta3_pacdrive.cli.many_runs import ManyRunsOptions, conduct_many, settings_of
+from delta3_pacdrive.cli.many_runs import ManyRunsOptions, run_many, settings_of
 from delta3_pacdrive.cli.option_types import integer_within
 
 
@@ -34,7 +34,7 @@ def run(options: Options) -> int:
     if options.run is not None and (options.dry_run or options.workers or options.scheduler):
         raise SweepError('--run makes one run, here: it goes with --trace alone')
     if options.run is None and not options.dry_run:
-        return conduct_many(options, run.Study, report.text)
+        return run_many(options, run.Study, report.text)
     settings, folder = settings_of(options), Path(options.output).absolute()
     if options.trace is not None:
         from delta3_pacdrive.recording import trace_file

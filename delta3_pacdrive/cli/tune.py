@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from delta3_pacdrive.cli.command import Command, RobotOptions, flag, option
 from delta3_pacdrive.cli.option_types import NOISE, SEED, finite_number, trace_file
 from delta3_pacdrive.cli.output import print_answer
-from delta3_pacdrive.cli.studies import conduct
+from delta3_pacdrive.cli.studies import run_study
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -155,8 +155,8 @@ def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> int
     )
     if path := options.excite:
         trace_file.require_writable_trace(path)
-        return conduct(options, lambda show: _excite(options, path, settings, show), _excitation_text)
-    return conduct(
+        return run_study(options, lambda show: _excite(options, path, settings, show), _excitation_text)
+    return run_study(
         options,
         lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
         report.text,

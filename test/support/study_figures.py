@@ -54,7 +54,7 @@ def sweep_effects(found, names):
         panels.append(
             Panel('share of its variance', None, '', *curves, title=name, ticks=[one.key for one in rows])
         )
-    return f'{found.sweep.name}: what the variance comes from', panels
+    return f'{found.sweep.name}: sources of variance', panels
 
 
 def scatter(found, name, keys):
@@ -78,48 +78,48 @@ def told(found):
 
 
 def history(found):
-    goal, scale = axis_of(found.wanted.goal)
+    goal, scale = axis_of(found.optimisation.goal)
     good, other = told(found)
     curves = []
     for own, label in ((good, 'within the limits'), (other, 'beyond a limit')):
         if own:
-            values = [scale * one.kept[found.wanted.goal] for one in own]
+            values = [scale * one.kept[found.optimisation.goal] for one in own]
             curves.append(dots([one.number for one in own], values, label))
     if good:
         best, steps = None, []
         for one in good:
-            value = scale * one.kept[found.wanted.goal]
-            better = best is None or (value > best if found.wanted.maximise else value < best)
+            value = scale * one.kept[found.optimisation.goal]
+            better = best is None or (value > best if found.optimisation.maximise else value < best)
             best = value if better else best
             steps.append(best)
         numbers = [*(one.number for one in good), len(found.trials)]
         curves.append(line([*steps, best], 'best so far', numbers))
     if (base := found.value(found.base)) is not None:
         curves.append(level(scale * base, 'values of the files'))
-    return f'{found.wanted.sweep.name}: history', [Panel('trial', None, goal, *curves)]
+    return f'{found.optimisation.sweep.name}: history', [Panel('trial', None, goal, *curves)]
 
 
 def trial_values(found):
-    goal, scale = axis_of(found.wanted.goal)
+    goal, scale = axis_of(found.optimisation.goal)
     good, other = told(found)
     best = [] if found.best is None else [found.best]
     panels = []
-    for key in [one.key for one in found.wanted.sweep.vary][:12]:
+    for key in [one.key for one in found.optimisation.sweep.vary][:12]:
         name, along = axis_of(key)
         curves = []
         for own in (other, good, best):
             x = [one.values[key] for one in own]
             numbers = all(isinstance(one, int | float) and not isinstance(one, bool) for one in x)
             x = [along * one for one in x] if numbers else None
-            curves.append(dots(x, [scale * one.kept[found.wanted.goal] for one in own]))
+            curves.append(dots(x, [scale * one.kept[found.optimisation.goal] for one in own]))
         panels.append(Panel(name, None, goal, *curves))
-    return f'{found.wanted.sweep.name}: values', panels
+    return f'{found.optimisation.sweep.name}: values', panels
 
 
 def importance(found):
     keys = list(found.importance)[:12][::-1]
     shares = bars([found.importance[key] for key in keys])
-    return f'{found.wanted.sweep.name}: importance', [Panel('share', None, '', shares, ticks=keys)]
+    return f'{found.optimisation.sweep.name}: importance', [Panel('share', None, '', shares, ticks=keys)]
 
 
 # lines

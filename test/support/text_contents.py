@@ -9,7 +9,7 @@ def _of_sweep(summary):
         median, high = one['shares']['0.5'], one['shares']['0.99']
         yield one['name'], [one['mean'], one['deviation'], one['low'], median, high, one['high']]
     for one in summary['yields']:
-        keeps = f'of the runs keep {one["name"]} <='
+        keeps = f'of the runs have {one["name"]} <='
         yield keeps, [PERCENT * one['share'], one['limit'], PERCENT * one['low'], PERCENT * one['high']]
 
 

@@ -1,1 +1,1 @@
-"""The single motor: one MC-4, one motor, and a load in place of the robot (8.1, 8.2)."""
+"""Single motor: one MC-4 and one motor with a load instead of the robot (8.1, 8.2)."""

@@ -1,4 +1,4 @@
-"""Figures 8.2 to 8.4 of the thesis, with the signals where its block diagrams have wires."""
+"""Figures 8.2 to 8.4 of the thesis, with signals instead of block diagrams."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ THIN: dict[str, Any] = {'linewidth': 1.0}
 
 
 def by_name(found: SingleRun) -> Drawings:
-    """Return what draws each figure, by file name."""
+    """Return the drawing function of each figure by file name."""
     return {
         'figure_8_2_motor_and_drive.png': partial(motor_and_drive, found),
         'figure_8_3_phase_currents.png': partial(phase_currents, found),
@@ -38,15 +38,15 @@ def _legend(axes: Axes, columns: int = 1) -> None:
 
 
 def motor_and_drive(found: SingleRun) -> Figure:
-    """Figure 8.2: shaft position in and out of bus, MC-4 and motor, with speed and current between them."""
+    """Figure 8.2: shaft position at bus, MC-4 and motor, with speed and current."""
     figure = titled_figure(
         f'Figure 8.2: one MC-4, one motor: {found.program}, arm {found.axis}', 7.0, parse_math=False
     )
-    way, error, speed, current = figure.subplots(4, sharex=True)
+    position, error, speed, current = figure.subplots(4, sharex=True)
     rows = found.driven
     time = found.time_s[rows]
-    way.step(time, found.command[rows], where='post', label='command on the bus', **BLACK)
-    way.plot(time, found.position[rows], label='shaft', color=AXIS_COLOURS[0], **THIN)
+    position.step(time, found.command[rows], where='post', label='command on the bus', **BLACK)
+    position.plot(time, found.position[rows], label='shaft', color=AXIS_COLOURS[0], **THIN)
     error.plot(
         time, 1e3 * found.position_error[rows], label='set point less shaft', color=AXIS_COLOURS[0], **THIN
     )
@@ -56,15 +56,15 @@ def motor_and_drive(found: SingleRun) -> Figure:
     speed.plot(time, found.speed[rows], label='shaft', color=AXIS_COLOURS[0], **THIN)
     current.plot(time, found.current_reference[rows], label='reference', **BLACK)
     current.plot(time, found.current[rows], label='$I_{eff}$', color=AXIS_COLOURS[0], **THIN)
-    for axes in (way, error, speed, current):
+    for axes in (position, error, speed, current):
         _legend(axes, 2)
     labels = ('position [rad]', 'deviation [mrad]', 'speed [rad/s]', 'current [A]')
-    finish_over_time((way, error, speed, current), labels)
+    finish_over_time((position, error, speed, current), labels)
     return figure
 
 
 def phase_currents(found: SingleRun) -> Figure:
-    """Figure 8.3: the currents of the three phases, and the effective current that they are transformed to."""
+    """Figure 8.3: currents of the three phases, and the effective current."""
     figure = titled_figure(
         f'Figure 8.3: currents of the motor: {found.program}, arm {found.axis}', 5.6, parse_math=False
     )
@@ -82,7 +82,7 @@ def phase_currents(found: SingleRun) -> Figure:
 
 
 def torques(found: SingleRun) -> Figure:
-    """Figure 8.4: torque of the motor less friction, load and coupling is what accelerates the shaft."""
+    """Figure 8.4: torque of the motor less friction, load and coupling accelerates the shaft."""
     figure = titled_figure(
         f'Figure 8.4: motor with the coupling as input: {found.program}, arm {found.axis}',
         5.6,
@@ -100,7 +100,7 @@ def torques(found: SingleRun) -> Figure:
     for (label, values), colour in zip(parts, COLOURS, strict=False):
         all_torques.plot(time, values[rows], label=label, color=colour, **THIN)
     rest = found.torque - found.friction - found.load - found.coupling
-    shaft.plot(time, rest[rows], label='what is left', **BLACK)
+    shaft.plot(time, rest[rows], label='remainder', **BLACK)
     inertial = found.inertia_kg_m2 * found.acceleration[rows]
     shaft.plot(time, inertial, label='inertia times acceleration', color=COLOURS[5], linewidth=0.8)
     for axes in (all_torques, shaft):

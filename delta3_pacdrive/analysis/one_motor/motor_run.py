@@ -1,6 +1,6 @@
-"""A single motor drives the motion of one arm: the same drive code as in the robot, a load in place of the arms.
+"""Run of a single motor on the motion of one arm, with the drive code of the robot and a load instead of the arms.
 
-The whole robot runs first: its command is what the motor follows, its coupling torque d what the motor may feel.
+The whole robot runs first. The motor follows its command and receives a share of its coupling torque d.
 """
 
 from dataclasses import dataclass
@@ -23,72 +23,39 @@ from delta3_pacdrive.plant.single_motors import SingleMotors, alone
 from delta3_pacdrive.simulation.robot import Robot
 
 LEFT = ('reference', 'speed_reference', 'current_reference', 'motor_current', 'coupling')
-TOLD_EVERY = 50  # cycles
+PROGRESS_EVERY = 50  # cycles
 
 
 @dataclass(frozen=True)
 class SingleRun:
-    """A single run has the signals of one motor in every period of the current loop, motor side, shapes (n,).
-
-    Attributes
-    ----------
-    program, axis
-        Which motion it drives.
-    robot
-        Parameters of the run.
-    inertia_kg_m2
-        Of the shaft with its load.
-    time_s
-        Start of the period, from the start of the program.
-    command
-        Of the MDT [rad], as the controller sends it in that bus cycle.
-    reference
-        Interpolated set point of the drive [rad].
-    position, speed, acceleration
-        Of the shaft at the start of the period [rad, rad/s], mean of its exchange period [rad/s2].
-    speed_reference
-        Of the velocity loop [rad/s].
-    current_reference, current, voltage
-        Of the current loop [A]; at the end of the period [A]; of a phase [V].
-    phase_currents
-        I1s, I2s, I3s [A], shape (n, 3).
-    torque, friction, load, coupling
-        K_m I, friction, tau_load / k_r and CE d [N m].
-    position_error
-        Set point less shaft [rad].
-    in_robot
-        Shaft of the same motor in the robot [rad].
-    meta
-        As a trace has it.
-
-    """
+    """Signals of one motor in every period of the current loop, motor side, shapes (n,)."""
 
     program: str
     axis: int
     robot: Parameters
-    inertia_kg_m2: float
-    time_s: Floats
-    command: Floats
-    reference: Floats
-    position: Floats
-    speed: Floats
-    acceleration: Floats
-    speed_reference: Floats
-    current_reference: Floats
-    current: Floats
-    voltage: Floats
-    phase_currents: Floats
-    torque: Floats
-    friction: Floats
-    load: Floats
-    coupling: Floats
-    position_error: Floats
-    in_robot: Floats
-    meta: dict[str, Any]
+    inertia_kg_m2: float  # of the shaft with its load
+    time_s: Floats  # start of the period, from the start of the program
+    command: Floats  # in the MDT of the bus cycle [rad]
+    reference: Floats  # interpolated set point of the drive [rad]
+    position: Floats  # of the shaft at the start of the period [rad]
+    speed: Floats  # of the shaft at the start of the period [rad/s]
+    acceleration: Floats  # mean over the exchange period [rad/s2]
+    speed_reference: Floats  # of the velocity loop [rad/s]
+    current_reference: Floats  # of the current loop [A]
+    current: Floats  # at the end of the period [A]
+    voltage: Floats  # of a phase [V]
+    phase_currents: Floats  # I1s, I2s, I3s [A], shape (n, 3)
+    torque: Floats  # K_m I [N m]
+    friction: Floats  # [N m]
+    load: Floats  # tau_load / k_r [N m]
+    coupling: Floats  # CE d [N m]
+    position_error: Floats  # set point less shaft [rad]
+    in_robot: Floats  # shaft of the same motor in the robot [rad]
+    meta: dict[str, Any]  # format of Trace.meta
 
     @property
     def driven(self) -> slice:
-        """Rows from the start of the program on."""
+        """Rows from the start of the program."""
         return slice(int(np.searchsorted(self.time_s, -1e-9)), None)
 
 
@@ -98,11 +65,11 @@ def run(program: Program, parameters: Parameters, axis: int, on_progress: OnProg
     Raises
     ------
     ParameterError
-        The robot has effects that a single motor does not have.
+        The robot has effects that a single motor does not support.
     ProgramError
-        The program is refused.
+        The program is rejected.
     RunError
-        A drive is without torque when the program should start, or loses it.
+        A drive has no torque at or after the program start.
 
     """
     placed = simulation.placed(oscilloscope_run.finest(parameters), program)
@@ -123,8 +90,8 @@ def run(program: Program, parameters: Parameters, axis: int, on_progress: OnProg
         for _ in range(robot.steps // per_exchange):
             scope.exchange()
         if cycle >= single.motion.start_cycle and not machine.drives[axis - 1].powered:
-            raise RunError(f'the drive is without torque in bus cycle {cycle}, status {status[axis - 1]}')
-        if cycle % TOLD_EVERY == 0:
+            raise RunError(f'the drive has no torque in bus cycle {cycle}, status {status[axis - 1]}')
+        if cycle % PROGRESS_EVERY == 0:
             on_progress('single motor', cycle, cycles)
     return _results(robot, scope, commands, single, axis)
 
@@ -141,7 +108,7 @@ def _results(
     before = np.concatenate([current[:1], current[:-1]])
     phases = [motors.phase_currents(*at, m) for at in zip(current, found['position'], strict=True)]
     load = single.motor.load_torque_n_m / ratio
-    # at the start of an exchange the speed is that of the shaft, later what the drive takes it for
+    # the true speed of the shaft is known at the start of an exchange only
     per_exchange = scope.per_exchange
     rises = np.diff(speed[::per_exchange], append=speed[-1])
     return SingleRun(

@@ -1,4 +1,4 @@
-"""What the run of a single motor comes to: for people, as JSON, as a table and as a trace."""
+"""Report of the run of a single motor: JSON document, text, table and trace."""
 
 from typing import Any
 
@@ -49,7 +49,7 @@ def _rms(values: Floats) -> float:
 
 
 def text(document: dict[str, Any]) -> list[str]:
-    """Return the lines that people read."""
+    """Return a summary as lines of text."""
     d = document
     return [
         f'{d["program"]}, motor {d["axis"]} alone',
@@ -63,14 +63,14 @@ def text(document: dict[str, Any]) -> list[str]:
         f'       speed  {d["speed_max_rad_s"]:.1f} rad/s max, phase voltage {d["voltage_max_v"]:.1f} V max',
         f'   set point  {1e3 * d["position_error_max_rad"]:.3f} mrad max, {1e3 * d["position_error_rms_rad"]:.3f} mrad '
         f'rms from the shaft',
-        f'    in robot  the same shaft is {1e3 * d["from_robot_max_rad"]:.3f} mrad max, '
-        f'{1e3 * d["from_robot_rms_rad"]:.3f} mrad rms from this one',
+        f'    in robot  the same shaft deviates by {1e3 * d["from_robot_max_rad"]:.3f} mrad max, '
+        f'{1e3 * d["from_robot_rms_rad"]:.3f} mrad rms',
         '',
     ]
 
 
 def tables(found: SingleRun) -> list[Table]:
-    """Return the table of all signals, one row in a period of the position loop."""
+    """Return all signals as a table, with one row per period of the position loop."""
     columns = {
         'time [s]': found.time_s,
         'command [rad]': found.command,
@@ -91,7 +91,7 @@ def tables(found: SingleRun) -> list[Table]:
 
 
 def trace(found: SingleRun) -> Trace:
-    """Return the run as a trace with a row for each period of the current loop; motors that do not run stay 0."""
+    """Return the run as a trace with one row per period of the current loop; the other motors are 0."""
 
     def of_axis(values: Floats) -> Floats:
         columns = np.zeros((len(values), 3))

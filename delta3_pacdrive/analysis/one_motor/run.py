@@ -1,4 +1,4 @@
-"""The single motor from its settings to its folder: run, figures 8.2 to 8.4, table, trace."""
+"""Single-motor study: runs one motor; writes figures 8.2 to 8.4, table and trace."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from delta3_pacdrive.recording import trace_file
 
 @dataclass
 class Study(studies.Study):
-    """The study is one motor with its load in a folder; ``inputs`` are its files with the digests of their bytes."""
+    """Single-motor study; ``inputs`` are its files with the digests of their bytes."""
 
     settings: Settings
     program: Program
@@ -36,10 +36,10 @@ class Study(studies.Study):
             **{name: value for name, value in given.items() if value is not None}
         )
         if self.program.faults:
-            raise ProgramError(f'{self.program.name} injects faults: a single motor runs without')
+            raise ProgramError(f'{self.program.name} injects faults, which a single motor does not support')
 
     def run(self) -> dict[str, Any]:
-        """Run the motor, write everything into the folder and return the report; raises Delta3Error."""
+        """Run the motor, write all results and return the report; raises Delta3Error."""
         chosen = self.settings
         found = motor_run.run(self.program, self.robot, chosen.axis, self.on_progress)
         origin = Provenance.of(self.command, self.robot, chosen.parameters, self.inputs)

@@ -1,28 +1,15 @@
-"""What the run of a single motor depends on."""
+"""Settings of a single-motor study, data only."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings are what the run depends on, apart from the contents of its files.
+    """Settings of a single-motor study."""
 
-    Attributes
-    ----------
-    parameters
-        Parameter file; None: the packaged one.
-    axis
-        Number of the arm whose motion the motor drives, 1 to 3.
-    load_inertia_kg_m2, load_torque_n_m, coupling_effect
-        I_Load, tau_load and CE instead of those of the parameters; None: as there.
-    trace
-        File that takes every signal of the motor; None: none.
-
-    """
-
-    parameters: str | None
-    axis: int
-    load_inertia_kg_m2: float | None = None
-    load_torque_n_m: float | None = None
-    coupling_effect: float | None = None
-    trace: str | None = None
+    parameters: str | None  # file; None: the packaged one
+    axis: int  # arm whose motion the motor executes, 1 to 3
+    load_inertia_kg_m2: float | None = None  # I_Load; None: from the parameters
+    load_torque_n_m: float | None = None  # tau_load; None: from the parameters
+    coupling_effect: float | None = None  # CE; None: from the parameters
+    trace: str | None = None  # file for all signals; None: none

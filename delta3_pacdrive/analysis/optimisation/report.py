@@ -120,7 +120,7 @@ def _number(value: Any) -> str:
 
 
 def tables(found: Trials) -> list[Table]:
-    """Return the tables of an optimisation."""
+    """Return the best trial, its figures and all trials as tables."""
     best = found.best or found.nearest or found.base
     lowest = {
         one.key: ('', '') if one.law is Law.LIST else (one.values[0], one.values[1])

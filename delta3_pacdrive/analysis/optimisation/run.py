@@ -1,4 +1,4 @@
-"""An optimisation from its file to its folder: rounds of trials, what is there already, the best one, the report."""
+"""Optimisation study: runs rounds of trials, reuses existing ones, writes the best trial and the report."""
 
 import time
 from collections.abc import Sequence
@@ -30,26 +30,26 @@ PARAMETERS, PROGRAM = 'best_parameters.yaml', 'best_program.yaml'
 
 @dataclass
 class Study(studies.Study):
-    """The study is an optimisation in a folder; trials that are there already are not made again."""
+    """Optimisation study in a folder; existing trials are reused."""
 
     settings: Settings
-    wanted: Optimisation = field(init=False)
-    kept: int = field(init=False, default=0)  # trials on the disk
+    optimisation: Optimisation = field(init=False)
+    kept: int = field(init=False, default=0)  # trials on disk
 
     def __post_init__(self) -> None:
         """Read the optimisation; raises Delta3Error."""
         require_engine()
         require_optuna()
-        self.wanted = specification.load(self.settings.specification)
+        self.optimisation = specification.load(self.settings.specification)
 
     @property
-    def kept_told(self) -> str:
-        """What is on the disk, in words."""
+    def kept_text(self) -> str:
+        """Number of runs on disk, as text."""
         return f'{self.kept} runs are'
 
     def run(self) -> dict[str, Any]:
-        """Make the trials that are missing, write everything into the folder, return the report; raises Delta3Error."""
-        sweep, search = self.wanted.sweep, Search(self.wanted)
+        """Run the missing trials, write all results and return the report; raises Delta3Error."""
+        sweep, search = self.optimisation.sweep, Search(self.optimisation)
         kept = store.Store(self.folder, sweep)
         rows = kept.open()
         self.kept = len(rows)
@@ -61,15 +61,15 @@ class Study(studies.Study):
                 maker.make([(BASE, {})])
             for asked in search.rounds():
                 maker.make(asked)
-                told = [trial_of(self.wanted, number, values, rows[number]) for number, values in asked]
-                search.tell(told)
-                trials += told
+                done = [trial_of(self.optimisation, number, values, rows[number]) for number, values in asked]
+                search.report(done)
+                trials += done
                 self._show(trials, search)
         self.on_progress('tables and figures', 0, 0)
         table = kept.finish(rows.values())
-        base = trials[0] if search.begins_with_base else trial_of(self.wanted, BASE, {}, rows[BASE])
-        base = replace(base, values=base_values(self.wanted))
-        found = Trials(self.wanted, base, trials, search.importance())
+        base = trials[0] if search.begins_with_base else trial_of(self.optimisation, BASE, {}, rows[BASE])
+        base = replace(base, values=base_values(self.optimisation))
+        found = Trials(self.optimisation, base, trials, search.importance())
         folder = ReportFolder(self.folder, self._provenance())
         folder.clear([*report.TABLES, *figures.file_names(), PARAMETERS, PROGRAM])
         folder.add(table)
@@ -85,19 +85,19 @@ class Study(studies.Study):
         )
 
     def _show(self, trials: Sequence[Trial], search: Search) -> None:
-        found = Trials(self.wanted, trials[0], trials, {})
+        found = Trials(self.optimisation, trials[0], trials, {})
         best = found.best
-        told = f', best {found.value(best):.5g}' if best else ''
-        self.on_progress(f'trials{told}', len(trials), self.wanted.sweep.runs)
+        suffix = f', best {found.value(best):.5g}' if best else ''
+        self.on_progress(f'trials{suffix}', len(trials), self.optimisation.sweep.runs)
 
     def _best(self, found: Trials, folder: ReportFolder) -> tuple[Path, ...]:
         """Write parameters and program of the best trial; return their files."""
         if found.best is None:
             return ()
-        runner, files = Runner(self.wanted.sweep), (self.folder / PARAMETERS, self.folder / PROGRAM)
+        runner, files = Runner(self.optimisation.sweep), (self.folder / PARAMETERS, self.folder / PROGRAM)
         head = [
-            f'trial {found.best.number} of optimisation {self.wanted.sweep.name}: '
-            f'{self.wanted.goal} {found.value(found.best):.6g}',
+            f'trial {found.best.number} of optimisation {self.optimisation.sweep.name}: '
+            f'{self.optimisation.goal} {found.value(found.best):.6g}',
             f'made by: {self.command}',
         ]
         with os_errors_as(f'cannot write to {self.folder}', SweepError):
@@ -108,7 +108,7 @@ class Study(studies.Study):
         return files
 
     def _provenance(self) -> Provenance:
-        sweep = self.wanted.sweep
+        sweep = self.optimisation.sweep
         inputs = [f'optimisation {sweep.digest}', *noted([str(self.settings.specification)])]
         return Provenance.of(
             self.command, from_flat(dict(sweep.parameters)), 'base of the optimisation', inputs, sweep.seed
@@ -117,7 +117,7 @@ class Study(studies.Study):
 
 @dataclass
 class _Maker:
-    """What makes runs that are not there yet; its workers start with the first of them."""
+    """Makes missing runs; its workers start with the first of them."""
 
     study: Study
     store: store.Store
@@ -129,7 +129,7 @@ class _Maker:
     seconds: float = 0.0
 
     def make(self, asked: Sequence[tuple[int, dict[str, Any]]]) -> None:
-        """Make a round; raises SweepError."""
+        """Make the missing runs of a round; raises SweepError."""
         missing = [(number, values) for number, values in asked if number not in self.rows]
         for number, values in asked:
             if number in self.rows:
@@ -139,11 +139,11 @@ class _Maker:
         if self.client is None:
             self._begin()
         started = time.monotonic()
-        engine.make(self.client, self.study.wanted.sweep, [[one] for one in missing], self._keep)
+        engine.make(self.client, self.study.optimisation.sweep, [[one] for one in missing], self._keep)
         self.seconds += time.monotonic() - started
 
     def _begin(self) -> None:
-        settings, sweep = self.study.settings, self.study.wanted.sweep
+        settings, sweep = self.study.settings, self.study.optimisation.sweep
         simulation.load_kernels(from_flat(dict(sweep.parameters)))
         self.study.on_progress('workers start', 0, 0)
         self.client = self.stack.enter_context(engine.cluster(settings.workers, settings.scheduler))
@@ -157,15 +157,15 @@ class _Maker:
 
     def _require_same(self, number: int, values: dict[str, Any]) -> None:
         row = self.rows[number]
-        if any(row.get(name) != value for name, value in engine.told(values).items()):
+        if any(row.get(name) != value for name, value in engine.to_row(values).items()):
             raise SweepError(
-                f'trial {number} in {self.study.folder} has other values than the search chooses here: choose another '
+                f'trial {number} in {self.study.folder} has other values than those of this search: choose another '
                 '--output, or remove the folder'
             )
 
 
 def require_optuna() -> None:
-    """Refuse optimisations where their library is not installed; raises SweepError."""
+    """Reject optimisations if optuna is not installed; raises SweepError."""
     import importlib.util
 
     if importlib.util.find_spec('optuna') is None:

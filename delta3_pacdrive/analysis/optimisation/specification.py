@@ -1,16 +1,16 @@
-"""Files of optimisations: those of sweeps with a goal and a number of trials in place of runs and sampling.
+"""Files of optimisations: like those of sweeps, with a goal and a number of trials instead of runs and sampling.
 
 program: experiment1
 parameters: rich                # optional
 trials: 60
-together: 8                     # optional: trials that are chosen at a time
+together: 8                     # optional: number of trials chosen at a time
 seed: 1                         # optional
 vary:
-  drive.velocity_gain_a_s_rad: {uniform: [0.1, 0.5]}            # between two numbers
-  drive.interpolation: {list: [linear, cubic]}                  # one of these
-goal: {minimise: tcp_error_max_m}                               # or maximise; a figure, or a number of keep
-limits: {current_rms_a_1: 3.5}                                  # optional: largest values that are allowed
-keep: []                        # optional, as function and name: all of them as sweeps have them
+  drive.velocity_gain_a_s_rad: {uniform: [0.1, 0.5]}            # range
+  drive.interpolation: {list: [linear, cubic]}                  # choices
+goal: {minimise: tcp_error_max_m}                               # or maximise; a figure, or a name of keep
+limits: {current_rms_a_1: 3.5}                                  # optional: upper limits
+keep: []                        # optional, as are function and name: as in sweeps
 """
 
 import hashlib
@@ -35,7 +35,7 @@ KEYS = (*(key for key in sweeps.KEYS if key not in ('runs', 'sampling')), 'trial
 
 
 def load(path: str | Path) -> Optimisation:
-    """Read the file of an optimisation; raises SweepError, ParameterError and ProgramError of what it names."""
+    """Read the file of an optimisation; raises SweepError, ParameterError and ProgramError."""
     path = Path(path)
     document, source = sweeps.document_of(path, 'optimisation')
     errors = Errors(str(path))
@@ -49,7 +49,7 @@ def load(path: str | Path) -> Optimisation:
         for one in sweep.vary:
             if one.law not in (Law.LIST, Law.UNIFORM):
                 with errors.noted(place_of_key(document['vary'], one.key)):
-                    refuse(f'{one.key} is {one.law}, but an optimisation chooses out of list or uniform')
+                    refuse(f'{one.key} is {one.law}, but must be list or uniform in an optimisation')
         names = [one.name for one in sweep.keep] or figure_names()
         maximise, goal = fields.read(
             'goal',
@@ -63,7 +63,7 @@ def load(path: str | Path) -> Optimisation:
 
 
 def _goal(value: Any, where: str, errors: Errors, names: list[str] | None) -> tuple[bool, str]:
-    """Read what is best."""
+    """Read the goal."""
     fields = Section(value, where, errors, (MINIMISE, MAXIMISE))
     given = [key for key in (MINIMISE, MAXIMISE) if key in fields]
     if len(given) != 1:
@@ -72,11 +72,17 @@ def _goal(value: Any, where: str, errors: Errors, names: list[str] | None) -> tu
     return given[0] == MAXIMISE, fields.read(given[0], read, '')
 
 
-def digest_of(wanted: Optimisation) -> str:
-    """Return a digest of all that the trials depend on; how many there are is not: more may be made later."""
+def digest_of(optimisation: Optimisation) -> str:
+    """Return a digest of everything on which the trials depend, except for their number."""
     from importlib.metadata import version
 
-    sweep: Sweep = replace(wanted.sweep, runs=0)
-    search = [version('optuna'), wanted.goal, wanted.maximise, wanted.together, dict(sweep.limits)]
+    sweep: Sweep = replace(optimisation.sweep, runs=0)
+    search = [
+        version('optuna'),
+        optimisation.goal,
+        optimisation.maximise,
+        optimisation.together,
+        dict(sweep.limits),
+    ]
     text = json.dumps([sweeps.digest_of(sweep), search], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""What the study of an optimisation finds: data only. It depends on what a sweep depends on."""
+"""Results of an optimisation, data only; its settings are those of a sweep."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,25 +8,10 @@ from delta3_pacdrive.analysis.optimisation.design import Trials
 
 @dataclass(frozen=True)
 class Results:
-    """The results are all trials, and how they were made.
-
-    Attributes
-    ----------
-    trials
-        All of them.
-    seconds
-        That the runs took which were made now; nan if there were none.
-    made
-        Runs that were made now; the others were there.
-    workers
-        That made them.
-    files
-        Parameters and program of the best trial; none without one.
-
-    """
+    """All trials, and how they were made."""
 
     trials: Trials
-    seconds: float
-    made: int
-    workers: int
-    files: tuple[Path, ...]
+    seconds: float  # duration of the new runs; nan without any
+    made: int  # number of new runs
+    workers: int  # number of worker processes
+    files: tuple[Path, ...]  # parameters and program of the best trial; empty without one

@@ -1,1 +1,1 @@
-"""Ripple of the motor currents: what bus cycle and fine interpolation make of them, and a look inside a bus cycle."""
+"""Ripple of the motor currents caused by bus cycle and fine interpolation."""

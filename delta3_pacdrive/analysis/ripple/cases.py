@@ -12,80 +12,50 @@ from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 
-# a plan of moves asks for jerk of some tens of Hz; what lies above is heard, and excites frame and gears
+# planned jerk has tens of Hz; higher frequencies are audible and excite frame and gears
 JERK_FROM_HZ = 100.0
 LEFT = ('reference', 'speed_reference', 'current_reference', 'motor_current')
 
 
 @dataclass(frozen=True)
 class Samples:
-    """The samples are those of one motor in every period of the current loop, shapes (n,).
+    """Samples of one motor in every period of the current loop, shapes (n,)."""
 
-    Attributes
-    ----------
-    time_s
-        Start of the period, from the start of the program.
-    set_point, speed_reference, speed, current_reference, voltage
-        During the period [rad, rad/s, rad/s, A, V]; the speed at its start.
-    current
-        At its end [A].
-    at_time_s, at_current
-        Of the AT: when its sample was taken, and the sample [A].
-
-    """
-
-    time_s: Floats
-    set_point: Floats
-    speed_reference: Floats
-    speed: Floats
-    current_reference: Floats
-    voltage: Floats
-    current: Floats
-    at_time_s: Floats
-    at_current: Floats
+    time_s: Floats  # start of the period, from the start of the program
+    set_point: Floats  # during the period [rad]
+    speed_reference: Floats  # during the period [rad/s]
+    speed: Floats  # at the start of the period [rad/s]
+    current_reference: Floats  # during the period [A]
+    voltage: Floats  # during the period [V]
+    current: Floats  # at the end of the period [A]
+    at_time_s: Floats  # sampling time of the AT
+    at_current: Floats  # sample in the AT [A]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A case is one cycle time with one interpolation; lists are by axis.
-
-    Attributes
-    ----------
-    delay_s
-        Of a set point.
-    at_peak_a, at_rms_a
-        Of the currents that the AT tell.
-    peak_a, rms_a
-        Of all samples.
-    jerk_rad_s3
-        Root mean square of what the motor's torque gives an arm of the mean inertia, above ``JERK_FROM_HZ``.
-    tcp_error_max_m, tcp_error_rms_m
-        Set-point delay removed.
-    samples
-        Of the motor that the figures show.
-
-    """
+    """Figures of a cycle time with an interpolation; lists are by axis."""
 
     cycle_time_s: float
     interpolation: str
-    delay_s: float
-    at_peak_a: list[float]
-    at_rms_a: list[float]
-    peak_a: list[float]
-    rms_a: list[float]
-    jerk_rad_s3: list[float]
-    tcp_error_max_m: float
-    tcp_error_rms_m: float
-    samples: Samples
+    delay_s: float  # of a set point
+    at_peak_a: list[float]  # of the samples in the AT
+    at_rms_a: list[float]  # of the samples in the AT
+    peak_a: list[float]  # of all samples
+    rms_a: list[float]  # of all samples
+    jerk_rad_s3: list[float]  # rms jerk of an arm with mean inertia due to its motor, above JERK_FROM_HZ
+    tcp_error_max_m: float  # set-point delay removed
+    tcp_error_rms_m: float  # set-point delay removed
+    samples: Samples  # of the motor shown in the figures
 
 
 def measure(program: Program, robot: Parameters, axis: int, on_progress: OnProgress) -> Case:
-    """Run a program, and form the figures from its start until shortly after its end.
+    """Run a program and compute the figures from its start until shortly after its end.
 
     Raises
     ------
     ProgramError
-        The program is refused.
+        The program is rejected.
     RunError
         A drive has no torque, or loses it.
 
@@ -96,19 +66,19 @@ def measure(program: Program, robot: Parameters, axis: int, on_progress: OnProgr
     start, end = run.meta['start_cycle'], run.meta['end_cycle'] + round(AFTER_S / bus.cycle_time_s)
     cycles = slice(start, min(end, len(run.answers)))
     rows = slice(cycles.start * run.steps, cycles.stop * run.steps)
-    told = run.answers[cycles, 2] / robot.motor.torque_constant_n_m_a
+    at_current = run.answers[cycles, 2] / robot.motor.torque_constant_n_m_a
     current = run.scope.left['motor_current'][rows]
     error = np.linalg.norm(run.tcp_error[cycles], axis=1)
     return Case(
         bus.cycle_time_s,
         drive.interpolation,
         robot.set_point_delay_cycles * bus.cycle_time_s,
-        *_peak_and_rms(told),
+        *_peak_and_rms(at_current),
         *_peak_and_rms(current),
         _rms(jerk(current, robot)).tolist(),
         float(error.max()),
         float(_rms(error)),
-        _samples(run, rows, cycles, told, axis, robot),
+        _samples(run, rows, cycles, at_current, axis, robot),
     )
 
 
@@ -121,7 +91,7 @@ def _rms(values: Floats) -> Floats:
 
 
 def jerk(current: Floats, robot: Parameters) -> Floats:
-    """Jerk [rad/s^3] of an arm with the mean inertia under the torque of its motor, without its slow part."""
+    """Jerk [rad/s^3] of an arm with mean inertia due to the torque of its motor, above ``JERK_FROM_HZ``."""
     period_s = robot.drive.current_period_s
     per_ampere = robot.motor.torque_constant_n_m_a * robot.dynamics.gear_ratio
     raw = np.diff(current, axis=0) / period_s * per_ampere / robot.drive.observer_arm_inertia_kg_m2
@@ -131,7 +101,7 @@ def jerk(current: Floats, robot: Parameters) -> Floats:
 
 
 def _samples(
-    run: Recorded, rows: slice, cycles: slice, told: Floats, axis: int, robot: Parameters
+    run: Recorded, rows: slice, cycles: slice, at_current: Floats, axis: int, robot: Parameters
 ) -> Samples:
     period_s, cycle_s, i = robot.drive.current_period_s, robot.bus.cycle_time_s, axis - 1
     left, found = run.scope.left, run.scope.found
@@ -145,5 +115,5 @@ def _samples(
         found['voltage'][rows, i],
         left['motor_current'][rows, i],
         np.arange(cycles.stop - cycles.start) * cycle_s,
-        told[:, i],
+        at_current[:, i],
     )

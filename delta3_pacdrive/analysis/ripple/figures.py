@@ -1,4 +1,4 @@
-"""Figures of the ripple: what happens inside a bus cycle, and the currents of a program with all their samples."""
+"""Figures of the ripple: signals inside a bus cycle, and all current samples of a program."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.ripple.study import Results
 
 CURRENTS = 'currents.png'
-CYCLES_SHOWN = (1, 2)  # before the one that is shown, and from it on
+CYCLES_SHOWN = (1, 2)  # bus cycles before the selected one, and from it on
 REFERENCE: dict[str, Any] = {'color': '#111111', 'linewidth': 1.0}
 ACTUAL: dict[str, Any] = {'color': AXIS_COLOURS[0], 'linewidth': 1.6}
 AT: dict[str, Any] = {'color': COLOURS[1], 'linestyle': 'none', 'marker': 'o', 'markersize': 4}
 
 
 def by_name(found: Results) -> Drawings:
-    """Return what draws each figure, by file name."""
+    """Return the drawing function of each figure by file name."""
     times = sorted({case.cycle_time_s for case in found.cases})
     drawings: dict[str, Any] = {}
     for cycle_time_s in times:
@@ -57,22 +57,24 @@ def inside_a_cycle(found: Results, cases: list[Case]) -> Figure:
     for column, case in zip(grid.T, cases, strict=True):
         s = case.samples
         keep = (s.time_s >= begin - 1e-9) & (s.time_s < end - 1e-9)
-        told = (s.at_time_s >= begin - 1e-9) & (s.at_time_s < end + 1e-9)
+        shown = (s.at_time_s >= begin - 1e-9) & (s.at_time_s < end + 1e-9)
         time_ms = 1e3 * (s.time_s[keep] - first * cycle_s)
-        at_ms = 1e3 * (s.at_time_s[told] - first * cycle_s)
+        at_ms = 1e3 * (s.at_time_s[shown] - first * cycle_s)
         period_ms = 1e3 * float(s.time_s[1] - s.time_s[0])
         origin = s.set_point[keep][0]
-        way, speed, current, voltage = column
-        way.step(time_ms, 1e3 * (s.set_point[keep] - origin), where='post', label='set point', **REFERENCE)
+        position, speed, current, voltage = column
+        position.step(
+            time_ms, 1e3 * (s.set_point[keep] - origin), where='post', label='set point', **REFERENCE
+        )
         speed.step(time_ms, s.speed_reference[keep], where='post', label='reference', **REFERENCE)
         speed.plot(time_ms, s.speed[keep], label='shaft', **ACTUAL)
         current.step(time_ms, s.current_reference[keep], where='post', label='reference', **REFERENCE)
         current.plot(time_ms + period_ms, s.current[keep], label='all samples', **ACTUAL)
-        current.plot(at_ms, s.at_current[told], label='sample in the AT', zorder=4, **AT)
+        current.plot(at_ms, s.at_current[shown], label='sample in the AT', zorder=4, **AT)
         voltage.step(time_ms, s.voltage[keep], where='post', label='of a phase', **ACTUAL)
         for axes in column:
             axes.axvspan(0.0, 1e3 * cycle_s, color='#EEEEEE', zorder=0)
-        panel_title(way, case.interpolation)
+        panel_title(position, case.interpolation)
         finish_over_time(column, what='time from the start of the bus cycle [ms]')
     labels = ('set point [mrad]', 'speed [rad/s]', 'current [A]', 'voltage [V]')
     for axes, label in zip(grid[:, 0], labels, strict=True):
@@ -83,7 +85,7 @@ def inside_a_cycle(found: Results, cases: list[Case]) -> Figure:
 
 
 def currents(found: Results) -> Figure:
-    """Currents of a motor with all their samples, and those that the AT tell."""
+    """All current samples of a motor, and the samples in the AT."""
     times = sorted({case.cycle_time_s for case in found.cases})
     names = list(dict.fromkeys(case.interpolation for case in found.cases))
     figure = titled_figure(

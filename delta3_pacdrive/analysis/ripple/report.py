@@ -1,4 +1,4 @@
-"""What the ripple comes to: a table for people, for spread sheets, and as JSON."""
+"""Report of the ripple: JSON document, text and table."""
 
 from typing import Any
 
@@ -61,7 +61,7 @@ def tables(found: Results) -> list[Table]:
 
 
 def text(document: dict[str, Any]) -> list[str]:
-    """Return the lines that people read: one for each case, of the axis that the figures show."""
+    """Return one line of text per case, for the axis shown in the figures."""
     i = document['axis'] - 1
     lines = [
         f'{document["program"]}, motor {document["axis"]}',
@@ -70,17 +70,17 @@ def text(document: dict[str, Any]) -> list[str]:
         f'{"":>14} {"ms":>8} {"peak / rms A":>18} {"peak / rms A":>18} {"rad/s3":>14} {"max / rms mm":>16}',
     ]
     for case in document['cases']:
-        told = f'{case["at_current_peak_a"][i]:.2f} / {case["at_current_rms_a"][i]:.2f}'
+        in_at = f'{case["at_current_peak_a"][i]:.2f} / {case["at_current_rms_a"][i]:.2f}'
         every = f'{case["current_peak_a"][i]:.2f} / {case["current_rms_a"][i]:.2f}'
         error = f'{1e3 * case["tcp_error_max_m"]:.3f} / {1e3 * case["tcp_error_rms_m"]:.3f}'
         name = f'{1e3 * case["cycle_time_s"]:g} ms {case["interpolation"]}'
         lines.append(
-            f'{name:>14} {1e3 * case["set_point_delay_s"]:8.2f} {told:>18} {every:>18} '
+            f'{name:>14} {1e3 * case["set_point_delay_s"]:8.2f} {in_at:>18} {every:>18} '
             f'{case["jerk_rad_s3"][i]:14.0f} {error:>16}'
         )
     return [
         *lines,
         '',
-        f'the bus cycle that is shown begins {document["shown_s"]:.3f} s after the program',
+        f'the bus cycle in the figures begins {document["shown_s"]:.3f} s after the start of the program',
         '',
     ]

@@ -1,4 +1,4 @@
-"""The ripple from its settings to its folder: every cycle time with every interpolation, table and figures."""
+"""Ripple study: runs all cycle times with all interpolations; writes table and figures."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -20,7 +20,7 @@ from delta3_pacdrive.motion.program import Program
 
 @dataclass
 class Study(studies.Study):
-    """The study is the ripple of a program in a folder."""
+    """Ripple study of a program."""
 
     settings: Settings
     robot: core.Parameters = field(init=False)
@@ -31,10 +31,10 @@ class Study(studies.Study):
         self.robot = core.load(self.settings.parameters)
         self.program = programs.load(self.settings.program, self.robot.motion)
         if self.program.faults:
-            raise ProgramError(f'{self.settings.program} injects faults: currents would show these')
+            raise ProgramError(f'{self.settings.program} injects faults, which would affect the currents')
 
     def run(self) -> dict[str, Any]:
-        """Run every case, write everything into the folder and return the report; raises Delta3Error."""
+        """Run all cases, write all results and return the report; raises Delta3Error."""
         chosen = self.settings
         cases = tuple(
             measure(
@@ -61,7 +61,7 @@ class Study(studies.Study):
         )
 
     def _shown_s(self, cases: tuple[Case, ...]) -> float:
-        """Return where the bus cycle begins that is shown: what was asked for, or that of the largest current."""
+        """Return the start of the displayed bus cycle: as requested, or that of the largest current."""
         longest = max(case.cycle_time_s for case in cases)
         samples = cases[0].samples
         last_s = float(samples.time_s[-1])
@@ -69,6 +69,6 @@ class Study(studies.Study):
         if at_s is None:
             at_s = float(samples.time_s[np.abs(samples.current).argmax()])
         elif not 0.0 <= at_s <= last_s:
-            raise ProgramError(f'--at is {at_s:g} s, but the program goes from 0 to {last_s:.3f} s')
-        # a start of the slowest bus is one of the faster ones as well
+            raise ProgramError(f'--at is {at_s:g} s, but the program runs from 0 to {last_s:.3f} s')
+        # cycles of the slowest bus begin together with cycles of the faster ones
         return float(np.clip(np.floor(at_s / longest + 1e-6), 1, np.floor(last_s / longest) - 2)) * longest

@@ -1,4 +1,4 @@
-"""What a study of the ripple depends on, and what it finds."""
+"""Settings and results of a ripple study, data only."""
 
 from dataclasses import dataclass
 
@@ -7,36 +7,19 @@ from delta3_pacdrive.analysis.ripple.cases import Case
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings are what the study depends on, apart from the contents of its files.
+    """Settings of a ripple study."""
 
-    Attributes
-    ----------
-    program
-        Program file, or the name of a packaged one.
-    parameters
-        Parameter file; None: the packaged one.
-    cycle_times_s
-        Of the bus.
-    interpolations
-        Fine interpolations of the drives.
-    axis
-        Number of the motor that the figures show, 1 to 3.
-    at_s
-        Time from the start of the program whose bus cycle is shown; None: that of the largest current.
-
-    """
-
-    program: str
-    parameters: str | None
-    cycle_times_s: tuple[float, ...]
-    interpolations: tuple[str, ...]
-    axis: int
-    at_s: float | None = None
+    program: str  # file, or name of a packaged program
+    parameters: str | None  # file; None: the packaged one
+    cycle_times_s: tuple[float, ...]  # of the bus
+    interpolations: tuple[str, ...]  # fine interpolations of the drives
+    axis: int  # motor shown in the figures, 1 to 3
+    at_s: float | None = None  # time whose bus cycle is shown; None: that of the largest current
 
 
 @dataclass(frozen=True)
 class Results:
-    """The results are the cases, and which bus cycle of each is shown from where [s]."""
+    """All cases, and the start of the displayed bus cycle [s]."""
 
     program: str
     axis: int

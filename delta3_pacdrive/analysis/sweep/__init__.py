@@ -1,1 +1,1 @@
-"""Sweeps: many runs of one program, in which parameters and values of the program vary."""
+"""Sweeps: many simulated runs with varied parameters and programs."""

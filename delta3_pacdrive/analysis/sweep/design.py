@@ -1,4 +1,4 @@
-"""What a sweep is: what varies, what is kept, and the table of its runs."""
+"""Definition of a sweep, and the table of its runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,31 +10,31 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.numerics.types import Floats
 
-PROGRAM = 'program.'  # before the path of a value of the program
-FUNCTION = 'figures'  # of a Python file: its numbers are kept as well
+PROGRAM = 'program.'  # prefix of paths to values of the program
+FUNCTION = 'figures'  # function in a Python file that returns more results
 
 
 class Law(StrEnum):
-    """How a quantity varies."""
+    """Distribution of a quantity."""
 
-    LIST = 'list'  # one of these values
-    UNIFORM = 'uniform'  # between two numbers
+    LIST = 'list'  # choices
+    UNIFORM = 'uniform'  # lower and upper bound
     NORMAL = 'normal'  # mean and standard deviation
-    RUN = 'run'  # the number of the run, from 1 on: a seed of its own
+    RUN = 'run'  # number of the run, from 1; used as a seed
 
 
 class Sampling(StrEnum):
-    """How values are drawn."""
+    """Sampling method."""
 
     RANDOM = 'random'
     LATIN_HYPERCUBE = 'latin_hypercube'
-    SOBOL = 'sobol'  # a scrambled Sobol sequence
-    SALTELLI = 'saltelli'  # the design that Sobol indices need
-    GRID = 'grid'  # every combination of lists
+    SOBOL = 'sobol'  # scrambled Sobol sequence
+    SALTELLI = 'saltelli'  # design for Sobol indices
+    GRID = 'grid'  # all combinations of lists
 
 
 class Reduction(StrEnum):
-    """What is kept of a signal."""
+    """Reduction of a signal to a number."""
 
     MAX = 'max'  # of the absolute values, or of the norm
     RMS = 'rms'
@@ -44,36 +44,26 @@ class Reduction(StrEnum):
 
 
 class Outcome(StrEnum):
-    """What has become of a run."""
+    """Outcome of a run."""
 
     DONE = 'done'
-    STOPPED = 'stopped'  # a fault has stopped the robot
-    REFUSED = 'refused'  # parameters or program break a rule, or a drive has tripped
+    STOPPED = 'stopped'  # the robot was stopped by a fault
+    REFUSED = 'refused'  # parameters or program were rejected, or a drive tripped
 
 
 @dataclass(frozen=True)
 class Variation:
-    """A quantity that varies.
+    """Varied quantity."""
 
-    Attributes
-    ----------
-    key
-        A parameter such as ``dynamics.payload_mass_kg``, or a value of the program such as
-        ``program.moves[0].move_l.speed_m_s``.
-    law
-        How it varies.
-    values
-        Of the list; least and greatest; mean and standard deviation; nothing for ``RUN``.
-
-    """
-
+    # parameter (dynamics.payload_mass_kg) or value of the program (program.moves[0].move_l.speed_m_s)
     key: str
     law: Law
+    # of the list; lower and upper bound; mean and standard deviation; empty for RUN
     values: tuple[Any, ...] = ()
 
     @property
     def is_number(self) -> bool:
-        """Whether its values are numbers, so that effects of it can be computed."""
+        """Whether its values are numbers, so that effects can be computed."""
         return self.law is not Law.LIST or all(
             isinstance(value, (int, float)) and not isinstance(value, bool) for value in self.values
         )
@@ -81,97 +71,46 @@ class Variation:
 
 @dataclass(frozen=True)
 class Kept:
-    """A number that is kept of each run.
+    """Result of each run."""
 
-    Attributes
-    ----------
-    name
-        Of the column.
-    signal
-        Whose reduction it is; empty: a figure of the run of that name.
-    less
-        A signal that is taken off it; empty: none.
-    reduction
-        What is kept of the signal.
-    axis
-        Column of the signal, 1 to 3; 0: all, or the norm of those that are told in x, y, z.
-    from_s, to_s
-        Part of the program that counts [s].
-
-    """
-
-    name: str
-    signal: str = ''
-    less: str = ''
+    name: str  # of the column
+    signal: str = ''  # reduced signal; empty: figure of the run with this name
+    less: str = ''  # signal to be subtracted; empty: none
     reduction: Reduction = Reduction.MAX
-    axis: int = 0
-    from_s: float = 0.0
-    to_s: float = float('inf')
+    axis: int = 0  # column of the signal, 1 to 3; 0: all columns, or the norm for x, y, z
+    from_s: float = 0.0  # start of the evaluated part of the program
+    to_s: float = float('inf')  # end of that part
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep, as its file has it.
-
-    Attributes
-    ----------
-    name
-        Of it.
-    program, program_name
-        What is driven: the document of the program, and its name.
-    parameters
-        Of the robot, by their dotted names, as ``flat_document`` has them.
-    runs, sampling, seed
-        How many, how they are drawn, and from which seed.
-    vary, keep
-        What varies and what is kept.
-    limits
-        Largest values of kept numbers that are allowed, by their names.
-    function
-        Source text of a Python file whose function ``figures(trace)`` returns more numbers; empty: there is none.
-    digest
-        Of all that the numbers of the runs depend on.
-
-    """
+    """Sweep as defined in its file."""
 
     name: str
-    program: Mapping[str, Any]
+    program: Mapping[str, Any]  # document of the program
     program_name: str
-    parameters: Mapping[str, Any]
+    parameters: Mapping[str, Any]  # in the format of flat_document
     runs: int
     sampling: Sampling
     seed: int
     vary: tuple[Variation, ...]
     keep: tuple[Kept, ...]
-    limits: Mapping[str, float] = field(default_factory=dict)
-    function: str = ''
-    digest: str = ''
+    limits: Mapping[str, float] = field(default_factory=dict)  # upper limits of results by name
+    function: str = ''  # source of a Python file with a function figures(trace); empty: none
+    digest: str = ''  # of everything on which the results depend
 
 
 @dataclass(frozen=True)
 class Runs:
-    """All runs of a sweep, sorted by their numbers.
-
-    Attributes
-    ----------
-    sweep
-        What was asked for.
-    values
-        Of each variation, by its key, shape (runs,).
-    kept
-        Numbers of each run, by their names, shape (runs,); nan where a run has none.
-    outcomes, reasons
-        What has become of each run, and why.
-
-    """
+    """All runs of a sweep, sorted by number."""
 
     sweep: Sweep
-    values: Mapping[str, NDArray[Any]]
-    kept: Mapping[str, Floats]
+    values: Mapping[str, NDArray[Any]]  # of each varied quantity by key, shape (runs,)
+    kept: Mapping[str, Floats]  # results by name, shape (runs,); nan where a run has none
     outcomes: Sequence[str]
     reasons: Sequence[str]
 
     @property
     def done(self) -> NDArray[np.bool_]:
-        """Which runs have come to their end, shape (runs,)."""
+        """Whether a run was completed, shape (runs,)."""
         return np.array([outcome == Outcome.DONE for outcome in self.outcomes])

@@ -1,4 +1,4 @@
-"""What varies against what comes of it: distributions, main effects, Sobol indices, and how many keep a limit."""
+"""Analysis of a sweep: distributions, main effects, Sobol indices, and yields for limits."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,14 @@ from delta3_pacdrive.analysis.sweep.sampling import base_runs, problem_of, salib
 from delta3_pacdrive.numerics.types import Floats
 
 SHARES = (0.01, 0.05, 0.5, 0.95, 0.99)
-BINS_MAX, IN_BIN = 20, 10  # of a quantity, for main effects; runs in one at least
+BINS_MAX, IN_BIN = 20, 10  # bins of a quantity for main effects; minimum number of runs per bin
 CONFIDENCE = 0.95
 WORST = 10
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """A number over all runs that have come to their end."""
+    """Distribution of a result over all completed runs."""
 
     name: str
     runs: int
@@ -24,39 +24,26 @@ class Distribution:
     deviation: float
     low: float
     high: float
-    shares: tuple[float, ...]  # at ``SHARES``
+    shares: tuple[float, ...]  # quantiles at ``SHARES``
 
 
 @dataclass(frozen=True)
 class Effect:
-    """How much of the variance of a number a quantity stands for.
+    """Contribution of a quantity to the variance of a result."""
 
-    Attributes
-    ----------
-    name, key
-        Of the number, and what varies.
-    share
-        Of the variance, by the means of bins of the quantity.
-    correlation
-        Of their ranks, -1 to 1; nan where values have no order.
-    first, first_interval, total, total_interval
-        Sobol indices with half of their 95 % intervals; nan without a Saltelli design.
-
-    """
-
-    name: str
-    key: str
-    share: float
-    correlation: float
-    first: float = np.nan
-    first_interval: float = np.nan
-    total: float = np.nan
-    total_interval: float = np.nan
+    name: str  # of the result
+    key: str  # varied quantity
+    share: float  # of the variance, from the means of bins of the quantity
+    correlation: float  # rank correlation, -1 to 1; nan for values without order
+    first: float = np.nan  # first-order Sobol index; nan without a Saltelli design
+    first_interval: float = np.nan  # half of its 95 % interval
+    total: float = np.nan  # total Sobol index; nan without a Saltelli design
+    total_interval: float = np.nan  # half of its 95 % interval
 
 
 @dataclass(frozen=True)
 class Yield:
-    """How many of all runs are done and keep a limit, with the interval of the share (Clopper and Pearson)."""
+    """Number of runs completed within a limit, with the interval of its share (Clopper-Pearson)."""
 
     name: str
     limit: float
@@ -67,26 +54,26 @@ class Yield:
 
     @property
     def share(self) -> float:
-        """Of all runs."""
+        """Share of all runs."""
         return self.within / self.runs
 
 
 def distributions(found: Runs) -> list[Distribution]:
-    """Return the distribution of each number."""
-    told = []
+    """Return the distribution of each result."""
+    rows = []
     for name, values in found.kept.items():
         known = values[found.done & np.isfinite(values)]
         if len(known):
             shares = tuple(np.quantile(known, SHARES).tolist())
             ends = float(known.min()), float(known.max())
             deviation = float(known.std(ddof=1)) if len(known) > 1 else 0.0
-            told.append(Distribution(name, len(known), float(known.mean()), deviation, *ends, shares))
-    return told
+            rows.append(Distribution(name, len(known), float(known.mean()), deviation, *ends, shares))
+    return rows
 
 
 def effects(found: Runs) -> list[Effect]:
-    """Return the effect of each quantity on each number that varies at all."""
-    told = []
+    """Return the effect of each quantity on each result that varies."""
+    rows = []
     for name, values in found.kept.items():
         known = found.done & np.isfinite(values)
         if known.sum() < 2 * IN_BIN or np.ptp(values[known]) == 0.0:
@@ -98,12 +85,12 @@ def effects(found: Runs) -> list[Effect]:
             levels = _levels(found.values[one.key])
             share = _share(levels[known], values[known])
             correlation = _rank_correlation(levels[known], values[known]) if one.is_number else np.nan
-            told.append(Effect(name, one.key, share, correlation, *sobol.get(one.key, ())))
-    return told
+            rows.append(Effect(name, one.key, share, correlation, *sobol.get(one.key, ())))
+    return rows
 
 
 def _levels(values: np.ndarray) -> Floats:
-    """Return values as numbers; what has no order is numbered."""
+    """Return values as numbers; values without order are numbered."""
     if values.dtype != object:
         return values.astype(np.float64)
     texts = [repr(value) for value in values]
@@ -112,7 +99,7 @@ def _levels(values: np.ndarray) -> Floats:
 
 
 def _share(levels: Floats, values: Floats) -> float:
-    """Return the share of the variance that lies between bins of as many values each, freed of what chance makes."""
+    """Return the share of the variance between bins of equal size, corrected for chance."""
     count = int(np.clip(len(values) // IN_BIN, 2, BINS_MAX))
     distinct = np.unique(levels)
     if len(distinct) <= count:
@@ -140,30 +127,30 @@ def _sobol(found: Runs, values: Floats) -> dict[str, tuple[float, ...]]:
     if not base_runs(len(values), len(keys)):
         return {}
     analysis = salib('analyze.sobol')
-    told = analysis.analyze(
+    indices = analysis.analyze(
         problem_of(len(keys)), values, calc_second_order=False, conf_level=CONFIDENCE, seed=found.sweep.seed
     )
     return {
-        key: tuple(float(told[name][n]) for name in ('S1', 'S1_conf', 'ST', 'ST_conf'))
+        key: tuple(float(indices[name][n]) for name in ('S1', 'S1_conf', 'ST', 'ST_conf'))
         for n, key in enumerate(keys)
     }
 
 
 def yields(found: Runs) -> list[Yield]:
-    """Return how many runs keep each limit; a run that did not come to its end keeps none."""
+    """Return the number of runs within each limit; runs that were not completed do not count."""
     from scipy.stats import binomtest
 
-    told = []
+    rows = []
     for name, limit in found.sweep.limits.items():
         values = found.kept[name]
         within = int((found.done & np.isfinite(values) & (values <= limit)).sum())
         interval = binomtest(within, len(values)).proportion_ci(CONFIDENCE)
-        told.append(Yield(name, limit, len(values), within, float(interval.low), float(interval.high)))
-    return told
+        rows.append(Yield(name, limit, len(values), within, float(interval.low), float(interval.high)))
+    return rows
 
 
 def worst(found: Runs, name: str) -> list[int]:
-    """Return the numbers of the runs with the largest values, largest first; those that are not done come first."""
+    """Return the numbers of the runs with the largest values, after those that were not completed."""
     values = np.where(found.done, found.kept[name], np.inf)
     known = np.where(np.isnan(values), -np.inf, values)
     order = np.argsort(-known, kind='stable')[:WORST]

@@ -1,7 +1,7 @@
-"""Runs on many processes: an own cluster of dask workers on this machine, or one that is up.
+"""Distribution of runs to many processes: a local cluster of dask workers, or an existing cluster.
 
-Batches of runs travel, not single ones. Which runs are in a batch depends on the sweep alone, and each run on its own
-values, so that nobody sees in the table who has made it. A batch whose worker is lost is made by another one.
+Runs are sent in batches. The batches depend on the sweep alone and each run on its own values, so the results do not
+depend on the workers. A batch of a lost worker is repeated by another one.
 """
 
 import atexit
@@ -25,33 +25,33 @@ from delta3_pacdrive.analysis.sweep.design import Sweep
 from delta3_pacdrive.analysis.sweep.single_run import Row, Runner
 from delta3_pacdrive.errors import SweepError
 
-BATCHES = 400  # that a large sweep has, about
-BATCH_MIN, BATCH_MAX = 5, 100  # runs in one
-AHEAD = 3  # batches that wait at each worker
+BATCHES = 400  # approximate number for a large sweep
+BATCH_MIN, BATCH_MAX = 5, 100  # runs per batch
+AHEAD = 3  # queued batches per worker
 CONNECT_S = 10.0
-CLOSE_S = 1.0  # for workers in the middle of a batch, which nobody needs any more
-GONE = 'the scheduler does not answer any more; what is done is on the disk, and the same command goes on with the rest'
+CLOSE_S = 1.0  # timeout for workers whose batch is no longer needed
+GONE = 'the scheduler does not respond; completed runs are on disk, and the same command continues with the others'
 LOGGERS = ('distributed', 'distributed.client', 'distributed.core')
 QUIET = {
     'distributed.worker.daemon': True,
     'distributed.admin.tick.limit': '1h',
     'distributed.scheduler.allowed-failures': 10,
-    'distributed.admin.low-level-log-length': 10,  # notes of each batch, for whoever looks for faults in dask
+    'distributed.admin.low-level-log-length': 10,  # entries per batch, for debugging of dask
     'logging': {'distributed': 'error'},
 }
 Values = Mapping[str, Any]
 Batch = Sequence[tuple[int, Mapping[str, Any]]]  # numbers of runs, and their values
-_runners: dict[str, Runner] = {}  # of a worker, by the digests of sweeps
+_runners: dict[str, Runner] = {}  # of a worker, by digest of the sweep
 
 
 def work_of(sweep: Sweep, values: Values, missing: Sequence[int]) -> Iterator[Batch]:
-    """Return the runs that are still missing, in batches, each run with its values."""
+    """Yield batches of missing runs with their values."""
     for batch in batches(sweep, missing):
         yield [(number, values_in(values, number)) for number in batch]
 
 
 def batches(sweep: Sweep, missing: Sequence[int]) -> Iterator[list[int]]:
-    """Return the runs that are still missing, in batches."""
+    """Yield the numbers of missing runs in batches."""
     size = int(np.clip(sweep.runs // BATCHES, BATCH_MIN, BATCH_MAX))
     lacking = set(missing)
     for first in range(1, sweep.runs + 1, size):
@@ -61,12 +61,12 @@ def batches(sweep: Sweep, missing: Sequence[int]) -> Iterator[list[int]]:
 
 
 def values_in(values: Values, number: int) -> dict[str, Any]:
-    """Return the values of a run, by what varies."""
+    """Return the values of a run by varied quantity."""
     return {key: column[number - 1] for key, column in values.items()}
 
 
-def told(values: Values) -> Row:
-    """Return values as a row of the table has them: numbers, and all else as JSON."""
+def to_row(values: Values) -> Row:
+    """Return values in the format of the table: numbers, and other values as JSON."""
     row: Row = {}
     for key, value in values.items():
         plain = value.item() if isinstance(value, np.generic) else value
@@ -76,7 +76,7 @@ def told(values: Values) -> Row:
 
 
 def made_by_same(own: str, sweep: Sweep, batch: Batch) -> list[Row]:
-    """Make the runs of a batch on a worker, which may have joined late; raises SweepError if its sources are others."""
+    """Make a batch on a worker, which may have joined late; raises SweepError if its sources differ."""
     if (theirs := _versions()) != own:
         raise SweepError(f'a worker has {theirs}, but this is {own}')
     return made(sweep, batch)
@@ -88,7 +88,7 @@ def _versions() -> str:
 
 
 def made(sweep: Sweep, batch: Batch) -> list[Row]:
-    """Make the runs of a batch; a worker does this."""
+    """Make a batch of runs on a worker."""
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     runner = _runners.get(sweep.digest)
     if runner is None:
@@ -98,17 +98,17 @@ def made(sweep: Sweep, batch: Batch) -> list[Row]:
     for number, values in batch:
         row = runner.run(number, values)
         head = {name: row.pop(name) for name in ('run', 'outcome', 'reason')}
-        rows.append(head | told(values) | row)
+        rows.append(head | to_row(values) | row)
     return rows
 
 
 @contextmanager
 def cluster(workers: int, scheduler: str) -> Iterator[Any]:
-    """Give a client of an own cluster, or of the one that is up; raises SweepError."""
+    """Yield a client of a local cluster, or of an existing one; raises SweepError."""
     import dask
     from distributed import Client, LocalCluster
 
-    for name in LOGGERS:  # what ends a sweep is told in one sentence
+    for name in LOGGERS:  # errors are reported by SweepError
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with dask.config.set(QUIET), warnings.catch_warnings():
         warnings.simplefilter('ignore')
@@ -116,12 +116,12 @@ def cluster(workers: int, scheduler: str) -> Iterator[Any]:
             try:
                 client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
             except (OSError, ValueError) as error:
-                raise SweepError(f'no cluster answers at {scheduler}: {error}') from error
+                raise SweepError(f'no cluster responds at {scheduler}: {error}') from error
             with client:
                 require_same_version(client, scheduler)
                 yield client
             return
-        with interrupts.answered_by(lambda: None), _deaf_children():
+        with interrupts.answered_by(lambda: None), _without_interrupts():
             own = LocalCluster(
                 n_workers=workers or os.cpu_count() or 1,
                 threads_per_worker=1,
@@ -137,16 +137,16 @@ def cluster(workers: int, scheduler: str) -> Iterator[Any]:
             yield client
         finally:
             for one in (client, own):
-                with suppress(Exception):  # what is done is on the disk
+                with suppress(Exception):  # completed runs are on disk
                     one.close(timeout=CLOSE_S)
             _end_workers()
 
 
 def _end_workers() -> None:
-    """End workers of this process that are still in the middle of a batch, for which nobody waits any more."""
+    """Kill worker processes that are still busy with a batch."""
     from distributed.deploy import spec
 
-    atexit.unregister(spec.close_clusters)  # would wait for them for ten seconds
+    atexit.unregister(spec.close_clusters)  # would wait ten seconds for them
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.NoSuchProcess):
             if any('spawn_main' in word for word in child.cmdline()):
@@ -154,12 +154,10 @@ def _end_workers() -> None:
 
 
 @contextmanager
-def _deaf_children() -> Iterator[None]:
-    """Let processes that are started meanwhile hear no Ctrl-C: it reaches all of a terminal, and this one ends them."""
-    os.environ.setdefault('PYTHONWARNINGS', 'ignore')  # of what tidies up behind processes that were ended
-    before = signal.pthread_sigmask(
-        signal.SIG_BLOCK, {signal.SIGINT}
-    )  # what is blocked is so in children as well
+def _without_interrupts() -> Iterator[None]:
+    """Block Ctrl-C in child processes started meanwhile; it reaches a whole terminal, and this process ends them."""
+    os.environ.setdefault('PYTHONWARNINGS', 'ignore')  # of the resource tracker after a kill
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited by children
     try:
         yield
     finally:
@@ -167,11 +165,11 @@ def _deaf_children() -> Iterator[None]:
 
 
 def require_same_version(client: Any, address: str) -> None:
-    """Refuse workers of other sources: their numbers would be others; raises SweepError."""
+    """Reject workers with other sources, whose results may differ; raises SweepError."""
     own = versions()
     try:
         found = client.run(versions)
-    except Exception as error:  # what a worker without this package raises is not bounded
+    except Exception as error:  # a worker without this package may raise anything
         raise SweepError(
             f'the workers at {address} cannot compute: {type(error).__name__}: {error}'
         ) from error
@@ -183,17 +181,17 @@ def require_same_version(client: Any, address: str) -> None:
 
 
 def workers_of(client: Any) -> int:
-    """Return how many workers there are."""
+    """Return the number of workers."""
     return len(client.scheduler_info(n_workers=-1)['workers'])
 
 
 def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[Row]], None]) -> None:
-    """Make runs batch by batch; each batch is kept as soon as it is there.
+    """Make runs batch by batch; each batch is stored when it arrives.
 
     Raises
     ------
     SweepError
-        A batch cannot be made, whoever tries.
+        A batch fails on every worker.
 
     """
     from distributed import as_completed
@@ -202,9 +200,8 @@ def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[
     waiting, own = iter(work), _versions()
 
     def submit(batch: Batch) -> Any:
-        return client.submit(
-            made_by_same, own, sweep, batch, pure=False
-        )  # what is scattered is lost with its workers
+        # arguments are sent with each batch: scattered data would be lost with its workers
+        return client.submit(made_by_same, own, sweep, batch, pure=False)
 
     begun = [submit(batch) for batch in islice(waiting, AHEAD * max(workers_of(client), 1))]
     done = as_completed(begun, loop=client.loop)
@@ -213,10 +210,10 @@ def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[
             rows = future.result()
         except SweepError:
             raise
-        except Exception as error:  # of the cluster: those of a run are rows
+        except Exception as error:  # errors of the cluster; those of a run are in its row
             if isinstance(error, CommClosedError) or client.status != 'running':
                 raise SweepError(GONE) from error
-            raise SweepError(f'the cluster cannot go on: {type(error).__name__}: {error}') from error
+            raise SweepError(f'the cluster failed: {type(error).__name__}: {error}') from error
         future.release()
         keep(rows)
         batch = next(waiting, None)

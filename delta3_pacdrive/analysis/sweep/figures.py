@@ -1,4 +1,4 @@
-"""Figures of a sweep: how each number is distributed, and how it depends on what varies."""
+"""Figures of a sweep: distributions of the results, and their dependence on the varied quantities."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DRAWN = 6  # numbers, and quantities, that are drawn
+DRAWN = 6  # maximum number of drawn results, and of drawn quantities
 DOTS = 5000
 COLUMNS, HEIGHT_IN = 2, 2.4
 LIMIT = '#d92d3a'
@@ -24,12 +24,12 @@ DISTRIBUTIONS, EFFECTS, SCATTER = 'distributions.png', 'effects.png', 'scatter_{
 
 
 def file_names() -> list[str]:
-    """Return patterns of the names of all figures."""
+    """Return patterns of the file names of all figures."""
     return [DISTRIBUTIONS, EFFECTS, SCATTER.format('*')]
 
 
 def by_name(found: Runs) -> Drawings:
-    """Return what draws each figure, by the name of its file."""
+    """Return the drawing function of each figure by file name."""
     names = [name for name in (found.sweep.limits or found.kept) if _known(found, name).sum() > 1][:DRAWN]
     varied = [one.key for one in found.sweep.vary if one.law is not Law.RUN and one.is_number]
     drawings = {}
@@ -55,7 +55,7 @@ def _known(found: Runs, name: str) -> np.ndarray:
 
 
 def distribution_figure(found: Runs, names: list[str]) -> Figure:
-    """How often each value was met; the red line is its limit."""
+    """Histogram of each result; the red line is its limit."""
     figure, axes = _panels(f'{found.sweep.name}: distributions', len(names))
     for axis, name in zip(axes, names, strict=True):
         values = found.kept[name][_known(found, name)]
@@ -67,12 +67,12 @@ def distribution_figure(found: Runs, names: list[str]) -> Figure:
 
 
 def effect_figure(found: Runs, names: list[str]) -> Figure:
-    """Share of the variance of each number that a quantity stands for; with a Saltelli design its Sobol indices."""
-    told = effects(found)
-    shown = [name for name in names if any(one.name == name for one in told)]
-    figure, axes = _panels(f'{found.sweep.name}: what the variance comes from', len(shown))
+    """Share of the variance of each result due to each quantity; Sobol indices for a Saltelli design."""
+    every = effects(found)
+    shown = [name for name in names if any(one.name == name for one in every)]
+    figure, axes = _panels(f'{found.sweep.name}: sources of variance', len(shown))
     for axis, name in zip(axes, shown, strict=True):
-        rows = [one for one in told if one.name == name]
+        rows = [one for one in every if one.name == name]
         of_sobol = all(np.isfinite(one.total) for one in rows)
         rows.sort(key=lambda one: one.total if of_sobol else one.share)
         places = np.arange(len(rows))
@@ -90,7 +90,7 @@ def effect_figure(found: Runs, names: list[str]) -> Figure:
 
 
 def scatter_figure(found: Runs, name: str, keys: list[str]) -> Figure:
-    """Each dot is a run: the number over what varies."""
+    """One result over each varied quantity; each dot is a run."""
     figure, axes = _panels(f'{found.sweep.name}: {name}', len(keys))
     known = np.flatnonzero(_known(found, name))[:DOTS]
     for axis, key in zip(axes, keys, strict=True):

@@ -1,4 +1,4 @@
-"""Single values of a program's document, by their paths: ``moves[0].move_l.speed_m_s``."""
+"""Access to values of a program document by path: ``moves[0].move_l.speed_m_s``."""
 
 import copy
 import re
@@ -8,7 +8,7 @@ _STEP = re.compile(r'(?:^|\.)(\w+)|\[(\d+)\]')
 
 
 def steps_of(path: str) -> list[str | int]:
-    """Return the keys and numbers of a path; raises KeyError with a path that is none."""
+    """Return the keys and indices of a path; raises KeyError for an invalid path."""
     steps: list[str | int] = []
     end = 0
     for match in _STEP.finditer(path):
@@ -22,39 +22,39 @@ def steps_of(path: str) -> list[str | int]:
 
 
 def value_at(document: Any, path: str) -> Any:
-    """Return the value at a path; None for a key that its mapping may have, but has not.
+    """Return the value at a path; None for an optional key that is not set.
 
     Raises
     ------
     KeyError
-        There is nothing that could hold it; tells how far the path goes.
+        The path does not exist; the argument is its part up to the missing step.
 
     """
-    steps, here = steps_of(path), document
+    steps, node = steps_of(path), document
     for n, step in enumerate(steps):
         last = n + 1 == len(steps)
         if isinstance(step, int):
-            if not isinstance(here, list) or step >= len(here):
-                raise KeyError(_told(steps[: n + 1]))
-            here = here[step]
-        elif not isinstance(here, dict) or (step not in here and not last):
-            raise KeyError(_told(steps[: n + 1]))
+            if not isinstance(node, list) or step >= len(node):
+                raise KeyError(_joined(steps[: n + 1]))
+            node = node[step]
+        elif not isinstance(node, dict) or (step not in node and not last):
+            raise KeyError(_joined(steps[: n + 1]))
         else:
-            here = here.get(step)
-    return here
+            node = node.get(step)
+    return node
 
 
 def with_value(document: Any, path: str, value: Any) -> Any:
-    """Return a copy of a document with another value at a path; raises KeyError as ``value_at`` does."""
+    """Return a copy of a document with another value at a path; raises KeyError like ``value_at``."""
     value_at(document, path)
     changed = copy.deepcopy(document)
     *before, last = steps_of(path)
-    here = changed
+    node = changed
     for step in before:
-        here = here[step]
-    here[last] = value
+        node = node[step]
+    node[last] = value
     return changed
 
 
-def _told(steps: list[str | int]) -> str:
+def _joined(steps: list[str | int]) -> str:
     return ''.join(f'[{step}]' if isinstance(step, int) else f'.{step}' for step in steps).removeprefix('.')

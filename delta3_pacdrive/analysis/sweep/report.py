@@ -14,9 +14,9 @@ from delta3_pacdrive.analysis.sweep.effects import SHARES, distributions, effect
 from delta3_pacdrive.analysis.sweep.study import Results
 
 TABLES = ('distributions.csv', 'effects.csv', 'worst.csv', 'runs.csv')
-TOLD = 3  # effects of each number that are told in words
+LISTED = 3  # effects listed for each result
 REASONS = 5
-CSV_RUNS_MAX = 100_000  # rows of a table for people
+CSV_RUNS_MAX = 100_000  # rows of the CSV table
 
 
 def summary(results: Results, specification: str) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def summary(results: Results, specification: str) -> dict[str, Any]:
 
 
 def command(specification: str, run: int) -> str:
-    """Return the command that makes a run again and keeps its trace."""
+    """Return the command that repeats a run and stores its trace."""
     return f'delta3 sweep {shlex.quote(specification)} --run {run} --trace run{run}.npz'
 
 
@@ -64,14 +64,14 @@ def _known(value: Any) -> Any:
 
 
 def text(document: dict[str, Any]) -> Iterator[str]:
-    """Return the summary in lines for people."""
+    """Yield the summary as lines of text."""
     outcomes = ', '.join(f'{count} {name}' for name, count in document['outcomes'].items() if count)
     yield f'{document["sweep"]}: {document["runs"]} runs of {document["program"]}, {document["sampling"]}: {outcomes}'
     if document['runs_made']:
         rate = document['runs_per_second']
-        told = f', {rate:.1f} a second' if rate else ''
-        seconds = f'{document["seconds"] or 0.0:.1f} s{told}'
-        yield f'{document["runs_made"]} made now by {document["workers"]} workers in {seconds}'
+        per_second = f', {rate:.1f} per second' if rate else ''
+        seconds = f'{document["seconds"] or 0.0:.1f} s{per_second}'
+        yield f'{document["runs_made"]} new runs by {document["workers"]} workers in {seconds}'
     for one in document['reasons']:
         yield f'{one["runs"]} runs: {one["reason"]}'
     names = [one['name'] for one in document['distributions']]
@@ -89,7 +89,7 @@ def text(document: dict[str, Any]) -> Iterator[str]:
             yield from _effects(name, found)
     for one in document['yields']:
         yield (
-            f'{100.0 * one["share"]:.2f} % of the runs keep {one["name"]} <= {one["limit"]:g} '
+            f'{100.0 * one["share"]:.2f} % of the runs have {one["name"]} <= {one["limit"]:g} '
             f'({100.0 * one["low"]:.2f} to {100.0 * one["high"]:.2f} %, 95 %)'
         )
     for one in document['worst']:
@@ -98,23 +98,23 @@ def text(document: dict[str, Any]) -> Iterator[str]:
 
 
 def _effects(name: str, found: list[dict[str, Any]]) -> Iterator[str]:
-    """Tell what stands for most of the variance of a number."""
+    """Yield the largest contributions to the variance of a result."""
     of_sobol = found[0]['total'] is not None
-    order = sorted(found, key=lambda one: -(one['total'] if of_sobol else one['share']))[:TOLD]
-    told = [
+    order = sorted(found, key=lambda one: -(one['total'] if of_sobol else one['share']))[:LISTED]
+    terms = [
         f'{one["key"]} {100.0 * one["first"]:.0f} +- {100.0 * one["first_interval"]:.0f} % '
         f'(in all {100.0 * one["total"]:.0f} +- {100.0 * one["total_interval"]:.0f} %)'
         if of_sobol
         else f'{one["key"]} {100.0 * one["share"]:.0f} %'
         for one in order
     ]
-    yield f'{name}: of its variance {", ".join(told)}'
+    yield f'{name}: shares of its variance {", ".join(terms)}'
 
 
 def tables(found: Runs, specification: str) -> list[Table]:
-    """Return the tables of a sweep; that of the runs has the first ones only, if there are very many."""
+    """Return the tables of a sweep; that of the runs is limited to ``CSV_RUNS_MAX`` rows."""
     made = []
-    if told := distributions(found):
+    if every := distributions(found):
         header = [
             'number',
             'runs',
@@ -124,7 +124,7 @@ def tables(found: Runs, specification: str) -> list[Table]:
             'greatest',
             *(f'{share:g}' for share in SHARES),
         ]
-        rows = [[o.name, o.runs, o.mean, o.deviation, o.low, o.high, *o.shares] for o in told]
+        rows = [[o.name, o.runs, o.mean, o.deviation, o.low, o.high, *o.shares] for o in every]
         made.append(Table(TABLES[0], header, rows))
     if shown := effects(found):
         made.append(Table.of_rows(TABLES[1], [asdict(one) for one in shown]))

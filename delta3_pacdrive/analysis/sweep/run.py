@@ -1,4 +1,4 @@
-"""A sweep from its file to its folder: what is there already, the runs that are missing, table, figures and report."""
+"""Sweep study: reuses existing runs, makes the missing ones, and writes table, figures and report."""
 
 import time
 from collections.abc import Mapping
@@ -24,18 +24,18 @@ from delta3_pacdrive.parameters import from_flat
 from delta3_pacdrive.recording.trace import Trace
 
 TRIED = 3  # runs of a dry run
-ROW_BYTES = 16  # of a number in parts and tables, about
+ROW_BYTES = 16  # approximate size of a number in parts and tables
 HEAD = ('run', 'outcome', 'reason')
 
 
 @dataclass
 class Study(studies.Study):
-    """The study is a sweep in a folder; what is there already of the same sweep is not made again."""
+    """Sweep study in a folder; existing runs of the same sweep are reused."""
 
     settings: Settings
     sweep: Sweep = field(init=False)
     values: dict[str, NDArray[Any]] = field(init=False)
-    kept: int = field(init=False, default=0)  # runs on the disk
+    kept: int = field(init=False, default=0)  # runs on disk
 
     def __post_init__(self) -> None:
         """Read the sweep and draw its values; raises Delta3Error."""
@@ -44,12 +44,12 @@ class Study(studies.Study):
         self.values = values_of(self.sweep)
 
     @property
-    def kept_told(self) -> str:
-        """What is on the disk, in words."""
+    def kept_text(self) -> str:
+        """Number of runs on disk, as text."""
         return f'{self.kept} of {self.sweep.runs} runs are'
 
     def run(self) -> dict[str, Any]:
-        """Make the runs that are missing, write everything into the folder, return the report; raises Delta3Error."""
+        """Make the missing runs, write all results and return the report; raises Delta3Error."""
         kept = store.Store(self.folder, self.sweep)
         rows = kept.open()
         self.kept, before = len(rows), len(rows)
@@ -57,7 +57,7 @@ class Study(studies.Study):
         missing = [number for number in runs if number not in rows]
         seconds, workers = float('nan'), 0
         if missing:
-            # once, before workers need them: they would compile against one another
+            # compile once, before several workers would do so at the same time
             simulation.load_kernels(from_flat(dict(self.sweep.parameters)))
             self.on_progress('workers start', 0, 0)
             with engine.cluster(self.settings.workers, self.settings.scheduler) as client:
@@ -69,7 +69,7 @@ class Study(studies.Study):
                     self.kept = len(rows)
                     rate = (self.kept - before) / (time.monotonic() - start)
                     left_s = (self.sweep.runs - self.kept) / rate
-                    stage = f'runs ({rate:.1f} a second, {left_s:.0f} s left)'
+                    stage = f'runs ({rate:.1f} per second, {left_s:.0f} s left)'
                     self.on_progress(stage, self.kept, self.sweep.runs)
 
                 engine.make(client, self.sweep, engine.work_of(self.sweep, self.values, missing), keep)
@@ -80,18 +80,18 @@ class Study(studies.Study):
         folder = ReportFolder(self.folder, self._provenance())
         folder.clear([*report.TABLES, *figures.file_names()])
         folder.add(table)
-        named = str(self.settings.specification)
-        document = report.summary(Results(found, seconds, len(missing), workers), named)
+        specification_name = str(self.settings.specification)
+        document = report.summary(Results(found, seconds, len(missing), workers), specification_name)
         return folder.results(
             f'Sweep {self.sweep.name}',
             document,
             report.text(document),
-            report.tables(found, named),
+            report.tables(found, specification_name),
             figures.by_name(found),
         )
 
     def dry_run(self) -> dict[str, Any]:
-        """Make a few runs; return how many there are, how long they take on one core, and how much disk they need."""
+        """Make a few runs; return the number of runs, the time on one core, and the disk space."""
         kept = store.Store(self.folder, self.sweep).open() if (self.folder / store.MANIFEST).exists() else {}
         runner, numbers, seconds = Runner(self.sweep), 1, []
         for number in range(1, min(TRIED, self.sweep.runs) + 1):
@@ -112,7 +112,7 @@ class Study(studies.Study):
         }
 
     def again(self, number: int) -> Trace:
-        """Return the trace of one run, with all of its signals; raises Delta3Error."""
+        """Repeat a run and return its trace with all signals; raises Delta3Error."""
         if not 1 <= number <= self.sweep.runs:
             raise SweepError(f'run is {number}, but the sweep has runs 1 to {self.sweep.runs}')
         runner = Runner(self.sweep)
@@ -125,7 +125,7 @@ class Study(studies.Study):
 
 
 def require_engine() -> None:
-    """Refuse sweeps where their engine is not installed; raises SweepError."""
+    """Reject sweeps if their libraries are not installed; raises SweepError."""
     import importlib.util
 
     if any(importlib.util.find_spec(name) is None for name in ('dask', 'distributed', 'pyarrow')):

@@ -1,4 +1,4 @@
-"""The values of a sweep: a row for each run, the same whoever makes them."""
+"""Sampled values of a sweep, one row per run."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,16 +10,16 @@ from delta3_pacdrive.analysis.sweep.design import Law, Sampling, Sweep, Variatio
 from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.numerics.types import Floats
 
-TAIL = 1e-12  # of a normal distribution: its ends are nowhere
+TAIL = 1e-12  # probability at which a normal distribution is truncated
 
 
 def values_of(sweep: Sweep) -> dict[str, NDArray[Any]]:
-    """Return the values of each variation by its key, shape (runs,).
+    """Return the values of each varied quantity by key, shape (runs,).
 
     Raises
     ------
     SweepError
-        A grid or a design needs another number of runs, or SALib is not installed.
+        The number of runs does not fit the grid or the design, or SALib is not installed.
 
     """
     runs = np.arange(1, sweep.runs + 1)
@@ -37,7 +37,7 @@ def _columns(sweep: Sweep, drawn: Sequence[Variation]) -> list[NDArray[Any]]:
 
 
 def _shares(sweep: Sweep, dimensions: int) -> Floats:
-    """Return numbers from 0 to 1, shape (runs, dimensions)."""
+    """Return samples of the unit hypercube, shape (runs, dimensions)."""
     from scipy.stats import qmc
 
     if not dimensions:
@@ -51,13 +51,13 @@ def _shares(sweep: Sweep, dimensions: int) -> Floats:
         case Sampling.SALTELLI:
             return _saltelli(sweep, dimensions)
         case _:
-            # each run from its own stream: a sweep of more runs begins with the same ones
+            # a random stream per run, so that a longer sweep begins with the same runs
             streams = np.random.SeedSequence(sweep.seed).spawn(sweep.runs)
             return np.array([np.random.default_rng(stream).random(dimensions) for stream in streams])
 
 
 def base_runs(runs: int, dimensions: int) -> int:
-    """Return the base samples of a Saltelli design with so many runs; 0 if there is none."""
+    """Return the number of base samples of a Saltelli design with this number of runs; 0 if there is none."""
     base, rest = divmod(runs, dimensions + 2)
     return base if not rest and base > 0 and base & (base - 1) == 0 else 0
 
@@ -68,7 +68,7 @@ def _saltelli(sweep: Sweep, dimensions: int) -> Floats:
         step = dimensions + 2
         near = 2 ** max(round(np.log2(max(sweep.runs / step, 1.0))), 0)
         raise SweepError(
-            f'runs is {sweep.runs}, but sampling saltelli of {dimensions} quantities needs a power of two times '
+            f'runs is {sweep.runs}, but sampling saltelli of {dimensions} quantities requires a power of two times '
             f'{step}, such as {near * step}'
         )
     sample = salib('sample.sobol')
@@ -77,7 +77,7 @@ def _saltelli(sweep: Sweep, dimensions: int) -> Floats:
 
 
 def problem_of(dimensions: int) -> dict[str, Any]:
-    """Return what SALib calls a problem: quantities from 0 to 1."""
+    """Return the problem definition of SALib for quantities from 0 to 1."""
     return {
         'num_vars': dimensions,
         'names': [f'x{n}' for n in range(dimensions)],
@@ -96,7 +96,7 @@ def salib(name: str) -> Any:
 
 
 def _valued(one: Variation, shares: Floats) -> NDArray[Any]:
-    """Return the values of a quantity at shares of its distribution."""
+    """Return the values of a quantity at quantiles of its distribution."""
     if one.law is Law.LIST:
         places = np.minimum((shares * len(one.values)).astype(int), len(one.values) - 1)
         return np.asarray(np.array(one.values, dtype=None if one.is_number else object)[places])
@@ -109,10 +109,10 @@ def _valued(one: Variation, shares: Floats) -> NDArray[Any]:
 
 
 def _grid(drawn: Sequence[Variation], runs: int) -> dict[str, NDArray[Any]]:
-    """Return every combination of lists, the last one varying fastest."""
+    """Return all combinations of lists, the last varying fastest."""
     for one in drawn:
         if one.law is not Law.LIST:
-            raise SweepError(f'{one.key} is {one.law}, but sampling grid takes lists')
+            raise SweepError(f'{one.key} is {one.law}, but sampling grid requires lists')
     counts = [len(one.values) for one in drawn]
     whole = int(np.prod(counts)) if counts else 1
     if whole != runs:

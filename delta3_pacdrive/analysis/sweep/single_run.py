@@ -1,4 +1,4 @@
-"""One run of a sweep: its parameters and its program from a row of values, and the row of numbers that it leaves."""
+"""A single run of a sweep: parameters and program from a row of values, and the row of its results."""
 
 import math
 import time
@@ -23,9 +23,8 @@ from delta3_pacdrive.recording.signals import OF_DRIVES, REQUESTED_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 
 PROGRAM_S = 'program_s'
-PLANS_MAX = 64  # that a process keeps
-# beginnings of the names of what no plan depends on, unless moves are shaped for this very robot; and what is one of
-# these, but is planned with
+PLANS_MAX = 64  # cached plans per process
+# name prefixes of parameters on which plans do not depend, unless moves are shaped for the robot; and exceptions
 UNPLANNED = (
     'rich.',
     'drive.',
@@ -45,19 +44,19 @@ Row = dict[str, Any]
 
 
 class Runner:
-    """A runner makes the runs of a sweep, one by one, in one process.
+    """Makes the runs of a sweep in one process.
 
-    It plans a program anew only if something has changed that a plan depends on.
+    A program is planned anew only if its plan depends on a changed value.
 
     Parameters
     ----------
     sweep
-        Whose runs they are.
+        The sweep.
 
     Attributes
     ----------
     planning_s
-        Processor time [s] that planning took.
+        Processor time for planning.
 
     """
 
@@ -65,14 +64,12 @@ class Runner:
         self._sweep = sweep
         self.planning_s = 0.0
         self._base = from_flat(dict(sweep.parameters))
-        self._parsed: tuple[Any, Motion, Program] | None = (
-            None  # the last document, what else its reader knew
-        )
+        self._parsed: tuple[Any, Motion, Program] | None = None  # last document, motion parameters, program
         self._plans: OrderedDict[str, program_planner.Planned] = OrderedDict()
         self._function = function_of(sweep.function)
 
     def run(self, number: int, values: Mapping[str, Any]) -> Row:
-        """Make a run; whatever becomes of it is told in its row."""
+        """Make a run; errors are reported in its row."""
         row: Row = {'run': number, 'outcome': Outcome.DONE, 'reason': ''}
         try:
             parameters, program = self.made(values)
@@ -81,7 +78,7 @@ class Runner:
                 row |= {'outcome': Outcome.STOPPED, 'reason': trace.meta['stopped']}
             row |= self.numbers(trace)
         except SweepError:
-            raise  # what is kept, or how: no run can be made
+            raise  # invalid definition of results: no run can be made
         except Delta3Error as error:
             row |= {'outcome': Outcome.REFUSED, 'reason': str(error)}
         return row
@@ -135,7 +132,7 @@ class Runner:
         return simulation.run(program, parameters, signals=signals, planner=planner)
 
     def numbers(self, trace: Trace) -> dict[str, float]:
-        """Return the numbers that are kept of a trace; raises Delta3Error."""
+        """Return the results of a trace; raises Delta3Error."""
         figures = figures_of(trace)
         found = figures if not self._sweep.keep else {}
         for one in self._sweep.keep:
@@ -145,7 +142,7 @@ class Runner:
         return found
 
     def _signals(self) -> set[str]:
-        """Signals that are asked for, and that a trace holds on request only."""
+        """Return the required signals that are recorded on request only."""
         named = {name for one in self._sweep.keep for name in (one.signal, one.less) if name}
         return {name for name in named if name in REQUESTED_SIGNALS or name.startswith(OF_DRIVES)}
 
@@ -168,14 +165,14 @@ def is_planned(name: str) -> bool:
 
 
 def plan_key(program: Program, place: Floats, robot: Parameters) -> str:
-    """Return a text that is the same for runs with the same plan, to the last bit."""
+    """Return a text that is equal for runs with bit-identical plans."""
     everything = robot.control.shaping != UNSHAPED
     values = [value for name, value in flatten(robot).items() if everything or is_planned(name)]
     return repr((program, np.asarray(place).tobytes(), everything, values))
 
 
 def figures_of(trace: Trace) -> dict[str, float]:
-    """Return the figures of a trace as single numbers: those of an axis, or of x, y, z, are numbered."""
+    """Return the figures of a trace as single numbers; those of axes, or of x, y, z, are numbered."""
     found: dict[str, float] = {}
     for name, value in trace.meta['figures'].items():
         if isinstance(value, (list, tuple)):
@@ -191,19 +188,19 @@ def _float(value: Any) -> float:
 
 
 def reduced(trace: Trace, kept: Kept) -> float:
-    """Return a number of a signal.
+    """Return the reduction of a signal to a number.
 
     Raises
     ------
     SweepError
-        There is no such figure, no such signal, or no such part of it.
+        The figure, the signal, or that part of it does not exist.
 
     """
     if not kept.signal:
         raise SweepError(f'there is no figure {shown(kept.name)}: figures are {", ".join(figures_of(trace))}')
     for name in filter(None, (kept.signal, kept.less)):
         if name not in trace.signals:
-            raise SweepError(f'{kept.name}: a run tells no signal {name}')
+            raise SweepError(f'{kept.name}: a run contains no signal {name}')
     values = trace[kept.signal]
     if kept.less:
         values = values - trace[kept.less]
@@ -213,7 +210,7 @@ def reduced(trace: Trace, kept: Kept) -> float:
     if kept.axis > values.shape[1]:
         raise SweepError(f'{kept.name}: axis is {kept.axis}, but {kept.signal} has {values.shape[1]} columns')
     if not len(values):
-        raise SweepError(f'{kept.name}: from {kept.from_s:g} to {kept.to_s:g} s there is nothing')
+        raise SweepError(f'{kept.name}: there is no sample from {kept.from_s:g} to {kept.to_s:g} s')
     if kept.axis:
         column = values[:, kept.axis - 1]
     elif kept.signal.startswith('tcp_'):
@@ -238,7 +235,7 @@ def _number(values: Floats, reduction: Reduction) -> float:
 
 
 def function_of(source: str) -> Callable[[Trace], Mapping[str, float]] | None:
-    """Return the function ``figures`` of a source text that the operator has named, None for none."""
+    """Return the function ``figures`` of a source text; None for an empty text."""
     if not source:
         return None
     names: dict[str, Any] = {'__name__': 'sweep_function'}
@@ -249,13 +246,13 @@ def function_of(source: str) -> Callable[[Trace], Mapping[str, float]] | None:
             f'the function of the sweep cannot be read: {type(error).__name__}: {error}'
         ) from error
     if not callable(names.get(FUNCTION)):
-        raise SweepError(f'the file of the function holds no function {FUNCTION}')
+        raise SweepError(f'the file of the function does not define {FUNCTION}')
     function: Callable[[Trace], Mapping[str, float]] = names[FUNCTION]
     return function
 
 
 def own_numbers(function: Callable[[Trace], Mapping[str, float]], trace: Trace) -> dict[str, float]:
-    """Return what an own function makes of a trace; raises SweepError."""
+    """Return the results of a user function for a trace; raises SweepError."""
     try:
         return {str(name): float(value) for name, value in function(trace).items()}
     except Exception as error:

@@ -1,26 +1,26 @@
-"""Files of sweeps, read strictly: every complaint has file, line and column, up to ten of them at once.
+"""Files of sweeps. The strict reader reports up to ten errors at once, with file, line and column.
 
 name: tolerances                # optional
-program: experiment1            # packaged, or a file beside this one
-parameters: rich                # optional: as delta3 simulate takes it
+program: experiment1            # packaged, or a file in the same folder
+parameters: rich                # optional: as for delta3 simulate
 runs: 1000
 sampling: latin_hypercube       # optional: random, latin_hypercube, sobol, saltelli (for Sobol indices), grid
 seed: 1                         # optional
 vary:
   motor.torque_constant_n_m_a: {normal: [0.78, 0.008]}          # mean, standard deviation
-  dynamics.payload_mass_kg: {uniform: [0.0, 2.0]}               # least, greatest
+  dynamics.payload_mass_kg: {uniform: [0.0, 2.0]}               # lower, upper bound
   drive.velocity_gain_a_s_rad: {list: [0.3, 0.35, 0.4]}
-  rich.sensor_seed: run                                         # the number of the run
+  rich.sensor_seed: run                                         # number of the run
   rich.current_gain_error[0]: {normal: [0.0, 0.01]}             # one of several values
-  program.moves[0].move_l.speed_m_s: {uniform: [0.5, 1.0]}      # any value of the program; its faults as well
+  program.moves[0].move_l.speed_m_s: {uniform: [0.5, 1.0]}      # any value of the program, including its faults
 keep:                           # optional: all figures of a run
 - tcp_error_max_m               # a figure
 - {name: true_rms_m, signal: tcp_true, less: tcp_command, of: rms}      # a signal, or the difference of two
 - {name: peak_a, signal: current_max, of: max, axis: 1, from_s: 0.1, to_s: 0.5}
-limits: {tcp_error_max_m: 0.0003}       # optional: how many runs keep within these is told
-function: own.py                # optional: its figures(trace) returns more numbers, by their names
+limits: {tcp_error_max_m: 0.0003}       # optional: the share of runs within these limits is reported
+function: own.py                # optional: its figures(trace) returns more results by name
 
-A file in Python holds the same as a dictionary ``SPEC``, and may hold that function itself.
+A Python file contains the same as a dictionary ``SPEC``, and optionally the function.
 """
 
 import hashlib
@@ -62,7 +62,7 @@ OF_KEPT = ('name', 'signal', 'less', 'of', 'axis', 'from_s', 'to_s')
 
 
 def load(path: str | Path) -> Sweep:
-    """Read the file of a sweep; raises SweepError, and ParameterError and ProgramError of what it names."""
+    """Read the file of a sweep; raises SweepError, ParameterError and ProgramError."""
     path = Path(path)
     document, source = document_of(path, 'sweep')
     errors = Errors(str(path))
@@ -90,7 +90,7 @@ def document_of(path: Path, what: str) -> tuple[Any, str]:
     except Exception as error:
         raise SweepError(f'{path} cannot be run: {type(error).__name__}: {error}') from error
     if 'SPEC' not in names:
-        raise SweepError(f'{path} holds no dictionary SPEC')
+        raise SweepError(f'{path} does not define a dictionary SPEC')
     return names['SPEC'], source if callable(names.get(FUNCTION)) else ''
 
 
@@ -102,24 +102,22 @@ def sweep_of(
     Parameters
     ----------
     fields
-        Of its document, of which ``runs`` and ``sampling`` are read already.
+        Fields of the document; ``runs`` and ``sampling`` are read already.
     path
-        Its file: what it names stands beside it.
+        File of the sweep; other files are searched in its folder.
     errors
-        Takes what is wrong with it.
+        Collects errors.
     source
-        Of its function, if the file holds that itself; else empty.
+        Source of the function, if the file contains it; otherwise empty.
 
     """
-    beside = partial(_beside, path.parent)
-    named = fields.read('program', line_of_text(1000), '', prefix='')
-    program_path = program_file.find(beside(named))
+    name = fields.read('program', line_of_text(1000), '', prefix='')
+    program_path = program_file.find(_in_folder(path.parent, name))
     parameters = fields.read('parameters', line_of_text(1000), None, prefix='')
-    told = core.of_run(
-        None if parameters is None else _parameters_beside(path.parent, parameters), program_path
-    )
-    robot = core.load(told)
-    program = yaml_file.read(program_path, 'program file', ProgramError) if named else {}
+    if parameters is not None:
+        parameters = '+'.join(_in_folder(path.parent, one) for one in parameters.split('+'))
+    robot = core.load(core.of_run(parameters, program_path))
+    program = yaml_file.read(program_path, 'program file', ProgramError) if name else {}
     known = core.flatten(robot)
     vary = fields.read(
         'vary', partial(_variations, errors=errors, known=known, program=program), (), prefix=''
@@ -128,7 +126,7 @@ def sweep_of(
         source = fields.read('function', partial(_source, folder=path.parent), '', prefix='')
     elif 'function' in fields:
         fields.read(
-            'function', lambda *_: refuse(f'function: {path.name} holds {FUNCTION} itself'), prefix=''
+            'function', lambda *_: refuse(f'function: {path.name} already defines {FUNCTION}'), prefix=''
         )
     keep = fields.read('keep', partial(_kept, errors=errors), (), prefix='')
     names = [one.name for one in keep] or figure_names()
@@ -151,21 +149,17 @@ def sweep_of(
 
 
 def digest_of(sweep: Sweep) -> str:
-    """Return a digest of all that the numbers of the runs depend on, the version of the package included."""
-    told = {name: value for name, value in vars(sweep).items() if name not in ('name', 'limits', 'digest')}
-    told['vary'] = [[one.key, one.law, list(one.values)] for one in sweep.vary]
-    told['keep'] = [list(vars(one).values()) for one in sweep.keep]
-    text = json.dumps([versions(), told], sort_keys=True, default=str)
+    """Return a digest of everything on which the results depend, including the version of the package."""
+    content = {name: value for name, value in vars(sweep).items() if name not in ('name', 'limits', 'digest')}
+    content['vary'] = [[one.key, one.law, list(one.values)] for one in sweep.vary]
+    content['keep'] = [list(vars(one).values()) for one in sweep.keep]
+    text = json.dumps([versions(), content], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def _beside(folder: Path, name: str) -> str:
-    """Return a file beside that of the sweep if there is one, else what it says: a packaged one, or a path."""
+def _in_folder(folder: Path, name: str) -> str:
+    """Return a file in a folder if it exists, otherwise the name itself: a packaged file, or a path."""
     return str(folder / name) if name and (folder / name).is_file() else name
-
-
-def _parameters_beside(folder: Path, names: str) -> str:
-    return '+'.join(_beside(folder, name) for name in names.split('+'))
 
 
 def _source(value: Any, where: str, folder: Path) -> str:
@@ -182,21 +176,21 @@ def _variations(
     value: Any, where: str, errors: Errors, known: Mapping[str, Any], program: Any
 ) -> tuple[Variation, ...]:
     if not isinstance(value, dict) or not value:
-        refuse(f'{where} must name what varies, not {shown(value)}')
+        refuse(f'{where} must name the varied quantities, not {shown(value)}')
     if len(value) > VARIED_MAX:
         refuse(f'{where} names {len(value)} quantities, the limit is {VARIED_MAX}')
     found = []
-    for key, told in value.items():
+    for key, law in value.items():
         with errors.noted(place_of_key(value, key)):
             _require_known(key, known, program)
             with errors.noted(place_in(value, key)):
-                found.append(_variation(key, told, errors))
+                found.append(_variation(key, law, errors))
     return tuple(found)
 
 
 def _require_known(key: Any, known: Mapping[str, Any], program: Any) -> None:
     if not isinstance(key, str):
-        refuse(f'{shown(key)} is no name of a parameter')
+        refuse(f'{shown(key)} is not the name of a parameter')
     if key.startswith(PROGRAM):
         try:
             value_at(program, key.removeprefix(PROGRAM))
@@ -215,13 +209,13 @@ def _require_known(key: Any, known: Mapping[str, Any], program: Any) -> None:
             )
 
 
-def _variation(key: str, told: Any, errors: Errors) -> Variation:
-    if told == Law.RUN:
+def _variation(key: str, value: Any, errors: Errors) -> Variation:
+    if value == Law.RUN:
         return Variation(key, Law.RUN)
-    fields = Section(told, key, errors, (Law.LIST, Law.UNIFORM, Law.NORMAL))
+    fields = Section(value, key, errors, (Law.LIST, Law.UNIFORM, Law.NORMAL))
     given = [law for law in (Law.LIST, Law.UNIFORM, Law.NORMAL) if law in fields]
     if len(given) != 1:
-        refuse(f'{key} must be run, or one of list, uniform, normal, not {shown(told)}')
+        refuse(f'{key} must be run, or one of list, uniform, normal, not {shown(value)}')
     (law,) = given
 
     def read(value: Any, where: str) -> tuple[Any, ...]:
@@ -249,19 +243,19 @@ def _kept(value: Any, where: str, errors: Errors) -> tuple[Kept, ...]:
     if len(value) > KEPT_MAX:
         refuse(f'{where} has {len(value)} entries, the limit is {KEPT_MAX}')
     found: list[Kept] = []
-    for n, told in enumerate(value):
+    for n, entry in enumerate(value):
         with errors.noted(place_in(value, n)):
-            one = _one_kept(told, f'{where}[{n}]', errors)
+            one = _one_kept(entry, f'{where}[{n}]', errors)
             if one.name in (other.name for other in found):
-                refuse(f'{where}[{n}]: {one.name} is kept twice')
+                refuse(f'{where}[{n}]: the name {one.name} is used twice')
             found.append(one)
     return tuple(found)
 
 
-def _one_kept(told: Any, where: str, errors: Errors) -> Kept:
-    if isinstance(told, str):
-        return Kept(one_of(figure_names())(told, where))
-    fields = Section(told, where, errors, OF_KEPT, ('name', 'signal'))
+def _one_kept(entry: Any, where: str, errors: Errors) -> Kept:
+    if isinstance(entry, str):
+        return Kept(one_of(figure_names())(entry, where))
+    fields = Section(entry, where, errors, OF_KEPT, ('name', 'signal'))
     return Kept(
         fields.read('name', name_of_number, ''),
         fields.read('signal', _signal, ''),
@@ -274,7 +268,7 @@ def _one_kept(told: Any, where: str, errors: Errors) -> Kept:
 
 
 def name_of_number(value: Any, where: str) -> str:
-    """Read the name of a number that an own function, or ``keep``, gives."""
+    """Read the name of a result."""
     if not isinstance(value, str) or not NAME.fullmatch(value):
         refuse(f'{where} must be a name of letters, digits and _, not {shown(value)}')
     return value

@@ -1,7 +1,7 @@
-"""What a sweep has done so far, in a folder: parts of its table that are there whole or not at all.
+"""Storage of the runs of a sweep in a folder, with atomically written parts.
 
-``sweep.json`` tells which sweep it is. A part ``part_00000001.parquet`` holds the rows of a batch, by its first run.
-At the end ``runs.parquet`` and ``runs.csv`` hold all of them, sorted by their numbers, and the parts are gone.
+``sweep.json`` identifies the sweep. A part ``part_00000001.parquet`` contains the rows of a batch and is named after
+its first run. Finally ``runs.parquet`` and ``runs.csv`` contain all rows sorted by run, and the parts are removed.
 """
 
 import json
@@ -20,32 +20,23 @@ Row = dict[str, Any]
 
 
 class Store:
-    """The store of a sweep.
-
-    Parameters
-    ----------
-    folder
-        Where it is.
-    sweep
-        Which one it is.
-
-    """
+    """Storage of the runs of a sweep."""
 
     def __init__(self, folder: Path, sweep: Sweep) -> None:
         self._folder, self._sweep = folder, sweep
 
     def open(self) -> dict[int, Row]:
-        """Return the rows that are there, by the numbers of their runs.
+        """Return the stored rows by number of the run.
 
         Raises
         ------
         SweepError
-            The folder holds another sweep, or this one of other sources; or it cannot be read or written.
+            The folder contains another sweep, or one of other sources, or cannot be read or written.
 
         """
         import pyarrow.parquet as parquet
 
-        told = {
+        identity = {
             'name': self._sweep.name,
             'runs': self._sweep.runs,
             'digest': self._sweep.digest,
@@ -55,15 +46,15 @@ class Store:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             if manifest.exists():
-                self._require_same(json.loads(manifest.read_text(encoding='utf-8')), told)
+                self._require_same(json.loads(manifest.read_text(encoding='utf-8')), identity)
             else:
                 left = [
                     path.name for path in (self._folder / TABLE, *self._folder.glob(PARTS)) if path.exists()
                 ]
                 if left:
-                    raise SweepError(f'{self._folder} holds {left[0]}, but does not tell of which sweep')
+                    raise SweepError(f'{self._folder} contains {left[0]}, but no {MANIFEST}')
                 with whole_file.atomic_path(manifest) as path:
-                    path.write_text(json.dumps(told, indent=1), encoding='utf-8')
+                    path.write_text(json.dumps(identity, indent=1), encoding='utf-8')
             paths = [
                 path for path in (self._folder / TABLE, *sorted(self._folder.glob(PARTS))) if path.exists()
             ]
@@ -71,23 +62,23 @@ class Store:
         except SweepError:
             raise
         except (OSError, ValueError) as error:
-            raise SweepError(f'cannot keep a sweep in {self._folder}: {error}') from error
+            raise SweepError(f'cannot store a sweep in {self._folder}: {error}') from error
         return {row['run']: row for row in rows}
 
-    def _require_same(self, there: Any, told: dict[str, Any]) -> None:
-        if not isinstance(there, dict) or there.get('digest') != told['digest']:
-            what = f'sweep {there.get("name")}' if isinstance(there, dict) else 'something else'
+    def _require_same(self, stored: Any, identity: dict[str, Any]) -> None:
+        if not isinstance(stored, dict) or stored.get('digest') != identity['digest']:
+            what = f'sweep {stored.get("name")}' if isinstance(stored, dict) else 'other data'
             raise SweepError(
-                f'{self._folder} holds {what}, which is another one, or of other sources: choose another --output, or '
+                f'{self._folder} contains {what}, which differs in definition or sources: choose another --output, or '
                 'remove the folder'
             )
 
     def add(self, rows: Sequence[Row]) -> None:
-        """Keep the rows of a batch; raises SweepError."""
+        """Store the rows of a batch; raises SweepError."""
         self._write(rows, self._folder / f'part_{rows[0]["run"]:08d}.parquet')
 
     def finish(self, rows: Iterable[Row]) -> Path:
-        """Put all rows together, sorted by their runs; return the path of the table; raises SweepError."""
+        """Merge all rows, sorted by run, and return the path of the table; raises SweepError."""
         path = self._folder / TABLE
         self._write(sorted(rows, key=lambda row: row['run']), path)
         for part in self._folder.glob(PARTS):
@@ -109,8 +100,8 @@ class Store:
 
 
 def _kind(pa: Any, name: str, rows: Sequence[Row]) -> Any:
-    """Return the type of a column, the same in every part: whole numbers, texts, or numbers."""
+    """Return the type of a column, equal in all parts: integer, text, or floating point."""
     if name == 'run':
         return pa.int64()
-    told = any(isinstance(row.get(name), str) for row in rows)
-    return pa.string() if told or name in ('outcome', 'reason') else pa.float64()
+    is_text = any(isinstance(row.get(name), str) for row in rows)
+    return pa.string() if is_text or name in ('outcome', 'reason') else pa.float64()

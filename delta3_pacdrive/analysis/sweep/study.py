@@ -1,4 +1,4 @@
-"""What the study of a sweep or an optimisation depends on, and what that of a sweep finds: data only."""
+"""Settings of a sweep or an optimisation, and results of a sweep, data only."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,42 +8,18 @@ from delta3_pacdrive.analysis.sweep.design import Runs
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of the study of a sweep or an optimisation.
+    """Settings of the study of a sweep or an optimisation."""
 
-    Attributes
-    ----------
-    specification
-        Its file.
-    workers
-        Processes of an own cluster; 0: one for each core.
-    scheduler
-        Address of a cluster that is up; empty: an own one.
-
-    """
-
-    specification: Path
-    workers: int = 0
-    scheduler: str = ''
+    specification: Path  # file of the sweep or optimisation
+    workers: int = 0  # processes of a local cluster; 0: one per core
+    scheduler: str = ''  # address of an existing cluster; empty: a local one
 
 
 @dataclass(frozen=True)
 class Results:
-    """The results are the table of all runs, and how it was made.
-
-    Attributes
-    ----------
-    runs
-        All of them.
-    seconds
-        That the runs took which were made now; nan if there were none.
-    made
-        Runs that were made now; the others were there.
-    workers
-        That made them.
-
-    """
+    """Table of all runs, and how it was made."""
 
     runs: Runs
-    seconds: float
-    made: int
-    workers: int
+    seconds: float  # duration of the new runs; nan without any
+    made: int  # number of new runs
+    workers: int  # number of worker processes

@@ -36,7 +36,7 @@ def searched(own, number, refuse=lambda values: False):
             trial_of(own, n, v, row(n, Outcome.REFUSED) if refuse(v) else row(n, **number(v)))
             for n, v in asked
         ]
-        search.tell(reversed(told))  # whoever is done first
+        search.report(reversed(told))  # whoever is done first
         found += told
     return Trials(own, found[0], found, search.importance())
 
@@ -123,7 +123,7 @@ def test_runs_that_fail_are_trials_with_a_reason_that_the_search_stays_away_from
 def test_a_run_without_the_number_that_is_to_be_best_is_none():
     own = wanted(limits={'load': 1.0})
     trial = trial_of(own, 1, {}, row(1, y=math.nan, load=0.5))
-    assert trial.reason == 'its run has no y'
+    assert trial.reason == 'the run has no y'
     assert Trials(own, trial, [trial], {}).best is None
     lacking = trial_of(own, 1, {}, row(1, y=1.0, load=None))
     assert not lacking.keeps_limits

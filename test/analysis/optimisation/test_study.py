@@ -165,7 +165,7 @@ def test_without_a_trial_within_the_limits_there_are_no_files_of_a_best_one(path
 def test_a_folder_whose_trials_the_search_did_not_choose_is_refused(path, here, tmp_path, monkeypatch):
     study(path, tmp_path / 'out').run()
     monkeypatch.setattr(engine, 'told', lambda values: {'drive.position_gain_rad_s_rad': 1.0})
-    with pytest.raises(SweepError, match=r'trial 1 in .* has other values than the search chooses here'):
+    with pytest.raises(SweepError, match=r'trial 1 in .* has other values than those of this search'):
         study(path, tmp_path / 'out').run()
 
 
@@ -190,7 +190,7 @@ def test_a_killed_worker_changes_nothing_on_two_workers(path, here, tmp_path, mo
 
 def test_only_whole_documents_are_left_as_programs(path):
     own = study(path, path.parent / 'out')
-    runner = single_run.Runner(own.wanted.sweep)
+    runner = single_run.Runner(own.optimisation.sweep)
     document = runner.document({'program.moves[0].move_l.speed_m_s': 0.2})
     assert document['moves'][0]['move_l']['speed_m_s'] == 0.2
     assert runner.document({}) == yaml.safe_load(SHORT)

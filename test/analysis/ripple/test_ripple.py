@@ -146,7 +146,7 @@ def test_the_motor_that_is_asked_for_is_the_one_that_is_shown(tmp_path, capsys):
     [
         (
             ['--at', '50', '--cycle-time', '4', '--interpolation', 'cubic'],
-            '--at is 50 s, but the program goes from 0',
+            '--at is 50 s, but the program runs from 0',
         ),
         (['no_such_program'], 'no_such_program'),
     ],

@@ -98,12 +98,12 @@ def test_the_summary_for_people_tells_counts_reasons_yield_and_the_command_of_th
     document = report.summary(Results(some, 4.0, 80, 2), 'my sweep.yaml')
     lines = list(report.text(document))
     assert lines[0] == 'test: 100 runs of test, random: 99 done, 1 refused'
-    assert lines[1] == '80 made now by 2 workers in 4.0 s, 20.0 a second'
+    assert lines[1] == '80 new runs by 2 workers in 4.0 s, 20.0 per second'
     assert lines[2] == '1 runs: too heavy'
     within = int((some.kept['y'][1:] <= 2.0).sum())
-    (told,) = [line for line in lines if 'of the runs keep' in line]
-    assert told.startswith(f'{within:.2f} % of the runs keep y <= 2 (')
-    assert any(line.startswith('y: of its variance x.a ') for line in lines)
+    (told,) = [line for line in lines if 'of the runs have' in line]
+    assert told.startswith(f'{within:.2f} % of the runs have y <= 2 (')
+    assert any(line.startswith('y: shares of its variance x.a ') for line in lines)
     assert lines[-1] == "worst in y: delta3 sweep 'my sweep.yaml' --run 1 --trace run1.npz"
     tables = report.tables(some, 'my sweep.yaml')
     read(document, lines, tables)

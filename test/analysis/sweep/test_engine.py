@@ -123,11 +123,11 @@ def test_a_folder_of_another_sweep_is_refused_and_keeps_what_it_has(path, tmp_pa
     Store(folder, load(path)).open()
     before = (folder / MANIFEST).read_text()
     path.write_text(SPEC.replace('36', '35'), encoding='utf-8')
-    with pytest.raises(SweepError, match='holds sweep own, which is another one'):
+    with pytest.raises(SweepError, match='contains sweep own, which differs'):
         study(path, folder, 1).run()
     assert (folder / MANIFEST).read_text() == before
     (folder / MANIFEST).write_text('{"', encoding='utf-8')
-    with pytest.raises(SweepError, match='cannot keep a sweep in'):
+    with pytest.raises(SweepError, match='cannot store a sweep in'):
         study(path, folder, 1).run()
 
 
@@ -143,7 +143,7 @@ def test_batches_are_the_same_however_many_runs_are_missing(path):
 def test_no_cluster_and_one_of_other_sources_are_refused_in_one_sentence(path, tmp_path, monkeypatch):
     monkeypatch.setattr(engine, 'CONNECT_S', 0.5)
     settings = Settings(path, scheduler='tcp://127.0.0.1:1')
-    with pytest.raises(SweepError, match=r'no cluster answers at tcp://127.0.0.1:1') as told:
+    with pytest.raises(SweepError, match=r'no cluster responds at tcp://127.0.0.1:1') as told:
         Study(settings, tmp_path / 'out', 'test', silent).run()
     assert '\n' not in str(told.value)
 
@@ -170,9 +170,9 @@ def test_a_worker_that_joins_late_with_other_sources_makes_nothing(path):
 @pytest.mark.parametrize(
     ('status', 'error', 'sentence'),
     [
-        ('connecting', OSError('full'), 'the scheduler does not answer'),
-        ('running', CommClosedError('gone'), 'the scheduler does not answer'),
-        ('running', OSError('full'), 'cannot go on: OSError: full'),
+        ('connecting', OSError('full'), 'the scheduler does not respond'),
+        ('running', CommClosedError('gone'), 'the scheduler does not respond'),
+        ('running', OSError('full'), 'failed: OSError: full'),
     ],
 )
 def test_a_cluster_that_breaks_is_told_in_one_sentence(status, error, sentence, path, monkeypatch):
@@ -213,10 +213,10 @@ def test_a_run_is_made_again_with_all_of_its_signals(path, serial, tmp_path):
 
 
 def test_values_in_the_table_are_numbers_and_all_else_is_json():
-    assert engine.told({'a': 1, 'b': True, 'c': 'cubic', 'd': [1, 2]}) == {
+    assert engine.to_row({'a': 1, 'b': True, 'c': 'cubic', 'd': [1, 2]}) == {
         'a': 1.0, 'b': 'true', 'c': '"cubic"', 'd': '[1, 2]',
     }  # fmt: skip
-    assert json.loads(engine.told({'a': {'fault': 'drop_at'}})['a']) == {'fault': 'drop_at'}
+    assert json.loads(engine.to_row({'a': {'fault': 'drop_at'}})['a']) == {'fault': 'drop_at'}
 
 
 @pytest.mark.long

@@ -61,8 +61,8 @@ def test_a_grid_has_every_combination_once_the_last_one_varying_fastest():
     ('sampling', 'runs', 'vary', 'sentence'),
     [
         (Sampling.GRID, 5, (LIST, WORDS), 'runs is 5, but the grid has 6 combinations'),
-        (Sampling.GRID, 3, (UNIFORM,), 'a.b is uniform, but sampling grid takes lists'),
-        (Sampling.SALTELLI, 30, (UNIFORM, NORMAL), 'needs a power of two times 4, such as 32'),
+        (Sampling.GRID, 3, (UNIFORM,), 'a.b is uniform, but sampling grid requires lists'),
+        (Sampling.SALTELLI, 30, (UNIFORM, NORMAL), 'requires a power of two times 4, such as 32'),
     ],
 )
 def test_a_number_of_runs_that_a_design_does_not_have_is_refused(sampling, runs, vary, sentence):

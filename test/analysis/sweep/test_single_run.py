@@ -195,9 +195,9 @@ def test_reductions_are_those_of_the_signal(trace):
     ('kept', 'sentence'),
     [
         (Kept('own'), "there is no figure 'own'"),
-        (Kept('x', 'cell_vacuum'), 'a run tells no signal cell_vacuum'),
+        (Kept('x', 'cell_vacuum'), 'a run contains no signal cell_vacuum'),
         (Kept('x', 'current', axis=4), 'axis is 4, but current has 3 columns'),
-        (Kept('x', 'current', from_s=90.0), 'from 90 to inf s there is nothing'),
+        (Kept('x', 'current', from_s=90.0), 'there is no sample from 90 to inf s'),
     ],
 )
 def test_what_no_run_can_tell_ends_the_sweep(kept, sentence, trace):

@@ -90,7 +90,7 @@ def test_a_complaint_says_where_and_what(change, place, sentence, tmp_path):
     ('more', 'sentence'),
     [
         ('keep: [tcp_error_mx_m]', 'did you mean tcp_error_max_m?'),
-        ('keep: [tcp_error_max_m, tcp_error_max_m]', 'tcp_error_max_m is kept twice'),
+        ('keep: [tcp_error_max_m, tcp_error_max_m]', 'the name tcp_error_max_m is used twice'),
         ('keep: [{name: own, signal: tcp}]', 'must be a signal'),
         ('keep: [{name: a b, signal: tcp_true}]', 'must be a name of letters'),
         ('limits: {tcp_error: 1.0}', 'must be one of'),
@@ -121,7 +121,7 @@ def figures(trace):
 @pytest.mark.parametrize(
     ('source', 'sentence'),
     [
-        ('x = 1', 'holds no dictionary SPEC'),
+        ('x = 1', 'does not define a dictionary SPEC'),
         ('1 / 0', 'cannot be run: ZeroDivisionError'),
         ('(', 'SyntaxError'),
     ],
