@@ -91,7 +91,7 @@ def load(
     TraceError
         The file cannot be read.
     ProgramError
-        There is no trajectory, it has gaps or is out of reach, or it does not begin and end at rest.
+        The file contains no trajectory, it has gaps or is out of reach, or it does not begin and end at rest.
 
     """
     chosen = None if columns is None else column_file.read(columns)

@@ -57,7 +57,7 @@ class Table:
 
 
 def columns_of(title: str, values: Floats, labels: Iterable[str] = '123') -> dict[str, Floats]:
-    """Return the columns of an array by title; ``{}`` in the title stands for the label."""
+    """Return the columns of an array by title; ``{}`` in the title is replaced by the label."""
     return {title.format(label): column for label, column in zip(labels, values.T, strict=True)}
 
 

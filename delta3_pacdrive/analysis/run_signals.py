@@ -32,7 +32,7 @@ def shown_cycles(trace: Trace) -> tuple[int, int]:
 
     This is the window of ``windowed``, or else the program: from shortly before its start until shortly after its end,
     or
-    after the last motion if the end is not recorded. Without a start it is the whole recording.
+    after the last motion if the end is not recorded. If the start is unknown it is the whole recording.
 
     Raises
     ------

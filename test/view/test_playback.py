@@ -139,7 +139,7 @@ def test_a_part_on_a_rotary_axis_is_shown_turned_as_it_was(tmp_path, robot):
 
 def test_a_recording_without_positions_is_refused(run):
     trace = Trace(run.window.time_s, {'current': run.window['current']}, run.window.meta)
-    bare = runs.Run(**{name: getattr(run, name) for name in run.__dataclass_fields__} | {'part': trace})
+    bare = runs.Run(**{name: getattr(run, name) for name in run.__dataclass_fields__} | {'window': trace})
     with pytest.raises(TraceError, match=r'cannot be shown without motor_position .* it has only current$'):
         Film(bare)
 

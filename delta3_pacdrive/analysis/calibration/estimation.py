@@ -169,7 +169,7 @@ def estimate(
     if freedom < (0 if len(columns) <= ARMS else FREEDOM_MIN):
         raise CalibrationError(_too_few(len(used), rows, by_place.shape[1], len(columns)))
     basis, hidden = directions[:kept], directions[kept:]
-    # after homing there is no prior knowledge of the zero angles
+    # homing discards all prior knowledge of the zero angles
     held = np.where((values[:kept] < FIRM) & (len(columns) > ARMS), 1.0, 0.0)
     covariance = basis.T @ np.diag(1.0 / (values[:kept] ** 2 + held)) @ basis + hidden.T @ hidden
     uncertain = (np.eye(len(columns)), covariance)

@@ -147,7 +147,7 @@ class PointsInBase(Observation):
     """Points measured in the frame base of the robot."""
 
     def start(self, x: Floats) -> Floats:
-        """Return an empty array: there are no unknowns."""
+        """Return an empty array: the pose of the instrument is known."""
         return np.zeros(0)
 
     def residuals(self, x: Floats, place: Floats) -> Floats:

@@ -174,7 +174,7 @@ class Study(studies.Study):
         ]
 
     def _places(self, are_pressed: bool) -> Floats:
-        """Return places that nobody has measured; only those where the weight presses the gears, or all."""
+        """Return random points of the workspace, optionally only where the weight loads all gears on one flank."""
         random = np.random.default_rng(self.settings.seed + 1)
         places = random.permutation(estimation.workspace(self.robot, estimation.FINE))
         return np.asarray(places[planning.pressed(places, self.robot)] if are_pressed else places)

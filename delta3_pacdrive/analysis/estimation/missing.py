@@ -97,10 +97,10 @@ def search(
     built = with_effects_of(robot, more)
     if 'geometry' not in effects and not robot.rich.effects.forearm_rods:
         built, effects = built.replace(rich__forearm_rods=True), (*effects, RODS)
-    # the first model's values begin, where they can be those of a robot
+    # start from the values of the first model
     start = {q.symbol: float(v) for q, v in zip(first[0], first[1], strict=True)}
     for number in range(2):
-        on_progress('looking for what is missing', number, 2)
+        on_progress('searching for missing effects', number, 2)
         free = (*first[0], *(q for q in more if q.is_on(built)))
         problem = Problem(free, build(built), with_values(built, {}))
         begin = np.array([start.get(q.symbol, q.read(built)) for q in free])

@@ -204,7 +204,7 @@ def _solve(
     def residuals(y: Floats) -> Floats:
         arrays = problem.residuals(whole(y))
         out = np.concatenate([array.ravel() / s for array, s in zip(arrays, sigmas, strict=True)])
-        # a robot that cannot be is as bad as can be, so that the step is refused
+        # impossible parameters give huge residuals, so that the solver rejects the step
         out = np.nan_to_num(out, nan=1e9, posinf=1e9, neginf=-1e9)
         out = np.concatenate([out, (y * scales - start[columns]) / held])
         costs[y.tobytes()] = 0.5 * float(out @ out)
@@ -230,7 +230,7 @@ def _solve(
 
 
 def whiteness_of(residuals: Floats) -> Whiteness:
-    """Autocorrelation of residuals (n, 3), by the fast Fourier transform, and the lag from which on it is small."""
+    """Return the autocorrelation of residuals (n, 3), computed by FFT, and the lag at which it is small."""
     centred = residuals - residuals.mean(axis=0)
     count = len(centred)
     size = 1 << (2 * count - 1).bit_length()
@@ -251,14 +251,14 @@ def _covariance(
     sigmas: Sequence[float],
     whiteness: Sequence[Whiteness],
 ) -> tuple[Floats, int]:
-    """Covariance of the estimated quantities [scales], and its degrees of freedom.
+    """Return the covariance of the estimated quantities [scales] and its degrees of freedom.
 
-    The estimates are jackknifed by blocks of time that are longer than the memory of the residuals, one step each from
-    the solution: (N - N_b)^-1 s_b, N_b and s_b being a block's share of J'J and of the jacobian times residuals. That
-    is right for coloured and uneven noise as well (White; Liang and Zeger), and for blocks without which little is
-    known (Bell and McCaffrey's CR3). Residuals that are smaller than any sensor's noise are no sample of what may be
-    off: they are the errors of the model and of the encoders' increments, alike in every part of a trace. In their
-    place the sensors' noise counts.
+    The estimates are jackknifed over blocks of time longer than the correlation of the residuals, by one step from the
+    solution: (N - N_b)^-1 s_b with a block's contributions N_b to J'J and s_b to the Jacobian times residuals. This is
+    valid for coloured and uneven noise (White; Liang and Zeger), and for blocks that carry most of the information
+    (Bell and McCaffrey's CR3). Residuals smaller than the sensor noise are systematic errors of the model and of
+    encoder
+    increments, similar in all parts of a trace. For them the sensor noise is used instead.
     """
     jacobian = problem.jacobian(x, columns)
     count = len(columns)
@@ -285,7 +285,7 @@ def _covariance(
     inverse = np.linalg.inv(normal)
     covariance = inverse @ quiet @ inverse
     if scores:
-        # what a single block shows can be known from none: a variance without a bound, but a number
+        # a direction visible in a single block only gets a huge but finite variance
         left_out = (1.0 + 1e-9) * normal - np.concatenate(normals)
         steps = np.linalg.solve(left_out, np.concatenate(scores)[..., None])[..., 0]
         covariance = covariance + steps.T @ steps
@@ -294,7 +294,7 @@ def _covariance(
 
 
 def _quantile(freedom: int) -> float:
-    """Half width of a 95 % interval in standard deviations that are estimated themselves."""
+    """Return the half width of a 95 % interval in estimated standard deviations."""
     return float(student.ppf(0.975, freedom))
 
 
@@ -305,7 +305,7 @@ def half_widths(
     residuals: Sequence[Floats],
     whiteness: Sequence[Whiteness],
 ) -> Floats:
-    """Half widths [scales] of the 95 % intervals of quantities that were estimated with these residuals."""
+    """Return the half widths [scales] of the 95 % intervals of quantities estimated with these residuals."""
     sigmas = [block.sigma for block in problem.blocks]
     covariance, freedom = _covariance(problem, x, columns, residuals, sigmas, whiteness)
     return np.asarray(_quantile(freedom) * np.sqrt(np.diag(covariance)))
@@ -349,7 +349,7 @@ def _estimates(
 
 
 def _gradient(combination: Combination, problem: Problem, x: Floats) -> Floats:
-    """Derivatives of a combination per scale."""
+    """Return the derivatives of a combination per scale."""
     step = 1e-5
     changes = np.diag(step * problem.scales)
     quotients = [problem.combined(combination, x + d) - problem.combined(combination, x - d) for d in changes]

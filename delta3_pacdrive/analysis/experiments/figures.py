@@ -104,9 +104,9 @@ def panels(
     shown: tuple[float, float] | None = None,
     marked: tuple[float, float] | None = None,
 ) -> Figure:
-    """Left the curves of the three columns, right how far they are from the reference or from each other.
+    """Curves of the three columns (left), and their deviations from the reference or from each other (right).
 
-    ``shown`` is a part of the time [s], ``marked`` one that is shaded.
+    ``shown`` is a time range [s], ``marked`` a shaded one.
     """
     quantity = QUANTITIES[name]
     heading = f'{title}: {_typeset(quantity.text)}' + (' (zoom)' if shown else '')
@@ -127,7 +127,7 @@ def panels(
     thin: dict[str, Any] = {}
     if sampled:
         _draw_samples(comparison, keep, grid[:, 0])
-        thin = {'linewidth': 0.6}  # the band behind it is to be seen
+        thin = {'linewidth': 0.6}  # leaves the band visible
     for i, (left, right) in enumerate(grid):
         left.plot(time_s, model[:, i], label='model', **MODEL | thin)
         left.plot(time_s, robot[:, i], label='robot', **ROBOT | thin)

@@ -58,4 +58,4 @@ class Results:
     time_s: Floats  # from the start of the program, shape (n,)
     before_m: Floats  # TCP error without learned torques, shape (n, 3)
     after_m: Floats  # TCP error with them, shape (n, 3)
-    at_end: str  # why there were no more repetitions
+    at_end: str  # reason for ending the repetitions

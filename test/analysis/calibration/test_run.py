@@ -65,7 +65,7 @@ def test_what_limits_it_is_told(summary):
     # where the weight changes the flank, the backlash of a gear at the end of its arm
     backlash = limits['backlash of the gears']
     assert backlash == pytest.approx(2.9e-4 * 0.4)
-    assert GOAL_M < left(summary, 'true TCP all over')['after_rms_m'] < backlash
+    assert GOAL_M < left(summary, 'true TCP over the whole')['after_rms_m'] < backlash
 
 
 def test_every_interval_holds_what_was_built(summary):

@@ -251,7 +251,7 @@ def test_arms_that_differ_are_found_where_the_tcp_was_measured(program, rich):
     start = start_values(quantities, nominal, 0.0)
     plain = fit_built(problem, start, build)
     assert not check(problem, plain).holds
-    better = missing.look(group, build, nominal, (quantities, plain.x), (), quiet, lambda _: None)
+    better = missing.search(group, build, nominal, (quantities, plain.x), (), quiet, lambda _: None)
     assert [one.effect for one in better.lacking] == ['geometry']
     assert better.check.holds
     assert better.rms < 0.1

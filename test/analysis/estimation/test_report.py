@@ -142,7 +142,7 @@ def test_missing_effects_are_named_by_their_importance_and_those_that_are_there_
     plain = fit(Problem(free, build(robot), robot), np.array([1.3]))
     first = free, plain.x
     known = ('friction', 'gear', 'gain_2', 'gain_3', 'offset_1', 'offset_2', 'offset_3', 'a_6')
-    found = missing.look(GROUPS['masses'], build, robot, first, known, lambda *_: None, lambda _: None)
+    found = missing.search(GROUPS['masses'], build, robot, first, known, lambda *_: None, lambda _: None)
     names = {
         'g': ('sensors', 'gains and offsets of the current sensors'),
         'R': ('ripple', 'cogging and ripple of K_m'),

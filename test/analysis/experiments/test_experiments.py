@@ -220,7 +220,7 @@ def test_shapley_values_of_effects_that_superpose_are_what_goes_along_with_the_w
 
 
 def test_a_number_of_coalitions_that_fits_no_players_is_refused():
-    with pytest.raises(ValueError, match='3 coalitions'):
+    with pytest.raises(ValueError, match='coalitions is 3'):
         shapley(np.zeros(3))
 
 
@@ -357,7 +357,7 @@ def test_a_report_without_attribution_leaves_none_of_an_earlier_one(tmp_path, ca
     assert json.loads((tmp_path / 'report.json').read_text(encoding='utf-8'))['attribution'] is None
     printed = capsys.readouterr().out
     assert 'reproduced' not in printed
-    assert 'Claim by claim' in printed
+    assert 'Claims:' in printed
     assert 'Attribution (Shapley' not in printed
 
 
