@@ -221,5 +221,16 @@ def _by_motion(moving: Motions, same_clock: bool, of_second: bool) -> Alignment:
         Fit(shift_s, rate, at_s, 0.0, 0.0) if same_clock else refined(moving, shift_s, rate, at_s, of_second)
     )
     correlation = moving.correlation(fit.shift_s, fit.rate, fit.at_s)
-    figures = fit.shift_95_s, *rival, fit.rate, fit.rate_95, fit.at_s, axes
-    return Alignment(BY_CORRELATION, fit.shift_s, correlation, moving.of, *figures)
+    return Alignment(
+        by=BY_CORRELATION,
+        shift_s=fit.shift_s,
+        correlation=correlation,
+        of=moving.of,
+        uncertainty_s=fit.shift_95_s,
+        rival_shift_s=rival[0],
+        rival_correlation=rival[1],
+        rate=fit.rate,
+        rate_uncertainty=fit.rate_95,
+        at_s=fit.at_s,
+        axes=axes,
+    )

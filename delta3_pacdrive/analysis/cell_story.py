@@ -122,7 +122,14 @@ class CellStory:
 
 def _stay(row: Document) -> Stay:
     x, y, z = row['at_m']
-    return Stay(row['cycle'], How(row['how']), (x, y, z), row['angle_rad'], row['belt'], row['count'])
+    return Stay(
+        cycle=row['cycle'],
+        how=How(row['how']),
+        at_m=(x, y, z),
+        angle_rad=row['angle_rad'],
+        belt=row['belt'],
+        count=row['count'],
+    )
 
 
 def cycles_of(trace: Trace) -> Floats:
@@ -186,4 +193,12 @@ def story_of(
         return None
     report = report or {'cell': '', 'parts': [], 'outcomes': {}}
     parts, outcomes = tuple(report['parts']), report['outcomes']
-    return CellStory(report['cell'], things, parts, outcomes, cycles_of(trace), ways, counted)
+    return CellStory(
+        name=report['cell'],
+        things=things,
+        parts=parts,
+        outcomes=outcomes,
+        cycles=cycles_of(trace),
+        ways=ways,
+        counted=counted,
+    )

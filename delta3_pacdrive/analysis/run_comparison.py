@@ -114,7 +114,14 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
     outside += int(((shifted < time_s[0] - slack) | (shifted > time_s[-1] + slack)).sum())
     time_s = time_s[both]
     held = {name: first.window[name] for name in common}
-    differences = subtracted(first, second, held, second.window.signals, time_s, alignment)
+    differences = subtracted(
+        first=first,
+        second=second,
+        of_first=held,
+        of_second=second.window.signals,
+        time_s=time_s,
+        alignment=alignment,
+    )
     lacking, notes = np.zeros(len(time_s), dtype=bool), []
     for name in common:
         one, other = (
@@ -124,14 +131,14 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
         notes += mismatches(name, one, other, first.robot.dynamics.gear_ratio)
         lacking |= (np.isnan(one) != np.isnan(other)).any(axis=1)
     return Comparison(
-        alignment,
-        time_s,
-        differences,
-        {name: _figures(QUANTITIES[name][0], values, time_s) for name, values in differences.items()},
-        tuple(_pairs(first, second)),
-        differing(first.robot, second.robot),
-        outside + int(lacking.sum()),
-        (*alignment.doubts, *notes),
+        alignment=alignment,
+        time_s=time_s,
+        differences=differences,
+        figures={name: _figures(QUANTITIES[name][0], values, time_s) for name, values in differences.items()},
+        moves=tuple(_pairs(first, second)),
+        parameters=differing(first.robot, second.robot),
+        uncompared=outside + int(lacking.sum()),
+        doubts=(*alignment.doubts, *notes),
     )
 
 
@@ -246,12 +253,12 @@ def move_figures(run: Run, move: DrivenMove) -> MoveFigures:
     error = part.signals.get('following_error', np.full((len(part.time_s), 3), np.nan))[within]
     square = rms[np.isfinite(rms).all(axis=1)] ** 2
     return MoveFigures(
-        move.end_s - move.start_s,
-        largest('tcp_velocity'),
-        _finite_max(peak),
-        float(np.sqrt(square.mean(axis=0)).max()) if len(square) else math.nan,
-        largest('tcp_error'),
-        _finite_max(np.abs(error)),
+        duration_s=move.end_s - move.start_s,
+        speed_max_m_s=largest('tcp_velocity'),
+        current_peak_a=_finite_max(peak),
+        current_rms_a=float(np.sqrt(square.mean(axis=0)).max()) if len(square) else math.nan,
+        tcp_error_max_m=largest('tcp_error'),
+        following_error_max_rad=_finite_max(np.abs(error)),
     )
 
 

@@ -149,7 +149,15 @@ def arm_accelerations(trace: Trace) -> Figure:
     actual = slope(_arm_deg(run, 'motor_speed'), period)
     command = derivatives(_arm_deg(run, 'motor_command'), period)[1]
     labels = _axis_labels(r'$\ddot\theta_{}$ [deg/s$^2$]')
-    return _three_panels(run, 'Arm accelerations', labels, actual, command, 10.0, same_scale=True)
+    return _three_panels(
+        run=run,
+        what='Arm accelerations',
+        labels=labels,
+        actual=actual,
+        command=command,
+        least=10.0,
+        same_scale=True,
+    )
 
 
 def currents(trace: Trace) -> Figure:

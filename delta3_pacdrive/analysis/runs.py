@@ -159,10 +159,24 @@ def load(
     title = str(trace.meta.get('program') or Path(text).name)
     outputs = tuple(story.get('outputs', ()))
     (origin,) = noted([text])
-    used = source if kind == PROGRAM or note else None
-    about = text, title, kind, robot, program, used or '', note
-    cell = bag_cell.read(Path(text), trace) if kind == BAG else cell_story.of_trace(trace, text)
-    return Run(*about, trace, part, moves, marks, outputs, drives, notes, origin, cell)
+    return Run(
+        name=text,
+        title=title,
+        kind=kind,
+        robot=robot,
+        program=program,
+        source=source if source and (kind == PROGRAM or note) else '',
+        robot_note=note,
+        whole=trace,
+        window=part,
+        moves=moves,
+        marks=marks,
+        outputs=outputs,
+        drives=drives,
+        notes=notes,
+        origin=origin,
+        cell=bag_cell.read(Path(text), trace) if kind == BAG else cell_story.of_trace(trace, text),
+    )
 
 
 def recorded(
@@ -259,12 +273,12 @@ def _moves(story: Mapping[str, Any], part: Trace) -> tuple[DrivenMove, ...]:
     first, last, stop = float(part.time_s[0]), float(part.time_s[-1]), _stop_s(part)
     found = [
         DrivenMove(
-            n,
-            str(row['kind']),
-            float(row['start_s']),
-            min(float(row['end_s']), last),
-            float(row['length_m']),
-            str(row.get('limited_by', '')),
+            number=n,
+            kind=str(row['kind']),
+            start_s=float(row['start_s']),
+            end_s=min(float(row['end_s']), last),
+            length_m=float(row['length_m']),
+            limited_by=str(row.get('limited_by', '')),
         )
         for n, row in enumerate(story.get('moves', ()), start=1)
     ]

@@ -179,7 +179,15 @@ def estimate(
     )
     if kept == 0 or off_m[1] > (TOO_LITTLE if is_placed else TOO_LITTLE_UNPLACED) * off_m[0]:
         raise CalibrationError(_too_little(observation, off_m[0], off_m[1]))
-    x, place = _solved(observation, begin, place, sigma, columns, basis, held)
+    x, place = _solved(
+        observation=observation,
+        begin=begin,
+        place=place,
+        sigma=sigma,
+        columns=columns,
+        basis=basis,
+        held=held,
+    )
     after = observation.residuals(x, place)
     scatter = float(np.sqrt((after[used] ** 2).sum() / max(freedom, 1))) / sigma
     if freedom:
@@ -205,9 +213,16 @@ def estimate(
         for n, (j, share) in enumerate(zip(columns, np.diag(covariance), strict=True))
     )
     return Solution(
-        x, place, estimates, tuple(_words(row, columns) for row in hidden), kept, freedom, scatter, off_m,
-        (before, after),
-    )  # fmt: skip
+        x=x,
+        place=place,
+        estimates=estimates,
+        combinations=tuple(_words(row, columns) for row in hidden),
+        directions=kept,
+        freedom=freedom,
+        scatter=scatter,
+        expected_m=off_m,
+        residuals=(before, after),
+    )
 
 
 def _wind_up(observation: Observation, x: Floats, place: Floats) -> Floats:

@@ -103,9 +103,23 @@ def read(path: Path, columns: str | Path | None = None) -> Measurements:
     checksum = _checksum(table.comments)
     if 'object' in table.headings:
         objects, diameters = _objects(table, found.get('diameter'))
-        return Measurements(angles, np.full_like(angles, np.nan), checks, objects, diameters, checksum)
+        return Measurements(
+            angles_rad=angles,
+            points_m=np.full_like(angles, np.nan),
+            checks=checks,
+            objects=objects,
+            diameters_m=diameters,
+            checksum=checksum,
+        )
     points = np.stack([_numbers(table, found[name]) for name in POINT], axis=-1)
-    return Measurements(angles, points, checks, (), np.full(len(angles), np.nan), checksum)
+    return Measurements(
+        angles_rad=angles,
+        points_m=points,
+        checks=checks,
+        objects=(),
+        diameters_m=np.full(len(angles), np.nan),
+        checksum=checksum,
+    )
 
 
 def _checksum(comments: Sequence[str]) -> str:

@@ -70,13 +70,13 @@ def plan(requirements: Requirements, robot: Parameters) -> Poses:
     checks = _spread(found, chosen, requirements.checks)
     order = _tour(found, [*chosen, *checks])
     return Poses(
-        found.points_m[order],
-        np.isin(order, checks),
-        tuple(found.objects[n] for n in order) if found.objects else (),
-        found.diameters_m[order],
-        found.directions[order],
-        FAR_REACH_M if requirements.method == Method.LEVEL else REACH_M,
-        _expected(found.rows[chosen], requirements, robot),
+        points_m=found.points_m[order],
+        checks=np.isin(order, checks),
+        objects=tuple(found.objects[n] for n in order) if found.objects else (),
+        diameters_m=found.diameters_m[order],
+        directions=found.directions[order],
+        reach_m=FAR_REACH_M if requirements.method == Method.LEVEL else REACH_M,
+        expected_m=_expected(found.rows[chosen], requirements, robot),
     )
 
 

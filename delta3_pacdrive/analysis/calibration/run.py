@@ -214,19 +214,19 @@ class Study(studies.Study):
             truth = tuple(whole[free].tolist())
         before, after = (np.linalg.norm(rows, axis=1) for rows in estimated.residuals)
         return Result(
-            estimated.estimates,
-            estimated.combinations,
-            estimated.directions,
-            estimated.freedom,
-            tuple(left),
-            estimated.scatter,
-            estimated.expected_m[1],
-            tuple(limits),
-            measured,
-            model.tcp(observation.shafts, estimated.x, self.robot),
-            (before, after),
-            model.document_of(estimated.x),
-            truth,
+            estimates=estimated.estimates,
+            combinations=estimated.combinations,
+            directions=estimated.directions,
+            freedom=estimated.freedom,
+            residuals=tuple(left),
+            scatter=estimated.scatter,
+            expected_m=estimated.expected_m[1],
+            limits=tuple(limits),
+            measurements=measured,
+            points_m=model.tcp(observation.shafts, estimated.x, self.robot),
+            residuals_m=(before, after),
+            corrections=model.document_of(estimated.x),
+            truth=truth,
         )
 
     def _write_measured(self, folder: ReportFolder, measured: Measurements) -> Path:

@@ -86,7 +86,14 @@ def points(poses: Poses, robot: Parameters, method: Method, noise_m: float, seed
     if method == Method.FRAME:
         turn = Rotation.from_rotvec(TURN_RAD * random.standard_normal(3))
         seen = turn.apply(seen) + STAND_M * random.standard_normal(3)
-    return Measurements(angles, seen, poses.checks, (), poses.diameters_m, robot.checksum)
+    return Measurements(
+        angles_rad=angles,
+        points_m=seen,
+        checks=poses.checks,
+        objects=(),
+        diameters_m=poses.diameters_m,
+        checksum=robot.checksum,
+    )
 
 
 def touches(
@@ -114,12 +121,12 @@ def touches(
         first, second = angles[begin + met[0]], angles[begin + met[0] + 1]
         found.append(first + share * (second - first))
     return Measurements(
-        np.array(found),
-        np.full((len(found), 3), np.nan),
-        poses.checks,
-        poses.objects,
-        poses.diameters_m,
-        robot.checksum,
+        angles_rad=np.array(found),
+        points_m=np.full((len(found), 3), np.nan),
+        checks=poses.checks,
+        objects=poses.objects,
+        diameters_m=poses.diameters_m,
+        checksum=robot.checksum,
     )
 
 
@@ -153,4 +160,12 @@ def scattered(points_m: Floats, checks: Sequence[bool]) -> Poses:
     """Return poses without objects at points [m]."""
     count = len(points_m)
     unknown = np.full(count, np.nan)
-    return Poses(points_m, np.array(checks), (), unknown, np.zeros((count, 3)), 0.0, (np.nan, np.nan))
+    return Poses(
+        points_m=points_m,
+        checks=np.array(checks),
+        objects=(),
+        diameters_m=unknown,
+        directions=np.zeros((count, 3)),
+        reach_m=0.0,
+        expected_m=(np.nan, np.nan),
+    )

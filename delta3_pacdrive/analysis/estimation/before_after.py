@@ -92,7 +92,14 @@ def compare(trace: Trace, before: Parameters, after: Parameters) -> BeforeAfter:
     robot = course({name: trace[name][rows] for name in ('current', 'motor_position')})
     old, new = (course(replay.run({})) for replay in replays)
     noise = replays[1].noise({}, NOISE_RUNS) if replays[1].is_noisy else None
-    return BeforeAfter(trace.time_s[rows], robot, old, new, before.bus.cycle_time_s, noise)
+    return BeforeAfter(
+        time_s=trace.time_s[rows],
+        robot=robot,
+        before=old,
+        after=new,
+        cycle_time_s=before.bus.cycle_time_s,
+        noise=noise,
+    )
 
 
 def error_norm(positions: Floats, commands: Floats, parameters: Parameters) -> Floats:

@@ -128,7 +128,15 @@ def analyse_jacobian(
         verdict = _verdict(j in visible, error)
         reason = _reason(verdict, change, error, partners)
         findings.append(
-            Finding(symbol, verdict, reason, change, tuple(lengths[:, j].tolist()), error, partners)
+            Finding(
+                symbol=symbol,
+                verdict=verdict,
+                reason=reason,
+                sensitivity=change,
+                sensitivity_by_block=tuple(lengths[:, j].tolist()),
+                relative_error=error,
+                partners=partners,
+            )
         )
     chosen: tuple[int, ...] = ()
     scaled, basis = np.zeros(0), np.zeros((rank, len(symbols)))
@@ -140,14 +148,14 @@ def analyse_jacobian(
         _, _, order = qr(unit * preferred, mode='economic', pivoting=True)
         chosen = tuple(sorted(visible[k] for k in order[:rank]))
     return Identifiability(
-        tuple(findings),
-        tuple(scaled.tolist()),
-        float(scaled[0] / scaled[rank - 1]) if rank else np.inf,
-        float(values[0] / values[rank - 1]) if rank else np.inf,
-        rank,
-        _collinear(seen, values[:rank], names),
-        chosen,
-        basis,
+        findings=tuple(findings),
+        singular_values=tuple(scaled.tolist()),
+        condition=float(scaled[0] / scaled[rank - 1]) if rank else np.inf,
+        condition_of_columns=float(values[0] / values[rank - 1]) if rank else np.inf,
+        rank=rank,
+        collinear=_collinear(seen, values[:rank], names),
+        estimated=chosen,
+        basis=basis,
     )
 
 

@@ -122,13 +122,13 @@ def search(
     lacking = [Lacking(effect, float(np.sqrt(without[effect] / count))) for effect in effects]
     values = {q.symbol: float(v) for q, v in zip(problem.quantities, found.x, strict=True)}
     return Better(
-        with_values(built, values),
-        problem,
-        found,
-        check(problem, found),
-        tuple(sorted(lacking, key=lambda one: -one.rms_without)),
-        float(np.sqrt(plain)),
-        float(np.sqrt(cost / count)),
+        robot=with_values(built, values),
+        problem=problem,
+        fit=found,
+        check=check(problem, found),
+        lacking=tuple(sorted(lacking, key=lambda one: -one.rms_without)),
+        rms_plain=float(np.sqrt(plain)),
+        rms=float(np.sqrt(cost / count)),
     )
 
 

@@ -111,15 +111,15 @@ def _of_fitted(block: Block, residuals: Floats, white: Whiteness, predicted: flo
     # coloured residuals contain fewer independent samples, so that noise is fitted as well
     inflation = 1.0 + 2.0 * count * _colour(white) / residuals.size
     return BlockCheck(
-        block.name,
-        block.unit,
-        white.rms,
-        block.sigma,
-        chance,
-        predicted,
-        white.rms <= RMS_MAX * block.sigma,
-        chance >= CHANCE_MIN,
-        quiet or predicted**2 <= PREDICTED_MAX * inflation * white.rms**2,
+        signal=block.name,
+        unit=block.unit,
+        rms=white.rms,
+        noise=block.sigma,
+        chance=chance,
+        predicted=predicted,
+        is_small=white.rms <= RMS_MAX * block.sigma,
+        is_white=chance >= CHANCE_MIN,
+        is_predicted=quiet or predicted**2 <= PREDICTED_MAX * inflation * white.rms**2,
     )
 
 
@@ -131,7 +131,18 @@ def _of_aside(model: Model, values: Mapping[str, float], fitted: Sequence[BlockC
         # residuals as large as those of the fitted recordings were judged there
         is_small = rms <= ASIDE_MAX * max([block.sigma, *likes])
         out.append(
-            BlockCheck(block.name, block.unit, rms, block.sigma, 1.0, None, is_small, True, True, aside=True)
+            BlockCheck(
+                signal=block.name,
+                unit=block.unit,
+                rms=rms,
+                noise=block.sigma,
+                chance=1.0,
+                predicted=None,
+                is_small=is_small,
+                is_white=True,
+                is_predicted=True,
+                aside=True,
+            )
         )
     return out
 

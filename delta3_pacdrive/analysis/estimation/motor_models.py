@@ -55,7 +55,16 @@ class WindingModel:
         )
         self.shapes = (self._current.T.shape,)
         start = float(trace.time_s[rows.start])
-        self.blocks = (Block('current by voltage', 'A', NOISE.current_a, self._period, start, memory),)
+        self.blocks = (
+            Block(
+                name='current by voltage',
+                unit='A',
+                sigma=NOISE.current_a,
+                period_s=self._period,
+                start_s=start,
+                memory_s=memory,
+            ),
+        )
 
     def residuals(self, values: Mapping[str, float]) -> list[Floats]:
         """Measured less simulated current [A], shape (n, 3)."""

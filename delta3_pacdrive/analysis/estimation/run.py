@@ -176,7 +176,15 @@ class Study(studies.Study):
         tables = report.fit_tables(document, found, problem)
         drawings = figures.of_fit(found, problem, document['estimates'])
         if self.settings.apply:
-            applied = self._apply(traces, folder, problem, found, verdict, better, start)
+            applied = self._apply(
+                traces=traces,
+                folder=folder,
+                problem=problem,
+                found=found,
+                verdict=verdict,
+                better=better,
+                start=start,
+            )
             document['applied'], more = applied
             drawings |= more
         title = f'Estimation: {self.settings.group}'
@@ -256,7 +264,15 @@ class Study(studies.Study):
 
         first = self.quantities, found.x
         known = self.settings.known
-        return missing.search(group, build, self.model_robot, first, known, self.on_progress, lambda _: None)
+        return missing.search(
+            group=group,
+            build=build,
+            robot=self.model_robot,
+            first=first,
+            known=known,
+            on_progress=self.on_progress,
+            on_iterate=lambda _: None,
+        )
 
     def _can_replay(self, trace: Trace) -> bool:
         coarse = abs(sample_time_s(trace) - self.robot.bus.cycle_time_s) < 1e-3 * self.robot.bus.cycle_time_s
@@ -287,7 +303,16 @@ class Study(studies.Study):
         source = f'from {", ".join(self.settings.inputs)}'
         sentences = [*verdict.sentences, *([better.sentence] if better else [])]
         holds = verdict.holds
-        fitted_file.write(path, after, problem, found, self._provenance(), source, sentences, holds)
+        fitted_file.write(
+            path=path,
+            parameters=after,
+            problem=problem,
+            found=found,
+            provenance=self._provenance(),
+            source=source,
+            verdict=sentences,
+            holds=holds,
+        )
         folder.add(path)
         document: dict[str, Any] = {'file': str(path), 'model_holds': holds, 'before_after': []}
         drawings: dict[str, Any] = {}

@@ -156,7 +156,15 @@ def fit_once(problem: Problem, start: Floats, on_iterate: OnIterate | None, resu
     for number in range(ROUNDS_MAX):
         if not report.estimated:
             raise EstimationError('none of the quantities is identifiable from the signals')
-        x, solution, count = _solve(problem, start, x, report, sigmas, on_iterate, count)
+        x, solution, count = _solve(
+            problem=problem,
+            start=start,
+            x=x,
+            report=report,
+            sigmas=sigmas,
+            on_iterate=on_iterate,
+            count=count,
+        )
         residuals = problem.residuals(x)
         own = [max(float(np.sqrt(np.mean(array**2))), 1e-3 * s.sigma)
                for array, s in zip(residuals, problem.blocks, strict=True)]  # fmt: skip
@@ -168,10 +176,34 @@ def fit_once(problem: Problem, start: Floats, on_iterate: OnIterate | None, resu
     noise = [max(value, block.sigma) for value, block in zip(own, problem.blocks, strict=True)]
     report_at_noise = analyse(problem, x, noise)
     whiteness = tuple(whiteness_of(array) for array in residuals)
-    covariance, freedom = _covariance(problem, x, report.estimated, residuals, sigmas, whiteness)
-    estimates = _estimates(problem, start, x, report_at_noise, report.estimated, covariance, freedom)
-    ended = float(solution.cost), count, bool(solution.status > 0), str(solution.message).rstrip('.')
-    return Fit(x, estimates, report_at_noise, residuals, whiteness, *ended)
+    covariance, freedom = _covariance(
+        problem=problem,
+        x=x,
+        columns=report.estimated,
+        residuals=residuals,
+        sigmas=sigmas,
+        whiteness=whiteness,
+    )
+    estimates = _estimates(
+        problem=problem,
+        start=start,
+        x=x,
+        report=report_at_noise,
+        columns=report.estimated,
+        covariance=covariance,
+        freedom=freedom,
+    )
+    return Fit(
+        x=x,
+        estimates=estimates,
+        identifiability=report_at_noise,
+        residuals=residuals,
+        whiteness=whiteness,
+        cost=float(solution.cost),
+        iterations=count,
+        converged=bool(solution.status > 0),
+        message=str(solution.message).rstrip('.'),
+    )
 
 
 def _solve(
@@ -307,7 +339,9 @@ def half_widths(
 ) -> Floats:
     """Return the half widths [scales] of the 95 % intervals of quantities estimated with these residuals."""
     sigmas = [block.sigma for block in problem.blocks]
-    covariance, freedom = _covariance(problem, x, columns, residuals, sigmas, whiteness)
+    covariance, freedom = _covariance(
+        problem=problem, x=x, columns=columns, residuals=residuals, sigmas=sigmas, whiteness=whiteness
+    )
     return np.asarray(_quantile(freedom) * np.sqrt(np.diag(covariance)))
 
 
@@ -343,7 +377,15 @@ def _estimates(
                 half = quantile * float(np.sqrt(own @ covariance @ own))
                 before, value = problem.combined(c, start), problem.combined(c, x)
                 estimates.append(
-                    Estimate(c.symbol, c.unit, before, value, half, Verdict.IDENTIFIABLE, c.formula)
+                    Estimate(
+                        symbol=c.symbol,
+                        unit=c.unit,
+                        start=before,
+                        value=value,
+                        half_width=half,
+                        verdict=Verdict.IDENTIFIABLE,
+                        formula=c.formula,
+                    )
                 )
     return tuple(estimates)
 

@@ -146,7 +146,15 @@ def study(
     on_progress('with scales and slopes', 0, 1)
     problem = Problem(FREED, [ReplayModel(trace, parameters)], parameters)
     cure = fit(problem, start_values(FREED, parameters, off), on_iterate, resume)
-    return ThesisStudy(tuple(quotients), profiles, attempts, cure, problem, others, recorded)
+    return ThesisStudy(
+        quotients=tuple(quotients),
+        profiles=profiles,
+        attempts=attempts,
+        cure=cure,
+        problem=problem,
+        built=others,
+        recorded=recorded,
+    )
 
 
 def _attempts(
@@ -230,12 +238,13 @@ def quotients_of(
             length = float(np.linalg.norm(seen))
             out.append(
                 Quotient(
-                    symbol,
-                    step,
-                    length / NOISE.current_a,
-                    float(np.linalg.norm(smooth)) / NOISE.current_a,
-                    float((seen * true).sum()) / max(length * float(np.linalg.norm(true)), 1e-300),
-                    float(np.abs(after['motor_position'] - before['motor_position']).max()) * per_rad,
+                    symbol=symbol,
+                    step=step,
+                    through_encoder=length / NOISE.current_a,
+                    ideal=float(np.linalg.norm(smooth)) / NOISE.current_a,
+                    agreement=float((seen * true).sum()) / max(length * float(np.linalg.norm(true)), 1e-300),
+                    increments=float(np.abs(after['motor_position'] - before['motor_position']).max())
+                    * per_rad,
                 )
             )
             done += 1
@@ -279,13 +288,13 @@ def attempt_once(trace: Trace, parameters: Parameters, step: float, off: float) 
     solution = least_squares(residuals, start, '2-point', bounds=bounds, diff_step=step, **LIMITS)
     first = residuals(start)
     return Attempt(
-        step,
-        off,
-        tuple(start.tolist()),
-        tuple(solution.x.tolist()),
-        tuple((solution.x / start - 1.0).tolist()),
-        0.5 * float(first @ first),
-        float(solution.cost),
-        int(solution.nfev) + len(start) * int(solution.njev),
-        str(solution.message).rstrip('.').replace('`', ''),
+        step=step,
+        off=off,
+        start=tuple(start.tolist()),
+        values=tuple(solution.x.tolist()),
+        moved=tuple((solution.x / start - 1.0).tolist()),
+        cost_start=0.5 * float(first @ first),
+        cost=float(solution.cost),
+        evaluations=int(solution.nfev) + len(start) * int(solution.njev),
+        message=str(solution.message).rstrip('.').replace('`', ''),
     )

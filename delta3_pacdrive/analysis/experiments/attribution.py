@@ -209,13 +209,14 @@ def outcome_of(key: tuple[str, str], effects: Sequence[str], of_model: float, va
     """Return the attribution from the values of all subsets of effects; bit i of an index is effect i."""
     every = len(values) - 1
     return Outcome(
-        *key,
-        of_model,
-        float(values[every]),
-        float(values[0] - of_model),
-        {name: float(values[1 << i] - values[0]) for i, name in enumerate(effects)},
-        {name: float(values[every] - values[every ^ (1 << i)]) for i, name in enumerate(effects)},
-        dict(zip(effects, shapley(values).tolist(), strict=True)),
+        signal=key[0],
+        statistic=key[1],
+        model=of_model,
+        robot=float(values[every]),
+        other=float(values[0] - of_model),
+        alone={name: float(values[1 << i] - values[0]) for i, name in enumerate(effects)},
+        left_out={name: float(values[every] - values[every ^ (1 << i)]) for i, name in enumerate(effects)},
+        share=dict(zip(effects, shapley(values).tolist(), strict=True)),
     )
 
 

@@ -127,7 +127,15 @@ class Run:
         knows_start = part.meta.get('start_cycle') is not None
         origin = float(part.meta.get('origin_s', 0.0))
         cycle = np.rint((part.time_s - origin) / period).astype(np.int64)
-        return Run(cycle, period, actual, reference, missing, origin, knows_start)
+        return Run(
+            cycle=cycle,
+            period_s=period,
+            actual=actual,
+            reference=reference,
+            missing=missing,
+            origin_s=origin,
+            knows_start=knows_start,
+        )
 
     @property
     def time_s(self) -> Floats:

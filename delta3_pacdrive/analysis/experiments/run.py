@@ -204,7 +204,12 @@ def compared(pair: Pair, on_progress: OnProgress = studies.silent) -> Results:
         else:
             notes.append(f'the difference is not attributed to effects: {why_not}')
     return Results(
-        None, f'{names[0]} as the model, {names[1]} as the robot', comparison, explained, notes, aligned
+        number=None,
+        program=f'{names[0]} as the model, {names[1]} as the robot',
+        comparison=comparison,
+        attribution=explained,
+        notes=notes,
+        alignment=aligned,
     )
 
 

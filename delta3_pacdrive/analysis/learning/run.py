@@ -159,12 +159,12 @@ class Study(studies.Study):
         mean = np.mean([measured(known, *load)[:taps] for load in loads], axis=0)
         return [
             AxisLearning(
-                mean[:, axis, axis],
-                cycles,
-                cycle_s,
-                chosen.bandwidth_hz,
-                chosen.change_weight,
-                chosen.torque_weight,
+                response=mean[:, axis, axis],
+                cycles=cycles,
+                cycle_time_s=cycle_s,
+                bandwidth_hz=chosen.bandwidth_hz,
+                change_weight=chosen.change_weight,
+                torque_weight=chosen.torque_weight,
             )
             for axis in range(3)
         ]
@@ -215,15 +215,15 @@ class Study(studies.Study):
                 at_end = f'repetition {number} improved by less than {100.0 * LEAST_GAIN:.0f} %'
                 break
         return Results(
-            self.program.name,
-            contractions,
-            tuple(repetitions),
-            min(repetitions, key=lambda one: one.tcp_error_rms_m),
-            best,
-            first.time_s[rows] - first.time_s[start],
-            first['tcp_error'][rows],
-            best_run['tcp_error'][rows],
-            at_end,
+            program=self.program.name,
+            contractions=contractions,
+            repetitions=tuple(repetitions),
+            best=min(repetitions, key=lambda one: one.tcp_error_rms_m),
+            learned=best,
+            time_s=first.time_s[rows] - first.time_s[start],
+            before_m=first['tcp_error'][rows],
+            after_m=best_run['tcp_error'][rows],
+            at_end=at_end,
         )
 
     def _drive(self, learned: Learned, number: int) -> Trace:
@@ -254,10 +254,10 @@ class Study(studies.Study):
 def _repetition(number: int, run: Trace, learned: Learned) -> Repetition:
     figures = run.meta['figures']
     return Repetition(
-        number,
-        figures['tcp_error_max_m'],
-        figures['tcp_error_rms_m'],
-        max(figures['current_peak_a']),
-        max(figures['current_rms_a']),
-        float(np.abs(learned.torques).max()),
+        number=number,
+        tcp_error_max_m=figures['tcp_error_max_m'],
+        tcp_error_rms_m=figures['tcp_error_rms_m'],
+        current_peak_a=max(figures['current_peak_a']),
+        current_rms_a=max(figures['current_rms_a']),
+        torque_max_n_m=float(np.abs(learned.torques).max()),
     )

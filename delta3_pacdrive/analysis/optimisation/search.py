@@ -151,7 +151,7 @@ def trial_of(optimisation: Optimisation, number: int, values: Mapping[str, Any],
         name: (kept[name] - limit) / max(abs(limit), 1e-12) if name in kept else FAILED
         for name, limit in optimisation.sweep.limits.items()
     }
-    return Trial(number, values, kept, outcome, reason, excess)
+    return Trial(number=number, values=values, kept=kept, outcome=outcome, reason=reason, excess=excess)
 
 
 def base_values(optimisation: Optimisation) -> dict[str, Any]:

@@ -45,7 +45,9 @@ def load(path: str | Path) -> Optimisation:
         fields = Section(document, 'the optimisation', errors, KEYS, required)
         trials = fields.read('trials', whole_number_between(1, TRIALS_MAX), 1, prefix='')
         together = fields.read('together', whole_number_between(1, TOGETHER_MAX), TOGETHER, prefix='')
-        sweep = sweeps.sweep_of(fields, path, errors, source, trials, Sampling.RANDOM)
+        sweep = sweeps.sweep_of(
+            fields=fields, path=path, errors=errors, source=source, runs=trials, sampling=Sampling.RANDOM
+        )
         for one in sweep.vary:
             if one.law not in (Law.LIST, Law.UNIFORM):
                 with errors.noted(place_of_key(document['vary'], one.key)):

@@ -70,20 +70,23 @@ def measure(program: Program, robot: Parameters, axis: int, on_progress: OnProgr
     current = run.scope.left['motor_current'][rows]
     error = np.linalg.norm(run.tcp_error[cycles], axis=1)
     return Case(
-        bus.cycle_time_s,
-        drive.interpolation,
-        robot.set_point_delay_cycles * bus.cycle_time_s,
-        *_peak_and_rms(at_current),
-        *_peak_and_rms(current),
-        _rms(jerk(current, robot)).tolist(),
-        float(error.max()),
-        float(_rms(error)),
-        _samples(run, rows, cycles, at_current, axis, robot),
+        cycle_time_s=bus.cycle_time_s,
+        interpolation=drive.interpolation,
+        delay_s=robot.set_point_delay_cycles * bus.cycle_time_s,
+        at_peak_a=_peak(at_current),
+        at_rms_a=_rms(at_current).tolist(),
+        peak_a=_peak(current),
+        rms_a=_rms(current).tolist(),
+        jerk_rad_s3=_rms(jerk(current, robot)).tolist(),
+        tcp_error_max_m=float(error.max()),
+        tcp_error_rms_m=float(_rms(error)),
+        samples=_samples(run=run, rows=rows, cycles=cycles, at_current=at_current, axis=axis, robot=robot),
     )
 
 
-def _peak_and_rms(values: Floats) -> tuple[list[float], list[float]]:
-    return np.abs(values).max(axis=0).tolist(), _rms(values).tolist()
+def _peak(values: Floats) -> list[float]:
+    peaks: list[float] = np.abs(values).max(axis=0).tolist()
+    return peaks
 
 
 def _rms(values: Floats) -> Floats:
@@ -107,13 +110,13 @@ def _samples(
     left, found = run.scope.left, run.scope.found
     count = rows.stop - rows.start
     return Samples(
-        np.arange(count) * period_s,
-        left['reference'][rows, i],
-        left['speed_reference'][rows, i],
-        found['speed'][rows, i],
-        left['current_reference'][rows, i],
-        found['voltage'][rows, i],
-        left['motor_current'][rows, i],
-        np.arange(cycles.stop - cycles.start) * cycle_s,
-        at_current[:, i],
+        time_s=np.arange(count) * period_s,
+        set_point=left['reference'][rows, i],
+        speed_reference=left['speed_reference'][rows, i],
+        speed=found['speed'][rows, i],
+        current_reference=left['current_reference'][rows, i],
+        voltage=found['voltage'][rows, i],
+        current=left['motor_current'][rows, i],
+        at_time_s=np.arange(cycles.stop - cycles.start) * cycle_s,
+        at_current=at_current[:, i],
     )

@@ -64,10 +64,17 @@ def distributions(found: Runs) -> list[Distribution]:
     for name, values in found.kept.items():
         known = values[found.done & np.isfinite(values)]
         if len(known):
-            shares = tuple(np.quantile(known, SHARES).tolist())
-            ends = float(known.min()), float(known.max())
-            deviation = float(known.std(ddof=1)) if len(known) > 1 else 0.0
-            rows.append(Distribution(name, len(known), float(known.mean()), deviation, *ends, shares))
+            rows.append(
+                Distribution(
+                    name=name,
+                    runs=len(known),
+                    mean=float(known.mean()),
+                    deviation=float(known.std(ddof=1)) if len(known) > 1 else 0.0,
+                    low=float(known.min()),
+                    high=float(known.max()),
+                    shares=tuple(np.quantile(known, SHARES).tolist()),
+                )
+            )
     return rows
 
 
@@ -145,7 +152,16 @@ def yields(found: Runs) -> list[Yield]:
         values = found.kept[name]
         within = int((found.done & np.isfinite(values) & (values <= limit)).sum())
         interval = binomtest(within, len(values)).proportion_ci(CONFIDENCE)
-        rows.append(Yield(name, limit, len(values), within, float(interval.low), float(interval.high)))
+        rows.append(
+            Yield(
+                name=name,
+                limit=limit,
+                runs=len(values),
+                within=within,
+                low=float(interval.low),
+                high=float(interval.high),
+            )
+        )
     return rows
 
 

@@ -71,7 +71,7 @@ def load(path: str | Path) -> Sweep:
         fields = Section(document, 'the sweep', errors, KEYS, ('program', 'runs', 'vary'))
         runs = fields.read('runs', whole_number_between(1, RUNS_MAX), 1, prefix='')
         sampling = Sampling(fields.read('sampling', one_of(tuple(Sampling)), Sampling.RANDOM, prefix=''))
-        sweep = sweep_of(fields, path, errors, source, runs, sampling)
+        sweep = sweep_of(fields=fields, path=path, errors=errors, source=source, runs=runs, sampling=sampling)
         found.append(replace(sweep, digest=digest_of(sweep)))
     return found[0]
 
@@ -134,17 +134,17 @@ def sweep_of(
         'limits', partial(_limits, errors=errors, names=None if source else names), {}, prefix=''
     )
     return Sweep(
-        fields.read('name', line_of_text(60), path.stem, prefix=''),
-        program,
-        program_path.stem,
-        core.flat_document(robot),
-        runs,
-        sampling,
-        fields.read('seed', whole_number_between(0, 2**31 - 1), 1, prefix=''),
-        vary,
-        keep,
-        limits,
-        source,
+        name=fields.read('name', line_of_text(60), path.stem, prefix=''),
+        program=program,
+        program_name=program_path.stem,
+        parameters=core.flat_document(robot),
+        runs=runs,
+        sampling=sampling,
+        seed=fields.read('seed', whole_number_between(0, 2**31 - 1), 1, prefix=''),
+        vary=vary,
+        keep=keep,
+        limits=limits,
+        function=source,
     )
 
 
@@ -257,13 +257,13 @@ def _one_kept(entry: Any, where: str, errors: Errors) -> Kept:
         return Kept(one_of(figure_names())(entry, where))
     fields = Section(entry, where, errors, OF_KEPT, ('name', 'signal'))
     return Kept(
-        fields.read('name', name_of_number, ''),
-        fields.read('signal', _signal, ''),
-        fields.read('less', _signal, ''),
-        Reduction(fields.read('of', one_of(tuple(Reduction)), Reduction.MAX)),
-        fields.read('axis', whole_number_between(0, 16), 0),
-        fields.read('from_s', number, 0.0),
-        fields.read('to_s', number, float('inf')),
+        name=fields.read('name', name_of_number, ''),
+        signal=fields.read('signal', _signal, ''),
+        less=fields.read('less', _signal, ''),
+        reduction=Reduction(fields.read('of', one_of(tuple(Reduction)), Reduction.MAX)),
+        axis=fields.read('axis', whole_number_between(0, 16), 0),
+        from_s=fields.read('from_s', number, 0.0),
+        to_s=fields.read('to_s', number, float('inf')),
     )
 
 
