@@ -345,9 +345,7 @@ def _statistics(run: Run, name: str) -> str:
         )
     header = ['signal', 'what it is', 'least', 'greatest', 'rms', 'unit']
     length = run.window.time_s[-1] - run.window.time_s[0]
-    hint = (
-        f'<p class="hint">{len(run.window.time_s)} bus cycles of {1e3 * run.period_s:g} ms, {length:.3f} s.</p>'
-    )
+    hint = f'<p class="hint">{len(run.window.time_s)} bus cycles of {1e3 * run.period_s:g} ms, {length:.3f} s.</p>'
     return _section('statistics', f'Statistics {name}'.strip(), hint + _table(header, rows))
 
 
