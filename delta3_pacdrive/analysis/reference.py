@@ -78,7 +78,7 @@ class Reference:
                 return ''
             return f'at {self.origin_s + begin_s + float(found[2]):.4f} s'
 
-        return re.sub(r'moves\[(\d+)\]\.\w+: |at (\d+\.\d{4}) s, on the way to point \d+', converted, text)
+        return re.sub(r'moves\[(\d+)\]\.\w+: |at (\d+\.\d{4}) s, before point \d+', converted, text)
 
 
 def load(

@@ -375,7 +375,7 @@ def torques(found):
         found, 'Figure 8.4: motor with the coupling as input',
         ('torque', {'$K_m I_{eff}$': found.torque, 'friction': found.friction,
                     r'$\tau_{load} / k_r$': found.load, 'CE d': found.coupling}),
-        ('torque', {'what is left': rest, 'inertia times acceleration': found.inertia_kg_m2 * found.acceleration}),
+        ('torque', {'remainder': rest, 'inertia times acceleration': found.inertia_kg_m2 * found.acceleration}),
     )  # fmt: skip
 
 

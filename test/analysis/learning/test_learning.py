@@ -149,7 +149,7 @@ def test_programs_with_faults_or_exact_stops_and_those_that_are_too_long_are_ref
         learn(model, program=str(program))
     stops = [{'move_l': {'to_m': [0.1, 0.0, -0.75], 'in_position': True}}]
     program.write_text(json.dumps(moves | {'moves': stops}))
-    with pytest.raises(LearnedError, match=r'waits at exact stops .*: how long is not known beforehand'):
+    with pytest.raises(LearnedError, match=r'waits at exact stops .*, whose duration is not known'):
         learn(model, program=str(program))
     with pytest.raises(
         LearnedError, match='bandwidth is 600 Hz, the limit for a bus cycle of 1 ms is 500 Hz'

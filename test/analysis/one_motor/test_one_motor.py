@@ -126,7 +126,7 @@ def test_figures_8_3_and_8_4_show_the_currents_and_the_torques_by_their_names(as
     for figure, expected in (
         (figures.phase_currents, {f'$I_{{{n + 1}s}}$': found.phase_currents[:, n] for n in range(3)}),
         (figures.phase_currents, {'$I_{eff}$': found.current, 'of a phase, rms': found.voltage}),
-        (figures.torques, {'$K_m I_{eff}$': found.torque, 'friction': found.friction, 'what is left': rest}),
+        (figures.torques, {'$K_m I_{eff}$': found.torque, 'friction': found.friction, 'remainder': rest}),
         (figures.torques, {r'$\tau_{load} / k_r$': found.load, 'CE d': found.coupling}),
         (figures.torques, {'inertia times acceleration': found.inertia_kg_m2 * found.acceleration}),
     ):

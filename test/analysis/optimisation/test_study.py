@@ -164,7 +164,7 @@ def test_without_a_trial_within_the_limits_there_are_no_files_of_a_best_one(path
 
 def test_a_folder_whose_trials_the_search_did_not_choose_is_refused(path, here, tmp_path, monkeypatch):
     study(path, tmp_path / 'out').run()
-    monkeypatch.setattr(engine, 'told', lambda values: {'drive.position_gain_rad_s_rad': 1.0})
+    monkeypatch.setattr(engine, 'to_row', lambda values: {'drive.position_gain_rad_s_rad': 1.0})
     with pytest.raises(SweepError, match=r'trial 1 in .* has other values than those of this search'):
         study(path, tmp_path / 'out').run()
 
