@@ -162,7 +162,9 @@ class Film:
         story = self.run.cell
         if story is None:
             return None
-        start = int(self.run.window.meta.get('start_cycle') or 0)  # of the program: origin of the cell's times
+        start = int(
+            self.run.window.meta.get('start_cycle') or 0
+        )  # of the program: origin of the cell's times
         cycle = round(float(self.time_s[row]) / self.run.period_s) + start
         x, y, z = self._tcp[row].tolist()
         parts = []
