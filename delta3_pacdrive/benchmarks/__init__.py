@@ -1,1 +1,1 @@
-"""What things cost, each beside what it is measured against."""
+"""Benchmarks: timing, processor load and accuracy, compared with references."""

@@ -1,6 +1,6 @@
-"""Baseline nodes: the cyclic topology of the robot with ordinary messages and no mathematics, for the benchmark.
+"""Baseline of the graph benchmark: the robot's cyclic topology with ordinary messages and without computations.
 
-They exchange what the real nodes exchange, at the same rates, message objects as rclpy makes them, all reliable.
+The nodes exchange the same data at the same rates, with message objects of rclpy and reliable delivery.
 """
 
 import math
@@ -41,7 +41,7 @@ def _stamp(message: Any, cycle: int) -> Any:
 
 
 class _Stage(Node):
-    """Works through the bus cycles in their order, each as soon as all of its topics have brought a message of it."""
+    """Processes bus cycles in order, each as soon as a message of all its topics has been received."""
 
     def __init__(self, name: str, topics: Sequence[str], **options: Any) -> None:
         super().__init__(f'baseline_{name}', **options)
@@ -61,12 +61,12 @@ class _Stage(Node):
             self.work(self.next_cycle - 1)
 
     def work(self, cycle: int) -> None:
-        """Do what is to be done once a cycle."""
+        """Process one cycle."""
         raise NotImplementedError
 
 
 class BaselineDrive(_Stage):
-    """The drive answers each MDT and shaft message with an AT and a current message."""
+    """Replies to each MDT and shaft message with an AT and a current message."""
 
     def __init__(self, axis: str, **options: Any) -> None:
         super().__init__(axis, ('sercos/mdt', 'plant/motor_shafts'), **options)
@@ -77,14 +77,14 @@ class BaselineDrive(_Stage):
         self.create_timer(0.1, lambda: None)
 
     def work(self, cycle: int) -> None:
-        """Answer."""
+        """Send AT and currents."""
         self._at.publish(_stamp(self._at_message, cycle))
         self._current_message.effort = array('d', [0.0] * SAMPLES)
         self._current.publish(_stamp(self._current_message, cycle))
 
 
 class BaselinePlant(_Stage):
-    """The plant answers three current messages with one shaft message."""
+    """Replies to three current messages with one shaft message."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__('plant', [f'{axis}/motor_current' for axis in DRIVES], **options)
@@ -93,7 +93,7 @@ class BaselinePlant(_Stage):
         self.create_timer(0.1, self._greet)
 
     def _greet(self) -> None:
-        # each drive takes the first shaft message once, however often it comes
+        # each drive counts the first shaft message once, even if it is repeated
         if self.next_cycle == 0 and self.count_subscribers('plant/motor_shafts') == len(DRIVES):
             self._shafts.publish(_stamp(self._message, 0))
 
@@ -103,7 +103,7 @@ class BaselinePlant(_Stage):
 
 
 class BaselineMaster(_Stage):
-    """The master sends MDTs on the clock, takes the answers and publishes the telemetry."""
+    """Sends MDT on a clock, receives AT and publishes the telemetry."""
 
     def __init__(self, cycles: int, report: Callable[[dict[str, Any]], None], **options: Any) -> None:
         super().__init__('master', [f'sercos/at/{axis}' for axis in DRIVES], **options)
@@ -146,7 +146,7 @@ class BaselineMaster(_Stage):
             self._cycle += 1
 
     def work(self, cycle: int) -> None:
-        """Publish what the answers of a cycle say."""
+        """Publish the telemetry of a cycle."""
         self._round_trip.add(time.monotonic() - self._sent_s[cycle % len(self._sent_s)])
         self._error.publish(_stamp(self._error_message, cycle))
         for publisher, message in self._points:

@@ -1,4 +1,4 @@
-"""What the benchmarks share: a process for each case, a program that lasts, and how times are written."""
+"""Common functions of the benchmarks: a process per case, a long program, and the format of times."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from delta3_pacdrive.errors import Delta3Error, RunError
 
 
 def program_file(seconds: float, folder: str) -> Path:
-    """Write experiment 1, repeated for about this long."""
+    """Write experiment 1, repeated to last approximately this long [s]."""
     import yaml
 
     from delta3_pacdrive import parameters as core
@@ -32,7 +32,7 @@ def program_file(seconds: float, folder: str) -> Path:
 
 
 def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Run an action in a forked process and return its result: ROS can be started once in a process."""
+    """Run an action in a forked process and return its result: ROS can be started only once per process."""
     read_end, write_end = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -42,7 +42,7 @@ def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
             with os.fdopen(write_end, 'w') as pipe:
                 pipe.write(json.dumps(_outcome(action)))
             status = 0
-        except (KeyboardInterrupt, BrokenPipeError):  # the parent has it as well, and says so, or is gone
+        except (KeyboardInterrupt, BrokenPipeError):  # the parent reports it, or has ended
             pass
         except BaseException:  # noqa: BLE001 (a forked child must never return into its parent's code)
             traceback.print_exc()
@@ -52,7 +52,7 @@ def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     with os.fdopen(read_end) as pipe:
         text = pipe.read()
     if os.waitpid(pid, 0)[1] != 0:
-        raise RunError('the case did not come to its end')
+        raise RunError('the case ended without a result')
     result = dict(json.loads(text))
     if 'error' in result:
         raise RunError(result['error'])
@@ -62,10 +62,10 @@ def in_child(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
 def _outcome(action: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     try:
         return action()
-    except (Delta3Error, OSError) as error:  # what the machine refuses is a sentence, too
+    except (Delta3Error, OSError) as error:  # also report errors of the system
         return {'error': str(error)}
 
 
 def times_text(values: dict[str, float]) -> str:
-    """Write p50, p99, p99.9 and maximum of times."""
+    """Format p50, p99, p99.9 and maximum of times."""
     return ' / '.join(f'{value:.2f}' for value in values.values()) + ' ms'

@@ -1,4 +1,4 @@
-"""``delta3 bench control``: the packaging cycle by each controller, on the robot that it knows and on others."""
+"""``delta3 bench control``: the packaging cycle with each controller, on the robot it knows and on others."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -30,20 +30,20 @@ PACKAGING, FAST = 'packaging', 'packaging_fast'
 ROUNDS = 3
 MASSES_OFF = 0.3
 LEARNED, REPETITIONS, BANDWIDTH_HZ = 'learned', 5, 80.0
-SHAFT_SPEED_RAD_S = 10.0  # at which friction is as steep as ``tune`` takes it
+SHAFT_SPEED_RAD_S = 10.0  # at which ``tune`` linearizes friction
 MM = 1e3
 
 
 @dataclass(frozen=True)
 class Controller:
-    """A controller is compared: its parameter file, what differs from that, and the program that it drives."""
+    """A controller: its parameter file, its program and its input shaping."""
 
     file: str
     program: str = PACKAGING
     shaping: str = core.UNSHAPED
 
     def parameters(self, built: bool) -> Parameters:
-        """Return its parameters; a built robot has arms of the lengths that the controller takes them for."""
+        """Return the parameters; a built robot gets the arm lengths that the controller assumes."""
         built_file = 'rich' if self.file == core.THESIS_CONTROLLER else f'rich+{self.file}'
         own = core.load(built_file if built else self.file)
         return own.replace(control__shaping=self.shaping, rich__geometry=False)
@@ -61,33 +61,16 @@ NOMINAL, LIGHTER, HEAVIER, BUILT = ROBOTS = ('nominal', 'masses - 30 %', 'masses
 
 @dataclass(frozen=True)
 class Row:
-    """A run has these figures.
+    """The figures of a run."""
 
-    Attributes
-    ----------
-    error_max_m, error_rms_m
-        TCP, commanded against actual by the encoders.
-    true_error_max_m, true_error_rms_m
-        TCP, commanded against true.
-    peak_current_a, rms_current_a
-        Of the motor with the largest.
-    heat
-        Of its windings, over what they may give off for ever: square of the rms current over the nominal one.
-    lost_j
-        In windings and friction, in a round.
-    cycle_s, planning_s
-        Time of a round, and wall time of planning the program.
-
-    """
-
-    error_max_m: float
+    error_max_m: float  # TCP, commanded against actual by the encoders
     error_rms_m: float
-    true_error_max_m: float
+    true_error_max_m: float  # TCP, commanded against true
     true_error_rms_m: float
-    peak_current_a: float
-    rms_current_a: float
-    heat: float
-    lost_j: float
+    peak_current_a: float  # of the motor with the largest
+    rms_current_a: float  # of the motor with the largest
+    heat: float  # square of the rms current over the nominal current
+    lost_j: float  # in windings and friction, per round
     cycle_s: float
     planning_s: float
 
@@ -97,11 +80,11 @@ def measure(
     robots: Sequence[str] = ROBOTS,
     show: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> dict[str, Any]:
-    """Return the figures of every controller on every robot; a run that fails is told with its sentence.
+    """Return the figures of every controller on every robot; a failed run contains its error message.
 
-    ``show`` takes what is driven next, and how many of how many are done.
+    ``show`` is called with the next run, the number of finished runs and their total.
     """
-    simulation.precompile(core.load())  # compiles what is compiled at its first use
+    simulation.precompile(core.load())  # including kernels that are compiled at their first use
     found: dict[str, dict[str, Any]] = {}
     for name in controllers:
         found[name] = {}
@@ -123,16 +106,16 @@ def measure(
 
 
 def margins(robot: str) -> Kept:
-    """Return the least margins of the drives on a robot: over loops, workspace, and payloads from 0 to the rated one.
+    """Return the smallest margins of the drives on a robot, over loops, workspace, and payloads up to the rated one.
 
-    What is fed forward closes no loop, so they are those of every controller.
+    Feed-forward closes no loop, so the margins are the same for all controllers.
     """
     machine = _machine(core.load('rich' if robot == BUILT else None), robot)
     return margins_kept(machine, spread(machine, core.RATED_PAYLOAD_KG), SHAFT_SPEED_RAD_S)
 
 
 def _machine(known: Parameters, robot: str) -> Parameters:
-    """Return the robot that is driven by a controller that takes it for the one it knows."""
+    """Return the driven robot, which may differ from the one the controller knows."""
     if robot in (LIGHTER, HEAVIER):
         return with_masses(known, 1.0 - MASSES_OFF if robot == LIGHTER else 1.0 + MASSES_OFF)
     return known
@@ -151,7 +134,7 @@ def _row(name: str, robot: str) -> Row:
 
 @lru_cache(maxsize=1)
 def _planned(program: Program, known: Parameters) -> tuple[Planned, float]:
-    """Plan a program, once for all robots that the controller takes for the same; return how long it took [s], too."""
+    """Plan a program, once for all robots with the same known parameters; also return the planning time [s]."""
     started = time.perf_counter()
     planned = simulation.plan_of(program, known)
     return planned, time.perf_counter() - started
@@ -160,7 +143,7 @@ def _planned(program: Program, known: Parameters) -> tuple[Planned, float]:
 def _learned(chosen: Controller, program: Program, known: Parameters, machine: Parameters) -> Learned:
     """Return the torques of the best repetition."""
     settings = Settings(chosen.program, chosen.file, None, REPETITIONS, BANDWIDTH_HZ)
-    study = Study(settings, Path(LEARNED), '', silent)  # which writes nothing as long as it is not run
+    study = Study(settings, Path(LEARNED), '', silent)  # writes nothing unless it is run
     study.program = program
     study.robot, study.machine = (simulation.placed(one, program) for one in (known, machine))
     kept: list[Learned] = []
@@ -172,28 +155,29 @@ def _figures(trace: Trace, machine: Parameters, planning_s: float) -> Row:
     meta = trace.meta
     if meta['stopped']:
         raise Delta3Error(meta['stopped'])
-    told = meta['figures']
+    figures = meta['figures']
     driven = slice(meta['start_cycle'], meta['end_cycle'] + SETTLE_CYCLES)
-    # the true TCP is told at the same instant as the actual one
+    # true and actual TCP are recorded at the same instant
     off = (trace['tcp_error'] + trace['tcp_actual'] - trace['tcp_true'])[driven]
     true = np.linalg.norm(off, axis=1)
     energy = energy_of_round(trace, machine, meta['repeat'])
+    rms_a = max(figures['current_rms_a'])
     return Row(
-        told['tcp_error_max_m'],
-        told['tcp_error_rms_m'],
-        float(true.max()),
-        float(np.sqrt((true**2).mean())),
-        max(told['current_peak_a']),
-        rms_a := max(told['current_rms_a']),
-        (rms_a / machine.motor.nominal_current_a) ** 2,
-        0.0 if energy is None else energy.lost_j,
-        meta['program_s'] / meta['repeat'],
-        planning_s,
+        error_max_m=figures['tcp_error_max_m'],
+        error_rms_m=figures['tcp_error_rms_m'],
+        true_error_max_m=float(true.max()),
+        true_error_rms_m=float(np.sqrt((true**2).mean())),
+        peak_current_a=max(figures['current_peak_a']),
+        rms_current_a=rms_a,
+        heat=(rms_a / machine.motor.nominal_current_a) ** 2,
+        lost_j=0.0 if energy is None else energy.lost_j,
+        cycle_s=meta['program_s'] / meta['repeat'],
+        planning_s=planning_s,
     )
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print the figures, a line for each controller and robot."""
+    """Print the results, one line per controller and robot."""
     print(f'{result["program"]}; time-optimal: {result["time_optimal_program"]}. TCP errors max / rms [mm]')
     print(
         f'{"controller":>13} {"robot":>14} {"encoders":>15} {"true":>15} {"peak":>7} {"rms":>7} {"heat":>6} '
@@ -214,8 +198,8 @@ def show(result: dict[str, Any]) -> None:
     print(
         f'\nleast margins over loops, workspace, and 0 to {core.RATED_PAYLOAD_KG:g} kg, of every controller'
     )
-    for robot, told in result['margins'].items():
-        kept = Kept(**told)
+    for robot, margin in result['margins'].items():
+        kept = Kept(**margin)
         state = '' if kept.stable else ', not stable'
         print(
             f'{robot:>28} {kept.gain_db:5.1f} dB ({kept.gain_where}), '

@@ -1,8 +1,8 @@
-"""How often 95 % intervals of estimates hold the truth: on the model with noisy sensors, and on built robots.
+"""Coverage of 95 % intervals of estimates: on the model with noisy sensors, and on built robots.
 
-Nominal robots: the signals of one simulation with another noise for each seed, and a whole estimation from values 30 %
-off. Built robots: a simulation for each seed, whose sensors have another noise in the loops, and one Gauss-Newton step
-from the truth with the slopes there: the residuals that remain give the interval as they do in an estimation.
+Nominal robots: one simulation with different noise per seed, and a whole estimation from values that are 30 % off.
+Built robots: one simulation per seed with different sensor noise in the loops, and one Gauss-Newton step from the true
+values with the derivatives there; the remaining residuals determine the interval as in an estimation.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ def measure(seeds: int = SEEDS, on_progress: OnProgress = silent) -> dict[str, A
 
 
 def nominal(seeds: int, on_progress: OnProgress = silent) -> dict[str, Any]:
-    """Return the coverage on nominal robots that oscilloscopes in the drives measure."""
+    """Return the coverage on nominal robots, measured by oscilloscopes in the drives."""
     robot = core.load()
     exact = simulate(programs.load(PROGRAM, robot.motion), robot)
     quantities = GROUPS['motor'].chosen()
@@ -62,7 +62,7 @@ def nominal(seeds: int, on_progress: OnProgress = silent) -> dict[str, Any]:
 
 
 def built(seeds: int, on_progress: OnProgress = silent) -> dict[str, Any]:
-    """Return the coverage on built robots, by replay of signals once per bus cycle."""
+    """Return the coverage on built robots, by replay of signals sampled once per bus cycle."""
     robot = core.load('rich')
     program = programs.load(PROGRAM, robot.motion)
     first = _built_trace(program, robot, FIRST_SEED)
@@ -110,8 +110,8 @@ def _result(found: dict[str, tuple[Floats, float]]) -> dict[str, Any]:
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print the coverage, a line for each quantity."""
-    print(f'{result["program"]}, {result["seeds"]} seeds: how often 95 % intervals hold the truth')
+    """Print the coverage, one line per quantity."""
+    print(f'{result["program"]}, {result["seeds"]} seeds: how often 95 % intervals contain the true value')
     for kind in ('nominal', 'built'):
         own = result[kind]
         print(f'{kind} robots: {100.0 * own["pooled"]:.1f} % over all quantities')

@@ -1,6 +1,6 @@
-"""``delta3 bench graph``: how well the nodes keep time and what they cost, beside nodes that only send messages.
+"""``delta3 bench graph``: timing and cost of the nodes, compared with nodes that only exchange messages.
 
-Each case is measured with real-time scheduling and as an ordinary user has it, who is not permitted to use that.
+Each case is measured with real-time scheduling, and without the permission to use it, as for an ordinary user.
 """
 
 import json
@@ -40,7 +40,7 @@ TITLES = {
 CASES = tuple(TITLES)
 WITHOUT_PAGE = tuple(case for case in CASES if case not in ('viewed', 'scoped'))
 BESIDE_PAGE = ('separate', 'viewed')
-PAGE_LEAST_S = 2.0  # that a page is watched, for figures of it
+PAGE_LEAST_S = 2.0  # minimum watching time for figures of the page
 BESIDE_SCOPE = ('separate', 'scoped')
 SCOPED = (
     'axis1.current_reference,axis1.motor_current,axis1.phase_current_1,axis1.phase_voltage_1,axis2.current_reference,'
@@ -57,13 +57,13 @@ COLUMNS = {
 def measure(
     seconds: float, cases: Sequence[str] | None, schedulings: Sequence[str] | None, quiet: bool
 ) -> dict[str, Any]:
-    """Measure every case, or some, in a process of its own, by case and column; raises RunError."""
+    """Measure all or some cases, each in a separate process; return the results by case and column. Raises RunError."""
     schedulings = schedulings or SCHEDULINGS[not real_time_is_permitted() :]
     if REAL_TIME in schedulings and not real_time_is_permitted():
         raise RunError(NOT_PERMITTED)
     results: dict[str, dict[str, Any]] = {}
     for case in cases or WITHOUT_PAGE:
-        # without a clock a robot is never scheduled in real time: there is one column
+        # without a clock a robot is never scheduled in real time
         for scheduling in schedulings if case != 'fast' else (ORDINARY,):
             if not quiet:
                 title = f'{case}, {COLUMNS[scheduling]}: {seconds:g} s of motion'
@@ -74,7 +74,7 @@ def measure(
 
 
 class _Meter:
-    """The meter takes processor time and memory of processes between two looks."""
+    """Measures processor time and memory of processes since its creation."""
 
     def __init__(self, pids: dict[str, int]) -> None:
         import psutil
@@ -90,7 +90,7 @@ class _Meter:
         times = {name: process.cpu_times() for name, process in self._processes.items()}
         return {name: item.user + item.system for name, item in times.items()}
 
-    def look(self) -> None:
+    def measure(self) -> None:
         """Take the figures up to now."""
         duration = time.monotonic() - self._start_s
         spent = {name: cpu - self._start[name] for name, cpu in self._cpu().items()}
@@ -99,7 +99,7 @@ class _Meter:
         self.memory_mib = {name: p.memory_full_info().pss / 2**20 for name, p in self._processes.items()}
 
     def figures(self, cycles: int) -> dict[str, Any]:
-        """Return the figures of the last look; ``cycles`` passed since the first."""
+        """Return the newest figures; ``cycles`` have passed since the creation."""
         spent = 1e6 * self.spent_s / max(cycles, 1)
         return {'cores': self.cores, 'us_per_cycle': spent, 'memory_mib': self.memory_mib}
 
@@ -113,7 +113,7 @@ def _measure(case: str, scheduling: str, seconds: float) -> dict[str, Any]:
 
 
 def _measure_machine(seconds: float) -> dict[str, Any]:
-    """Lateness of a loop that does nothing but sleep to the next millisecond, in real time where permitted."""
+    """Measure the lateness of a loop that only sleeps until the next millisecond, in real time if permitted."""
     from delta3_pacdrive.sercos.scheduler import Histogram
 
     prefer(Schedule.REAL_TIME)
@@ -158,7 +158,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
                     watchers.append(PageWatcher(serving.HOST, port, page.pid))
                     stack.callback(watchers[0].close)
             if progress['finished']:
-                meters[0].look()
+                meters[0].measure()
 
         result = bringup.run(show)
         if scope is not None:
@@ -172,7 +172,7 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
 
 @contextmanager
 def _oscilloscope(folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """Give an oscilloscope in a process of its own, which waits for the robot."""
+    """Start an oscilloscope in a separate process, which waits for the robot."""
     more = '--mode', 'rolling', '--duration', '1', '--output', str(folder / 'scope.npz'), '--json'
     process = subprocess.Popen(
         [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', 'scope', SCOPED, *more],
@@ -188,12 +188,12 @@ def _oscilloscope(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def _end_oscilloscope(process: subprocess.Popen[str]) -> tuple[int, int]:
-    """End an oscilloscope; return how many samples of a channel it held at the end, and how many were lost."""
+    """End an oscilloscope; return the number of samples per channel, and of lost ones."""
     process.send_signal(signal.SIGINT)
-    told = json.loads(process.communicate(timeout=SCOPE_END_S)[0])
-    if not told['ok']:
-        raise RunError(f'the oscilloscope: {told["error"]}')
-    return told['scope'][0]['samples'], told['lost_samples']
+    result = json.loads(process.communicate(timeout=SCOPE_END_S)[0])
+    if not result['ok']:
+        raise RunError(f'the oscilloscope: {result["error"]}')
+    return result['scope'][0]['samples'], result['lost_samples']
 
 
 def _measure_baseline(seconds: float) -> dict[str, Any]:
@@ -222,12 +222,12 @@ def _measure_baseline(seconds: float) -> dict[str, Any]:
             for name, factory in factories.items()
         ]
         try:
-            time.sleep(3.0)  # start-up is not what is measured
+            time.sleep(3.0)  # start-up is not measured
             meter = _Meter({child.name: child.pid for child in children})
             deadline = time.monotonic() + 3.0 * seconds + 30.0
             while not report.exists() and time.monotonic() < deadline:
                 time.sleep(0.2)
-            meter.look()
+            meter.measure()
             figures = json.loads(report.read_text())
         finally:
             end_all(children)

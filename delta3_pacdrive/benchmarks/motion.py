@@ -1,4 +1,4 @@
-"""``delta3 bench motion``: what planning costs, how exact paths and speeds are, and how close to time-optimal."""
+"""``delta3 bench motion``: planning time, accuracy of paths and speeds, and distance from the time optimum."""
 
 import math
 import time
@@ -22,14 +22,14 @@ from delta3_pacdrive.motion.path import sample_path
 from delta3_pacdrive.motion.plan import sample_plan
 
 ROUNDS = 40
-PICKS, PICK_ROUNDS = 100, 3  # random ones, and how often each is planned
+PICKS, PICK_ROUNDS = 100, 3  # random picks, and repetitions of each planning
 PICKS_BY = ('jerk of the TCP limited', 'torque rate limited')
 PACKAGING = ('packaging', 'packaging_stops', 'packaging_fast')
 PLANS_PER_S = 20.0
 
 
 def measure(seconds: float | None) -> dict[str, Any]:
-    """Measure planning, cost per cycle, errors and cycle times; and a robot for some seconds, None: without one."""
+    """Measure planning, cost per cycle, errors and cycle times, and a robot for some seconds unless None."""
     robot = core.load()
     simulation.precompile(robot)
     result: dict[str, Any] = {
@@ -48,7 +48,7 @@ def measure(seconds: float | None) -> dict[str, Any]:
 
 
 def spline_points(count: int = 100) -> list[list[float]]:
-    """Points of a smooth curve through the workspace."""
+    """Return points of a smooth curve through the workspace."""
     points = []
     for n in range(1, count + 1):
         t = 2.0 * math.pi * n / count
@@ -96,7 +96,7 @@ def _planning_times(robot: Any) -> dict[str, dict[str, float]]:
 
 
 def _pick_times(robot: Any) -> dict[str, dict[str, float]]:
-    """Percentiles of how long planning a random time-optimal pick takes, each planned several times."""
+    """Return percentiles of the planning time of random time-optimal picks."""
     times: dict[str, list[float]] = {name: [] for name in PICKS_BY}
     for number in range(PICKS):
         program = programs.parse(random_pick(number), robot.motion)
@@ -110,7 +110,7 @@ def _pick_times(robot: Any) -> dict[str, dict[str, float]]:
 
 
 def _cycle_costs(robot: Any) -> dict[str, dict[str, float]]:
-    """Cost of a command: plan, path and inverse kinematics of three arms."""
+    """Measure the cost of a command: plan, path and inverse kinematics of three arms."""
     costs = {}
     for name, statement in _statements().items():
         program = programs.parse({'moves': [statement]}, robot.motion)
@@ -127,7 +127,7 @@ def _cycle_costs(robot: Any) -> dict[str, dict[str, float]]:
 
 
 def _errors(robot: Any) -> dict[str, float]:
-    """Deviation of paths from the true circle and from their points, and of the cruise from its speed."""
+    """Return deviations of paths from the true circle and from their points, and of the cruise from its speed."""
 
     def plan(statement: dict[str, Any], start: Any) -> Any:
         return program_planner.plan(programs.parse({'moves': [statement]}, robot.motion), start, robot).plan
@@ -151,7 +151,7 @@ def _errors(robot: Any) -> dict[str, float]:
 
 
 def _packaging(robot: Any) -> dict[str, Any]:
-    """Time of the packaging cycle beside the bounds that leave out jerk, or all but the motors."""
+    """Return the time of the packaging cycle, and bounds without jerk limit or with motor limits only."""
     result: dict[str, Any] = {}
     for name in PACKAGING:
         program = programs.load(name, robot.motion)
@@ -166,7 +166,7 @@ def _packaging(robot: Any) -> dict[str, Any]:
 
 
 def _bounds(robot: Any) -> dict[str, float]:
-    """Shortest times [s] of the rounded half cycle: as planned, without limit of jerk, and with the motors alone."""
+    """Return lower bounds [s] of the rounded half cycle: as planned, without jerk limit, and with the motors alone."""
     program = programs.load('packaging', robot.motion)
     moves = program_planner.plan(program, program.start_m or START, robot).plan.moves
     move = max(moves, key=lambda one: one.length_m)
@@ -184,7 +184,7 @@ def _bounds(robot: Any) -> dict[str, float]:
 
 
 def _toppra(curve: Any, limits: Any, robot: Any) -> dict[str, float]:
-    """Time [s] that toppra finds for the same path and acceleration, if it is installed."""
+    """Return the time [s] of toppra for the same path and acceleration, if it is installed."""
     try:
         import toppra
         import toppra.algorithm
@@ -210,7 +210,7 @@ def _toppra(curve: Any, limits: Any, robot: Any) -> dict[str, float]:
 
 
 def _under_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]:
-    """Return statistics of the cycle of a robot that stands while plans of 100 points arrive all the time."""
+    """Return cycle statistics of a robot at rest while plans of 100 points arrive continuously."""
     return in_child(partial(_measure_planning_load, seconds, plans_per_s))
 
 
@@ -224,7 +224,7 @@ def _measure_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print the figures."""
+    """Print the results."""
     print('planning with all checks, and cost of a command per cycle (plan, path, inverse kinematics)')
     for name, spent in result['planning_ms'].items():
         cost = result['cycle_us'][name]['mean']

@@ -1,4 +1,4 @@
-"""``delta3 bench network``: a robot whose drives are on another host, over links that delay, lose and go away."""
+"""``delta3 bench network``: a robot with its drives on another host, over links with delays, losses and gaps."""
 
 import json
 import subprocess
@@ -23,21 +23,12 @@ START = (
 OPERATOR = 'delta3_pacdrive.benchmarks.network_operator'
 DRIVES = (1, 2, 3)
 ON_REQUEST = 'motion.start_cycle:=-1'
-GAP_AFTER_S = 0.5  # of motion
+GAP_AFTER_S = 0.5  # after the start of motion
 
 
 @dataclass(frozen=True)
 class Case:
-    """A case is a link, and perhaps a gap in it while the robot moves.
-
-    Attributes
-    ----------
-    conditions
-        Of the link.
-    gap_s
-        For so long nothing gets through.
-
-    """
+    """A link, and an optional gap of the connection while the robot moves."""
 
     conditions: Conditions = field(default_factory=Conditions)
     gap_s: float = 0.0
@@ -75,9 +66,9 @@ def node(host: Host, name: str, *values: str, **options: Any) -> 'subprocess.Pop
 def robot(
     near: Host, far: Host, factor: float, *values: str, waits: bool = False, **options: Any
 ) -> Iterator[None]:
-    """Keep a robot up whose drives are on the far host, at a pace.
+    """Run a robot with its drives on the far host, at a real-time factor.
 
-    ``values`` are parameters of all of its nodes; one that ``waits`` begins no bus cycle without a program.
+    ``values`` are parameters of all its nodes; with ``waits`` no bus cycle starts without a program.
     """
     of_task = f'real_time_factor:={factor!r}', f'wait_for_program:={str(waits).lower()}'
     nodes = [node(far, 'mc4_drive', f'axis:={axis}', *values, **options) for axis in DRIVES]
@@ -94,7 +85,7 @@ def robot(
 def measure(
     cases: Sequence[str] | None, seconds: float, show: Callable[[str, int, int], None] = lambda *_: None
 ) -> dict[str, Any]:
-    """Return what each case came to; raises RunError where there cannot be two hosts."""
+    """Return the result of each case; raises RunError if two hosts are not possible."""
     names = list(cases or CASES)
     found: dict[str, Any] = {}
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder, two_hosts() as (near, far, link):
@@ -105,7 +96,7 @@ def measure(
             pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE}
             operator = near.start([sys.executable, '-P', '-m', OPERATOR], **pipes)
             try:
-                told_by(operator, 'ready')
+                next_line(operator, 'ready')
                 for done, name in enumerate(names):
                     show(name, done, len(names))
                     found[name] = drive_over(operator, link, CASES[name], program)
@@ -115,33 +106,33 @@ def measure(
 
 
 def drive_over(operator: 'subprocess.Popen[str]', link: Link, case: Case, program: Path) -> dict[str, Any]:
-    """Let the operator drive a program over a link; return what it came to, and how long the way back took."""
+    """Run a program over a link; return its result, and the recovery time."""
     link.set(case.conditions)
     if operator.stdin is not None:
         operator.stdin.write(f'{program}\n')
         operator.stdin.flush()
-    told_by(operator, 'moving')
+    next_line(operator, 'moving')
     if case.gap_s:
         time.sleep(GAP_AFTER_S)
         link.set(Conditions(down=True))
         time.sleep(case.gap_s)
         link.set(case.conditions)
-    run = told_by(operator, 'cycles')
+    run = next_line(operator, 'cycles')
     link.set(Conditions())
-    return run | told_by(operator, 'back_s')
+    return run | next_line(operator, 'back_s')
 
 
-def told_by(operator: 'subprocess.Popen[str]', key: str) -> dict[str, Any]:
-    """Return the next line of the operator, which has to tell of something; raises RunError."""
-    line = operator.stdout.readline() if operator.stdout is not None else ''
-    told = dict(json.loads(line)) if line else {}
-    if key not in told:
-        raise RunError(f'the operator of the robot has ended: {told.get("error", "it says nothing")}')
-    return told
+def next_line(operator: 'subprocess.Popen[str]', key: str) -> dict[str, Any]:
+    """Return the next line of the operator, which must contain a key; raises RunError."""
+    text = operator.stdout.readline() if operator.stdout is not None else ''
+    line = dict(json.loads(text)) if text else {}
+    if key not in line:
+        raise RunError(f'the operator of the robot has ended: {line.get("error", "without a message")}')
+    return line
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print a line for each case."""
+    """Print one line per case."""
     print(
         f'drives on another host, {result["seconds"]:g} s of motion in real time; delays are those of one way'
     )

@@ -1,7 +1,7 @@
-"""The operator of a robot between two hosts: drives programs, and brings the robot back after a fault.
+"""The operator of a robot between two hosts: runs programs, and recovers the robot after a fault.
 
-A process of the near host. It reads a line for each case, the path of a program, and writes lines of JSON: that the
-robot moves, what the run came to, and how long it took to bring the robot back to its start.
+This process of the near host reads the path of a program per case from standard input, and writes lines of JSON: that
+the robot moves, the result of the run, and the recovery time.
 """
 
 import json
@@ -15,10 +15,10 @@ from typing import Any
 from delta3_pacdrive.errors import Delta3Error, RunError
 from delta3_pacdrive.ros.robot_client import OperatorNode, operating
 
-APPEAR_S = 120.0  # for the robot to come up
-RUN_S = 300.0  # for a program to end, one way or another
-BACK_S = 90.0
-AGAIN_S = 0.2  # between two tries
+APPEAR_S = 120.0  # timeout for the robot
+RUN_S = 300.0  # timeout of a program
+BACK_S = 90.0  # timeout of the recovery
+AGAIN_S = 0.2  # between two attempts
 COUNTED = (
     'cycles',
     'overruns',
@@ -28,7 +28,7 @@ COUNTED = (
     'bus_time_s',
     'wall_time_s',
 )
-START_M, THERE_M = (0.0, 0.0, -0.75), 1e-4  # of experiment 1, and how near to it the robot is there
+START_M, THERE_M = (0.0, 0.0, -0.75), 1e-4  # start of experiment 1, and tolerance
 BACK = f'moves: [{{move_l: {{to_m: {list(START_M)}}}}}]'
 
 
@@ -43,11 +43,11 @@ def _is_ready(operator: OperatorNode) -> bool:
 
 
 def _run(operator: OperatorNode, program: str) -> dict[str, Any]:
-    """Drive a program; return what it came to."""
+    """Run a program; return its result."""
     operator.send_program(program)
     before = dict(operator.progress)
     operator.call('start')
-    _tell({'moving': True})
+    _write({'moving': True})
     session = before['session']
 
     def is_over() -> bool:
@@ -58,12 +58,12 @@ def _run(operator: OperatorNode, program: str) -> dict[str, Any]:
 
     operator.wait_until(is_over, 'end of the program', RUN_S)
     after = operator.progress
-    told = {name: after.get(name, 0) - before[name] for name in COUNTED}
-    return {'fault': after.get('fault', ''), **told}
+    counted = {name: after.get(name, 0) - before[name] for name in COUNTED}
+    return {'fault': after.get('fault', ''), **counted}
 
 
 def _bring_back(operator: OperatorNode) -> float:
-    """Bring the robot back to its start after whatever has happened; return how long it took [s]."""
+    """Recover the robot and move it to its start; return the required time [s]."""
     begin = time.monotonic()
     while time.monotonic() < begin + BACK_S:
         with suppress(Delta3Error):
@@ -81,26 +81,26 @@ def _bring_back(operator: OperatorNode) -> float:
                         return time.monotonic() - begin
                     operator.move(BACK)
                     operator.wait_until(lambda: operator.state == 'moving', 'start', 5.0)
-                    operator.wait_until(lambda: operator.state == 'idle', 'end of the way back', 60.0)
+                    operator.wait_until(lambda: operator.state == 'idle', 'end of the return move', 60.0)
         operator.spin_for(AGAIN_S)
     raise RunError(f'the robot is not back within {BACK_S:g} s: {operator.progress}')
 
 
-def _tell(what: dict[str, Any]) -> None:
-    print(json.dumps(what), flush=True)
+def _write(document: dict[str, Any]) -> None:
+    print(json.dumps(document), flush=True)
 
 
 def main() -> int:
-    """Operate until there is nothing more to be driven; return the exit status."""
+    """Run programs until the end of the input; return the exit status."""
     try:
         with operating('/') as operator:
             operator.wait_until(lambda: _is_ready(operator), 'robot', APPEAR_S)
-            _tell({'ready': True})
+            _write({'ready': True})
             for line in sys.stdin:
-                _tell(_run(operator, Path(line.strip()).read_text(encoding='utf-8')))
-                _tell({'back_s': _bring_back(operator)})
+                _write(_run(operator, Path(line.strip()).read_text(encoding='utf-8')))
+                _write({'back_s': _bring_back(operator)})
     except Delta3Error as error:
-        _tell({'error': str(error)})
+        _write({'error': str(error)})
         return 1
     return 0
 

@@ -1,4 +1,4 @@
-"""Somebody who watches the page of a robot without drawing it, as a browser on another machine would."""
+"""A client that receives the page of a robot without drawing it, like a browser on another machine."""
 
 import threading
 import time
@@ -7,7 +7,7 @@ from importlib import metadata
 from itertools import pairwise
 from statistics import median
 
-APPEAR_S = 30.0  # for the page to be served
+APPEAR_S = 30.0  # timeout for the page
 LOOK_S, TRY_S, SETTLE_S = 0.5, 0.2, 2.0
 CAMERA = {
     'type': 'ViewerCameraMessage',
@@ -24,33 +24,15 @@ CAMERA = {
 
 
 class PageWatcher:
-    """A thread opens the page of a robot and takes everything that it sends.
-
-    Parameters
-    ----------
-    host, port
-        Where the page is served.
-    pid
-        Number of the process that serves it.
-
-    Attributes
-    ----------
-    received_bytes, watched_s
-        How much came, and for how long.
-    pictures_s
-        When each of it came [s]: all that is new for a picture comes at once.
-    cores
-        Processor time of the page while it was watched, its start left out, over that time.
-
-    """
+    """A thread that opens a page and receives everything it sends; ``pid`` is the process that serves it."""
 
     def __init__(self, host: str, port: int, pid: int) -> None:
-        self._pid, self.cores = pid, 0.0
+        self._pid, self.cores = pid, 0.0  # cores: load of the page while it is watched, without its start-up
         self._address = f'ws://{host}:{port}'
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self.received_bytes, self.watched_s = 0, 0.0
-        self.pictures_s: list[float] = []
+        self.pictures_s: list[float] = []  # arrival times; all changes of a picture arrive together
         self._thread.start()
 
     def _watch(self) -> None:
@@ -82,7 +64,7 @@ class PageWatcher:
 
     @property
     def pictures_hz(self) -> float:
-        """How many pictures there are in a second while the robot moves: by the median of the times between two."""
+        """Rate of the pictures while the robot moves, from the median of their periods."""
         between = [b - a for a, b in pairwise(self.pictures_s)]
         return 1.0 / max(median(between), 1e-3) if between else 0.0
 
@@ -91,7 +73,7 @@ class PageWatcher:
 
         try:
             times = psutil.Process(self._pid).cpu_times()
-        except psutil.NoSuchProcess:  # the robot has ended, and its page with it
+        except psutil.NoSuchProcess:  # robot and page have ended
             return 0.0
         return float(times.user + times.system)
 

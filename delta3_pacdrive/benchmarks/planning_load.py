@@ -1,4 +1,4 @@
-"""A robot that stands while plans arrive, for the benchmark of motions: what they cost the cycle."""
+"""A robot at rest that receives plans, for the motion benchmark: their effect on the cycle."""
 
 import json
 import time
@@ -17,7 +17,7 @@ FIRST = 10**9  # number of the first order
 
 
 def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
-    """Bring a robot up, send it the first move of a plan over and over, and return the statistics of its task."""
+    """Start a robot, send it the first move of a plan repeatedly, and return the statistics of its task."""
     row = plan.moves[0].to_array(0, 2)
     bringup = Bringup(Options(program=None))
     statistics: list[Any] = []
@@ -41,17 +41,17 @@ def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
             DIAGNOSTICS.subscription(node, note)
             STATUS.subscription(node, lambda m: statuses.append(read(m)))
         if not statuses:
-            return  # no order before it is known whose it is: the seconds begin then
+            return  # the label of a plan requires the session; the measurement starts with it
         now = time.monotonic()
         begun = now if begun is None else begun
         while sent < (now - begun) * plans_per_s:
-            # as the robot's own planner would, far above the numbers that it counts
+            # labelled like the robot's own planner, with numbers far above those in use
             origin = Origin('SPLINE', statuses[-1].planner, statuses[-1].session, FIRST + sent)
             publishers[0].publish(numbers(row, origin.label()))
             sent += 1
         if now - begun <= seconds:
             counted = len(statistics)
-        elif len(statistics) > counted:  # statistics of all these seconds
+        elif len(statistics) > counted:  # statistics that cover the whole time
             bringup.stop()
 
     result = bringup.run(show)

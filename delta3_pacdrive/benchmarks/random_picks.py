@@ -1,18 +1,18 @@
-"""Random picks: up, over and down between two places of the workspace, with blends, time-optimal."""
+"""Random time-optimal picks with blends: up, over and down between two points of the workspace."""
 
 from typing import Any
 
 import numpy as np
 
 LOW_M, HIGH_M = (-0.25, -0.25, -0.9), (0.25, 0.25, -0.8)
-APART_M = 0.1  # least distance of the two places, seen from above
+APART_M = 0.1  # minimum horizontal distance of the two points
 UP_M, PAYLOAD_KG, BLEND_M = (0.05, 0.08), (0.0, 2.0), 0.02
-COOLING_S = 60.0  # behind a pick: how warm it makes the motors is not asked
+COOLING_S = 60.0  # after a pick, so that motor temperatures do not limit it
 LIMITS = ({'jerk_m_s3': 20000.0}, {'torque_rate_n_m_s': 1000.0})
 
 
 def random_pick(number: int) -> dict[str, Any]:
-    """Return a pick as the document of a program; by turns the jerk of the TCP is limited and the torque rate."""
+    """Return a pick as a program document; even numbers limit the TCP jerk, odd ones the torque rate."""
     random = np.random.default_rng(number)
     pick, place = random.uniform(LOW_M, HIGH_M), random.uniform(LOW_M, HIGH_M)
     while np.linalg.norm((place - pick)[:2]) < APART_M:

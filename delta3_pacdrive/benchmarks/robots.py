@@ -1,6 +1,6 @@
-"""``delta3 bench robots``: how well several robots keep time beside each other, and how fast ten are without a clock.
+"""``delta3 bench robots``: timing of several robots on one machine, and speed of ten robots without a clock.
 
-Each robot has its nodes in one process, as ``delta3 up --robots`` has it, and runs experiment 1 over and over.
+Each robot has its nodes in one process, as with ``delta3 up --robots``, and repeats experiment 1.
 """
 
 import sys
@@ -19,16 +19,16 @@ CASES = ('one', 'several', 'fast')
 
 
 def measure(seconds: float, robots: int | None, quiet: bool) -> dict[str, Any]:
-    """Measure one robot, several in real time, and ten without a clock, by case; a case that fails has the reason.
+    """Measure one robot, several in real time, and ten without a clock; a failed case contains the reason.
 
     Parameters
     ----------
     seconds
         Bus time of motion in real time [s].
     robots
-        How many there are in real time; None: two.
+        Number of robots in real time; None: two.
     quiet
-        Whether nothing is said on the way.
+        Whether progress is not printed.
 
     """
     counts = {'one': 1, 'several': robots or ROBOTS, 'fast': ROBOTS_FAST}
@@ -40,7 +40,7 @@ def measure(seconds: float, robots: int | None, quiet: bool) -> dict[str, Any]:
             results[case] = _measure(counts[case], seconds, 0.0 if case == 'fast' else 1.0)
         except RunInterruptedError:
             raise
-        except RunError as error:  # a machine that is too busy for one case may do for the next
+        except RunError as error:  # another case may still succeed on a busy machine
             results[case] = {'robots': {}, 'crowded': '', 'error': str(error)}
     return results
 
@@ -87,7 +87,7 @@ def _title(case: str, count: int) -> str:
 
 
 def show(results: dict[str, Any]) -> None:
-    """Print a line of each robot, and what all of them do together."""
+    """Print a line per robot, and the totals."""
     for case, result in results.items():
         robots = result['robots']
         if 'error' in result:

@@ -1,4 +1,4 @@
-"""``delta3 bench shaping``: swing of the built robot after random moves, with each kind of input shaping."""
+"""``delta3 bench shaping``: vibration of the built robot after random moves, with each kind of input shaping."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -22,16 +22,16 @@ MM, MS = 1e3, 1e3
 
 
 def random_moves(count: int, robot: Parameters, seed: int = SEED) -> list[tuple[Floats, float]]:
-    """Return straight moves between random places of the workspace [m], shape (2, 3), each with a payload [kg].
+    """Return straight moves between random points of the workspace [m], shape (2, 3), each with a payload [kg].
 
     Parameters
     ----------
     count
         Number of moves.
     robot
-        Its workspace bounds both ends.
+        Defines the workspace.
     seed
-        Of the random numbers.
+        Seed of the random numbers.
 
     """
     random, k = np.random.default_rng(seed), robot.kinematics
@@ -53,18 +53,18 @@ def measure(
     robots: Sequence[str] = ROBOTS,
     show: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> dict[str, Any]:
-    """Return swings and their reduction of every kind of shaping, on each robot.
+    """Return the vibration of every kind of shaping on each robot, and its reduction.
 
     Parameters
     ----------
     count
         Number of random moves.
     kinds
-        Of shaping; the first one is what the others are compared with.
+        Of shaping; the first one is the reference.
     robots
         Names of robots.
     show
-        Takes the stage, and how many of how many are done.
+        Called with stage, number done and total number.
 
     """
     known = core.load('rich+model')
@@ -89,7 +89,7 @@ def measure(
 
 
 def _driven(ends: Floats, payload_kg: float, robot: Parameters) -> tuple[float, float]:
-    """Return the swing after a move [m], and how long it takes [s]."""
+    """Return the vibration after a move [m], and its duration [s]."""
     document = {
         'start_m': ends[0].tolist(),
         'payload_kg': payload_kg,
@@ -116,7 +116,7 @@ def _figures(swing_m: Floats, unshaped_m: Floats, longer_s: Floats) -> dict[str,
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print the figures, a line for each robot and kind."""
+    """Print the results, one line per robot and kind."""
     print(
         f'{result["moves"]} random moves (seed {result["seed"]}), 0 to {result["payload_max_kg"]:g} kg: swing of the '
         f'true TCP after the stop'

@@ -1,4 +1,4 @@
-"""``delta3 bench simulate`` and ``delta3 bench kinematics``: speed without ROS, beside MuJoCo and beside the aims."""
+"""``delta3 bench simulate`` and ``delta3 bench kinematics``: speed without ROS, against MuJoCo and the targets."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ START_AIM_S = 2.0
 POSES_PER_S_AIM = {'inverse': 10e6, 'forward': 5e6}
 POSES = 1_000_000
 ROUNDS = 7
-FALL_S = 0.05  # of the comparison with MuJoCo, under the weight and a push that neither controls
+FALL_S = 0.05  # of the comparison with MuJoCo: motion under gravity and a constant torque
 PUSH_N_M = (6.0, -2.0, 0.0)
 
 
 def measure_simulation(seconds: float) -> dict[str, Any]:
-    """Measure the speed of the whole robot, its exactness, and the mechanism beside MuJoCo."""
+    """Measure speed and accuracy of the whole robot, and compare the mechanism with MuJoCo."""
     robot = core.load()
     simulation.precompile(robot)
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:
@@ -55,7 +55,7 @@ def measure_simulation(seconds: float) -> dict[str, Any]:
         'real_time_factors': speeds,
         'start_s': _start_s(),
         **_exchange_difference(robot),
-        'mechanism': _beside_mujoco(robot),
+        'mechanism': _compare_with_mujoco(robot),
     }
 
 
@@ -85,14 +85,14 @@ def measure_kinematics() -> dict[str, Any]:
 
 
 def _spent(action: Callable[[], Any]) -> tuple[float, Any]:
-    """Processor time [s] of an action in this process, which has one busy thread, and its result."""
+    """Return the processor time [s] of an action in this single-threaded process, and its result."""
     started = time.process_time()
     outcome = action()
     return time.process_time() - started, outcome
 
 
 def _start_s() -> float:
-    """Wall time [s] of ``delta3 simulate`` from nothing to its result, less the run itself."""
+    """Return the wall time [s] of ``delta3 simulate`` from start to result, without the run itself."""
     command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', 'simulate', '--json']
     started = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -100,7 +100,7 @@ def _start_s() -> float:
 
 
 def _exchange_difference(robot: Parameters) -> dict[str, float]:
-    """TCP of the default exchange period against that of the exact reference."""
+    """Return the TCP difference of the default exchange period from the exact reference."""
     once = programs.load('experiment1', robot.motion)
     normal = simulation.run(once, robot)
     exact = simulation.run(once, robot.replace(bus__exchange_period_s=125e-6))
@@ -111,8 +111,8 @@ def _exchange_difference(robot: Parameters) -> dict[str, float]:
     }
 
 
-def _beside_mujoco(robot: Parameters) -> dict[str, Any]:
-    """Step costs of the mechanism alone, pushed from rest, and where its TCP is in the end; empty without MuJoCo."""
+def _compare_with_mujoco(robot: Parameters) -> dict[str, Any]:
+    """Measure step cost and final TCP of the mechanism alone, starting at rest; without MuJoCo only its own cost."""
     free = robot.replace(motor__static_friction_n_m=0.0, motor__viscous_friction_n_m_s_rad=0.0)
     step_s = free.drive.current_period_s
     steps = round(FALL_S / step_s)
@@ -142,7 +142,7 @@ def _beside_mujoco(robot: Parameters) -> dict[str, Any]:
 
 
 def _own_mechanism(robot: Parameters, torque: Floats, steps: int) -> tuple[float, Floats]:
-    """Median processor time [s] of the steps, and the TCP after them."""
+    """Return the median processor time [s] of the steps, and the final TCP."""
     current = torque / (robot.dynamics.gear_ratio * robot.motor.torque_constant_n_m_a)
     currents = np.tile(current, (steps, 1))
     spent = []
@@ -155,7 +155,7 @@ def _own_mechanism(robot: Parameters, torque: Floats, steps: int) -> tuple[float
 
 
 def show_simulation(result: dict[str, Any]) -> None:
-    """Print the figures."""
+    """Print the results."""
     rows = [
         (name, f'{factor:.1f} x real time, {factor / REAL_TIME_FACTOR_AIM:.2f} of the aim')
         for name, factor in result['real_time_factors'].items()
@@ -192,11 +192,11 @@ def show_simulation(result: dict[str, Any]) -> None:
 
 
 def show_kinematics(result: dict[str, Any]) -> None:
-    """Print the figures."""
+    """Print the results."""
     for name, rates in result['poses_per_s'].items():
         aim = POSES_PER_S_AIM.get(name)
-        beside = f', {rates["median"] / aim:.2f} of the aim' if aim else ''
+        share = f', {rates["median"] / aim:.2f} of the aim' if aim else ''
         print(
-            f'{name:>16}  {rates["median"] / 1e6:.1f} M poses/s median, {rates["best"] / 1e6:.1f} best{beside}'
+            f'{name:>16}  {rates["median"] / 1e6:.1f} M poses/s median, {rates["best"] / 1e6:.1f} best{share}'
         )
     print(f'{"round trip":>16}  {result["round_trip_max_m"]:.1e} m at most, {result["poses"]} poses')

@@ -1,4 +1,4 @@
-"""``delta3 bench sweep``: runs per second with one worker and with two, planning, memory, beside plain loops."""
+"""``delta3 bench sweep``: runs per second with one and two workers, planning and memory, compared with plain loops."""
 
 import os
 import tempfile
@@ -21,9 +21,9 @@ from delta3_pacdrive.parameters import from_flat
 from delta3_pacdrive.sercos.words import CONTROL_ON
 from delta3_pacdrive.simulation.robot import Robot
 
-RUNS = 300  # with each number of workers, unless told
+RUNS = 300  # default, for each number of workers
 LOOPED = 60  # runs of a loop in one process
-WARMED = 10  # runs of each worker before its time counts
+WARMED = 10  # warm-up runs of each worker
 WORKERS = (1, 2)
 AIM_S, AIM_RUNS = 120.0, 10_000
 EFFICIENCY_AIM = 0.9
@@ -47,7 +47,7 @@ Show = Callable[[str, int, int], None]
 
 
 def measure(runs: int = RUNS, show: Show = lambda stage, done, total: None) -> dict[str, Any]:
-    """Return the figures; ``runs`` are those of each number of workers. Raises SweepError."""
+    """Return the figures; ``runs`` applies to each number of workers. Raises SweepError."""
     require_engine()
     sweeps = {name: _sweep(varied, runs) for name, varied in VARIED.items()}
     simulation.load_kernels(from_flat(dict(sweeps[EVERY_PLAN].parameters)))
@@ -69,7 +69,7 @@ def _sweep(varied: str, runs: int) -> Sweep:
 
 
 def _looped(sweep: Sweep, name: str, show: Show) -> dict[str, float]:
-    """Measure the runs of a sweep in this process: processor time [ms] each, and share of planning in it."""
+    """Measure the runs of a sweep in this process: processor time per run [ms], and share of planning."""
     values, runner = values_of(sweep), Runner(sweep)
     numbers = [1 + n % sweep.runs for n in range(LOOPED)]
     for number in numbers[:2]:
@@ -88,7 +88,7 @@ def _looped(sweep: Sweep, name: str, show: Show) -> dict[str, float]:
 
 
 def _plain(sweep: Sweep) -> dict[str, float]:
-    """Measure a loop of ``simulate`` without a sweep, and drives and plant of as many cycles in one compiled call."""
+    """Measure a loop of ``simulate`` without a sweep, and drives and plant alone in one compiled call."""
     values, runner = values_of(sweep), Runner(sweep)
     made = [runner.made(engine.values_in(values, 1 + n % sweep.runs)) for n in range(LOOPED)]
     simulation.run(made[0][1], made[0][0])
@@ -127,7 +127,7 @@ def _swept(sweep: Sweep, workers: int, show: Show) -> dict[str, Any]:
         'runs_per_s': sweep.runs / wall_s,
         'seconds': wall_s,
         'cpu_ms_a_run': 1e3 * spent_s / sweep.runs,
-        'memory_mb': [[told['memory_mb'] for told in one.values()] for one in (begin, end)],
+        'memory_mb': [[used['memory_mb'] for used in one.values()] for one in (begin, end)],
     }
 
 
@@ -137,25 +137,25 @@ def usage() -> dict[str, float]:
 
 
 def show(result: Mapping[str, Any]) -> None:
-    """Print the figures."""
+    """Print the results."""
     rows = []
-    for name, told in result['loops'].items():
-        share = told['planning_share']
+    for name, loop in result['loops'].items():
+        share = loop['planning_share']
         rows.append(
-            (name, f'{told["cpu_ms_a_run"]:.1f} ms of processor a run, {100.0 * share:.0f} % of it planning')
+            (name, f'{loop["cpu_ms_a_run"]:.1f} ms of processor a run, {100.0 * share:.0f} % of it planning')
         )
     plain = result['plain']
     rows += [
         ('simulate', f'{_per_core(plain["cpu_ms_a_run"])} in a plain loop'),
         ('compiled', f'{_per_core(plain["compiled_ms_a_run"])} if drives and plant were all of a run'),
     ]
-    for count, told in result['workers'].items():
-        begin, end = (', '.join(f'{one:.0f}' for one in memory) for memory in told['memory_mb'])
-        whole_s = AIM_RUNS / told['runs_per_s']
+    for count, swept in result['workers'].items():
+        begin, end = (', '.join(f'{one:.0f}' for one in memory) for memory in swept['memory_mb'])
+        whole_s = AIM_RUNS / swept['runs_per_s']
         rows.append(
             (
                 f'{count} workers',
-                f'{told["runs_per_s"]:.1f} runs/s ({AIM_RUNS} in {whole_s:.0f} s), {told["cpu_ms_a_run"]:.1f} ms of '
+                f'{swept["runs_per_s"]:.1f} runs/s ({AIM_RUNS} in {whole_s:.0f} s), {swept["cpu_ms_a_run"]:.1f} ms of '
                 f'processor a run, memory {begin} MB, at the end {end} MB',
             )
         )

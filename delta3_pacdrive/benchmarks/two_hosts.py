@@ -1,7 +1,7 @@
-"""Two hosts on one machine: network namespaces, and between them a link with delay, jitter, loss, duplicates and gaps.
+"""Two hosts on one machine: network namespaces, connected by a link with delay, jitter, loss, duplicates and gaps.
 
-Each host has a device of the kind ``tun``; what one sends is handed to the other by a process in between. Needs Linux,
-the program ``ip``, and the permission to make namespaces.
+Each host has a ``tun`` device; a process forwards packets between the two. Requires Linux, the program ``ip``, and the
+permission to create network namespaces.
 """
 
 import fcntl
@@ -30,24 +30,24 @@ SET_INTERFACE, PACKETS_WITHOUT_HEADER = 0x400454CA, 0x1001  # TUNSETIFF, IFF_TUN
 PACKET_BYTES, AT_ONCE = 65536, 64
 ADDRESSES = ('10.213.77.1', '10.213.77.2')
 SEED = 1
-OF_ONE_HOST = (
+LOCAL_SETTINGS = (
     'FASTRTPS_DEFAULT_PROFILES_FILE',
     'ROS_AUTOMATIC_DISCOVERY_RANGE',
-)  # what keeps a robot to its machine
+)  # restrict a robot to its host
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """The link treats packets so, in both directions.
+    """Treatment of packets in both directions.
 
     Attributes
     ----------
     delay_s, jitter_s
-        Each takes a delay of its own, evenly between the two differences: packets overtake one another.
+        Delays are distributed uniformly in delay ± jitter, so packets may overtake one another.
     loss, duplicate
-        Shares that vanish, and that come twice.
+        Shares of lost and duplicated packets.
     down
-        Whether nothing gets through.
+        Whether all packets are lost.
 
     """
 
@@ -59,13 +59,13 @@ class Conditions:
 
 
 def lack() -> str:
-    """Return why there cannot be two hosts on this machine; empty if there can."""
+    """Return why two hosts are not possible on this machine, empty if they are."""
     if not IP:
         return 'the program ip is not installed'
     if os.geteuid() != 0:
         return 'only root may make network namespaces'
     if not os.access(TUN, os.R_OK | os.W_OK):
-        return f'{TUN} is not there'
+        return f'{TUN} is not available'
     probe = f'delta3_{os.getpid()}_probe'
     try:
         _ip('netns', 'add', probe)
@@ -83,24 +83,15 @@ def _ip(*words: str) -> None:
 
 @dataclass(frozen=True)
 class Host:
-    """A host has a network of its own.
-
-    Attributes
-    ----------
-    namespace, address
-        Of its network.
-    peer
-        Address of the other host.
-
-    """
+    """A host with a separate network; ``peer`` is the address of the other one."""
 
     namespace: str
     address: str
     peer: str
 
     def start(self, command: Sequence[str], **options: Any) -> subprocess.Popen[str]:
-        """Start a command there; it finds what is on the other host, and is ended with ``end``."""
-        environment = {name: value for name, value in os.environ.items() if name not in OF_ONE_HOST}
+        """Start a command on the host, with the other host as its discovery peer; end it with ``end``."""
+        environment = {name: value for name, value in os.environ.items() if name not in LOCAL_SETTINGS}
         return subprocess.Popen(
             [IP, 'netns', 'exec', self.namespace, *command],
             env=environment | {'ROS_STATIC_PEERS': self.peer},
@@ -110,14 +101,7 @@ class Host:
 
 
 class Link:
-    """The link is a process between two devices.
-
-    Parameters
-    ----------
-    devices
-        Open devices; what is read from one is written to the other.
-
-    """
+    """A process that forwards packets between two open devices."""
 
     def __init__(self, devices: tuple[int, int]) -> None:
         read_end, self._commands = os.pipe()
@@ -125,7 +109,7 @@ class Link:
         if self._pid == 0:
             try:
                 os.close(self._commands)
-                signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with who has made it
+                signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with its parent
                 _forward(devices, read_end)
             finally:
                 os._exit(0)
@@ -133,35 +117,35 @@ class Link:
             os.close(number)
 
     def set(self, conditions: Conditions) -> None:
-        """Treat what comes from now on so."""
+        """Set the conditions of the link."""
         os.write(self._commands, json.dumps(asdict(conditions)).encode() + b'\n')
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         os.close(self._commands)
         os.waitpid(self._pid, 0)
 
 
 def _forward(devices: tuple[int, int], commands: int) -> None:
-    """Hand packets over until nobody can give commands any more."""
+    """Forward packets until the command pipe is closed."""
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     other = dict(zip(devices, reversed(devices), strict=True))
-    chance, conditions, number = random.Random(SEED), Conditions(), 0  # noqa: S311 (the same losses each time)
+    chance, conditions, number = random.Random(SEED), Conditions(), 0  # noqa: S311 (repeatable losses)
     due: list[tuple[float, int, int, bytes]] = []
     while True:
         now = time.monotonic()
         while due and due[0][0] <= now:
             _, _, device, packet = heapq.heappop(due)
-            with suppress(OSError):  # no room: it is lost, as on any network
+            with suppress(OSError):  # queue full: the packet is lost, as on any network
                 os.write(device, packet)
         wait_s = max(0.0, due[0][0] - now) if due else None
         ready = select.select([*devices, commands], [], [], wait_s)[0]
         if commands in ready:
-            told = os.read(commands, PACKET_BYTES).splitlines()
-            if not told:
+            lines = os.read(commands, PACKET_BYTES).splitlines()
+            if not lines:
                 return
-            conditions = Conditions(**json.loads(told[-1]))
+            conditions = Conditions(**json.loads(lines[-1]))
         for device in ready:
             if device == commands:
                 continue
@@ -179,21 +163,21 @@ def _forward(devices: tuple[int, int], commands: int) -> None:
 
 
 def _device(name: str) -> int:
-    """Make a device; return its open file."""
+    """Create a device; return its file descriptor."""
     device = os.open(TUN, os.O_RDWR | os.O_NONBLOCK)
     try:
         fcntl.ioctl(device, SET_INTERFACE, struct.pack('16sH14x', name.encode(), PACKETS_WITHOUT_HEADER))
     except OSError as error:
         os.close(device)
-        raise RunError(f'the device {name} cannot be made: {error.strerror}') from None
+        raise RunError(f'the device {name} cannot be created: {error.strerror}') from None
     return device
 
 
 @contextmanager
 def two_hosts() -> Iterator[tuple[Host, Host, Link]]:
-    """Give two hosts and the link between them; raises RunError where that is not possible."""
+    """Create two hosts and the link between them; raises RunError if that is not possible."""
     if why := lack():
-        raise RunError(f'there cannot be two hosts on this machine: {why}')
+        raise RunError(f'two hosts are not possible on this machine: {why}')
     pid = os.getpid()
     _tidy()
     names = [f'delta3_{pid}_{side}' for side in ('near', 'far')]
@@ -218,12 +202,12 @@ def two_hosts() -> Iterator[tuple[Host, Host, Link]]:
         for device in devices:
             os.close(device)
         for name in names:
-            with suppress(RunError):  # it has not come to that
+            with suppress(RunError):  # it may not exist
                 _ip('netns', 'del', name)
 
 
 def _tidy() -> None:
-    """Take away the hosts of processes that were killed, with what still runs on them."""
+    """Remove the hosts of killed processes, and the processes that still run on them."""
     for path in NAMESPACES.glob('delta3_*_*'):
         pid = path.name.split('_')[1]
         if pid.isdecimal() and not Path('/proc', pid).exists():
@@ -238,7 +222,7 @@ def _tidy() -> None:
 
 
 def end(processes: Sequence[subprocess.Popen[str]], patience_s: float = 20.0) -> None:
-    """End processes as Ctrl-C does; who does not end is killed."""
+    """Interrupt processes; kill those that do not end in time."""
     for process in processes:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)

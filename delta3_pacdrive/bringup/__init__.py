@@ -1,1 +1,1 @@
-"""The processes of a robot: how they are started, scheduled, watched and ended."""
+"""The processes of a robot: start, scheduling, monitoring and shutdown."""

@@ -1,28 +1,28 @@
-"""The end of a robot that is up: its drives stop in a controlled way, and close their brakes, before all else ends."""
+"""Shutdown of a running robot: its drives stop in a controlled way and close their brakes before the processes end."""
 
 import math
 from collections.abc import Callable
 from typing import Any, Protocol
 
-NEWS = 2  # times it has to tell how it is after it has answered: the first may have been on its way
-FRESH_S = 1.0  # for the next report of a robot that comes up
-SILENCE_S = 4.0  # without a report, after which a braking robot is given up; 2.4 s occur at load 20
-STOP_TIMEOUT_S = 5.0  # for the drives to brake, before the processes end: they are slow where their clock is
-STOP_WALL_S = 15.0  # all in all: on a machine that is busy a look takes much longer than it should
+NEWS = 2  # reports to wait for after the reply: the first may have been sent before it
+FRESH_S = 1.0  # timeout for the next report of a starting robot
+SILENCE_S = 4.0  # without a report before braking is no longer awaited; 2.4 s occur at load 20
+STOP_TIMEOUT_S = 5.0  # for the drives to brake, counted in spin time, which is longer with a slow clock
+STOP_WALL_S = 15.0  # in total: on a busy machine spinning takes longer than requested
 
 
 class Driven(Protocol):
-    """What is known of a robot that is up, and how its drives are disabled."""
+    """A running robot whose drives can be disabled."""
 
     @property
     def progress(self) -> dict[str, Any]:
-        """The newest progress that it has told."""
+        """The newest progress report."""
 
     def can_disable(self) -> bool:
-        """Whether a request to disable the drives would reach it."""
+        """Whether the service that disables the drives is available."""
 
     def disable(self) -> Callable[[], bool]:
-        """Ask it to disable its drives; return what says whether it has answered that it will."""
+        """Request that the drives are disabled; return a function that returns whether the robot has replied."""
 
 
 def brake(
@@ -31,19 +31,19 @@ def brake(
     look_s: float,
     is_over: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Disable the drives of a robot and wait, for a bounded time, until it says that they are without torque.
+    """Disable the drives of a robot and wait for a bounded time until they are without torque.
 
-    What it has told last may be older than that: a robot that has just come up may have been enabled since, and moved.
+    The newest report may be outdated: a robot that has just started may have been enabled and moved since.
 
     Parameters
     ----------
     robot
         The robot.
     spin_for, look_s
-        Lets it tell what it has to tell for some seconds; how long at a time. Patience counts these seconds: they are
-        longer on a machine that is busy.
+        Processes messages for a time, and that time [s]. Timeouts count these times, which take longer on a busy
+        machine.
     is_over
-        Returns whether there is no more time to wait.
+        Returns whether waiting must end.
 
     """
 
@@ -55,9 +55,9 @@ def brake(
             if robot.progress is not newest:
                 newest, silent_s = robot.progress, 0.0
 
-    told = robot.progress
-    if not _is_up(told):
-        spin_until(lambda: robot.progress is not told, FRESH_S)
+    before = robot.progress
+    if not _is_up(before):
+        spin_until(lambda: robot.progress is not before, FRESH_S)
     if not _is_up(robot.progress):
         return
     spin_until(robot.can_disable, FRESH_S)

@@ -1,4 +1,4 @@
-"""Bring-up without launch files: start the processes of one robot, run a program, report, stop everything."""
+"""Bring-up without launch files: starts the processes of one robot, runs a program, reports, stops everything."""
 
 import gc
 import json
@@ -39,34 +39,25 @@ from delta3_pacdrive.sercos.bus_time import NEVER
 from delta3_pacdrive.sercos.configuration_check import drives_of
 from delta3_pacdrive.sercos.watchdog import BOUND_S, Watchdog
 
-ENERGY_CYCLES_MAX = 600_000  # of a recording that is read for it
+ENERGY_CYCLES_MAX = 600_000  # of a recording that is evaluated for its energy
 
 
 def waits_for_others(options: Options, progress: dict[str, Any]) -> bool:
-    """Whether a robot only waits for those of its bus clock: who does not come up gives up, and nobody else."""
+    """Whether a robot only waits for the others of its shared bus clock, which have their own timeouts."""
     return bool(options.shared_clock) and progress.get('phase') == 'CP3'
 
 
 class Bringup:
-    """One run of one robot; ``run`` does it all.
+    """One run of one robot.
 
     Parameters
     ----------
     options
-        What is asked for.
+        Options of the run.
     started_s
-        When the work on it began, on the clock that never jumps [s]; by default now.
+        Start of the run on the monotonic clock [s]; by default now.
     schedule
-        Of this process, once the robot's have been started: preferred if it reads every telegram.
-
-    Attributes
-    ----------
-    options
-        What was asked for.
-    ready_s
-        Time from then to cyclic operation [s]; 0 before it.
-    interrupted
-        Whether a signal, or ``stop``, asks for the end; whoever operates from within looks at it.
+        Of this process after the robot's have been started: preferred if it reads every telegram.
 
     """
 
@@ -77,26 +68,29 @@ class Bringup:
         self._started_s = time.monotonic() if started_s is None else started_s
         self.options = options
         self.robot, self._program, self._planned = check_options(options)
-        self.interrupted = self._is_in_haste = False
+        self.interrupted = self._is_in_haste = (
+            False  # end requested, by a signal or ``stop``; without braking
+        )
         self._interrupted_s = 0.0
         self._processes: RobotProcesses
         self._monitor: RobotMonitor
         self._process: node_process.Process
         self._phases = PhaseWatch(drives_of(self.robot))
-        self._heard = Watchdog(LOOK_S)  # the transformation task
-        self._deaf_s = STUCK_S  # that it may be silent, before this process joins the domain anew
-        self._has_guests = False  # nodes of others, which could not follow
+        self._heard = Watchdog(LOOK_S)  # of the transformation task
+        self._deaf_s = STUCK_S  # timeout of the task before this process rejoins the domain
+        self._has_guests = False  # nodes of others, which could not rejoin
         self._deadline_s = 0.0
-        self.ready_s = 0.0
+        self.ready_s = 0.0  # time from the start to cyclic operation, 0 before it
 
     def run(
         self,
         show: Callable[[dict[str, Any]], None],
         rising: Callable[[dict[str, Any]], None] = lambda _: None,
     ) -> dict[str, Any]:
-        """Start, run, stop; ``show`` is called with the progress about ten times a second.
+        """Start, run and stop the robot.
 
-        ``rising`` is called so before there is cyclic operation; what it is called with may be empty.
+        ``show`` is called with the progress about ten times a second, ``rising`` before cyclic operation, when the
+        progress may be empty.
 
         Raises
         ------
@@ -108,7 +102,7 @@ class Bringup:
         with only_one(self.options.namespace), log_folder(self.options.logs) as logs:
             simulation.compile_kernels(self.robot)
             simulation.load_cyclic_kernels(self.robot)  # once for all processes, and not in a bus cycle
-            # afterwards signals end the process as before: reading a long recording takes its time
+            # later signals end the process as usual: reading a long recording takes time
             with interrupts.answered_by(self._interrupt):
                 try:
                     self._start(logs)
@@ -123,24 +117,24 @@ class Bringup:
         return result
 
     def _recorded(self, bag: Path, cycles: int) -> dict[str, Any]:
-        """Return what there is to say of a recording: the robot has run, whatever has become of it."""
+        """Return facts about the recording; a damaged recording does not fail the run."""
         try:
-            told: dict[str, Any] = {
+            facts: dict[str, Any] = {
                 'bag_missing': sum(bag_trace.missing(bag).values()),
                 'bag_cut': bag_trace.cut(bag),
             }
             if self._planned and cycles <= ENERGY_CYCLES_MAX:
-                told |= self._energy(self._planned, bag)
+                facts |= self._energy(self._planned, bag)
         except TraceError as error:
             return {'bag_missing': 0, 'bag_cut': str(error)}
-        return told
+        return facts
 
     def _energy(self, planned: Planned, bag: Path) -> dict[str, Any]:
-        """Return the energy of a round as the recording tells it; empty if the recording cannot."""
+        """Return the energy of a round from the recording, empty if it is incomplete."""
         trace = bag_trace.read_bag(bag)
         timeline = Timeline(planned.plan, self.robot.bus.cycle_time_s)
         timeline.start(trace.meta.get('start_cycle', NEVER))
-        trace.meta['end_cycle'] = timeline.end_cycle  # the recorder ends without knowing it
+        trace.meta['end_cycle'] = timeline.end_cycle  # not recorded
         found = energy_of_round(trace, self.robot, planned.repeat)
         return {} if found is None else {'energy': asdict(found)}
 
@@ -148,13 +142,13 @@ class Bringup:
         self._processes = RobotProcesses(
             self.options, self.robot, self._program.name if self._program else 'moves', logs
         )
-        gc.freeze()  # who looks for garbage touches all there is: each child would get a copy of its own
+        gc.freeze()  # the collector would touch all objects and thereby copy their pages in every child
         self._processes.start()
-        prefer(self._schedule)  # before there are threads of the transport, which inherit it
+        prefer(self._schedule)  # before the transport starts threads, which inherit it
         self._join()
 
     def _join(self) -> None:
-        """Join the domain."""
+        """Join the domain with a new monitor."""
         node_process.join()
         self._process = node_process.Process()
         self._monitor = RobotMonitor(self.options.namespace, getattr(self, '_monitor', None))
@@ -162,7 +156,7 @@ class Bringup:
         self._heard.received(time.monotonic())
 
     def _interrupt(self) -> None:
-        """End; who asks again after a while does not want to wait for the drives to brake."""
+        """Request the end; a second request after a while skips braking."""
         now_s = time.monotonic()
         if self.interrupted and now_s - self._interrupted_s > interrupts.PATIENCE_S:
             self._is_in_haste = True
@@ -173,11 +167,11 @@ class Bringup:
     def _watch(
         self, show: Callable[[dict[str, Any]], None], rising: Callable[[dict[str, Any]], None]
     ) -> None:
-        """Look after the run until the program has ended."""
+        """Monitor the run until the program has ended."""
         monitor = self._monitor
         self._deadline_s = time.monotonic() + self.options.patience_s
         released = False
-        while not (progress := self.look()).get('finished') or self._program is None:
+        while not (progress := self.poll()).get('finished') or self._program is None:
             if not released and (monitor.recorder or not self.options.bag):
                 self._processes.let_planner_go()
                 released = True
@@ -198,7 +192,7 @@ class Bringup:
         show(self._monitor.progress)
 
     def _await_currents(self) -> None:
-        """Let the drives tell the currents of the program, which takes some cycles of the service channel."""
+        """Wait for the drives to report the currents of the program, which takes some cycles of the service channel."""
         deadline = time.monotonic() + BOUND_S
         while time.monotonic() < deadline and not self.interrupted:
             figures = self._monitor.progress.get('figures', {})
@@ -207,7 +201,7 @@ class Bringup:
             self._process.spin_for(LOOK_S)
 
     def _ask_for_parts(self) -> None:
-        """Ask the plant what is not over yet, such as a part in hand: that is told by itself when it is over."""
+        """Query unfinished part events of the plant, such as a part in the gripper."""
         service = self._monitor.input
         if not service.service_is_ready():
             return
@@ -219,45 +213,45 @@ class Bringup:
         if answer is not None and answer.success:
             self._monitor.parts.add(json.dumps(json.loads(answer.message)['under_way']))
 
-    def look(self, seconds: float = LOOK_S) -> dict[str, Any]:
-        """Spin a little, then raise if something went wrong; return the newest progress."""
+    def poll(self, seconds: float = LOOK_S) -> dict[str, Any]:
+        """Process messages for a while, raise if something went wrong, and return the newest progress."""
         monitor, before = self._monitor, self._monitor.progress
         self._process.spin_for(seconds)
         if self.interrupted and (self._program is not None or not self.ready_s):
             raise RunInterruptedError('interrupted')
         for process in list(self._processes.running):
-            # who ends all processes at once, as a service manager does, wants none of them back
+            # a service manager may end all processes together: none is restarted then
             if process.poll() is not None and not self.interrupted:
                 self._replace(process)
         if not self.interrupted:
-            self._look_for_the_deaf(monitor.progress is not before)
+            self._replace_silent_partners(monitor.progress is not before)
             monitor = self._monitor
         if monitor.progress.get('phase') == 'CP4':
             self._processes.check_load(monitor.progress.get('cycles', 0))
         if monitor.progress.get('fault') and (self._program is not None or not self.ready_s):
             self._await_standstill()
             raise RunError(monitor.progress['fault'])
-        # once the program is loaded, what is refused is asked for by somebody else
+        # once the program is loaded, rejections concern other clients
         if self._program is not None and not monitor.progress.get('moves') and monitor.refusal:
             raise RunError(monitor.refusal)
         return monitor.progress
 
     def _replace(self, process: ManagedProcess) -> None:
-        """Start a process again that has died, if the robot is to stay up; raises RunError if it is not."""
+        """Restart a died process if the robot is to stay up; raises RunError if it cannot be restarted."""
         sentence = f'{process.ending()} in bus cycle {self._monitor.progress.get("cycles", 0)}'
         self._dispose(process)
         if process.name == RECORDER and self.ready_s:
             self._processes.running.remove(process)
-            self.notes.append(f'{sentence}; nothing is recorded any more, the robot goes on')
+            self.notes.append(f'{sentence}; the recording has ended, the robot continues')
         elif process.name == 'view':
             self._processes.running.remove(process)
-            self.notes.append(f'{sentence}; there is no page any more, the robot goes on')
+            self.notes.append(f'{sentence}; the page has ended, the robot continues')
         elif self._stays_up and self._processes.restart(process):
             self._phases.restart(time.monotonic())
             self.notes.append(f'{sentence}; started again')
         elif process.name == interfaces.VISUALIZATION:
             self._processes.running.remove(process)
-            self.notes.append(f'{sentence}; there are no markers any more, the robot goes on')
+            self.notes.append(f'{sentence}; the markers have ended, the robot continues')
         else:
             if process.name not in ('robot', 'transformation_task', 'unit_robot'):
                 self._await_standstill()
@@ -265,29 +259,29 @@ class Bringup:
 
     @property
     def _stays_up(self) -> bool:
-        """Whether the robot is there for requests; a program or a script ends with a process that dies."""
+        """Whether the robot stays up for requests; a program or a script ends with a died process."""
         return self._program is None and not self.options.script
 
     @property
     def _knows_participants(self) -> bool:
-        """Whether the identifiers of participants are those of Fast DDS."""
+        """Whether identifiers of participants are those of Fast DDS."""
         return os.environ.get(discovery.MIDDLEWARE, '') in discovery.FAST_DDS
 
     def _still_loads(self, name: str) -> bool:
-        """Whether the process of a participant lives, but has not joined the domain yet."""
+        """Whether the process of a participant runs but has not joined the domain yet."""
         processes = [one for one in self._processes.running if one.name == PROCESS_OF.get(name)]
         return self._knows_participants and not all(map(self._monitor.participants_of, processes))
 
     def _dispose(self, process: ManagedProcess) -> None:
-        """Let a dead process leave the domain; otherwise its publishers count until its lease expires."""
+        """Remove the participants of a dead process; otherwise its publishers count until the lease expires."""
         if not self._knows_participants:
             return
         hosts = [discovery.HERE, *discovery.peers_of(os.environ.get(discovery.PEERS, ''))]
         for prefix in self._monitor.participants_of(process):
             domain.dispose(prefix, hosts)
 
-    def _look_for_the_deaf(self, heard: bool) -> None:
-        """Replace participants for which the bus waits in vain; join the domain anew if the task is not heard."""
+    def _replace_silent_partners(self, heard: bool) -> None:
+        """Replace participants for which the bus waits in vain; rejoin the domain if the task is not received."""
         now_s = time.monotonic()
         if heard:
             self._heard.received(now_s)
@@ -296,10 +290,10 @@ class Bringup:
             node_process.leave(self._process)
             self._join()
             self._deaf_s = min(2.0 * self._deaf_s, STUCK_MAX_S)
-            self.notes.append('no report of transformation_task: joined the domain anew')
+            self.notes.append('no report from transformation_task: rejoined the domain')
         if any(map(self._still_loads, self._monitor.progress.get('missing', ()))):
-            self._phases.restart(now_s)  # on a busy machine that takes longer than the patience
-        for name in self._phases.look(self._monitor.progress, now_s):
+            self._phases.restart(now_s)  # on a busy machine loading exceeds the timeout
+        for name in self._phases.update(self._monitor.progress, now_s):
             processes = [one for one in self._processes.running if one.name == PROCESS_OF.get(name)]
             for process in processes:
                 end_all([process])
@@ -315,13 +309,13 @@ class Bringup:
                 )
 
     def _await_standstill(self) -> None:
-        """Let a robot with a fault come to its stop, so that it is on record."""
+        """Wait for a robot with a fault to stop, so that the stop is recorded."""
         deadline = time.monotonic() + BOUND_S
         while self._monitor.progress.get('in_torque') and time.monotonic() < deadline:
             self._process.spin_for(LOOK_S)
 
     def _stop(self) -> None:
-        """Stop the robot, then the processes; leave nothing behind."""
+        """Stop the robot, then all processes."""
         if hasattr(self, '_monitor'):
             self._brake()
         if hasattr(self, '_processes'):
@@ -366,13 +360,13 @@ class Bringup:
         }
 
     def add(self, node: Node) -> None:
-        """Take a node into this process."""
+        """Add a node to this process."""
         self._has_guests = True
         self._process.add(node)
 
     @property
     def node(self) -> Node:
-        """The node of this process, for whoever wants to take part."""
+        """The node of this process, for additional publishers and subscriptions."""
         self._has_guests = True
         return self._monitor
 
@@ -382,9 +376,9 @@ class Bringup:
 
     @property
     def notes(self) -> list[str]:
-        """What people should know about how the processes run."""
+        """Messages for the user about the processes."""
         return self._processes.notes if hasattr(self, '_processes') else []
 
     def processes(self) -> list[ManagedProcess]:
-        """ManagedProcess processes, for whoever measures them."""
+        """Return the processes of the robot."""
         return list(self._processes.running)

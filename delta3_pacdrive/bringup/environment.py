@@ -1,6 +1,6 @@
-"""What a bring-up has of the machine: one robot in a namespace of a domain, and a folder for logs.
+"""Exclusive use of a namespace, and the log folder of a bring-up.
 
-Light, so that a second bring-up is refused at once.
+Fast to import, so that a second bring-up is rejected immediately.
 """
 
 import os
@@ -15,29 +15,29 @@ import psutil
 from delta3_pacdrive import private_files
 from delta3_pacdrive.errors import RunError, shown
 
-NAME = 'robot'  # of several robots, their number follows
-LOGS = 'delta3_logs_'  # beginning of the names of folders for logs, the process number follows
+NAME = 'robot'  # followed by a number if there are several
+LOGS = 'delta3_logs_'  # prefix of log folders, followed by the PID
 
 
 def namespaces(robots: int, prefix: str) -> list[str]:
-    """Return the namespaces of some robots: ``/robot1``, ``/robot2`` ..., below a prefix if there is one."""
+    """Return the namespaces of several robots, ``/robot1``, ``/robot2`` ..., below an optional prefix."""
     below = prefix.strip('/')
     return [f'/{below}/{NAME}{n + 1}'.replace('//', '/') for n in range(robots)]
 
 
 def name_of(namespace: str) -> str:
-    """Return the name of a robot, that of its folders, from its namespace."""
+    """Return the name of a robot and of its folders, from its namespace."""
     return namespace.rpartition('/')[2]
 
 
 def bag_of(folder: Path, namespace: str) -> Path:
-    """Return where the recording of one of several robots is."""
+    """Return the folder of the recording of one of several robots."""
     return folder / name_of(namespace)
 
 
 @contextmanager
 def only_one(namespace: str) -> Iterator[None]:
-    """Hold the lock of a namespace; raises RunError if another process of this user holds it, or if it has no file."""
+    """Hold the lock of a namespace; raises RunError if another process of this user holds it or it cannot be made."""
     domain = os.environ.get('ROS_DOMAIN_ID', '0')
     name = f'domain{domain}_{namespace.strip("/").replace("/", ".")}.lock'
     with ExitStack() as stack:
@@ -53,7 +53,7 @@ def only_one(namespace: str) -> Iterator[None]:
 
 
 def _remove_left_logs() -> None:
-    """Remove the logs of bring-ups that were killed."""
+    """Remove the logs of killed bring-ups."""
     for folder in Path(tempfile.gettempdir()).glob(f'{LOGS}*_*'):
         number = folder.name.removeprefix(LOGS).partition('_')[0]
         if number.isdecimal() and not psutil.pid_exists(int(number)):
@@ -62,7 +62,7 @@ def _remove_left_logs() -> None:
 
 @contextmanager
 def log_folder(folder: Path | None) -> Iterator[Path]:
-    """Give the folder for logs, one that vanishes if none is asked for; raises RunError."""
+    """Provide the log folder, a temporary one if none is given; raises RunError."""
     if folder is None:
         _remove_left_logs()
         with tempfile.TemporaryDirectory(prefix=f'{LOGS}{os.getpid()}_') as temporary:

@@ -1,4 +1,4 @@
-"""The node by which a bring-up follows its robot."""
+"""The node with which a bring-up monitors its robot."""
 
 import struct
 from collections.abc import Callable
@@ -21,22 +21,13 @@ LOOK_S = 0.05
 
 
 class RobotMonitor(Node):
-    """Follows a robot from the process that has brought it up.
-
-    Attributes
-    ----------
-    progress, refusal, recorder, parts
-        Newest report of the task, newest refusal of the planner, state of the recorder, the parts so far.
-    input
-        Client of the cell.
-
-    """
+    """Monitors a robot from the process that has started it."""
 
     def __init__(self, namespace: str, before: 'RobotMonitor | None' = None, **node_options: Any) -> None:
         super().__init__('bringup', namespace=namespace, **node_options)
         self.progress: dict[str, Any] = before.progress if before else {}
-        self.refusal = ''
-        self.recorder = ''
+        self.refusal = ''  # newest rejection of the planner
+        self.recorder = ''  # state
         self.parts: PartsLog = before.parts if before else PartsLog()
         self._present = PresentRobot(self)
         interfaces.PROGRESS.subscription(self, self._on_progress)
@@ -45,14 +36,14 @@ class RobotMonitor(Node):
         interfaces.PARTS.subscription(self, self._on_parts)
         self._enable = interfaces.ENABLE.client(self)
         self.input = interfaces.INPUT.client(self)
-        self.create_timer(LOOK_S, lambda: None)  # the executor needs one to keep its waits short
+        self.create_timer(LOOK_S, lambda: None)  # the executor needs a timer to keep its waits short
 
     def can_disable(self) -> bool:
-        """Whether a request to disable the drives would reach the robot."""
+        """Whether the service that disables the drives is available."""
         return self._enable.service_is_ready()
 
     def participants_of(self, process: ManagedProcess) -> set[bytes]:
-        """Return the identifiers that a process of this robot has, or had, in the domain, as Fast DDS forms them."""
+        """Return the participant identifiers of a process of this robot, as Fast DDS forms them."""
         mine = process.name, self.get_namespace(), struct.pack('<H', process.pid & 0xFFFF)
         found = set()
         for info in self.get_publishers_info_by_topic('/parameter_events'):
@@ -62,7 +53,7 @@ class RobotMonitor(Node):
         return found
 
     def disable(self) -> Callable[[], bool]:
-        """Ask the robot to disable its drives; return what says whether it has answered."""
+        """Request that the drives are disabled; return a function that returns whether the robot has replied."""
         return self._enable.call_async(SetBool.Request(data=False)).done
 
     def _on_progress(self, message: String) -> None:

@@ -1,4 +1,4 @@
-"""What a bring-up is asked for, and whether that can be done."""
+"""Options of a bring-up and their validation."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ from delta3_pacdrive.ros import domain
 
 @dataclass(frozen=True)
 class Options:
-    """What a bring-up is asked for; without a program the robot stays up for moves, until it is interrupted."""
+    """Options of a bring-up; without a program the robot stays up until it is interrupted."""
 
     program: Path | None
     parameters: Path | None = None
@@ -30,24 +30,24 @@ class Options:
     single_process: bool = False
     exchange_period_s: float | None = None
     real_time_priority: bool = True
-    crowded: str | None = None  # why there is no room for real-time scheduling, empty if there is; None: look
-    markers: bool = False  # whether the robot is shown in RViz and Foxglove by markers as well
-    joint_motion: bool = False  # whether the task tells joint motion through the Jacobian
-    logs: Path | None = None  # where the processes' logs are kept; None: nowhere
-    learned: Path | None = None  # file of torques for the program, or for one that is moved
-    first: int = 0  # statement with which the program begins
-    script: bool = False  # whether a script moves the robot, from a bus cycle on that is known
-    cell: Path | None = None  # file of what stands around the robot
-    shared_clock: str = ''  # bus clock by which other robots go as well; empty: an own one
+    crowded: str | None = None  # reason against real-time scheduling, empty if possible; None: check
+    markers: bool = False  # also start the markers for RViz and Foxglove
+    joint_motion: bool = False  # publish joint motion through the Jacobian
+    logs: Path | None = None  # folder for the processes' logs; None: temporary
+    learned: Path | None = None  # file of learned torques
+    first: int = 0  # first statement of the program
+    script: bool = False  # a script moves the robot, from a known bus cycle
+    cell: Path | None = None  # cell file
+    shared_clock: str = ''  # bus clock shared with other robots; empty: a separate one
     clock_member: int = 0  # number of the robot on that clock
-    patience_s: float = 30.0  # until there is cyclic operation
-    view: ManagedProcess | None = None  # the page that shows the robot, as ``page.started`` has begun it
+    patience_s: float = 30.0  # timeout for cyclic operation
+    view: ManagedProcess | None = None  # the page, as started by ``page.started``
 
 
 def check_options(
     options: Options,
 ) -> tuple[core.Parameters, Program | None, program_planner.Planned | None]:
-    """Read and check everything before the first process starts."""
+    """Read and validate everything before the first process starts."""
     robot = core.load(options.parameters)
     if options.exchange_period_s is not None:
         robot = robot.replace(bus__exchange_period_s=options.exchange_period_s)

@@ -1,6 +1,6 @@
-"""The page of a robot that is brought up, in a process that is started before anything of the robot is loaded.
+"""The page of a robot, in a process that is started before anything of the robot is loaded.
 
-People wait for the first picture, and what the page and a browser load takes longer than the robot needs to be there.
+Loading the page and its client takes longer than starting the robot.
 """
 
 import sys
@@ -13,21 +13,21 @@ from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, killed_se
 from delta3_pacdrive.bringup.scheduling import Schedule
 from delta3_pacdrive.view.serving import LISTENING, Place
 
-END_S = 1.0 + interrupts.END_S  # a page that can ends itself before
+END_S = 1.0 + interrupts.END_S  # a page ends by itself within ``END_S``
 
 
 @contextmanager
 def started(place: Place, namespace: str, logs: Path) -> Iterator[ManagedProcess]:
-    """Start the page as a command of its own, so that nothing of it is loaded into the robot's processes.
+    """Start the page as a separate command, which shares no modules with the robot's processes.
 
     Parameters
     ----------
     place
-        Where it is served; the process has it from here on.
+        Address of the page; handed over to its process.
     namespace
-        Of the robot.
+        Namespace of the robot.
     logs
-        Folder for what it prints.
+        Folder for its output.
 
     """
     arguments = ['view', '--wait', '--port', str(place.port), '--namespace', namespace]

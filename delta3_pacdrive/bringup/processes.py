@@ -1,7 +1,7 @@
-"""ManagedProcess processes of a bring-up: forked from a parent that has everything loaded, so that they are up at once.
+"""Child processes of a bring-up, forked from a parent that has loaded everything, so that they start immediately.
 
-Once the parent takes part in the graph it has threads and must not fork any more: a child that is started again then
-begins as a new interpreter, ``python -m delta3_pacdrive.bringup.processes NAME PARENT LOG SCHEDULE MODULE ARGUMENTS``.
+Once the parent has joined the graph it has threads and must not fork any more. A restarted child is therefore a new
+interpreter: ``python -m delta3_pacdrive.bringup.processes NAME PARENT LOG SCHEDULE MODULE ARGUMENTS``.
 """
 
 import ctypes
@@ -24,31 +24,16 @@ _PR_SET_PDEATHSIG = 1
 
 @dataclass
 class ManagedProcess:
-    """One child process.
-
-    Attributes
-    ----------
-    name
-        What people call it.
-    pid
-        Its process number.
-    log
-        File that holds what it printed.
-    patience_s
-        How long it may take to end.
-    status
-        Exit status, negative for a signal; None while it runs.
-
-    """
+    """One child process."""
 
     name: str
     pid: int
-    log: Path
-    patience_s: float = 1.0
-    status: int | None = None
+    log: Path  # file with its output
+    patience_s: float = 1.0  # timeout for its end
+    status: int | None = None  # exit status, negative for a signal; None while it runs
 
     def poll(self) -> int | None:
-        """Return the exit status once the process has ended."""
+        """Return the exit status, None while the process runs."""
         if self.status is None:
             pid, status = os.waitpid(self.pid, os.WNOHANG)
             if pid:
@@ -56,12 +41,12 @@ class ManagedProcess:
         return self.status
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal if the process still runs."""
+        """Send a signal if the process is still running."""
         if self.poll() is None:
             os.kill(self.pid, number)
 
     def ending(self) -> str:
-        """Say how it ended, with the last line that it printed."""
+        """Return how it ended, with the last error message that it printed."""
         status = self.status or 0
         how = f'was killed by {signal.Signals(-status).name}' if status < 0 else f'ended with status {status}'
         lines = [line for line in self.log.read_text(errors='replace').splitlines() if line.strip()]
@@ -72,7 +57,7 @@ class ManagedProcess:
 def spawn(
     name: str, main: Callable[[], int], log: Path, schedule: Schedule = Schedule.ORDINARY
 ) -> ManagedProcess:
-    """Fork a child that runs ``main`` in a process group of its own and dies with its parent."""
+    """Fork a child that runs ``main`` in a separate process group and dies with its parent."""
     sys.stdout.flush()
     sys.stderr.flush()
     parent = os.getpid()
@@ -102,7 +87,7 @@ def respawn(
     schedule: Schedule,
     environment: Mapping[str, str] | None = None,
 ) -> ManagedProcess:
-    """Start a child whose main function is that of a module, with some more in its environment."""
+    """Start a child with the main function of a module and additional environment variables."""
     me = [sys.executable, '-P', '-m', 'delta3_pacdrive.bringup.processes']
     own = [name, str(os.getpid()), str(log), schedule.name, module]
     everything = os.environ | (environment or {})
@@ -110,7 +95,7 @@ def respawn(
 
 
 def main() -> int:
-    """Be a child that was started again."""
+    """Run a restarted child."""
     name, parent, log, schedule, module, *arguments = sys.argv[1:]
     _become_child(name, int(parent), Path(log))
     prefer(Schedule[schedule])
@@ -119,7 +104,7 @@ def main() -> int:
 
 
 def _become_child(name: str, parent: int, log: Path) -> None:
-    os.setpgid(0, 0)  # Ctrl-C in the terminal reaches the parent only, which stops the robot first
+    os.setpgid(0, 0)  # Ctrl-C in the terminal reaches only the parent, which stops the robot first
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:
         raise SystemExit(1)
@@ -131,7 +116,7 @@ def _become_child(name: str, parent: int, log: Path) -> None:
 
 
 def end_all(children: list[ManagedProcess]) -> list[str]:
-    """Interrupt all children, kill those that stay longer than their patience, and all that they have started.
+    """Interrupt all children, kill those that exceed their timeout, and kill all their descendants.
 
     Return the names of the children that were killed, or left processes behind.
     """
@@ -144,7 +129,7 @@ def end_all(children: list[ManagedProcess]) -> list[str]:
         for child in running:
             if time.monotonic() - start > child.patience_s:
                 child.send(signal.SIGKILL)
-                if child.status is None:  # it may have ended at this very moment
+                if child.status is None:  # it may have just ended
                     os.waitpid(child.pid, 0)
                     child.status = -signal.SIGKILL
                     killed.append(child.name)
@@ -153,7 +138,7 @@ def end_all(children: list[ManagedProcess]) -> list[str]:
 
 
 def _kill_group(number: int) -> bool:
-    """Kill what is left of the group of a child that has ended; return whether anything was."""
+    """Kill the remaining processes in the group of an ended child; return whether there were any."""
     left = False
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(number, 0)
@@ -166,7 +151,7 @@ def _kill_group(number: int) -> bool:
 
 
 def killed_sentence(names: list[str]) -> str:
-    """Return a sentence about processes that had to be killed."""
+    """Return a message about killed processes."""
     return f'{", ".join(names)} did not end, or left processes behind, and had to be killed'
 
 

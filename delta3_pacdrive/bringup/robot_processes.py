@@ -1,4 +1,4 @@
-"""The processes of one robot: which there are, how they are scheduled, and how one that has died is started again."""
+"""The processes of one robot: their nodes, scheduling and restarts."""
 
 import os
 import time
@@ -30,16 +30,16 @@ from delta3_pacdrive.ros.parameters import overrides
 from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, PLANT, drives_of
 from delta3_pacdrive.sercos.watchdog import Watchdog
 
-RESTARTS_MAX, RESTARTS_S = 20, 60.0  # of processes that die, within that time
+RESTARTS_MAX, RESTARTS_S = 20, 60.0  # maximum number of restarts within a time
 STUCK_S, STUCK_MAX_S = (
     15.0,
     120.0,
-)  # that the bus waits for a participant; doubled each time until the bus is up
+)  # the bus may wait for a participant; doubled each time until the bus is up
 REPORT_S = 0.2  # between two reports of the transformation task
 CLOSE_BAG_S = 10.0  # a bag without its metadata is lost
 Nodes = dict[str, tuple[type[Node], dict[str, Any]]]  # kind and own parameters, by name
 RECORDER = 'recorder'
-SPARE = (RECORDER, 'view', VISUALIZATION)  # the robot goes on without them
+SPARE = (RECORDER, 'view', VISUALIZATION)  # the robot continues without them
 PROCESS_OF = {name: name for name in (PLANT, TASK, UNIT_ROBOT)} | {
     axis: f'mc4_drive_{number}' for number, axis in enumerate(ALL_DRIVES, 1)
 }
@@ -48,14 +48,8 @@ PROCESS_OF = {name: name for name in (PLANT, TASK, UNIT_ROBOT)} | {
 class PhaseWatch:
     """Decides which participants are replaced because the bus waits for them in vain.
 
-    Processes that are alive may stay deaf to each other, as after a long lack of processor time. Only time in which the
-    transformation task reports counts: while it is suspended nothing can be said about the others.
-
-    Parameters
-    ----------
-    drives
-        Names of the drives of the robot.
-
+    Running processes may stop receiving from each other, for example after a long lack of processor time. Only time in
+    which the transformation task reports counts: while it is suspended the state of the others is unknown.
     """
 
     def __init__(self, drives: Sequence[str]) -> None:
@@ -65,7 +59,7 @@ class PhaseWatch:
         self._in_vain = 0  # replacements since the bus was up
         self._newest: dict[str, Any] = {}
 
-    def look(self, progress: dict[str, Any], now_s: float) -> tuple[str, ...]:
+    def update(self, progress: dict[str, Any], now_s: float) -> tuple[str, ...]:
         """Return the participants to replace, given the newest report of the transformation task."""
         if progress is self._newest:
             return ()
@@ -82,15 +76,15 @@ class PhaseWatch:
         return ()
 
     def restart(self, now_s: float) -> None:
-        """Begin anew: a process has been started, which takes its time."""
+        """Restart the timeout: a process has been started."""
         self._stuck.received(now_s)
 
     def _cause(self, missing: set[str], phase: str) -> tuple[str, ...]:
-        """Return the participants whose replacement lets all of the missing ones be heard."""
+        """Return the participants whose replacement makes all missing ones visible."""
         if missing >= self._drives | {PLANT} or self._in_vain % 2 == 0:
             return (TASK,)
         if missing >= self._drives and phase != 'CP0':
-            return (PLANT,)  # whose shafts the drives answer with
+            return (PLANT,)  # the drives reply to its shafts
         return tuple(sorted(missing))
 
 
@@ -99,34 +93,25 @@ class RobotProcesses:
 
     Parameters
     ----------
-    options, robot, program
-        What is asked for, parameters of the robot, name of the program for the recorder.
+    program
+        Name of the program for the recorder.
     logs
-        Folder for what they print.
-
-    Attributes
-    ----------
-    running
-        All of them, those that have ended unnoticed as well.
-    notes
-        What people should know about how they run.
-    restarts
-        How many were started again.
+        Folder for their output.
 
     """
 
     def __init__(self, options: Options, robot: core.Parameters, program: str, logs: Path) -> None:
         self._options, self._robot, self._program, self._logs = options, robot, program, logs
-        self.running: list[ManagedProcess] = []
-        self.notes = list(filter(None, [discovery.exposure()]))
-        self.restarts = 0
-        # how one is started again, by name
+        self.running: list[ManagedProcess] = []  # including those that have ended unnoticed
+        self.notes = list(filter(None, [discovery.exposure()]))  # messages for the user
+        self.restarts = 0  # number of restarted processes
+        # restart functions by name
         self._restarts: dict[str, Callable[[Schedule], ManagedProcess]] = {}
         self._restarted: list[float] = []  # when [s]
-        self._cyclic: list[int] = []  # process numbers of those that work in each cycle
-        # Without a clock the robot takes all the processor time there is; that must not be in real time.
+        self._cyclic: list[int] = []  # PIDs of the processes that work in each cycle
+        # Without a clock the robot takes all available processor time, which must not be in real time.
         paced = options.real_time_priority and options.real_time_factor > 0.0
-        # A planner whose heartbeat does not come through is taken for dead.
+        # A planner without a heartbeat counts as dead.
         self._planner_schedule = Schedule.PREFERRED if options.real_time_priority else Schedule.ORDINARY
         self._permitted = paced and scheduling.real_time_is_permitted()
         if paced and not self._permitted:
@@ -135,11 +120,11 @@ class RobotProcesses:
         self._in_real_time = False
         self._schedule = Schedule.REAL_TIME if paced else Schedule.ORDINARY
         self._load = CpuLoadMonitor()
-        # The planner waits for a word on its pipe: nothing may move before the recorder listens.
+        # The planner waits for a byte on its pipe: nothing may move before the recorder is ready.
         self._read_end, self._go = os.pipe()
 
     def start(self) -> None:
-        """Start all of them, in real time if there is room; the planner waits."""
+        """Start all processes, in real time if there is capacity; the planner waits."""
         preload.load_type_support()
         with in_turn() if self._crowded is None else nullcontext():
             if self._crowded is None:
@@ -203,11 +188,11 @@ class RobotProcesses:
         self._spawn('unit_robot', {'unit_robot': planner}, self._planner_schedule, waits=True)
 
     def let_planner_go(self) -> None:
-        """Let the planner begin."""
+        """Release the planner."""
         os.write(self._go, b'g')
 
     def end(self) -> list[str]:
-        """End all of them, the recorder last: it has the end of the others; return whom it took a kill to end."""
+        """End all processes, the recorder last; return the names of those that had to be killed."""
         os.close(self._go)
         os.close(self._read_end)
         recorders = [process for process in self.running if process.name == RECORDER]
@@ -238,22 +223,22 @@ class RobotProcesses:
     def _log(self, name: str) -> Path:
         return self._logs / f'{name}.log'
 
-    # afterwards -------------------------------------------------------------------------------------------------------
+    # restarts ---------------------------------------------------------------------------------------------------------
 
     def _prepare_restarts(self, nodes: Nodes) -> None:
-        """Note how a process that dies is started again: by itself, with the same parameters."""
+        """Store how each process is restarted: separately, with the same parameters."""
         common = ['--ros-args', '--params-file', str(core.write(self._robot, self._logs / 'robot.yaml'))]
         common += ['-r', f'__ns:=/{self._options.namespace.strip("/")}']
         for name, (node, values) in nodes.items():
             arguments = [*common, '-r', f'__node:={name}']
             for key, value in values.items():
-                # dropped after a fault, such as a process that dies; a program has not begun yet
+                # learned torques are discarded after a fault, such as a died process, but not before a program
                 if key != 'learned' or self._options.program:
                     arguments += ['-p', f'{key}:={value}']
             self._restarts[name] = partial(respawn, name, node.__module__, arguments, self._log(name))
 
     def restart(self, process: ManagedProcess) -> bool:
-        """Start a process again that has died; False if it is none of those, or if too many have died."""
+        """Restart a died process; False if it cannot be restarted, or too many have died."""
         now = time.monotonic()
         self._restarted = [then for then in self._restarted if now - then < RESTARTS_S]
         if process.name not in self._restarts or len(self._restarted) >= RESTARTS_MAX:
@@ -266,7 +251,7 @@ class RobotProcesses:
         return True
 
     def check_load(self, cycle: int) -> None:
-        """Take real-time scheduling off a robot that is too much for the machine: nothing else could run beside it."""
+        """Remove real-time scheduling if the robot overloads the machine and starves all other processes."""
         cores = self._load.excess() if self._in_real_time else 0.0
         if cores:
             self._in_real_time, self._schedule = False, Schedule.ORDINARY

@@ -1,4 +1,4 @@
-"""How the processes of a robot are scheduled: in real time where the system permits it, in short slices where not."""
+"""Scheduling of a robot's processes: in real time if the system permits it, otherwise with short time slices."""
 
 import ctypes
 import os
@@ -11,15 +11,13 @@ from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 
-REAL_TIME_PRIORITY = 20  # above all ordinary work, below the kernel's own
+REAL_TIME_PRIORITY = 20  # above all ordinary processes, below the kernel's threads
 PREFERRED_NICENESS = -10
-SLICE_S = (
-    1e-4  # what an ordinary process may run at a stretch: who waits for its core waits no longer than that
-)
+SLICE_S = 1e-4  # of an ordinary process: limits the waiting time of others for its core
 NOT_PERMITTED = (
-    'real-time scheduling is not permitted here: on a quiet machine one cycle in some 10,000 cannot start in time, and '
-    'answers take up to 30 ms, on a busy one it is more; a line "USER - rtprio '
-    f'{REAL_TIME_PRIORITY}" in a file of /etc/security/limits.d permits it from the next login on; --single-process '
+    'real-time scheduling is not permitted here: on a quiet machine one cycle in some 10,000 starts late, and AT take '
+    'up to 30 ms, on a busy one more; a line "USER - rtprio '
+    f'{REAL_TIME_PRIORITY}" in a file of /etc/security/limits.d permits it from the next login; --single-process '
     'keeps time nearly as well without it'
 )
 _CAP_SYS_NICE = 23
@@ -31,12 +29,12 @@ _ATTRIBUTES = struct.Struct(
 
 
 class Schedule(Enum):
-    """How a process is scheduled, where the system permits it; threads inherit it."""
+    """Scheduling of a process, if the system permits it; threads inherit it."""
 
     ORDINARY = 'ordinary'
-    SHORT = 'short slices'  # with other ordinary processes, but served sooner
+    SHORT = 'short slices'  # shares time with other ordinary processes, with shorter latency
     PREFERRED = 'preferred'  # before other ordinary processes
-    REAL_TIME = 'real time'  # before all of them: SCHED_FIFO; in short slices where that is not permitted
+    REAL_TIME = 'real time'  # SCHED_FIFO; short slices if that is not permitted
 
 
 def real_time_is_permitted() -> bool:
@@ -50,9 +48,9 @@ def real_time_is_permitted() -> bool:
 
 
 def give_up_real_time() -> None:
-    """Leave this process, and those that it starts, what every user has: no permission of real-time scheduling.
+    """Remove the permission of real-time scheduling from this process and its children.
 
-    Raises OSError if the system refuses even that.
+    Raises OSError if the system rejects this.
     """
     for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_NICE):
         resource.setrlimit(limit, (0, 0))
@@ -66,11 +64,11 @@ def give_up_real_time() -> None:
             sets[index] &= ~(1 << _CAP_SYS_NICE)
         if library.capset(header, sets) == 0:
             return
-    raise OSError(ctypes.get_errno(), 'cannot give up the permission of real-time scheduling')
+    raise OSError(ctypes.get_errno(), 'cannot remove the permission of real-time scheduling')
 
 
 def prefer(schedule: Schedule) -> None:
-    """Schedule this thread, and those that it starts, so if the system permits it."""
+    """Set the scheduling of this thread and its children, if the system permits it."""
     if schedule is Schedule.REAL_TIME:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
@@ -84,7 +82,7 @@ def prefer(schedule: Schedule) -> None:
 
 
 def await_real_time(pids: Sequence[int], patience_s: float = 1.0) -> None:
-    """Wait until processes that were told to are scheduled in real time, or have ended; not longer than that."""
+    """Wait until processes are scheduled in real time or have ended, with a timeout."""
     deadline = time.monotonic() + patience_s
     for pid in pids:
         with suppress(ProcessLookupError):
@@ -93,7 +91,7 @@ def await_real_time(pids: Sequence[int], patience_s: float = 1.0) -> None:
 
 
 def drop_real_time(pid: int) -> None:
-    """Schedule all threads of a process like any other process, in short slices."""
+    """Schedule all threads of a process as ordinary ones with short slices."""
     with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
         for thread in Path(f'/proc/{pid}/task').iterdir():
             os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
@@ -101,10 +99,9 @@ def drop_real_time(pid: int) -> None:
 
 
 def shorten_slices(thread: int = 0) -> bool:
-    """Let a thread (0: this one), and those that it starts, run in slices of ``SLICE_S``; whether the kernel can.
+    """Set slices of ``SLICE_S`` for a thread (0: this one) and its children; return whether the kernel supports it.
 
-    It can from Linux 6.12 on. Everybody may ask for that: a thread that asks for less at a stretch is served sooner
-    when it wakes up.
+    Linux supports it since 6.12, without permissions: a thread with shorter slices is scheduled sooner after a wake-up.
     """
     number = _SET_ATTRIBUTES.get(platform.machine())
     if number is None:

@@ -76,7 +76,7 @@ class ScriptRun:
         """Let the robot stop on its path, and be there for what that takes."""
         looks = round(HOLD_S / 0.05)
         while self._thread is not None and self._thread.is_alive() and looks > 0:
-            self._bringup.look(0.05)
+            self._bringup.poll(0.05)
             looks -= 1
 
     def _run(self) -> None:

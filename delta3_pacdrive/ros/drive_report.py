@@ -17,7 +17,7 @@ PARTNERS = {'plant/motor_shafts': 'plant', 'sercos/mdt': 'transformation_task'} 
 
 
 class DriveReport:
-    """Logs what has changed since the last update."""
+    """Logs changes since the last update."""
 
     def __init__(self, node: RobotNode, axis: str, bus_drive: BusDrive, telegrams: DriveTelegrams) -> None:
         self._node, self._axis, self._bus_drive, self._telegrams = node, axis, bus_drive, telegrams

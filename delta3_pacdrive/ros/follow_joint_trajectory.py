@@ -125,7 +125,7 @@ class _DeferredServer(ActionServer):
         self._consider(asked[1].goal, answer)
 
     def notify_execute(self, goal_handle: Any, execute_callback: Any) -> None:
-        """Run the callback of this goal; there is no common one."""
+        """Run the callback of this goal instead of a common one."""
         if execute_callback is not None:
             super().notify_execute(goal_handle, execute_callback)
 

@@ -39,7 +39,7 @@ class PlannerServices:
     Parameters
     ----------
     identity
-        Of the planner.
+        Identity of the planner.
     progress
         Returns the planning progress, empty while nothing is planned.
     changed

@@ -173,7 +173,7 @@ class OperatorNode(PollingNode):
         ProgramError
             It is too large.
         RunError
-            There was no reply.
+            The reply did not arrive in time.
 
         """
         try:

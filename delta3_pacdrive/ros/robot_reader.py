@@ -75,7 +75,7 @@ class RobotReader:
         return bool(self.operator.progress) and time.monotonic() - self.operator.progress_s < SILENT_S
 
     def instant(self) -> Instant | None:
-        """Return the state of the newest joint states, None if there are no new ones."""
+        """Return the state of the newest joint states, None without new ones."""
         found = None
         self._lag = _newest(self._lags, self._lag_codec, self._lag)
         self._error = _newest(self._errors, self._error_codec, self._error)

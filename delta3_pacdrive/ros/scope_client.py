@@ -113,7 +113,7 @@ class ScopeClient:
         ProgramError
             A drive rejects the request.
         RunError
-            There is no robot, it has ended, the trigger did not fire, or samples were lost.
+            The robot is not running, the trigger did not fire, or samples were lost.
         RunInterruptedError
             A signal arrived before the first record.
 

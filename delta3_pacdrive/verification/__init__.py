@@ -1,1 +1,1 @@
-"""What holds a robot that is up against what must be: the catalogue of faults, the soak, their invariants."""
+"""Verification of running robots: fault catalogue, soak test and their invariants."""

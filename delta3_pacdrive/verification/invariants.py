@@ -1,4 +1,4 @@
-"""What must hold in every cycle of a robot, whatever happens to it, and what holds while nothing disturbs it."""
+"""Conditions that hold in every cycle of a robot, and those that hold without a disturbance."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -14,23 +14,23 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.verification.fault_catalogue.signatures import TORQUE
 from delta3_pacdrive.verification.telegram_log import AT, CODECS, MDT, SHAFTS, Telegrams
 
-STOP_DEPTH_DEG = 3.0  # by which an end stop may give way
-COMMAND_M = 1e-3  # by which a command may leave the workspace
-ROUNDING = 1e-4  # of a limit
-ARM_DEG = 0.5  # by which an arm may exceed its control limits
+STOP_DEPTH_DEG = 3.0  # penetration of an end stop
+COMMAND_M = 1e-3  # tolerance of the workspace for commands
+ROUNDING = 1e-4  # share of a limit
+ARM_DEG = 0.5  # tolerance of the control limits of an arm
 # of an undisturbed program; random programs have 0.41 mm and 0.5 um
 TCP_ERROR_M = 1.5e-3
 END_M = 0.01e-3
-# by which the own memory of a robot's processes may grow in 100,000 cycles, mostly the planner's
+# growth limit of the unshared memory of a robot's processes in 100,000 cycles; the planner grows most
 MEMORY_MB = 5.0
-MEMORY_CYCLES = 100_000  # after warming up, below which a growth says nothing
-BLOCKS = 8  # of samples: within one, memory grows in steps, so that single samples are not independent
+MEMORY_CYCLES = 100_000  # minimum number of cycles after warming up
+BLOCKS = 8  # of samples: memory grows in steps, so single samples are not independent
 CONFIDENCE = 0.99
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Memory grows by so much in 100,000 cycles [MB], with its interval; ``cycles`` are those that were measured."""
+    """Memory growth in 100,000 cycles [MB], with half of its confidence interval and the number of measured cycles."""
 
     slope_mb: float = 0.0
     half_width_mb: float = math.inf
@@ -38,7 +38,7 @@ class Growth:
 
 
 def growth_of(cycles: Sequence[int], memory_mb: Sequence[float]) -> Growth:
-    """Estimate how fast memory grows, by a line through the means of blocks of samples."""
+    """Estimate memory growth by a line through the means of blocks of samples."""
     if len(cycles) < 2 * BLOCKS or cycles[-1] == cycles[0]:
         return Growth()
     blocks = np.array_split(np.arange(len(cycles)), BLOCKS)
@@ -54,29 +54,13 @@ def growth_of(cycles: Sequence[int], memory_mb: Sequence[float]) -> Growth:
 
 
 class Invariants:
-    """Telegrams are held against these rules.
-
-    Parameters
-    ----------
-    robot
-        Whose limits hold.
-    violate
-        Called with a sentence about what must never be and is, and its bus cycle.
-
-    Attributes
-    ----------
-    session
-        Session of the newest MDT.
-    unseen
-        Telegrams that were published and never came here, by topic: nobody has judged them.
-
-    """
+    """Checks telegrams against the limits of a robot; ``violate`` is called with a message and a bus cycle."""
 
     def __init__(self, robot: core.Parameters, violate: Callable[[str, int], None]) -> None:
         motor, drive, dynamics = robot.motor, robot.drive, robot.dynamics
         self._robot, self._violate = robot, violate
-        self.session = b''
-        self.unseen = dict.fromkeys(CODECS, 0)
+        self.session = b''  # of the newest MDT
+        self.unseen = dict.fromkeys(CODECS, 0)  # published but not received telegrams, by topic
         self._ratio = dynamics.gear_ratio
         self._torque_nominal = motor.peak_current_a * motor.torque_constant_n_m_a
         self._torque_max = SHORT_CIRCUIT * self._torque_nominal
@@ -90,14 +74,14 @@ class Invariants:
         self._last: dict[str, tuple[int, int, bytes] | None] = dict.fromkeys(CODECS)
 
     def check_all(self, telegrams: Mapping[str, Telegrams]) -> None:
-        """Look at all telegrams that have come, by topic."""
+        """Check telegrams by topic."""
         for topic, own in telegrams.items():
             self.check(topic, own)
         if MDT in telegrams:
             self.session = telegrams[MDT].sessions[-1]
 
     def check(self, topic: str, telegrams: Telegrams) -> None:
-        """Look at the telegrams of a topic, in the order in which they came: order in time, physical limits."""
+        """Check order and physical limits of the telegrams of a topic, in the order of reception."""
         self._check_order(topic, telegrams)
         if topic == SHAFTS:
             self._check_shafts(telegrams, self._stops, self._speed_max)
@@ -107,10 +91,10 @@ class Invariants:
             self._check_torque(topic, telegrams, self._torque_max)
 
     def _check_order(self, topic: str, telegrams: Telegrams) -> None:
-        """Bus time goes on by one cycle per telegram; where the bus was phased up, it may have gone on by more."""
+        """Check that bus time advances by one cycle per telegram, or by more across a phase start-up."""
         last = self._last[topic]
-        told = zip(telegrams.cycles.tolist(), telegrams.numbers.tolist(), telegrams.sessions, strict=True)
-        for cycle, number, session in told:
+        received = zip(telegrams.cycles.tolist(), telegrams.numbers.tolist(), telegrams.sessions, strict=True)
+        for cycle, number, session in received:
             if last is not None:
                 before, number_before, session_before = last
                 same, steps = session_before == session, max(number - number_before, 1)
@@ -143,7 +127,7 @@ class Invariants:
     def _outside(
         self, what: str, unit: str, telegrams: Telegrams, values: Floats, low: float, high: float
     ) -> None:
-        """Violate where values (n, k) are beyond their limits most; nan is beyond."""
+        """Report the largest excess of values (n, k) over their limits; nan exceeds them."""
         excess = np.nan_to_num(np.maximum(low - values, values - high), nan=np.inf)
         row, column = np.unravel_index(int(excess.argmax()), excess.shape)
         if excess[row, column] > 0.0:
@@ -153,12 +137,12 @@ class Invariants:
     def check_undisturbed(
         self, recorded: dict[str, Telegrams], end_m: Sequence[float]
     ) -> tuple[float, float]:
-        """Hold a program that nothing has disturbed against nominal limits, its commands and its end.
+        """Check an undisturbed program against nominal limits, its commands and its end point.
 
         Returns
         -------
         tuple
-            Largest distance [m] of the true TCP from its command, and of its end from where it should be.
+            Maximum distance [m] of the true TCP from its command, and distance of its end from the intended point.
 
         """
         shafts, commands = recorded[SHAFTS], recorded[MDT]
@@ -184,12 +168,12 @@ class Invariants:
         return float(errors[worst]), off
 
     def check_losses(self, what: str, lost: int, injected: int, complete: bool, cycle: int) -> None:
-        """Compare lost telegrams with those that faults took away; ``complete``: all of these were due."""
+        """Compare lost telegrams with injected losses; ``complete``: all of these were due."""
         if lost > injected or (complete and lost < injected):
             self._violate(f'{what}: {lost} lost, {injected} were injected', cycle)
 
     def check_memory(self, growth: Growth, now: int) -> None:
-        """Judge how fast the processes' own memory grows: the whole interval has to exceed the limit."""
+        """Check the growth of unshared memory: the whole interval has to exceed the limit."""
         if growth.cycles >= MEMORY_CYCLES and growth.slope_mb - growth.half_width_mb > MEMORY_MB:
             self._violate(
                 f'memory grows by {growth.slope_mb:.2f} +- {growth.half_width_mb:.2f} MB in 100,000 cycles '

@@ -1,4 +1,4 @@
-"""An operator without hands: stays with a robot and gets it going again whatever has happened, as people do."""
+"""An automated operator: restarts a robot after any fault, as a human operator would."""
 
 import json
 import math
@@ -12,73 +12,66 @@ from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, RefusedError
 from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.sercos.configuration_check import PLANT
 
-# wall time in which everything has to be as before, also on a machine that has other things to do
+# wall-clock timeout of every wait, also on a busy machine
 PATIENCE_S = 60.0
-THERE_M = 1e-4  # by which a robot that stands at a place may be off it: it need not move there
-ATTEMPTS = 3  # a fault may be injected while the last one is overcome
-RESET_S = 1.0  # wall time after which a reset is tried again
+THERE_M = 1e-4  # tolerance of a position at rest: no move is necessary
+ATTEMPTS = 3  # a fault may be injected during the recovery from another one
+RESET_S = 1.0  # wall time before a reset is tried again
 RECOVERY_M_S = 1.0
-EXPLANATION_S = 0.1  # bus time in which the master asks the drives for the number of their faults
+EXPLANATION_S = 0.1  # bus time in which the master reads the fault numbers of the drives
 
 
 class AutomatedOperator:
-    """The operator lives in the process that brought the robot up; subclasses look at what the robot publishes.
-
-    Attributes
-    ----------
-    operator
-        Its node.
-
-    """
+    """An operator in the process of the bring-up; subclasses evaluate the messages of the robot."""
 
     def __init__(self, bringup: Bringup) -> None:
         self._bringup = bringup
         self.operator = OperatorNode(self.spin, namespace=bringup.node.get_namespace())
         bringup.add(self.operator)
 
-    def look(self) -> None:
-        """Look at what was published since the last look; called all the time."""
+    def update(self) -> None:
+        """Process received messages; called during every wait."""
 
     def spin(self, seconds: float) -> None:
-        """Let everybody work for a while; raises KeyboardInterrupt if a signal asks for the end."""
-        self._bringup.look(seconds)
+        """Process messages of all nodes for a while; raises KeyboardInterrupt after a signal."""
+        self._bringup.poll(seconds)
         if self._bringup.interrupted:
             raise KeyboardInterrupt
-        self.look()
+        self.update()
 
     @property
     def progress(self) -> dict[str, Any]:
-        """The newest progress."""
+        """The newest progress report."""
         return self.operator.progress
 
     def fresh(self) -> dict[str, Any]:
-        """Wait for the next progress and return it."""
+        """Wait for the next progress report and return it."""
         before = self.progress
         self.wait(lambda: self.progress is not before, 'motion/progress')
         return self.progress
 
     def wait(self, condition: Callable[[], Any], what: str) -> None:
-        """Wait for a condition; raises RunError when patience is over."""
+        """Wait for a condition; raises RunError after a timeout."""
         self.operator.wait_until(condition, what, PATIENCE_S)
 
     def mdt_losses(self, axis: str) -> int:
-        """MDT that a drive has missed since its start (S-0-0029)."""
+        """Return the number of MDT that a drive has missed since its start (S-0-0029)."""
         answer = self.operator.drive(f'{axis} read S-0-0029')
         return int(float(answer.rpartition('= ')[2].split()[0]))
 
-    def stands(self) -> bool:
-        """Whether nothing moves: no program is under way, or a fault has taken the torque off."""
+    def is_at_rest(self) -> bool:
+        """Whether the robot is at rest: no motion, or without torque after a fault."""
         if self.progress['fault']:
             return not self.progress['in_torque']
         return self.operator.state in ('idle', 'stopped')
 
     def let_pass(self, seconds: float) -> None:
-        """Let bus time pass."""
+        """Wait for a duration of bus time [s]."""
         end = self.fresh()['bus_time_s'] + seconds
         self.wait(lambda: self.progress['bus_time_s'] >= end or self.progress['phase'] != 'CP4', 'bus time')
 
     def make_ready(self, home_m: Sequence[float]) -> None:
-        """Do what has to be done: the robot stands enabled at a place, without faults; raises Delta3Error."""
+        """Bring the robot to a position, enabled and without faults; raises Delta3Error."""
         for _ in range(ATTEMPTS):
             self._try_to_make_ready(home_m)
             if not self.fresh()['fault']:
@@ -107,7 +100,7 @@ class AutomatedOperator:
         self.wait(lambda: operator.state in ('idle', 'error'), 'end of the motion')
 
     def _reset(self) -> None:
-        """Clear the fault, however often that takes until its cause is gone."""
+        """Reset the fault repeatedly until its cause has been removed."""
         deadline = time.monotonic() + PATIENCE_S
         while self.fresh()['fault']:
             try:
@@ -118,15 +111,15 @@ class AutomatedOperator:
                     raise
 
     def replace_the_machine(self) -> None:
-        """Let a new machine take the place of one that cannot be moved any more; its process is started again.
+        """Replace the plant, by killing its process, if the robot cannot be moved any more.
 
-        Without cyclic operation nobody takes the order: the bus comes up by itself, or the next try says why not.
+        Without cyclic operation the command is rejected: the bus then restarts by itself, or the next attempt fails.
         """
         with suppress(Delta3Error):
             self.operator.inject(json.dumps({'fault': 'kill', 'node': PLANT}))
 
     def drive(self, moves: list[dict[str, Any]], faults: Sequence[dict[str, Any]] = (), **more: Any) -> None:
-        """Send a program of moves, with faults at their times, and start it; raises ProgramError if it is refused."""
+        """Send and start a program of moves with timed faults; raises ProgramError if it is rejected."""
         operator = self.operator
         self.wait(lambda: operator.state == 'idle' or self.progress['fault'], 'idle robot')
         self._send(json.dumps({'moves': moves, 'faults': list(faults), **more}))
@@ -134,14 +127,14 @@ class AutomatedOperator:
         try:
             self.call('start')
         except Delta3Error:
-            # what waits would go before the moves of the next program, or refuse them
+            # remaining moves would precede those of the next program
             with suppress(Delta3Error):
                 operator.call('clear')
             raise
         self.wait(lambda: operator.state_changes > before or self.progress['fault'], 'start')
 
     def _send(self, document: str) -> None:
-        """Send a program; a planner that was started again may not have heard of it, or not know the robot yet."""
+        """Send a program; a restarted planner may have missed it, or may not know the robot yet."""
         deadline = time.monotonic() + PATIENCE_S
         while True:
             try:
@@ -155,7 +148,7 @@ class AutomatedOperator:
                 self.fresh()
 
     def call(self, name: str) -> None:
-        """Ask for what a service does; a planner that has hung is listened to again when it has been heard."""
+        """Call a service; a planner that has hung accepts requests again after its next heartbeat."""
         deadline = time.monotonic() + PATIENCE_S
         while True:
             try:
@@ -168,12 +161,12 @@ class AutomatedOperator:
 
     @property
     def fault(self) -> RobotFault | None:
-        """The fault that has stopped the robot, as it said last."""
+        """The fault that has stopped the robot, from the newest report."""
         return RobotFault.of(self.progress, self.progress['fault'])
 
     def observe(self, seconds: float) -> RobotFault | None:
-        """Wait until a fault has stopped the robot, or some bus time is over and nothing moves; return the fault."""
-        started: float | None = None  # bus time since which the bus is in cyclic operation
+        """Wait for a fault that stops the robot, or for some bus time and standstill; return the fault."""
+        started: float | None = None  # bus time at the start of cyclic operation
         over = time.monotonic() + PATIENCE_S
         while time.monotonic() < over:
             progress = self.fresh()
@@ -192,7 +185,7 @@ class AutomatedOperator:
 
 
 def run_operated(bringup: Bringup, operate: Callable[[], None]) -> None:
-    """Bring a robot up, operate it and end it; raises KeyboardInterrupt if a signal asks for the end before."""
+    """Start a robot, operate it and end it; raises KeyboardInterrupt if a signal ends it early."""
     operated = False
 
     def script(_: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""A log of the cyclic telegrams of a robot, by a reader who takes no part in the bus."""
+"""A log of the cyclic telegrams of a robot, by a passive reader."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ AT = interfaces.AT.names
 
 
 def codecs_of(drives: Sequence[str] = DRIVES, torques: bool = False) -> dict[str, TelegramCodec]:
-    """Return what reads the cyclic telegrams of a robot with these drives; ``torques``: its master commands some."""
+    """Return the codecs of a robot's cyclic telegrams; with ``torques`` an MDT contains torque commands."""
     telegrams = (shafts(drives), mdt(torques, drives), *map(at, drives))
     return {telegram.topic: cdr.codec(telegram) for telegram in telegrams}
 
@@ -37,37 +37,22 @@ CODECS = codecs_of()
 
 @dataclass(frozen=True)
 class Telegrams:
-    """The telegrams of one topic stand in the order in which they came.
-
-    Attributes
-    ----------
-    cycles
-        Bus cycles.
-    frames
-        Frame of each: its words and its session.
-    numbers
-        Of each among those that its sender has published: where one is missing, the reader has missed it.
-    received_s
-        Wall time of each [s since 1970].
-    values
-        Numbers of each, shape (n, k).
-
-    """
+    """The telegrams of one topic in the order of reception."""
 
     cycles: NDArray[np.int64]
-    frames: list[bytes]
-    numbers: NDArray[np.int64]
-    received_s: Floats
-    values: Floats
+    frames: list[bytes]  # words and session
+    numbers: NDArray[np.int64]  # sequence numbers of the sender; a gap means that the reader lost a telegram
+    received_s: Floats  # wall time since 1970
+    values: Floats  # shape (n, k)
 
     @property
     def sessions(self) -> list[bytes]:
-        """Session of each."""
+        """Session of each telegram."""
         return [frame[-len(NO_SESSION) :] for frame in self.frames]
 
     @staticmethod
     def joined(parts: 'Sequence[Telegrams]') -> 'Telegrams':
-        """Return what came in parts as a whole."""
+        """Concatenate telegrams."""
         if not parts:
             return Telegrams(np.zeros(0, np.int64), [], np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 1)))
         return Telegrams(
@@ -86,9 +71,9 @@ def read_telegrams(
     refuse: Callable[[str], None],
     codecs: Mapping[str, TelegramCodec] = CODECS,
 ) -> Telegrams | None:
-    """Read messages with what the middleware says of each; None if none of them is cyclic.
+    """Decode messages with their middleware info; None if none of them is cyclic.
 
-    ``refuse`` is called with a sentence about a message that cannot be read; ``codecs`` are those of the robot.
+    ``refuse`` is called with the reason for a message that cannot be decoded.
     """
     cycles, frames, numbers, received, rows = [], [], [], [], []
     for data, info in taken:
@@ -112,7 +97,7 @@ def read_telegrams(
 
 
 def enabled_from(commands: Telegrams, drives: int = len(DRIVES)) -> int:
-    """First bus cycle in which so many drives obey the newest order to enable them; ``NEVER`` without one."""
+    """Return the first bus cycle after the newest command that enables this many drives; ``NEVER`` without one."""
     words = map(parse_mdt_frame, commands.frames, repeat(0), commands.sessions, repeat(drives))
     enabled = np.array([bool(word.control & Control.ENABLE) for word in words], bool)
     begun = np.flatnonzero(enabled[1:] & ~enabled[:-1])
@@ -120,17 +105,9 @@ def enabled_from(commands: Telegrams, drives: int = len(DRIVES)) -> int:
 
 
 class TelegramLog:
-    """The log reads all cyclic telegrams of a robot, and keeps them from ``begin`` to ``end``.
+    """Reads all cyclic telegrams of a robot, and stores those between ``begin`` and ``end``.
 
-    Parameters
-    ----------
-    node
-        Subscribes.
-    robot
-        Its parameters.
-    refuse
-        Called with a sentence about a telegram that cannot be read.
-
+    ``refuse`` is called with the reason for a telegram that cannot be decoded.
     """
 
     def __init__(self, node: PollingNode, robot: Parameters, refuse: Callable[[str], None]) -> None:
@@ -142,24 +119,24 @@ class TelegramLog:
         self._kept: dict[str, list[Telegrams]] | None = None
 
     def begin(self) -> None:
-        """Keep what comes from now on, and nothing of before."""
+        """Start storing; earlier telegrams are discarded."""
         self._kept = {}
 
     def end(self) -> dict[str, Telegrams]:
-        """Keep nothing any more; return what was kept, by topic."""
+        """Stop storing; return the stored telegrams by topic."""
         kept, self._kept = self.kept(), None
         return kept
 
     def kept(self) -> dict[str, Telegrams]:
-        """Return what has been kept so far, by topic."""
+        """Return the stored telegrams by topic."""
         return {topic: Telegrams.joined(parts) for topic, parts in (self._kept or {}).items()}
 
     def telegrams(self, topic: str) -> Telegrams:
-        """Return what has been kept so far of a topic."""
+        """Return the stored telegrams of a topic."""
         return Telegrams.joined((self._kept or {}).get(topic, []))
 
     def tcp(self, topic: str = SHAFTS) -> Floats:
-        """TCP [m] of every cycle that was kept, shape (n, 3): the true one, or that of the commands."""
+        """Return the TCP [m] of every stored cycle, shape (n, 3): the true or the commanded one."""
         telegrams = self.telegrams(topic)
         if not len(telegrams.cycles):
             return np.zeros((0, 3))
@@ -167,7 +144,7 @@ class TelegramLog:
         return kinematics.forward(theta, self._robot.kinematics)
 
     def read(self) -> dict[str, Telegrams]:
-        """Return the cyclic telegrams that have come since the last time, by topic."""
+        """Return the cyclic telegrams received since the last call, by topic."""
         found = {}
         for topic, take in self._takes.items():
             if telegrams := read_telegrams(topic, iter(take, None), self._clock, self._refuse, self._codecs):

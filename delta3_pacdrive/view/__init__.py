@@ -1,1 +1,1 @@
-"""The robot in the browser: a page that shows a robot that is up, or a recording, and controls for the former."""
+"""The robot in the browser: a page with a running robot and its controls, or with a recording."""

@@ -100,7 +100,7 @@ def checked(handle: Any, value: Any) -> Any:
     Parameters
     ----------
     handle
-        Of the control.
+        Handle of the control.
     value
         As sent by the browser.
 

@@ -14,7 +14,7 @@ KINDS = (COMMAND, TRUE, 'none')
 def ghost_of(
     instant: Instant, tcp_m: Floats, error_m: Floats, kind: str, magnification: float
 ) -> tuple[Floats, float] | None:
-    """Return TCP [m], shape (3,), and tool angle [rad] of the ghost; None if there is no visible error.
+    """Return TCP [m], shape (3,), and tool angle [rad] of the ghost; None without a visible error.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def ghost_of(
     kind
         One of ``KINDS``: the pose that the ghost shows.
     magnification
-        Of the error.
+        Factor of the error.
 
     """
     away, turn, off = None, instant.turn, 0.0

@@ -11,7 +11,7 @@ VALUES = {'on': True, 'off': False, 'auto': 'auto'}
 
 
 class InputRows:
-    """A tab with a row for each input; without inputs there is no tab.
+    """A tab with a row for each input, hidden without inputs.
 
     ``ask`` sends a request to the service ``input``.
     """

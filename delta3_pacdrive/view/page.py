@@ -188,7 +188,7 @@ class Page:
             handle.visible = False
 
     def wait(self, sentence: str) -> None:
-        """Show what the page is waiting for until the first facts arrive."""
+        """Show a waiting message until the first facts arrive."""
         self._facts = Facts(waiting=sentence)
         self._write()
 

@@ -239,13 +239,13 @@ def error_of(
     Parameters
     ----------
     signals
-        Of a recording.
+        Recorded signals by name.
     tcp_m
         TCP positions [m], shape (n, 3).
     command_rad
         Arm angles plus recorded following errors, shape (n, 3).
     parameters
-        Of the robot.
+        Parameters of the robot.
 
     """
     if 'tcp_error' in signals:

@@ -48,7 +48,7 @@ def rows_of(
     theta_rad, lag_rad, torque_n_m, current_a, error_m
         As in ``Instant``, shape (n, 3).
     parameters
-        Of the robot.
+        Parameters of the robot.
 
     Returns
     -------

@@ -28,7 +28,7 @@ class ThreadSafeEvent(asyncio.Event):
             super().set()
         elif not self._is_due:
             self._is_due = True
-            with suppress(RuntimeError):  # the loop is closed: there are no waiters
+            with suppress(RuntimeError):  # the loop is closed, without waiters
                 self._wakes.call_soon_threadsafe(self.set)
 
 

@@ -1,4 +1,4 @@
-"""What ``delta3 bench estimation`` counts: how often intervals hold the truth."""
+"""What ``delta3 bench estimation`` counts: how often intervals contain the true value."""
 
 from types import SimpleNamespace
 
@@ -61,7 +61,7 @@ def test_the_command_prints_a_line_for_each_quantity(monkeypatch, capsys):
     monkeypatch.setattr(estimation, 'built', lambda seeds, on_progress: told(0.75))
     assert bench.main(['estimation', '--seeds', '4']) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == 'excitation, 4 seeds: how often 95 % intervals hold the truth'
+    assert lines[0] == 'excitation, 4 seeds: how often 95 % intervals contain the true value'
     assert lines[1].startswith('nominal robots: 50.0 %')
     assert lines[2].split() == ['R', '50.0', '%', 'half', 'width', '1.2', '%']
     assert lines[3].startswith('built robots: 75.0 %')

@@ -43,11 +43,11 @@ def test_a_link_is_as_the_case_says_while_the_robot_drives_and_good_on_its_way_b
 
 @pytest.mark.parametrize(
     ('lines', 'sentence'),
-    [([], 'it says nothing'), (['{"error": "no robot within 120 s"}'], 'no robot within 120 s')],
+    [([], 'without a message'), (['{"error": "no robot within 120 s"}'], 'no robot within 120 s')],
 )
 def test_an_operator_that_has_ended_is_told(lines, sentence):
     with pytest.raises(RunError, match=f'the operator of the robot has ended: {sentence}'):
-        network.told_by(operator(*lines), 'ready')
+        network.next_line(operator(*lines), 'ready')
 
 
 def test_the_command_prints_a_line_for_each_link(monkeypatch, capsys):
@@ -78,7 +78,7 @@ def test_a_link_that_there_is_not_is_refused_by_name(capsys):
     ('patched', 'value', 'sentence'),
     [
         ('IP', '', 'the program ip is not installed'),
-        ('TUN', two_hosts.Path('/nowhere'), '/nowhere is not there'),
+        ('TUN', two_hosts.Path('/nowhere'), '/nowhere is not available'),
     ],
 )
 def test_where_there_cannot_be_two_hosts_that_is_told(patched, value, sentence, monkeypatch, capsys):
@@ -86,4 +86,4 @@ def test_where_there_cannot_be_two_hosts_that_is_told(patched, value, sentence, 
     monkeypatch.setattr(two_hosts, 'IP', '/bin/true')
     monkeypatch.setattr(two_hosts, patched, value)
     assert bench.main(['network']) == 1
-    assert capsys.readouterr().err == f'error: there cannot be two hosts on this machine: {sentence}\n'
+    assert capsys.readouterr().err == f'error: two hosts are not possible on this machine: {sentence}\n'

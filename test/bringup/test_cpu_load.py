@@ -158,8 +158,8 @@ def test_a_quiet_machine_has_room_and_nobody_waits_to_see_it(machine: Machine) -
 def test_real_time_work_of_strangers_takes_its_room(machine: Machine) -> None:
     assert room_beside(machine, 0.5 * FREE, audio=0.4 * FREE) == ''
     told = room_beside(machine, 0.5 * FREE, audio=0.6 * FREE)
-    assert f'takes {0.6 * FREE:.2f} of {CORES} cores, this robot needs {0.5 * FREE:.2f} more' in told
-    assert told.endswith('it goes without it')
+    assert f'take {0.6 * FREE:.2f} of {CORES} cores, this robot needs {0.5 * FREE:.2f} more' in told
+    assert told.endswith('it starts without it')
 
 
 def test_a_robot_that_is_coming_up_counts_with_what_it_will_take(machine: Machine) -> None:
@@ -182,7 +182,7 @@ def test_the_processes_of_a_robot_count_one_by_one(machine: Machine) -> None:
 def test_several_robots_are_spoken_of_as_such(machine: Machine) -> None:
     told = lack_of_room(9, 9 * FREE, machine.folder, lambda: 1.0)
     assert f'9 robots need {9 * FREE:.2f} more' in told
-    assert told.endswith('they go without it')
+    assert told.endswith('they start without it')
 
 
 # on a slow machine
@@ -193,14 +193,13 @@ def test_on_a_machine_of_half_the_speed_robots_need_twice_as_much(machine: Machi
     assert room_beside(machine, just - 0.01, 2.0, robot=0.0) == ''
     told = room_beside(machine, just + 0.01, 2.0, robot=0.0)
     assert (
-        f'takes {2 * SINGLE_CORES:.2f} of {CORES} cores, this robot needs {2 * (just + 0.01):.2f} more'
-        in told
+        f'take {2 * SINGLE_CORES:.2f} of {CORES} cores, this robot needs {2 * (just + 0.01):.2f} more' in told
     )
 
 
 def test_a_robot_that_is_up_counts_with_what_it_really_takes_if_that_is_more(machine: Machine) -> None:
     told = room_beside(machine, FREE, 2.0, robot=0.8)
-    assert 'takes 0.80 of' in told
+    assert 'take 0.80 of' in told
 
 
 def test_several_robots_ask_how_slow_the_machine_is_and_one_alone_may_try(machine: Machine) -> None:

@@ -135,11 +135,11 @@ def test_namespaces_are_below_the_prefix() -> None:
 def test_ten_robots_find_each_other_and_what_is_more_is_refused_with_what_is_possible() -> None:
     single = Options(program=None, single_process=True)
     require_room(10, single, page=False)
-    with pytest.raises(RunError, match=r'11 robots would be 33 processes .* there can be 10 robots'):
+    with pytest.raises(RunError, match=r'11 robots would have 33 participants.* 10 robots are possible'):
         require_room(11, single, page=False)
-    with pytest.raises(RunError, match='there can be 7 robots'):
+    with pytest.raises(RunError, match='7 robots are possible'):
         require_room(8, single, page=True)
-    with pytest.raises(RunError, match=r'5 robots would be 35 processes .* there can be 4 robots'):
+    with pytest.raises(RunError, match=r'5 robots would have 35 participants.* 4 robots are possible'):
         require_room(5, Options(program=None), page=False)
 
 

@@ -89,7 +89,7 @@ def files(tmp_path):
         (['simulate', '--trace', '/nowhere/trace.npz'], 1, 'cannot write trace'),
         (['faults', 'inject'], 2, 'inject takes one fault'),
         (['faults', 'run', 'x'], 2, 'only inject takes a fault'),
-        (['faults', '--only', 'rain'], 1, "error: no case of the catalogue holds the text 'rain'"),
+        (['faults', '--only', 'rain'], 1, "error: no case of the catalogue contains the text 'rain'"),
         (['soak', '--minutes', '0'], 2, '--minutes is 0, but must be between'),
         (['soak', '--replay', '3'], 2, '--replay takes the number of a program, from 1 on, and needs --pace'),
     ],

@@ -30,7 +30,7 @@ class Standing:
     def __init__(self, graph: Any) -> None:
         self.graph, self.node = graph, graph.listener
         self.notes: list[str] = []
-        self.look: Callable[[float], None] = graph.spin_for
+        self.poll: Callable[[float], None] = graph.spin_for
         self.add: Callable[[Any], None] = graph.adopt
         task = graph.robot()
         graph.add(UnitRobotNode)
@@ -196,7 +196,7 @@ class Replay:
             due = True  # the robot stands, ready for the program
             return Drawn(7, moves, [])
 
-        def look(seconds: float) -> None:
+        def poll(seconds: float) -> None:
             nonlocal due
             graph.spin_for(seconds)
             if due and other.state == 'moving':
@@ -204,7 +204,7 @@ class Replay:
                 other.inject(json.dumps(fault))
 
         self._patch.setattr(soak, 'draw', draw)
-        self._patch.setattr(self._standing, 'look', look)
+        self._patch.setattr(self._standing, 'poll', poll)
         self._soak.run(0.0, lambda _: None, 7)
         return self.figures
 

@@ -191,7 +191,7 @@ def test_a_robot_and_its_page_come_up_together_and_the_robot_outlives_the_page(
         visit.page.get_by_text('idle', exact=True).first.wait_for(state='attached')
     (page,) = [line for line in processes() if ' view ' in line]
     subprocess.run(['kill', '-KILL', page.partition(':')[0]], check=True)
-    assert 'there is no page any more, the robot goes on' in process.stderr.readline()
+    assert 'the page has ended, the robot continues' in process.stderr.readline()
     assert state_of(delta3)['state'] == 'idle'
     assert ended(process)[0] == 0
 

@@ -454,7 +454,7 @@ def test_a_robot_with_a_rotary_axis_has_the_cases_of_its_drive_as_well():
     }
     assert 'winding_short axis4 moving' in [case.line for case in cases(short=True, rotary=True)]
     with pytest.raises(
-        RunError, match=r"holds the text 'axis4'; those of axis4 need a robot with a rotary axis"
+        RunError, match=r"contains the text 'axis4'; those of axis4 need a robot with a rotary axis"
     ):
         cases(only='axis4')
 
@@ -496,7 +496,7 @@ class Operated(AutomatedOperator):
     ],
 )
 def test_a_robot_stands_when_nothing_moves_any_more(state, fault, in_torque, stands):
-    assert Operated(state, fault, in_torque).stands() is stands
+    assert Operated(state, fault, in_torque).is_at_rest() is stands
 
 
 def told_to_start(*answers):

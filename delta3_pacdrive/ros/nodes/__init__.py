@@ -1,1 +1,1 @@
-"""The nodes of a robot, each with its main function."""
+"""The nodes of a robot with their main functions."""

@@ -35,7 +35,7 @@ REPORT_EVERY = 3  # housekeeping periods between two reports of missing drives
 
 
 class PlantNode(RobotNode):
-    """Connects the machine behind the drives to the bus."""
+    """Connects the plant to the bus."""
 
     def __init__(self, **node_options: Any) -> None:
         super().__init__(KIND, **node_options)

@@ -29,7 +29,7 @@ from delta3_pacdrive.ros.told_parameters import RemoteParameters
 
 DRAIN_S = 0.02
 QUIET_S = 0.2  # without a message: everything published has arrived
-_rejoining: 'dict[Path, RecorderNode]' = {}  # whose bags are continued by the next nodes of this process
+_rejoining: 'dict[Path, RecorderNode]' = {}  # their bags are continued by the next nodes
 
 
 class RecorderNode(PollingNode):

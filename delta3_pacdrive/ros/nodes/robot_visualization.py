@@ -88,7 +88,7 @@ class _OptionalInput:
                 decoded = self._codec.decode(taken[0])
             except TelegramError:
                 continue  # from another publisher of the same topic
-            if decoded[0] >= 0:  # before cyclic operation there is no bus time
+            if decoded[0] >= 0:  # bus time starts with cyclic operation
                 found.append(decoded)
         return found
 

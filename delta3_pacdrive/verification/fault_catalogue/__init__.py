@@ -1,1 +1,1 @@
-"""Every fault in every state on a robot that is up, what each has to lead to, and whether it is overcome."""
+"""Fault catalogue: every fault in every state of a running robot, the reaction and the recovery."""

@@ -1,4 +1,4 @@
-"""The catalogue: every fault in every state, and what each has to lead to."""
+"""The fault catalogue: every fault in every state, and the expected reaction."""
 
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
@@ -11,34 +11,25 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, TOOL_DRIVE
 
 
 class State(StrEnum):
-    """The robot is in this state when the fault occurs."""
+    """State of the robot when the fault occurs."""
 
     DISABLED = 'disabled'  # brakes applied
-    ENABLING = 'enabling'  # in torque, the brakes about to open
+    ENABLING = 'enabling'  # with torque, brakes about to open
     STANDING = 'standing'  # enabled
     MOVING = 'moving'
-    STOPPING = 'stopping'  # on its path, towards a hold
+    STOPPING = 'stopping'  # on its path, by a hold
     HELD = 'held'  # stopped on its path
     STOPPED_BY_FAULT = 'stopped by fault'  # by an emergency stop
-    STARTING = 'starting'  # in CP0, while the plant is started again
+    STARTING = 'starting'  # in CP0, while the plant is restarted
 
 
 @dataclass(frozen=True)
 class Case:
-    """A fault occurs in a state.
+    """A fault in a state."""
 
-    Attributes
-    ----------
-    fault
-        As a request, without its time.
-    expected
-        Number, code or source of the fault of the robot that it has to lead to; empty: the robot goes on.
-
-    """
-
-    fault: dict[str, Any]
+    fault: dict[str, Any]  # as a request, without its time
     state: State
-    expected: str = ''
+    expected: str = ''  # number, code or source of the resulting fault of the robot; empty: none
 
     @property
     def kind(self) -> str:
@@ -52,7 +43,7 @@ class Case:
 
     @property
     def text(self) -> str:
-        """The fault in words."""
+        """Description of the fault."""
         words = [self.kind, self.target]
         for key, value in self.fault.items():
             if key == 'cycles':
@@ -65,62 +56,43 @@ class Case:
 
     @property
     def lasts(self) -> bool:
-        """Whether the fault is there until it is cleared."""
+        """Whether the fault lasts until it is cleared."""
         kind = KINDS[self.kind]
         return not kind.telegram and not kind.once and 'for_s' not in self.fault
 
     @property
     def line(self) -> str:
-        """Fault and state, by which a case is chosen."""
+        """Fault and state, to select a case."""
         return f'{self.text} {self.state}'
 
 
 @dataclass
 class Outcome:
-    """A case came to this.
-
-    Attributes
-    ----------
-    detected_s
-        Bus time from the fault to its detection; None: nothing was detected, or a process was frozen or killed.
-    silent_s
-        Wall time from the last telegram before a process was frozen or killed to the detection.
-    reported
-        The fault of the robot that it led to.
-    exercised
-        Whether the fault showed itself only in the exercise: disable, enable, away and back.
-    evidence
-        What else shows that the fault was there.
-    deviation_m
-        Largest distance of the true TCP from its path.
-    recovered_s
-        Wall time from the first action of the operator until the robot stands enabled where it began; None: never.
-    reference_m
-        Largest distance of the true TCP from its path in the reference move after the recovery.
-
-    """
+    """The result of a case."""
 
     case: Case
-    detected_s: float | None = None
-    silent_s: float | None = None
+    detected_s: float | None = (
+        None  # bus time from fault to detection; None: not detected, or a process fault
+    )
+    silent_s: float | None = None  # wall time from the last telegram before a process fault to its detection
     reported: RobotFault | None = None
-    exercised: bool = False
+    exercised: bool = False  # detected only in the exercise: disable, enable, away and back
     evidence: str = ''
-    deviation_m: float = 0.0
-    recovered_s: float | None = None
-    reference_m: float | None = None
+    deviation_m: float = 0.0  # maximum distance of the true TCP from its path
+    recovered_s: float | None = None  # wall time of the operator until the robot is ready again; None: never
+    reference_m: float | None = None  # path deviation in the reference move after the recovery
     problem: str = ''
 
     @property
     def as_expected(self) -> bool:
-        """Whether it led to what it has to lead to, was seen, and was overcome."""
+        """Whether the reaction was as expected, there is evidence, and the robot recovered."""
         right = self._right
         seen = bool(self.reported or self.evidence)
         return right and seen and self.recovered_s is not None and not self.problem
 
     @property
     def _right(self) -> bool:
-        """Whether it led to what it has to lead to."""
+        """Whether the reaction was as expected."""
         fault, expected = self.reported, self.case.expected
         if fault is None or not expected:
             return fault is None and not expected
@@ -128,18 +100,18 @@ class Outcome:
 
     @property
     def reaction(self) -> str:
-        """Message number and reaction to the fault, or what happened else, in two words."""
+        """Message number and reaction, in a few words."""
         fault = self.reported
         if fault is None:
             return 'goes on'
         if fault.code is FaultCode.EMERGENCY_STOP:
             return 'emergency stop'
-        told = FAULT_OF_NUMBER.get(fault.number) if fault.code is FaultCode.DRIVE else None
-        reaction = FAULTS[told].reaction.name if told else 'stop'
+        number = FAULT_OF_NUMBER.get(fault.number) if fault.code is FaultCode.DRIVE else None
+        reaction = FAULTS[number].reaction.name if number else 'stop'
         return f'{fault.number or ""} {reaction}'.strip()
 
     def to_row(self) -> dict[str, Any]:
-        """Return it for a table."""
+        """Return the row of a table."""
         row = asdict(self)
         row['case'] = self.case.text
         return row | {
@@ -154,7 +126,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class _Row:
-    """A fault leads to the same in all states, but for some."""
+    """A fault and its expected reaction in all states, with exceptions."""
 
     fault: dict[str, Any]
     expected: str = ''
@@ -163,7 +135,7 @@ class _Row:
 
 TWO = {'cycles': 2}
 _LATE = FaultCode.NOT_IN_POSITION
-# of each axis in turn
+# one axis each, in turn
 _OF_AXES: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'drop_mdt'}, ''),
     ({'fault': 'drop_mdt'} | TWO, '8112'),
@@ -181,21 +153,21 @@ _OF_AXES: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'encoder_failure'}, '8171'),
     ({'fault': 'encoder_jump', 'jump_rad': 2.0}, '8171'),
     ({'fault': 'encoder_jump', 'jump_rad': 0.1}, ''),
-    ({'fault': 'encoder_drift', 'drift_rad_s': 2.0}, '8911'),  # as if the shaft turned through its brake
+    ({'fault': 'encoder_drift', 'drift_rad_s': 2.0}, '8911'),  # as if the shaft slipped through its brake
     ({'fault': 'encoder_noise', 'noise_rad': 0.0005}, ''),
     ({'fault': 'winding_short'}, '8905'),
     ({'fault': 'dc_link', 'voltage_v': 250.0}, '8909'),
     ({'fault': 'dc_link', 'voltage_v': 800.0}, '8910'),
     ({'fault': 'brake_worn', 'lost_share': 1.0, 'for_s': 0.1}, '8911'),
-    ({'fault': 'brake_stuck'}, _LATE),  # stronger than what the integrator gives in time
+    ({'fault': 'brake_stuck'}, _LATE),  # exceeds the integrator within the time limit
     ({'fault': 'overload', 'torque_n_m': 2.0}, ''),
 ]
-# a set point drags behind at the end of a program, which comes before the brakes
+# the following error at the end of a program is detected before the brakes close
 _OTHERWISE: dict[str, dict[State, str]] = {
     'encoder_drift': dict.fromkeys((State.MOVING, State.STOPPING, State.HELD), _LATE)
 }
-HUNG_S = 4.5  # longer than others wait
-_STARTS = {State.STARTING: '8506'}  # of the plant that hangs: the first cause
+HUNG_S = 4.5  # exceeds all timeouts
+_STARTS = {State.STARTING: '8506'}  # of the suspended plant: the first cause
 _ROWS = [
     *(
         _Row({**fault, 'axis': DRIVES[number % len(DRIVES)]}, expected, _OTHERWISE.get(fault['fault'], {}))
@@ -218,10 +190,10 @@ _ROWS = [
     _Row(
         {'fault': 'kill', 'node': UNIT_ROBOT},
         '',
-        _STARTS | {State.MOVING: 'unit_robot'},  # silent, or started again, whichever comes first
+        _STARTS | {State.MOVING: 'unit_robot'},  # silent or restarted, whichever is first
     ),
 ]
-# of the rotary axis: no weight tries to turn its tool, so that a worn brake shows nothing
+# rotary axis: no gravity load on the tool, so a worn brake has no effect
 _OF_TOOL: list[tuple[dict[str, Any], str]] = [
     ({'fault': 'drop_mdt'}, ''),
     ({'fault': 'drop_mdt'} | TWO, '8112'),
@@ -245,10 +217,10 @@ _ROWS_OF_TOOL = [
     _Row({'fault': 'freeze', 'node': TOOL_DRIVE, 'seconds': HUNG_S}, TOOL_DRIVE, _STARTS),
     _Row({'fault': 'kill', 'node': TOOL_DRIVE}, TOOL_DRIVE, _STARTS),
 ]
-# a load that is over before the brake, which could not hold it, is applied
+# an overload that ends before the brake, which could not hold it, is applied
 I2T = Case({'fault': 'overload', 'axis': 'axis2', 'torque_n_m': 9.0, 'for_s': 0.8}, State.STANDING, '8902')
-# Processes that work and stay deaf: delta3 up replaces them when the bus has waited for too long. Which message comes
-# first of a deaf plant, or of a deaf task in motion, depends on the machine.
+# Running processes that stop receiving: delta3 up replaces them after a timeout of the bus. Which message a deaf plant,
+# or a deaf task in motion, causes first depends on the machine.
 DEAF = [
     Case({'fault': 'deaf', 'node': node}, state, '8506')
     for node, state in (
@@ -257,7 +229,7 @@ DEAF = [
         (TASK, State.STANDING),
     )
 ]
-# too much for long, and more than the motor has
+# an overload of long duration, and one beyond the motor's torque
 OF_LOADED_TOOL = [
     Case({'fault': 'overload', 'axis': TOOL_DRIVE, 'torque_n_m': 3.0, 'for_s': 0.6}, State.STANDING, '8902'),
     Case({'fault': 'overload', 'axis': TOOL_DRIVE, 'torque_n_m': 5.0, 'for_s': 0.03}, State.STANDING, '8111'),
@@ -281,7 +253,7 @@ def _of_row(row: _Row) -> list[Case]:
     cases = []
     for state in State:
         if state == State.STARTING and row.fault['fault'] not in PROCESS_FAULTS:
-            continue  # without cyclic operation nothing else can be injected
+            continue  # without cyclic operation only process faults are possible
         expected = row.expected
         if state == State.STOPPED_BY_FAULT:
             expected = FaultCode.EMERGENCY_STOP  # the first cause stays
@@ -290,9 +262,9 @@ def _of_row(row: _Row) -> list[Case]:
 
 
 def cases(short: bool = False, only: str = '', rotary: bool = False) -> list[Case]:
-    """Return the catalogue, or a short form of it: some kinds in some states; ``only`` those that hold a text.
+    """Return the catalogue or its short form; ``only`` selects cases by text, ``rotary`` adds the rotary axis.
 
-    ``rotary``: with those of a rotary axis. Raises RunError if there are none.
+    Raises RunError if there are none.
     """
     everything = [case for row in _ROWS for case in _of_row(row)] + [I2T, *DEAF]
     if rotary:
@@ -300,5 +272,7 @@ def cases(short: bool = False, only: str = '', rotary: bool = False) -> list[Cas
     lines = (*SHORT, *SHORT_OF_TOOL)
     found = [case for case in everything if only in case.line and (not short or case.line in lines)]
     if not found:
-        raise RunError(f'no case of the catalogue holds the text {only!r}' + ('' if rotary else WITHOUT_TOOL))
+        raise RunError(
+            f'no case of the catalogue contains the text {only!r}' + ('' if rotary else WITHOUT_TOOL)
+        )
     return found

@@ -1,4 +1,4 @@
-"""An operator who injects one fault at a time and keeps what the robot says: telegrams, logs and diagnostics."""
+"""An operator that injects one fault at a time and collects telegrams, logs and diagnostics."""
 
 import json
 import time
@@ -25,23 +25,16 @@ from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS, TelegramLog, 
 
 
 class FaultObserver(AutomatedOperator):
-    """The operator watches a robot of separate processes around one fault.
-
-    Parameters
-    ----------
-    bringup, robot
-        The robot, and its parameters.
-
-    """
+    """Observes a robot of separate processes around one fault."""
 
     def __init__(self, bringup: Bringup, robot: core.Parameters) -> None:
         super().__init__(bringup)
         self._robot = robot
         self._newest = -1  # bus cycle
         self._first: int | None = None  # bus cycle of the newest fault
-        self._profiles: list[MotionProfile] = []  # that the master has begun to follow
-        self._failed_s: float | None = None  # when the fault of the robot was seen first
-        self._process_fault = ''  # what a process said about the fault that was injected into it
+        self._profiles: list[MotionProfile] = []  # followed by the master
+        self._failed_s: float | None = None  # when the robot first reported the fault
+        self._process_fault = ''  # log message of a process about the fault injected into it
         self._drives: dict[str, dict[str, str]] = {}  # diagnostics of the drives, by axis
         self._log = TelegramLog(self.operator, robot, lambda _: None)
         FAULT_SCHEDULE.subscription(self.operator, self._on_schedule)
@@ -64,8 +57,8 @@ class FaultObserver(AutomatedOperator):
             if status.hardware_id in ALL_DRIVES:
                 self._drives[status.hardware_id] = {item.key: item.value for item in status.values}
 
-    def look(self) -> None:
-        """Collect what was published meanwhile."""
+    def update(self) -> None:
+        """Collect new telegrams and the time of a fault."""
         telegrams = self._log.read().get(SHAFTS)
         if telegrams is not None:
             self._newest = int(telegrams.cycles[-1])
@@ -73,13 +66,13 @@ class FaultObserver(AutomatedOperator):
             self._failed_s = time.time()
 
     def _inject(self, case: Case, after_s: float = 0.0) -> None:
-        """Inject the fault, and wait until its bus cycle is known."""
+        """Inject a fault, and wait until its bus cycle is known."""
         self._first = None
         self.operator.inject(json.dumps(case.fault | {'after_s': after_s}))
         self.wait(lambda: self._first is not None, 'schedule of the fault')
 
     def _await_cycle(self, before: int) -> int:
-        """Wait until some cycles before the fault; return the cycle of the fault."""
+        """Wait until some cycles before the fault; return its bus cycle."""
         self.wait(lambda: self._first is not None, 'schedule of the fault')
         first = self._first or 0
         deadline = time.monotonic() + self._robot.bus.cycle_time_s * 1e4
@@ -88,7 +81,7 @@ class FaultObserver(AutomatedOperator):
         return first
 
     def _enable(self) -> int:
-        """Enable the drives; return the first bus cycle in which they obey, as the MDT say it."""
+        """Enable the drives; return the first bus cycle after the enabling MDT."""
         self.operator.enable(True)
         drives = len(drives_of(self._robot))
         self.wait(
@@ -111,7 +104,7 @@ class FaultObserver(AutomatedOperator):
         return next(child for child in self._bringup.processes() if child.name == PROCESS_OF[target])
 
     def _counters(self, case: Case) -> tuple[int, int]:
-        """Return how many telegrams of the axis have been lost and how many were late or repeated so far."""
+        """Return the numbers of lost, and of late or repeated telegrams of the axis."""
         if case.kind in AT_LOSSES:
             return int(self.fresh()['lost_telegrams']), 0
         if case.kind == 'duplicate_at':

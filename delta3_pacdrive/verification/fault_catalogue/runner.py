@@ -1,4 +1,4 @@
-"""Runs the cases of the catalogue on a robot of separate processes: what each leads to, and whether it is overcome."""
+"""Runner of the fault catalogue: executes each case on a robot of separate processes and evaluates the recovery."""
 
 import signal
 import time
@@ -25,31 +25,31 @@ from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS
 
 STEP_M = (0.2, 0.0, 0.0)  # from home to the other end of the line
 SPEED_M_S = 0.4
-GENTLE_M_S2 = 2.0  # of a move that is held: its stop takes long enough to be hit
-MIDWAY_S = 0.25  # after the start of the way from home, in full speed
-OBSERVED_S = 0.7  # bus time after which a fault that has no effect shows none any more
-AHEAD_S = 0.15  # bus time between the request for a fault that has to hit a short state, and the fault
-ENABLED_BEFORE, HELD_BEFORE = 30, 130  # cycles by which the order that leads to that state precedes the fault
+GENTLE_M_S2 = 2.0  # of a move that is held: its stop must last long enough to be hit
+MIDWAY_S = 0.25  # after the start of the move from home, at full speed
+OBSERVED_S = 0.7  # bus time after which an undetected fault counts as without effect
+AHEAD_S = 0.15  # bus time from the request to a fault in a short state
+ENABLED_BEFORE, HELD_BEFORE = 30, 130  # cycles between the command that leads to such a state and the fault
 ATTEMPTS = 8  # to hit it
-HELD_FROM_M, HELD_TO_M = 0.02, 0.18  # on the way, where a hold is ordered
-ROUNDS = 40  # of a program that outlives the silence of its planner
+HELD_FROM_M, HELD_TO_M = 0.02, 0.18  # range of the path in which a hold is commanded
+ROUNDS = 40  # of a program that lasts longer than the planner's timeout
 DISABLED_S = 0.3  # bus time without torque in the exercise
-COOLING_S = 6.0  # bus time in which the I2t monitoring forgets
-# an undisturbed run leaves the line by 0.07 mm and ends within 0.01 mm
+COOLING_S = 6.0  # bus time in which the I2t integral decays
+# an undisturbed run deviates from the line by 0.07 mm and ends within 0.01 mm
 REFERENCE_LINE_M, REFERENCE_END_M = 0.2e-3, 0.03e-3
 HEAVY_KG = 2.0
 SETTLE_S = 0.1
 THERE_M, THERE_RAD = 0.01, 0.01
 TURN_DEG = 90.0  # of the tool of a rotary axis at the other end
-PAYLOAD_KG = 0.3  # by which that what the arms feel may be off
+PAYLOAD_KG = 0.3  # tolerance of the payload estimated from arm torques
 
 
 class _MissedError(RunError):
-    """The fault did not hit the state that it was meant for; try again."""
+    """The fault missed its intended state; the case is repeated."""
 
 
 def judge_reference(tcp: Floats, home: Floats, away: Floats, fault: str) -> float:
-    """Return how far the TCP left the line of a reference move [m]; raises RunError if that is not as always."""
+    """Return the path deviation of a reference move [m]; raises RunError if it is larger than usual."""
     if fault:
         raise RunError(f'the reference move ended with a fault: {fault}')
     off = _distance_from_line(tcp, home, away)
@@ -62,7 +62,7 @@ def judge_reference(tcp: Floats, home: Floats, away: Floats, fault: str) -> floa
 
 
 def _distance_from_line(points: Floats, start: Floats, end: Floats) -> float:
-    """Largest distance [m] of points from a straight line between two points."""
+    """Return the maximum distance [m] of points from a line segment."""
     along = end - start
     square = float(along @ along)
     share = np.clip((points - start) @ along / square, 0.0, 1.0) if square else np.zeros(len(points))
@@ -70,24 +70,17 @@ def _distance_from_line(points: Floats, start: Floats, end: Floats) -> float:
 
 
 class Catalogue(FaultObserver):
-    """The operator runs the cases of the catalogue on a robot that is up.
-
-    Parameters
-    ----------
-    bringup, robot
-        The robot, and its parameters.
-
-    """
+    """Runs the cases of the catalogue on a running robot."""
 
     def __init__(self, bringup: Bringup, robot: core.Parameters) -> None:
         super().__init__(bringup, robot)
         self._home = np.array(robot.motion.home_m)
         self._away = self._home + STEP_M
-        self._ready = False  # whether the robot stands enabled at home, as the last case has left it
-        self._program: dict[str, Any] = {}  # what every program of the case says besides its moves
+        self._ready = False  # the last case has left the robot enabled at home
+        self._program: dict[str, Any] = {}  # fields of every program of the case besides its moves
 
     def run(self, case: Case) -> Outcome:
-        """Run one case; what goes wrong is in the outcome."""
+        """Run one case; problems are part of the outcome."""
         for _ in range(ATTEMPTS):
             outcome = Outcome(case)
             try:
@@ -115,15 +108,15 @@ class Catalogue(FaultObserver):
         return outcome
 
     def _move_for_reference(self) -> float:
-        """Move away and back without faults; return how far the TCP left the line, if that is as always."""
+        """Move away and back without faults; return the path deviation, or raise RunError if it is too large."""
         self._log.begin()
         self.drive(self._moves(self._away, self._home))
-        self.wait(self.stands, 'end of the reference move')
+        self.wait(self.is_at_rest, 'end of the reference move')
         self.let_pass(SETTLE_S)
         return judge_reference(self._log.tcp(), self._home, self._away, self.progress['fault'])
 
     def _moves(self, *points: Floats, **limits: float) -> list[dict[str, Any]]:
-        """Return moves to these points; where there is a rotary axis its tool turns on the way, and is at 0 at home."""
+        """Return moves to these points; the tool of a rotary axis rotates on the way, and is at 0 at home."""
         moves: list[dict[str, Any]] = []
         for point in points:
             angle_deg = 0.0 if point is self._home else TURN_DEG
@@ -132,11 +125,11 @@ class Catalogue(FaultObserver):
         return moves
 
     def make_ready(self, home_m: Sequence[float]) -> None:
-        """Do what has to be done, and turn the tool of a rotary axis to where it is at home; raises Delta3Error."""
+        """Make the robot ready, and return the tool of a rotary axis to 0; raises Delta3Error."""
         super().make_ready(home_m)
         if abs(self.progress.get('turn_rad', 0.0)) > THERE_RAD:
             self.drive([{'turn': {'to_deg': 0.0}}])
-            self.wait(self.stands, 'end of the turn')
+            self.wait(self.is_at_rest, 'end of the turn')
 
     def _run(self, case: Case, outcome: Outcome) -> None:
         self._program = {}
@@ -161,7 +154,7 @@ class Catalogue(FaultObserver):
                 outcome.deviation_m, _distance_from_line(self._log.tcp(), self._home, self._away)
             )
         if KINDS[case.kind].telegram or case.kind in OF_AXIS:
-            # what can be measured has to be: a node may say that a fault begins, and nothing comes of it
+            # telegrams must prove the fault: a log message that it begins is not sufficient
             outcome.evidence = self._evidence(case, losses, repeated)
         else:
             replaced = self._bringup.notes[notes:] if processes != self._bringup.processes() else []
@@ -170,7 +163,7 @@ class Catalogue(FaultObserver):
             outcome.evidence = self._payload_evidence(held)
 
     def _observe(self, case: Case) -> RobotFault | None:
-        """Return the fault, if it has stopped the robot."""
+        """Return the fault if it has stopped the robot."""
         if case.state != State.STOPPED_BY_FAULT:
             return self.observe(OBSERVED_S + case.fault.get('for_s', 0.0))
         self.let_pass(OBSERVED_S)
@@ -179,7 +172,7 @@ class Catalogue(FaultObserver):
         return self.fault
 
     def _time_detection(self, case: Case, outcome: Outcome) -> None:
-        """Note how long the detection took: in bus time, or on the wall clock if bus time stood meanwhile."""
+        """Store the detection time: in bus time, or in wall time if bus time has paused."""
         fault = outcome.reported
         if fault is None or self._first is None or case.state == State.STOPPED_BY_FAULT:
             return
@@ -192,7 +185,7 @@ class Catalogue(FaultObserver):
             outcome.silent_s = self._failed_s - float(shafts.received_s[before[-1]])
 
     def _begin(self, case: Case) -> Floats:
-        """Bring the robot into the state of the case and let the fault occur; return the end of the way it is on."""
+        """Bring the robot into the state of the case and inject the fault; return the end point of its path."""
         end: Floats = getattr(self, f'_while_{case.state.name.lower()}')(case)
         return end
 
@@ -243,7 +236,7 @@ class Catalogue(FaultObserver):
 
     def _while_held(self, case: Case) -> Floats:
         self.drive(self._moves(self._away), **self._program)
-        # before it moves the distance is that of the last program, which ended at the other end
+        # before the move starts, the distance is that of the last program, which ended at the other end
         self.wait(lambda: HELD_FROM_M < self.progress['master_m'] < HELD_TO_M, 'motion')
         self.operator.call('hold')
         self.wait(lambda: self.operator.state == 'stopped', 'standstill')
@@ -257,7 +250,7 @@ class Catalogue(FaultObserver):
         return self._home
 
     def _while_starting(self, case: Case) -> Floats:
-        """Let the plant hang until the phase has fallen, replace it, and meanwhile let the fault happen."""
+        """Suspend the plant until the phase falls, replace it, and meanwhile inject the fault."""
         plant = self._child(PLANT)
         plant.send(signal.SIGSTOP)
         try:
@@ -281,7 +274,7 @@ class Catalogue(FaultObserver):
         return self._home
 
     def _exercise(self, case: Case) -> None:
-        """Finish what was held; then disable, enable, move away and back while the fault lasts."""
+        """Finish a held motion; then disable, enable, move away and back while the fault lasts."""
         operator = self.operator
         self.wait(lambda: operator.state != 'stopping' or self.progress['fault'], 'standstill')
         if operator.state == 'stopped':
@@ -291,15 +284,15 @@ class Catalogue(FaultObserver):
             return
         self._disable()
         if again:
-            self._inject(case)  # what has lasted a while is over
+            self._inject(case)  # the first injection has expired
         self.let_pass(DISABLED_S)
         if self.fresh()['fault']:
             self.observe(0.0)
             return
         operator.enable(True)
         self.wait(lambda: self.fresh()['in_torque'] or self.progress['fault'], 'torque')
-        there = float(np.linalg.norm(self._log.tcp(MDT)[-1] - self._away)) < THERE_M
-        way = (self._home, self._away, self._home) if there else (self._away, self._home)
+        is_away = float(np.linalg.norm(self._log.tcp(MDT)[-1] - self._away)) < THERE_M
+        way = (self._home, self._away, self._home) if is_away else (self._away, self._home)
         try:
             self.drive(self._moves(*way), **self._program)
         except ProgramError:
@@ -308,13 +301,13 @@ class Catalogue(FaultObserver):
         self.observe(0.0)
 
     def _resume(self) -> None:
-        """Go on with what was held; a planner that was started again knows nothing of it."""
+        """Resume a held motion; abort it if the planner has been restarted and does not know it."""
         try:
             self.call('resume')
             self.wait(lambda: self.operator.state != 'stopped', 'motion')
         except Delta3Error:
             self.call('abort')
-        self.wait(self.stands, 'end of the motion')
+        self.wait(self.is_at_rest, 'end of the motion')
 
     def _grip(self) -> None:
         """Grip a heavy payload at home."""
@@ -324,17 +317,17 @@ class Catalogue(FaultObserver):
             {'output': {'name': 'gripper', 'value': True, 'payload_kg': HEAVY_KG}},
         ]
         self.drive(moves)
-        self.wait(lambda: self.stands() and self.progress['payload_kg'] == HEAVY_KG, 'payload')
+        self.wait(lambda: self.is_at_rest() and self.progress['payload_kg'] == HEAVY_KG, 'payload')
         self.let_pass(SETTLE_S)
 
     def _static_torque(self) -> float:
-        """Sum of the coupling torques [N m] of the three arms, which stand."""
+        """Return the sum of the coupling torques [N m] of the three arms at rest."""
         self._log.begin()
         self.let_pass(SETTLE_S)
         return float(coupling_of_arms(self._log.telegrams(SHAFTS).values).sum(axis=1).mean())
 
     def _payload_evidence(self, held_n_m: float) -> str:
-        """Say what the arms feel of the payload that was gripped: nothing any more, if it has fallen off."""
+        """Return evidence that the payload was lost, from the arm torques; empty if it is still there."""
         theta = self._log.telegrams(SHAFTS).values[-1, :3] / self._robot.dynamics.gear_ratio
         with_it, without = (
             float(dynamics.gravity(theta, self._robot.replace(dynamics__payload_mass_kg=mass)).sum())
@@ -345,7 +338,7 @@ class Catalogue(FaultObserver):
         return f'{lost:.3f} kg lost' if abs(lost - HEAVY_KG) < PAYLOAD_KG else ''
 
     def _evidence(self, case: Case, losses: int, repeated: int) -> str:
-        """Say what shows that the fault was there, empty if nothing does."""
+        """Return evidence of the fault, empty if there is none."""
         if KINDS[case.kind].telegram:
             lost, late = (
                 now - before for now, before in zip(self._counters(case), (losses, repeated), strict=True)
@@ -363,14 +356,12 @@ def run_catalogue(
     show: Callable[[Outcome], None],
     parameters: Path | None = None,
 ) -> None:
-    """Bring a robot up without a clock and run cases; adds to ``outcomes``, ``show`` is told each one.
-
-    ``parameters`` is the robot's parameter file, the packaged one without.
+    """Start a robot without a clock and run cases; adds to ``outcomes`` and passes each one to ``show``.
 
     Raises
     ------
     KeyboardInterrupt
-        A signal has ended it.
+        A signal ended the run.
 
     """
     robot = core.load(parameters)

@@ -1,1 +1,1 @@
-"""Random programs with random faults; every telegram is held against what must always be."""
+"""Soak test: random programs with random faults; every telegram is checked against the invariants."""

@@ -1,4 +1,4 @@
-"""Random programs with random faults; each follows from seed, pace and its number alone."""
+"""Random programs with random faults, determined by seed, pace and number."""
 
 import random
 from dataclasses import dataclass
@@ -12,25 +12,16 @@ from delta3_pacdrive.sercos.configuration_check import DRIVES
 
 RADIUS_M, TOP_M, BOTTOM_M = 0.35, -0.74, -0.92
 MOVES_MAX = 5
-DISTURBED = 0.7  # share of the programs that are disturbed
-QUICK = ('freeze', 'kill')  # of the faults of processes, those that are soon overcome
-PROCESSES = 0.1  # share of the faults that concern a process
-HANGING = 0.2  # share of the freezes that last longer than some partners wait
+DISTURBED = 0.7  # share of programs with faults
+QUICK = ('freeze', 'kill')  # process faults with a short recovery
+PROCESSES = 0.1  # share of process faults
+HANGING = 0.2  # share of freezes that exceed the timeouts of some partners
 OF_THE_ROBOT = [name for name, kind in KINDS.items() if kind.target != Target.NODE and name != 'clear']
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A program was drawn by its number.
-
-    Attributes
-    ----------
-    number
-        In its sequence.
-    moves, faults
-        As in a program file.
-
-    """
+    """A random program of a sequence; moves and faults as in a program file."""
 
     number: int
     moves: list[dict[str, Any]]
@@ -38,7 +29,7 @@ class Drawn:
 
     @property
     def end_m(self) -> list[float]:
-        """Where the last move ends."""
+        """End point of the last move [m]."""
         (move,) = self.moves[-1].values()
         end: list[float] = move['to_m'] if 'to_m' in move else move['through_m'][-1]
         return end
@@ -50,16 +41,16 @@ class Drawn:
 
     @property
     def last_fault_s(self) -> float:
-        """Bus time from its start to its last fault [s]."""
+        """Bus time from the start to the last fault [s]."""
         return max((fault['after_s'] for fault in self.faults), default=0.0)
 
     def lost(self, kinds: frozenset[str], axis: str = '') -> tuple[int, bool]:
-        """How many telegrams (of an axis) its faults of some kinds take away, and whether none can coincide."""
+        """Return the number of telegrams lost by faults of some kinds, and whether no two losses can coincide."""
         rows = [f for f in self.faults if f['fault'] in kinds and axis in ('', f['axis'])]
         return sum(fault['cycles'] for fault in rows), len(rows) < 2
 
     def to_yaml(self) -> str:
-        """Return it as a program file."""
+        """Return the content of a program file."""
         return str(yaml.safe_dump({'moves': self.moves, 'faults': self.faults}, sort_keys=False))
 
 
@@ -93,7 +84,7 @@ def _move(chance: random.Random) -> dict[str, Any]:
 
 
 def _fault(chance: random.Random) -> dict[str, Any]:
-    """Draw a fault after which a robot can still be moved."""
+    """Draw a fault after which the robot can still be moved."""
     hangs = chance.random() < HANGING
     values = {
         'jump_rad': chance.choice((0.05, -0.1, 3.0)),

@@ -1,4 +1,4 @@
-"""Random programs with random faults for as long as one likes; every telegram is held against what must always be."""
+"""Runner of the soak test: executes random programs with random faults and checks every telegram."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -22,64 +22,33 @@ from delta3_pacdrive.verification.telegram_log import TelegramLog
 
 HOME_M = (0.0, 0.0, -0.8)
 OBSERVED_S = 0.3
-SETTLE_S = 0.1  # after the end of a program, before its end point is looked at
+SETTLE_S = 0.1  # after the end of a program, before its end point is checked
 VIOLATIONS_SHOWN = 10
-WARM_UP = 1 / 3  # of the cycles so far: caches fill, kernels and modules are loaded
-UNSEEN_MAX = 0.1  # of all bus cycles: who has seen less has not looked
+WARM_UP = 1 / 3  # of the cycles: caches fill, kernels and modules are loaded
+UNSEEN_MAX = 0.1  # share of bus cycles with lost telegrams above which a run is not conclusive
 
 
 @dataclass
 class Violation:
-    """Something that must never be was.
-
-    Attributes
-    ----------
-    sentence
-        What it was.
-    seed, pace, number
-        Of the program during which it was, for ``--seed``, ``--pace`` and ``--replay``; 0: of no single program.
-    cycle
-        Bus cycle.
-    program
-        The program with its faults, in YAML.
-
-    """
+    """A violated invariant."""
 
     sentence: str
     seed: int
     pace: str
-    number: int
+    number: int  # of the program, for ``--replay``; 0: no single program
     cycle: int
-    program: str
+    program: str  # with its faults, in YAML
 
 
 @dataclass
 class Figures:
-    """These figures say what a soak did.
-
-    Attributes
-    ----------
-    error_max_m, end_max_m
-        Of undisturbed programs: distance of the true TCP from its command, and of their ends from their last points.
-    rss_start_mb, rss_end_mb, rss_cycles
-        Resident memory of the processes that lived from the end of the warm-up to the end, and the cycles in between.
-    growth_mb, growth_half_width_mb
-        By how much their own memory grows in 100,000 cycles, and its interval; None: too few programs to say. The rest
-        of the resident memory are pages of program files.
-    unseen
-        Bus cycles of which a telegram never came to be judged, on the topic with most of them.
-    kinds
-        How many faults of each kind were injected.
-    refusal
-        Why the planner refused the last program that it refused.
-
-    """
+    """Figures of a soak test."""
 
     programs: int = 0
     refused: int = 0
     undisturbed: int = 0
     cycles: int = 0
-    unseen: int = 0
+    unseen: int = 0  # cycles with a lost telegram, on the topic with most of them
     injected: int = 0
     stopped: int = 0
     survived: int = 0
@@ -87,32 +56,32 @@ class Figures:
     lost_at_injected: int = 0
     lost_mdt: int = 0
     lost_mdt_injected: int = 0
-    error_max_m: float = 0.0
-    end_max_m: float = 0.0
-    rss_start_mb: float = 0.0
+    error_max_m: float = 0.0  # undisturbed programs: true TCP from its command
+    end_max_m: float = 0.0  # undisturbed programs: end from its intended point
+    rss_start_mb: float = 0.0  # resident memory of the surviving processes after the warm-up
     rss_end_mb: float = 0.0
-    rss_cycles: int = 0
-    growth_mb: float | None = None
+    rss_cycles: int = 0  # between these two
+    growth_mb: float | None = None  # of unshared memory in 100,000 cycles; None: too few programs
     growth_half_width_mb: float | None = None
-    kinds: dict[str, int] = field(default_factory=dict)
-    refusal: str = ''
+    kinds: dict[str, int] = field(default_factory=dict)  # injected faults by kind
+    refusal: str = ''  # reason of the last rejected program
     violations: list[Violation] = field(default_factory=list)
 
     @property
     def watched(self) -> bool:
-        """Whether nearly all that happened was seen."""
+        """Whether nearly all telegrams were received."""
         return self.unseen <= UNSEEN_MAX * self.cycles
 
     @property
     def ok(self) -> bool:
-        """Whether programs ran and were watched, nothing was violated and every fault was survived."""
+        """Whether programs ran and were watched, without a violation, and every fault was survived."""
         looked = bool(self.programs) and self.watched
         return looked and not self.violations and self.survived == self.injected
 
 
 @dataclass(frozen=True)
 class _Counters:
-    """Drives and master have counted these lost telegrams so far, in one session of the bus."""
+    """Lost telegrams counted by drives and master in one session of the bus."""
 
     session: bytes
     at: int
@@ -120,24 +89,13 @@ class _Counters:
 
 
 def memory_mb(pid: int) -> tuple[float, float]:
-    """Return the resident memory of a process and its own part of it, without pages of files [MB]."""
+    """Return the resident memory of a process, and its part without file pages [MB]."""
     memory = psutil.Process(pid).memory_info()
     return memory.rss / 1e6, (memory.rss - memory.shared) / 1e6
 
 
 class Soak(AutomatedOperator):
-    """The operator runs random programs with faults on a robot that is up.
-
-    Parameters
-    ----------
-    bringup, robot
-        The robot, and its parameters.
-    seed, pace
-        Of the sequence of programs.
-    figures
-        Adds to them.
-
-    """
+    """Runs random programs with faults on a running robot, and adds to ``figures``."""
 
     def __init__(
         self, bringup: Bringup, robot: core.Parameters, seed: int, pace: str, figures: Figures
@@ -157,12 +115,12 @@ class Soak(AutomatedOperator):
             Violation(sentence, self._seed, self._pace, drawn.number, cycle, drawn.to_yaml())
         )
 
-    def look(self) -> None:
-        """Hold every telegram against the invariants."""
+    def update(self) -> None:
+        """Check every telegram against the invariants."""
         self._invariants.check_all(self._log.read())
 
     def run(self, seconds: float, show: Callable[[Figures], None], replay: int | None = None) -> None:
-        """Run for a while, or only the program of a number."""
+        """Run for a time [s], or only the program of a given number."""
         started = time.monotonic()
         first_cycle = self.fresh()['cycles']
         self.make_ready(HOME_M)
@@ -178,7 +136,7 @@ class Soak(AutomatedOperator):
             show(self.figures)
             if len(self.figures.violations) >= VIOLATIONS_SHOWN:
                 break
-        self._drawn = Drawn(0, [], [])  # what grew in all of them is not the fault of the last program
+        self._drawn = Drawn(0, [], [])  # memory growth is not caused by the last program alone
         self._invariants.check_memory(self._growth, self.progress['cycles'])
 
     def _measure_memory(self) -> None:
@@ -219,7 +177,7 @@ class Soak(AutomatedOperator):
         reported = self.observe(OBSERVED_S + drawn.last_fault_s)
         figures.stopped += reported is not None
         if not drawn.faults:
-            self._look_back(drawn, reported)
+            self._check_undisturbed(drawn, reported)
         try:
             self.make_ready(HOME_M)
             figures.survived += len(drawn.faults)
@@ -229,8 +187,8 @@ class Soak(AutomatedOperator):
             self.make_ready(HOME_M)
         self._compare(drawn, before, complete=reported is None)
 
-    def _look_back(self, drawn: Drawn, reported: RobotFault | None) -> None:
-        """Judge a program that nothing was to disturb."""
+    def _check_undisturbed(self, drawn: Drawn, reported: RobotFault | None) -> None:
+        """Check a program without faults."""
         if reported is not None:
             self._violate(f'stopped without an injected fault: {reported}', reported.cycle)
             return
@@ -247,10 +205,10 @@ class Soak(AutomatedOperator):
         return _Counters(self._invariants.session, int(self.fresh()['lost_telegrams']), mdt)
 
     def _compare(self, drawn: Drawn, before: _Counters, complete: bool) -> None:
-        """Compare the telegrams that are missing after program and recovery with those that were taken away."""
+        """Compare the telegrams lost during program and recovery with the injected losses."""
         now = self._count()
         if now.session != before.session or 'kill' in drawn.kinds:
-            return  # others count now, or drives have stopped without a master
+            return  # the counters have restarted, or drives have stopped without a master
         complete = complete and not PROCESS_FAULTS.intersection(drawn.kinds)
         figures, cycle = self.figures, self.progress['cycles']
         injected, apart = drawn.lost(AT_LOSSES)
@@ -274,12 +232,12 @@ def run_soak(
     show: Callable[[Figures], None],
     replay: int | None = None,
 ) -> None:
-    """Bring a robot of separate processes up and soak it; adds to ``figures``, of which ``show`` is told.
+    """Start a robot of separate processes and run the soak test; adds to ``figures`` and passes them to ``show``.
 
     Raises
     ------
     KeyboardInterrupt
-        A signal has ended it.
+        A signal ended the test.
 
     """
     bringup = Bringup(Options(program=None, real_time_factor=factor), schedule=Schedule.PREFERRED)
