@@ -245,16 +245,6 @@ def test_a_busy_processor_changes_no_bit_in_real_time(
         assert result[name] == simulated.meta['figures'][name], name
 
 
-@pytest.mark.long
-def test_exact_reference_runs_in_the_graph_too(
-    delta3: Runner, tmp_path: Path, nothing_left_behind: None
-) -> None:
-    robot = parameters.load().replace(bus__exchange_period_s=125e-6)
-    simulated = simulation.run(programs.load('experiment1', robot.motion), robot)
-    options = ['--single-process', '--real-time-factor', '0', '--exchange-period', '125e-6']
-    _assert_same(simulated, *_run(delta3, tmp_path / 'bag', *options))
-
-
 @pytest.mark.parametrize('source', some(['rich', 'rich+model+gears'], ['rich+model+gears']))
 def test_the_rich_robot_gives_the_bits_of_its_simulation(
     source: str, delta3: Runner, tmp_path: Path, nothing_left_behind: None
