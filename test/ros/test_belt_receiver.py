@@ -8,6 +8,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from belts import around, speed_of
+from cases import for_each
 from delta3_pacdrive.controller.belt_tracking import BeltReading, Sighted
 from delta3_pacdrive.ros.belt_receiver import BeltReceiver, parts_of
 from delta3_pacdrive.sercos.bus_time import Clock
@@ -67,7 +68,7 @@ def without_parts(**changed):
     return message(BeltReading(1), **changed)
 
 
-@pytest.mark.parametrize(
+@for_each(
     ('data', 'sentence'),
     [
         (message(frame='ffff'), "a message of belts belongs to session 'ffff', but this one is a1b2"),
