@@ -75,7 +75,14 @@ class TrackOrder:
             raise ValueError('a limit of an order for a belt is out of its range')
         begin_m, end_m, part_m, reference_m, met_s = map(float, numbers)
         window = TrackWindow(begin_m, end_m)
-        return cls(document['belt'], part_m, reference_m, window, TrackLimits(*map(float, limits)), met_s)
+        return cls(
+            document['belt'],
+            part_m,
+            reference_m,
+            window,
+            limits=TrackLimits(*map(float, limits)),
+            met_s=met_s,
+        )
 
 
 class Phase(Enum):
@@ -141,13 +148,13 @@ class Tracked(NamedTuple):
         """Parse the state in a reply."""
         order, lost = document['order'], document['lost']
         return cls(
-            Phase(document['phase']),
-            Phase(document['before']),
-            int(document['since']),
-            float(document['duration_s']),
-            Motion(*(tuple(one) for one in document['offset'])),
-            None if order is None else TrackOrder.from_document(order),
-            None if lost is None else Reason(Code.of(lost[0]), lost[1]),
+            phase=Phase(document['phase']),
+            before=Phase(document['before']),
+            since=int(document['since']),
+            duration_s=float(document['duration_s']),
+            offset=Motion(*(tuple(one) for one in document['offset'])),
+            order=None if order is None else TrackOrder.from_document(order),
+            lost=None if lost is None else Reason(Code.of(lost[0]), lost[1]),
         )
 
 
@@ -160,7 +167,9 @@ class BeltKnowledge:
         self._ahead_cycles = parameters.set_point_delay_cycles
         zero = tuple(0 for _ in belts)
         standing = tuple(BeltEstimate(0.0, 0.0, 0.0) for _ in belts)
-        self.observed = Observed(-1, standing, tuple(0.0 for _ in belts), zero, zero, zero)
+        self.observed = Observed(
+            -1, standing, tuple(0.0 for _ in belts), jumps=zero, bounced=zero, dropped=zero
+        )
         # newest PARTS_MAX parts of each belt since take_parts, in order of arrival
         self.parts: list[deque[QueuedPart]] = [deque(maxlen=PARTS_MAX) for _ in belts]
         self.lost: Reason | None = None  # why the robot could not stay on a belt, until cleared

@@ -121,12 +121,12 @@ class BeltTracking(BeltKnowledge):
                 )
 
         self.observed = self._history[cycle % HISTORY] = Observed(
-            cycle,
-            tuple(observer.estimate for observer in self._observers),
-            tuple(way for _, way in self._pictures),
-            tuple(observer.jumps for observer in self._observers),
-            tuple(self._bounced),
-            tuple(self._dropped),
+            cycle=cycle,
+            estimates=tuple(observer.estimate for observer in self._observers),
+            pictures_m=tuple(way for _, way in self._pictures),
+            jumps=tuple(observer.jumps for observer in self._observers),
+            bounced=tuple(self._bounced),
+            dropped=tuple(self._dropped),
         )
 
     def _way_of_picture(self, belt: int, count: int) -> float:
@@ -182,7 +182,13 @@ class BeltTracking(BeltKnowledge):
     def tracked(self) -> Tracked:
         """State after the last command."""
         return Tracked(
-            self._phase, self._before, self._since, self._way.duration_s, self.offset, self._order, self.lost
+            phase=self._phase,
+            before=self._before,
+            since=self._since,
+            duration_s=self._way.duration_s,
+            offset=self.offset,
+            order=self._order,
+            lost=self.lost,
         )
 
     def step(self, cycle: int, asked: bool) -> bool:

@@ -58,8 +58,14 @@ class ControllerCycle:
         """Return the command of the next cycle."""
         motors = self._task.command(cycle)
         task = self._task
-        turn = None if task.turning is None else task.turning.commanded
-        return Command(motors, task.torques, task.control(cycle), task.payload, task.outputs, turn)
+        return Command(
+            motors=motors,
+            torques=task.torques,
+            control=task.control(cycle),
+            payload=task.payload,
+            outputs=task.outputs,
+            turn=None if task.turning is None else task.turning.commanded,
+        )
 
     def evaluate(
         self, cycle: int, answers: Sequence[tuple[Any, ...] | None], program_starts: int, stopped: bool

@@ -4,6 +4,7 @@ All of it runs in each bus cycle: a thousand times a second with a clock, more o
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from delta3_pacdrive.controller.belt_image import BeltImage
@@ -52,36 +53,57 @@ class CycleCallbacks(Protocol):
         """Carry out the actions of the robot state, and publish status and progress."""
 
 
+@dataclass(frozen=True)
+class Timing:
+    """Clocks and periods of a controller."""
+
+    period_s: float  # wall-clock time per cycle, 0 = as fast as possible
+    poll_s: float  # between two calls of ``RobotController.poll``
+    now_s: Callable[[], float]  # monotonic time
+    now_ns: Callable[[], int]  # time of day
+    shared_clock: SharedClock | None = None  # with other robots
+
+
+@dataclass(frozen=True)
+class RobotParts:
+    """Parts of a controller that bus cycles work on."""
+
+    state: RobotState
+    task: Transformation
+    axes: AxisMonitor
+    services: ServiceRequests
+
+
 class CyclicOperation:
     """Bus cycles of one controller."""
 
     def __init__(
         self,
         parameters: Parameters,
-        period_s: float,
-        look_s: float,
-        state: RobotState,
-        task: Transformation,
-        axes: AxisMonitor,
-        services: ServiceRequests,
+        timing: Timing,
+        parts: RobotParts,
         faults: Schedule,
         callbacks: CycleCallbacks,
         gate: ScriptGate,
         fall: Callable[[RobotFault], None],
-        now_s: Callable[[], float],
-        now_ns: Callable[[], int],
-        shared: SharedClock | None = None,
     ) -> None:
-        self._state, self._axes, self._services, self._faults = state, axes, services, faults
+        self._state, self._axes, self._services, self._faults = (
+            parts.state,
+            parts.axes,
+            parts.services,
+            faults,
+        )
         self._callbacks, self._gate, self._fall = callbacks, gate, fall
-        self._task, self._cycle = task, ControllerCycle(task, axes, parameters)
-        self.watchdog = Watchdog(look_s)  # of complete cycles
+        self._task, self._cycle = parts.task, ControllerCycle(parts.task, parts.axes, parameters)
+        self.watchdog = Watchdog(timing.poll_s)  # of complete cycles
         self.statistics = BusStatistics(parameters.bus.outstanding_cycles_max)
-        self._now_s, self._now_ns = now_s, now_ns
+        self._now_s, self._now_ns = timing.now_s, timing.now_ns
         self._link: FaultyLink[Content] = FaultyLink(faults, AT_FAULTS, callbacks.reject_telegram)
-        self.scheduler = CycleScheduler(period_s, parameters.bus.outstanding_cycles_max, shared)
+        self.scheduler = CycleScheduler(
+            timing.period_s, parameters.bus.outstanding_cycles_max, timing.shared_clock
+        )
         # feedback of the drives, inputs and belts, until a cycle is complete
-        self.answers: AnswerBuffer[Content] = AnswerBuffer(len(services.drives))
+        self.answers: AnswerBuffer[Content] = AnswerBuffer(len(parts.services.drives))
         self.inputs, self.belts = InputImage(), BeltImage()
         self._observed = -1  # last bus cycle with belt readings known to the task
         self.running = False

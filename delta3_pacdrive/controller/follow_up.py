@@ -10,7 +10,7 @@ from delta3_pacdrive.controller.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 from delta3_pacdrive.controller.planner_actions import Action
 from delta3_pacdrive.controller.planning import Planning
-from delta3_pacdrive.controller.program_run import ProgramRun, RunState
+from delta3_pacdrive.controller.program_run import RunState
 from delta3_pacdrive.controller.readiness import Readiness
 from delta3_pacdrive.controller.request_service import LOST_CONTROL, RequestService
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError
@@ -26,7 +26,6 @@ class AppendRequest:
     def __init__(
         self,
         appended: AppendedMoves,
-        run: ProgramRun,
         readiness: Readiness,
         requests: RequestService,
         planning: Planning,
@@ -34,7 +33,7 @@ class AppendRequest:
         newest_cycle: Callable[[], int],
         from_rest: Callable[[Request], None],
     ) -> None:
-        self._appended, self._run, self._readiness = appended, run, readiness
+        self._appended, self._run, self._readiness = appended, appended.run, readiness
         self._requests, self._planning, self._act = requests, planning, act
         self._newest_cycle, self._from_rest = newest_cycle, from_rest
         self._orphaned = False
@@ -50,7 +49,9 @@ class AppendRequest:
         waiting = self._requests.tracker.appended
         append_to = self._appended.append_point(waiting, rounded, self._newest_cycle())
         here = np.array(append_to.splice.start_m)
-        self._planning.begin(here, self._appended.take, request.text, request.adaptation, True, append_to)
+        self._planning.begin(
+            here, self._appended.take, request.text, request.adaptation, wrapped=True, append_to=append_to
+        )
 
     def handle_control_loss(self) -> None:
         """Mark the moves for rejection, because their operator has lost control."""

@@ -67,7 +67,7 @@ class AppendedMoves:
     """Moves appended to the running program, for one request after the other."""
 
     def __init__(self, run: ProgramRun, numbers: OrderNumbers) -> None:
-        self._run, self._numbers = run, numbers
+        self.run, self._numbers = run, numbers
         self.state = AppendState.NONE
         self.number, self.since_s = 0, 0.0  # number of the newest order of such moves, and time of sending
         self._base = 0  # newest accepted order
@@ -105,7 +105,7 @@ class AppendedMoves:
             No moves can be appended.
 
         """
-        timeline, known = self._run.timeline, self._driven
+        timeline, known = self.run.timeline, self._driven
         if known is None or timeline is None:
             raise ProgramError('a program resumed after a fault takes no more moves')
         self._splice = splice = known.splice(rounded)
@@ -134,7 +134,7 @@ class AppendedMoves:
             The moves cannot be appended.
 
         """
-        timeline, moves, splice = self._run.timeline, self._planned, self._splice
+        timeline, moves, splice = self.run.timeline, self._planned, self._splice
         if timeline is None or timeline.profile is None or moves is None or splice is None:
             return None
         profile = timeline.profile
@@ -148,14 +148,14 @@ class AppendedMoves:
             cycle = max(cycle, timeline.end_cycle)
         self._extension = extension = extend(timeline, cycle, splice, moves.planned.plan)
         self.number, self.since_s = self._numbers.next(), now_s
-        self._run.set_pending(extension.timeline)
+        self.run.set_pending(extension.timeline)
         self.handle(AppendEvent.SEND)
         row = extension.row(self._base).tolist()
         return Ordered(self.number, moves.planned.plan.moves, (), tuple(row), EXTEND)
 
     def retry_later(self) -> bool:
         """Handle a late order; return whether it is to be sent again for a later cycle."""
-        self._run.set_pending(None)
+        self.run.set_pending(None)
         self.handle(AppendEvent.MISS)
         again = self._lead_cycles < LEAD_CYCLES_MAX
         self._lead_cycles = min(self._lead_cycles * LEAD_FACTOR, LEAD_CYCLES_MAX)
@@ -163,7 +163,7 @@ class AppendedMoves:
 
     def end(self) -> None:
         """Cancel the moves."""
-        self._run.set_pending(None)
+        self.run.set_pending(None)
         self._lead_cycles = LEAD_CYCLES
         self.handle(AppendEvent.END)
 
@@ -174,13 +174,13 @@ class AppendedMoves:
             raise ProgramError('no moves were to follow')
         self._base = self.number
         self._driven = extended_program(known, extension, splice, moves.program, moves.planned)
-        before = self._run.program
+        before = self.run.program
         whole: Program | None = None
         if before is not None:
             statements = before.statements * before.repeat + moves.program.statements[len(splice.again) :]
             if len(statements) <= MOVES_MAX:
                 whole = replace(before, statements=statements, repeat=1, source='', places=())
-        self._run.accept_pending(whole, min(self._run.override_max, moves.planned.override_max))
+        self.run.accept_pending(whole, min(self.run.override_max, moves.planned.override_max))
         self._lead_cycles = LEAD_CYCLES
         self.handle(AppendEvent.END)
         corner = ''

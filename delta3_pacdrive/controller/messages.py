@@ -216,11 +216,7 @@ def refuse_malformed(text: str, sentence: str) -> Reply | None:
         _require(number, int, 'number')
     except (ValueError, RecursionError, TypeError, KeyError, TelegramError):
         return None
-    return (
-        Reply(operator, number, True, False, str(Code.CONTENT), sentence)
-        if len(operator) <= TEXT_MAX
-        else None
-    )
+    return _rejection(operator, number, Code.CONTENT, sentence) if len(operator) <= TEXT_MAX else None
 
 
 def refuse_recording(request: Request) -> Reply:
@@ -228,7 +224,11 @@ def refuse_recording(request: Request) -> Reply:
     sentence = (
         f'the request was made to {shown(request.receiver)}, which is no longer active; is it a recording?'
     )
-    return Reply(request.operator, request.number, True, False, str(Code.FOREIGN), sentence)
+    return _rejection(request.operator, request.number, Code.FOREIGN, sentence)
+
+
+def _rejection(operator: str, number: int, code: Code, sentence: str) -> Reply:
+    return Reply(operator, number, done=True, accepted=False, code=str(code), sentence=sentence)
 
 
 @dataclass(frozen=True)
@@ -268,7 +268,9 @@ STOPS = {action.replace(' ', '_'): action for action in (HOLD, ABORT, EMERGENCY_
 
 def verdict_of(origin: Origin, code: Code | str, sentence: str) -> Verdict:
     """Return the verdict on an order; an empty code means acceptance."""
-    return Verdict(origin.session, origin.planner, origin.number, not code, str(code), sentence)
+    return Verdict(
+        origin.session, origin.planner, origin.number, accepted=not code, code=str(code), sentence=sentence
+    )
 
 
 class Recent(dict[str, Value]):

@@ -104,13 +104,12 @@ class Planner:
         self._appended = AppendedMoves(self._run, numbers)
         self._append_request = AppendRequest(
             self._appended,
-            self._run,
             self._readiness,
             self._requests,
             self._planning,
-            self._act,
-            newest_cycle,
-            self._plan_moves,
+            act=self._act,
+            newest_cycle=newest_cycle,
+            from_rest=self._plan_moves,
         )
         watch = ToleranceWatch(tolerances, parameters)
         self.trajectory = TrajectoryWatch(watch, self._run, self._readiness, self._tracker, self._act)
@@ -585,7 +584,9 @@ class Planner:
         self._readiness.require_rest()
         program, planned = result.program, result.planned
         if program is not None and planned is not None:
-            self._send(Order.of(program, planned, self.override, cycle, own, exact, tolerances))
+            self._send(
+                Order.of(program, planned, self.override, cycle, own=own, exact=exact, tolerances=tolerances)
+            )
 
     def _send(self, order: Order) -> None:
         self.actions.extend(self._run.send(order, self._now_s))

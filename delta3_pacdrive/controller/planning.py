@@ -40,8 +40,16 @@ class Planning:
         """Plan the queue or another program, followed by ``text``, from a position [m], shape (3,)."""
         self._jobs += 1
         x, y, z = here.tolist()
-        planned = program or self._queue.program
-        job = Job(self._jobs, planned, text, adaptation, (x, y, z), wrapped, append_to, self.turn_rad)
+        job = Job(
+            number=self._jobs,
+            queue=program or self._queue.program,
+            text=text,
+            adaptation=adaptation,
+            here_m=(x, y, z),
+            wrapped=wrapped,
+            append_to=append_to,
+            turn_rad=self.turn_rad,
+        )
         self._job = job, then
         self._act(Working(job))
 

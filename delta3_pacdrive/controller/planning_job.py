@@ -107,7 +107,7 @@ def work(
         )
         if job.text and job.queue is not None:
             program_planner.require_start(more, _end_m(planned, len(job.queue.statements), job.here_m))
-        return Result(job.number, program, planned, None, statements, starts)
+        return Result(job.number, program, planned, statements=statements, starts=starts)
     except CancelledError as error:
         return Result(job.number, None, None, Reason(Code.WITHDRAWN, str(error)))
     except Delta3Error as error:
@@ -152,7 +152,7 @@ def _follow(
         before=append_to.load,
         turn_rad=job.turn_rad if splice.turn_rad is None else splice.turn_rad,
     )
-    return Result(job.number, program, planned, None, len(statements))
+    return Result(job.number, program, planned, statements=len(statements))
 
 
 def _read(job: Job, robot: Parameters, outputs: OutputNames) -> tuple[Program, bool]:

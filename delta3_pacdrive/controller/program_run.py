@@ -118,17 +118,17 @@ class Order:
         if own:
             sentence += ''.join(f'; {notice}' for notice in planned.notices)
         return Order(
-            planned.plan,
-            program.faults,
-            start_cycle,
-            override,
-            planned.override_max,
-            program,
-            sentence,
-            planned,
-            own,
-            exact,
-            tolerances,
+            plan=planned.plan,
+            faults=program.faults,
+            start_cycle=start_cycle,
+            override=override,
+            override_max=planned.override_max,
+            program=program,
+            sentence=sentence,
+            queued=planned,
+            own=own,
+            exact=exact,
+            tolerances=tolerances,
         )
 
     @staticmethod
@@ -146,7 +146,15 @@ class Order:
         plan, override = return_plan(cut_off, here, robot), min(override, run.override_max)
         time = f'{plan.duration_s / override:.3f} s{at_percent(override)}'
         sentence = f'resumed after the fault: {counted(len(plan), "move")}, {time}'
-        return Order(plan, (), -1, override, run.override_max, run.program, sentence)
+        return Order(
+            plan=plan,
+            faults=(),
+            start_cycle=-1,
+            override=override,
+            override_max=run.override_max,
+            program=run.program,
+            sentence=sentence,
+        )
 
 
 class OrderNumbers:

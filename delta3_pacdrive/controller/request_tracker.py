@@ -140,5 +140,12 @@ class RequestTracker:
         tracked.phase = phase
         code, sentence = (str(reason.code), reason.sentence) if reason else ('', '')
         self._report(
-            RequestReport(tracked.identity, str(phase), tracked.statements, tracked.remaining, code, sentence)
+            RequestReport(
+                id=tracked.identity,
+                state=str(phase),
+                statements=tracked.statements,
+                remaining=tracked.remaining,
+                code=code,
+                sentence=sentence,
+            )
         )

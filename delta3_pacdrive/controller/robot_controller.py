@@ -4,12 +4,18 @@ Pure: inputs arrive as calls, outputs go through ``ControllerCallbacks`` and the
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 from delta3_pacdrive.controller.belt_axes import read_belts
 from delta3_pacdrive.controller.control import Control
-from delta3_pacdrive.controller.cyclic_operation import Content, CycleCallbacks, CyclicOperation
+from delta3_pacdrive.controller.cyclic_operation import (
+    Content,
+    CycleCallbacks,
+    CyclicOperation,
+    RobotParts,
+    Timing,
+)
 from delta3_pacdrive.controller.enabling import Enabling
 from delta3_pacdrive.controller.orders import Orders
 from delta3_pacdrive.controller.planner_watch import PlannerWatch
@@ -30,7 +36,6 @@ from delta3_pacdrive.sercos.configuration_check import Identity, drives_of
 from delta3_pacdrive.sercos.master import BusMaster
 from delta3_pacdrive.sercos.participants import Announcement
 from delta3_pacdrive.sercos.service_requests import ServiceRequests
-from delta3_pacdrive.sercos.shared_clock import SharedClock
 from delta3_pacdrive.sercos.words import Phase
 
 ALL_READY = Reason(Code.BUS, 'waiting for the robots that share its bus clock')
@@ -56,35 +61,27 @@ class RobotController:
     ----------
     parameters
         Parameters of the robot.
-    period_s, report_s
-        Wall-clock time per cycle, 0 = as fast as possible; time between two calls of ``poll``.
+    timing
+        Clocks and periods.
     wait_for_program
         Whether to stay in CP3 until a program is loaded.
     faults
         Faults injected into the controller.
     callbacks
         Functions that act on the ROS graph.
-    now_s, now_ns
-        Return monotonic time [s], and time of day [ns].
     learned
         Learned torques of a program.
-    shared_clock
-        Bus clock shared with other robots.
 
     """
 
     def __init__(
         self,
         parameters: Parameters,
-        period_s: float,
-        report_s: float,
+        timing: Timing,
         wait_for_program: bool,
         faults: Schedule,
         callbacks: ControllerCallbacks,
-        now_s: Callable[[], float],
-        now_ns: Callable[[], int],
         learned: Learned | None = None,
-        shared_clock: SharedClock | None = None,
     ) -> None:
         bus, identity, drives = parameters.bus, Identity.of(parameters), drives_of(parameters)
         self._parameters, self._callbacks, self.wait_for_program = parameters, callbacks, wait_for_program
@@ -96,37 +93,29 @@ class RobotController:
         self.services = ServiceRequests(self.bus.channel_closed, drives)
         self.state = RobotState(self, self.task, self.axes)
         self.enabling = Enabling(self, self.task, self.axes, self.state)
-        self.gate = ScriptGate(self.task, period_s > 0.0, bus.cycle_time_s)
+        self.gate = ScriptGate(self.task, timing.period_s > 0.0, bus.cycle_time_s)
         self.cycles = CyclicOperation(
             parameters,
-            period_s,
-            report_s,
-            self.state,
-            self.task,
-            self.axes,
-            self.services,
-            faults,
-            callbacks,
-            self.gate,
-            self._fall,
-            now_s,
-            now_ns,
-            shared_clock,
+            timing,
+            RobotParts(self.state, self.task, self.axes, self.services),
+            faults=faults,
+            callbacks=callbacks,
+            gate=self.gate,
+            fall=self._fall,
         )
         self._awaited: Reason | None = None  # additional condition for cyclic operation
-        self.control = Control(report_s)
-        self.planners = PlannerWatch(report_s, identity)
+        self.control = Control(timing.poll_s)
+        self.planners = PlannerWatch(timing.poll_s, identity)
         self.orders = Orders(parameters, self.state, self.control, self.planners, callbacks.check_faults)
         self.orders.begin_session(self.bus.session.decode())
         self.scripts = ScriptService(
-            self.state,
-            self.task,
-            self.cycles,
-            self.gate,
-            self.orders,
-            self.control,
-            period_s > 0.0,
-            parameters.in_position_cycles,
+            state=self.state,
+            task=self.task,
+            cycles=self.cycles,
+            gate=self.gate,
+            orders=self.orders,
+            control=self.control,
+            in_position_cycles=parameters.in_position_cycles,
         )
         if parameters.motion.enable_cycle >= 0:
             self.task.enable(parameters.motion.enable_cycle)
@@ -276,7 +265,7 @@ class RobotController:
         answers, cycles = self.cycles.answers, self.cycles
         silent, ahead = answers.behind(answered), answers.ahead(answered)
         of_plant = 'the inputs' if cycles.belts.is_complete(answered) else 'the belts'
-        self._do(self.bus.missed(silent, silence_s, ahead, next_cycle, answered, of_plant))
+        self._do(self.bus.missed(silent, silence_s, ahead, next_cycle, answered=answered, of_plant=of_plant))
 
     # reports ----------------------------------------------------------------------------------------------------------
 

@@ -86,7 +86,7 @@ class ScriptGate:
     """
 
     def __init__(self, task: Transformation, has_clock: bool, cycle_time_s: float = 1e-3) -> None:
-        self._task, self._has_clock, self._cycle_time_s = task, has_clock, cycle_time_s
+        self._task, self.has_clock, self._cycle_time_s = task, has_clock, cycle_time_s
         self.state = GateState.FREE
         self.cycle, self.met = (
             -1,
@@ -105,7 +105,7 @@ class ScriptGate:
     @property
     def closed(self) -> bool:
         """Whether the bus waits for the script."""
-        return self.state is GateState.WAITING and not self._has_clock
+        return self.state is GateState.WAITING and not self.has_clock
 
     def handle(self, event: GateEvent) -> bool:
         """Apply an event; return whether the robot has to be held."""
@@ -128,7 +128,7 @@ class ScriptGate:
 
     def refresh(self, answered: int) -> None:
         """With a clock, move the decision to the newest feedback."""
-        if self._has_clock and self.state is GateState.WAITING:
+        if self.has_clock and self.state is GateState.WAITING:
             self.cycle = answered - 1
 
     def wait(self, condition: WaitCondition, inputs: int = 0) -> None:

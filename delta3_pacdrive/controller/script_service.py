@@ -46,11 +46,10 @@ class ScriptService:
         gate: ScriptGate,
         orders: Orders,
         control: Control,
-        has_clock: bool,
         in_position_cycles: int = 1,
     ) -> None:
         self._state, self._task, self._cycles = state, task, cycles
-        self._gate, self._orders, self._control, self._has_clock = gate, orders, control, has_clock
+        self._gate, self._orders, self._control = gate, orders, control
         self.reply: Reply = lambda *_: None
         self._in_position_cycles = in_position_cycles
         self._awaiting_rest = False  # the script has cancelled its motion and waits for standstill
@@ -130,7 +129,7 @@ class ScriptService:
         if tracking is not None:
             axes = belts_text(tracking.belts)
             tracking.begin(self._gate.cycle)
-        return self._snapshot(inputs=list(self._cycles.inputs.names), clock=self._has_clock, axes=axes)
+        return self._snapshot(inputs=list(self._cycles.inputs.names), clock=self._gate.has_clock, axes=axes)
 
     def _inspect(self, _: Request) -> str:
         self._gate.refresh(self._cycles.answered)
@@ -162,7 +161,7 @@ class ScriptService:
         if not request.text.isdecimal() or len(request.text) > 15:
             return Reason(Code.CONTENT, f'{request.action} needs a bus cycle, not {shown(request.text)}')
         cycle = int(request.text)
-        return max(cycle, self._cycles.next_cycle + 1) if self._has_clock else cycle
+        return max(cycle, self._cycles.next_cycle + 1) if self._gate.has_clock else cycle
 
     def _get_on(self, request: Request) -> Reason | str:
         tracking = self._task.tracking
@@ -214,7 +213,7 @@ class ScriptService:
         gate.wait(condition, cycles.inputs.bits)
         if not gate.closed:
             cycles.complete()
-            if not self._has_clock:
+            if not self._gate.has_clock:
                 cycles.start_due()
         return None
 

@@ -539,16 +539,16 @@ class Transformation:
         s = self.state[0]
         cycles = max(int(s['measured_cycles']), 1)
         return Figures(
-            int(s['measured_cycles']),
-            float(s['error_max']),
-            math.sqrt(float(s['error_square_sum']) / cycles),
-            float(s['following_error_max']),
-            s['final_tcp'].tolist(),
-            list(self.current_peak),
-            list(self.current_rms),
-            s['current_peak'].tolist(),
-            np.sqrt(s['current_square_sum'] / cycles).tolist(),
-            None if self.turning is None else self.turning.figures(),
+            measured_cycles=int(s['measured_cycles']),
+            tcp_error_max_m=float(s['error_max']),
+            tcp_error_rms_m=math.sqrt(float(s['error_square_sum']) / cycles),
+            following_error_max_rad=float(s['following_error_max']),
+            final_tcp_m=s['final_tcp'].tolist(),
+            current_peak_a=list(self.current_peak),
+            current_rms_a=list(self.current_rms),
+            at_current_peak_a=s['current_peak'].tolist(),
+            at_current_rms_a=np.sqrt(s['current_square_sum'] / cycles).tolist(),
+            turn=None if self.turning is None else self.turning.figures(),
         )
 
 

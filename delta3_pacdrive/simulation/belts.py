@@ -11,15 +11,15 @@ def axes_of(cell: Cell) -> tuple[BeltAxes, ...]:
     """Return the belts of a cell as described to a controller, in the order of their readings."""
     return tuple(
         BeltAxes(
-            belt.name,
-            belt.origin_m,
-            belt.direction_rad,
-            belt.increments_per_m,
-            None if belt.window_m is None else TrackWindow(*belt.window_m),
-            0.0 if belt.barrier is None else belt.barrier.at_m,
-            0.0 if belt.barrier is None else belt.barrier.delay_s,
-            0.0 if belt.camera is None else belt.camera.every_m,
-            () if belt.camera is None else tuple(cell.parts),
+            name=belt.name,
+            origin_m=belt.origin_m,
+            direction_rad=belt.direction_rad,
+            increments_per_m=belt.increments_per_m,
+            window=None if belt.window_m is None else TrackWindow(*belt.window_m),
+            barrier_m=0.0 if belt.barrier is None else belt.barrier.at_m,
+            barrier_delay_s=0.0 if belt.barrier is None else belt.barrier.delay_s,
+            camera_every_m=0.0 if belt.camera is None else belt.camera.every_m,
+            types=() if belt.camera is None else tuple(cell.parts),
         )
         for belt in cell.belts.values()
     )

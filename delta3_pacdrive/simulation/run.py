@@ -130,7 +130,7 @@ def run(
     task.enable(motion.enable_cycle)
     task.start(motion.start_cycle)
     world = None if cell is None else World(cell, parameters.bus.cycle_time_s, motion.start_cycle)
-    operation = SimulatedOperation(robot, task, program.faults, parameters, signals, world)
+    operation = SimulatedOperation(robot, task, program.faults, parameters, signals, world=world)
     try:
         found = operation.run()
     finally:

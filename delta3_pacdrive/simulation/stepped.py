@@ -43,7 +43,7 @@ class SteppedOperation(SimulatedOperation):
         signals: Sequence[str] = (),
         world: World | None = None,
     ) -> None:
-        super().__init__(robot, task, (), parameters, signals, world)
+        super().__init__(robot, task, (), parameters, signals, world=world)
         self._inputs, self._ended = inputs, ended
         self._loss_reported = False  # loss of a belt
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive import kinematics, parameters
 from delta3_pacdrive.controller.cycle import Command
+from delta3_pacdrive.controller.cyclic_operation import Timing
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.faults.fault import parse
 from delta3_pacdrive.faults.schedule import Schedule, Scheduled
@@ -51,14 +52,10 @@ class Cell:
             schedule.add(Scheduled.of(parse(fault, 'fault'), 0, ROBOT.bus.cycle_time_s))
         self.robot = RobotController(
             ROBOT,
-            0.0,
-            REPORT_S,
+            Timing(0.0, REPORT_S, lambda: self.now_s, lambda: round(self.now_s * 1e9), clock),
             False,
             schedule,
             self,
-            lambda: self.now_s,
-            lambda: round(self.now_s * 1e9),
-            shared_clock=clock,
         )
 
     # what the controller does on the bus ------------------------------------------------------------------------------

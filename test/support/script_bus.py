@@ -9,6 +9,7 @@ import numpy as np
 from delta3_pacdrive.cell.link import Seen
 from delta3_pacdrive.controller.belt_axes import belts_text
 from delta3_pacdrive.controller.control import Operator
+from delta3_pacdrive.controller.cyclic_operation import Timing
 from delta3_pacdrive.controller.messages import EXACT, EXTEND, ORDER, PROFILE, Origin, Request
 from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
 from delta3_pacdrive.controller.robot_actions import AccessRequested, Replied
@@ -51,7 +52,7 @@ class BusPort:
         self.most_outstanding = 0
         self._first_decision = first_decision
         self.controller = RobotController(
-            parameters, 0.0, 0.2, False, Schedule(), self, lambda: 0.0, lambda: 0
+            parameters, Timing(0.0, 0.2, lambda: 0.0, lambda: 0), False, Schedule(), self
         )
 
     def announce(self, _: Any) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from delta3_pacdrive.controller.cycle import Command
+from delta3_pacdrive.controller.cyclic_operation import Timing
 from delta3_pacdrive.controller.robot_controller import RobotController
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.faults.fault import TASK, Fault
@@ -63,15 +64,17 @@ class TransformationTaskNode(PollingNode):
         faults = Faults(self, TASK, lambda: controller.next_cycle, lambda: controller.bus.session)
         self.controller = controller = RobotController(
             parameters=parameters,
-            period_s=period_s,
-            report_s=report_s,
+            timing=Timing(
+                period_s=period_s,
+                poll_s=report_s,
+                now_s=time.monotonic,
+                now_ns=time.time_ns,
+                shared_clock=SharedClock(clock_path, own['clock_member']) if clock_path else None,
+            ),
             wait_for_program=own['wait_for_program'],
             faults=faults,
             callbacks=self,
-            now_s=time.monotonic,
-            now_ns=time.time_ns,
             learned=learned.load(own['learned']) if own['learned'] else None,
-            shared_clock=SharedClock(clock_path, own['clock_member']) if clock_path else None,
         )
         if own['script_cycle'] >= 0:
             controller.gate.begins = own['script_cycle']
