@@ -46,16 +46,16 @@ class _Stage(Node):
     def __init__(self, name: str, topics: Sequence[str], **options: Any) -> None:
         super().__init__(f'baseline_{name}', **options)
         self.next_cycle = 0
-        self._come: list[set[int]] = [set() for _ in topics]
-        for topic, come in zip(topics, self._come, strict=True):
-            self.create_subscription(JointState, topic, partial(self._receive, come), RELIABLE)
+        self._received: list[set[int]] = [set() for _ in topics]
+        for topic, received in zip(topics, self._received, strict=True):
+            self.create_subscription(JointState, topic, partial(self._receive, received), RELIABLE)
 
-    def _receive(self, come: set[int], message: JointState) -> None:
+    def _receive(self, received: set[int], message: JointState) -> None:
         list(message.position or message.effort)
         stamp = message.header.stamp
-        come.add((stamp.sec * NANOSECONDS + stamp.nanosec) // _CLOCK.period_ns)
-        while all(self.next_cycle in cycles for cycles in self._come):
-            for cycles in self._come:
+        received.add((stamp.sec * NANOSECONDS + stamp.nanosec) // _CLOCK.period_ns)
+        while all(self.next_cycle in cycles for cycles in self._received):
+            for cycles in self._received:
                 cycles.discard(self.next_cycle)
             self.next_cycle += 1
             self.work(self.next_cycle - 1)

@@ -76,7 +76,7 @@ class Bringup:
         self._monitor: RobotMonitor
         self._process: node_process.Process
         self._phases = PhaseWatch(drives_of(self.robot))
-        self._heard = Watchdog(LOOK_S)  # of the transformation task
+        self._reports_watchdog = Watchdog(LOOK_S)  # of the transformation task
         self._deaf_s = STUCK_S  # timeout of the task before this process rejoins the domain
         self._has_guests = False  # nodes of others, which could not rejoin
         self._deadline_s = 0.0
@@ -153,7 +153,7 @@ class Bringup:
         self._process = node_process.Process()
         self._monitor = RobotMonitor(self.options.namespace, getattr(self, '_monitor', None))
         self._process.add(self._monitor)
-        self._heard.received(time.monotonic())
+        self._reports_watchdog.received(time.monotonic())
 
     def _interrupt(self) -> None:
         """Request the end; a second request after a while skips braking."""
@@ -280,13 +280,13 @@ class Bringup:
         for prefix in self._monitor.participants_of(process):
             domain.dispose(prefix, hosts)
 
-    def _replace_silent_partners(self, heard: bool) -> None:
+    def _replace_silent_partners(self, received: bool) -> None:
         """Replace participants for which the bus waits in vain; rejoin the domain if the task is not received."""
         now_s = time.monotonic()
-        if heard:
-            self._heard.received(now_s)
+        if received:
+            self._reports_watchdog.received(now_s)
             self._deaf_s = STUCK_S
-        elif self._heard.silence_s(now_s) > self._deaf_s and not self._has_guests:
+        elif self._reports_watchdog.silence_s(now_s) > self._deaf_s and not self._has_guests:
             node_process.leave(self._process)
             self._join()
             self._deaf_s = min(2.0 * self._deaf_s, STUCK_MAX_S)

@@ -66,15 +66,15 @@ def read_announcement(message: DiagnosticStatus, names: Sequence[str] = PARTICIP
             f'{shown(message.name)} announces itself for an unknown reason: {shown(message.message)}'
         ) from None
     return Announcement(
-        message.name,
-        message.hardware_id,
-        session,
-        occasion,
-        Identity(**facts),
-        tuple(links.split()),
-        int(bus_cycle),
-        inputs,
-        belts,
+        name=message.name,
+        instance=message.hardware_id,
+        session=session,
+        occasion=occasion,
+        identity=Identity(**facts),
+        links=tuple(links.split()),
+        bus_cycle=int(bus_cycle),
+        inputs=inputs,
+        belts=belts,
     )
 
 

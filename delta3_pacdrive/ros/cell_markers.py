@@ -35,7 +35,7 @@ class CellMarkers:
     def still(self, things: Sequence[Thing]) -> list[Marker]:
         """Return markers of the fixtures, and deletions of removed ones."""
         found = [_thing(number, thing) for number, thing in enumerate(things[:THINGS_MAX])]
-        gone, self._still = _gone(self._still, found)
+        gone, self._still = _deletions(self._still, found)
         return [*gone, *found]
 
     def parts(self, now: CellInstant | None) -> list[Marker]:
@@ -46,7 +46,7 @@ class CellMarkers:
             marker = marker_of('cell/parts', part.number, Marker.CUBE, PART)
             _lay(marker, (x, y, z + 0.5 * part.size_m[2]), part.angle_rad, part.size_m)
             found.append(marker)
-        gone, self._parts = _gone(self._parts, found)
+        gone, self._parts = _deletions(self._parts, found)
         return [*gone, *found]
 
 
@@ -70,7 +70,9 @@ def _lay(
     marker.scale.x, marker.scale.y, marker.scale.z = size_m
 
 
-def _gone(shown: set[tuple[str, int]], now: Sequence[Marker]) -> tuple[list[Marker], set[tuple[str, int]]]:
+def _deletions(
+    shown: set[tuple[str, int]], now: Sequence[Marker]
+) -> tuple[list[Marker], set[tuple[str, int]]]:
     """Return the deletions of markers that are no longer shown, and the keys of the current ones."""
     names = {(marker.ns, marker.id) for marker in now}
     gone = [marker_of(name, number, Marker.CUBE, PART) for name, number in sorted(shown - names)]

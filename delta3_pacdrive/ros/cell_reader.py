@@ -41,8 +41,8 @@ class CellReader:
         self._belts = interfaces.BELTS.polled_subscription(node, profile=NEWEST)
         self._values = interfaces.INPUTS.polled_subscription(node, profile=NEWEST)
         self._service = interfaces.INPUT.client(node)
-        self._asked: Future | None = None
-        self._asked_s = self._checked_s = 0.0
+        self._pending: Future | None = None
+        self._pending_s = self._checked_s = 0.0
         self._inputs: dict[str, bool] = {}
         self._forced: frozenset[str] = frozenset()
 
@@ -83,23 +83,23 @@ class CellReader:
         if not self._node.count_publishers(interfaces.SCENE.name):
             self.now.clear()
             self._inputs, self._forced = {}, frozenset()
-        elif self._inputs and self._asked is None and self._service.service_is_ready():
-            self._asked, self._asked_s = self._service.call_async(AddDiagnostics.Request()), now
+        elif self._inputs and self._pending is None and self._service.service_is_ready():
+            self._pending, self._pending_s = self._service.call_async(AddDiagnostics.Request()), now
         self._take_answer(now)
 
     def _take_answer(self, now: float) -> None:
-        asked = self._asked
-        if asked is None:
+        pending = self._pending
+        if pending is None:
             return
-        if asked.done():
-            self._asked = None
+        if pending.done():
+            self._pending = None
             # the service may belong to another program
             with suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError, RuntimeError):
-                told = json.loads(asked.result().message)['inputs']
-                self._forced = frozenset(name for name, one in told.items() if one['forced'] is True)
-        elif now - self._asked_s > UNANSWERED_S:
-            self._service.remove_pending_request(asked)
-            self._asked = None
+                inputs = json.loads(pending.result().message)['inputs']
+                self._forced = frozenset(name for name, one in inputs.items() if one['forced'] is True)
+        elif now - self._pending_s > UNANSWERED_S:
+            self._service.remove_pending_request(pending)
+            self._pending = None
 
 
 def _sent_ns(taken: Taken) -> int:

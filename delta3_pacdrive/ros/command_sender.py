@@ -60,12 +60,12 @@ class CommandSender:
                 Phase.CP4, control, payload, self._session, self._idle, outputs
             )
             self._frames[control, payload, outputs] = frame
-        values, beside = motors.tolist(), torques.tolist()
+        values, efforts = motors.tolist(), torques.tolist()
         if turn is not None:
             values.append(turn[0])
-            beside.append(turn[1])
+            efforts.append(turn[1])
         if self._torques:
-            values += beside
+            values += efforts
         self._last = self._codec.encode(stamp, frame, values)
         self.publish(self._last)
 

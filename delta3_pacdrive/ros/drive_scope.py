@@ -66,7 +66,7 @@ class DriveScopeServer:
     def __init__(self, node: RobotNode, axis: str, bus_drive: BusDrive, drives: Sequence[str]) -> None:
         self._node, self._axis, self._bus_drive, self._drives = node, axis, bus_drive, drives
         self._served: ScopeRequest | None = None
-        self._asked_s = 0.0
+        self._requested_s = 0.0
         self._period_s = float(bus_drive.drive.constants['current_period'][0])
         self._answers = SCOPE_ANSWER.publisher(node)
         self._samples = SCOPE_SAMPLES.publisher(node, axis)
@@ -85,7 +85,7 @@ class DriveScopeServer:
         if served is not None and served.identity != request.identity:
             self._answer(request, f'the oscilloscope of {self._axis} is in use by {served.name}')
             return
-        self._asked_s = time.monotonic()
+        self._requested_s = time.monotonic()
         if request == served:
             return
         try:
@@ -132,5 +132,5 @@ class DriveScopeServer:
 
     def update(self) -> None:
         """Disarm the oscilloscope if its client has stopped sending requests."""
-        if self._served is not None and time.monotonic() - self._asked_s > GIVEN_UP_S:
+        if self._served is not None and time.monotonic() - self._requested_s > GIVEN_UP_S:
             self._disarm()

@@ -73,7 +73,7 @@ class LiveView:
             self.spin_for(PICTURE_S)
             if self._operator.progress_s > self._progress_s:
                 self._progress_s = self._operator.progress_s
-                self._watch.heard()
+                self._watch.received()
             self._watch.update()
             if self._process.rejoins:
                 return

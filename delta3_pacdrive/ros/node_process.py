@@ -72,7 +72,7 @@ class PartnerWatch:
         self._log, self._period_s, self._process = log, period_s, process
         self._silent: dict[str, Watchdog] = {}  # by partner
 
-    def heard(self, partner: str) -> None:
+    def received(self, partner: str) -> None:
         """Record that a message of a partner was received."""
         global _rejoins_in_vain  # noqa: PLW0603 (the node that counts on is another one)
         _rejoins_in_vain = 0

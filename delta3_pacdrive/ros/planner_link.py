@@ -33,9 +33,9 @@ class PlannerLink:
         self._verdicts = interfaces.VERDICT.publisher(node)
         self._refusals = interfaces.REFUSAL.publisher(node)
         self._profile = interfaces.PROFILE.publisher(node)
-        interfaces.MOTION_PLAN.bounded_subscription(node, self._on_row, ROW_BYTES_MAX, self._refuse_foreign)
+        interfaces.MOTION_PLAN.bounded_subscription(node, self._on_row, ROW_BYTES_MAX, self._reject_message)
         interfaces.MOTION_CHANGE.bounded_subscription(
-            node, self._on_profile, ROW_BYTES_MAX, self._refuse_foreign
+            node, self._on_profile, ROW_BYTES_MAX, self._reject_message
         )
         interfaces.PLANNER_ALIVE.bounded_subscription(node, self._on_alive)
         self._slices = node.create_timer(SLICE_EVERY_S, self._check_rows)
@@ -93,7 +93,7 @@ class PlannerLink:
         self._log.error(sentence)
         self._refusals.publish(String(data=sentence))
 
-    def _refuse_foreign(self, sentence: str) -> None:
+    def _reject_message(self, sentence: str) -> None:
         """Report a message that is not a valid order; logged at most once a second."""
         self._log.error(f'refused: {sentence}', throttle_duration_sec=1.0)
         self._refusals.publish(String(data=f'refused: {sentence}'))

@@ -58,7 +58,7 @@ class PlannerServices:
         self._log, self._planner, self._identity = node.get_logger(), planner, identity
         self._progress, self._changed = progress, changed
         # by the identity of the request: request, callback of its reply, and the received request to reply to by topic
-        self._asked: dict[int, tuple[Request, Respond | None, Request | None]] = {}
+        self._pending: dict[int, tuple[Request, Respond | None, Request | None]] = {}
         self._anonymous = 0  # requests of clients without an identity
         self._refusal: Reason | None = None  # of the newest request
         self._published_queue = ''
@@ -110,13 +110,15 @@ class PlannerServices:
     def request(self, action: str, text: str = '') -> Request:
         """Return a new request for a client without identity."""
         self._anonymous += 1
-        return Request(self._identity, '', self._anonymous, 0, action, text)
+        return Request(
+            receiver=self._identity, operator='', number=self._anonymous, control=0, action=action, text=text
+        )
 
     def pass_on(
         self, request: Request, respond: Respond | None = None, received: Request | None = None
     ) -> None:
         """Pass on a request; ``respond`` is called with the result, and ``received`` gets the reply."""
-        self._asked[id(request)] = request, respond, received
+        self._pending[id(request)] = request, respond, received
         self._planner.ask(request, time.monotonic())
         self._changed()
 
@@ -160,7 +162,7 @@ class PlannerServices:
 
     def reply(self, request: Request, reason: Reason | None, sentence: str) -> None:
         """Reply to a request, with the reason if it is rejected."""
-        _, respond, received = self._asked.pop(id(request), (request, None, None))
+        _, respond, received = self._pending.pop(id(request), (request, None, None))
         if respond is not None:
             respond(reason, sentence)
         if received is not None:
@@ -189,7 +191,16 @@ class PlannerServices:
         """Publish the rejection of a move request that was not passed to the planner."""
         reason = why if isinstance(why, Reason) else Reason(Code.CONTENT, why)
         identity = self.request('move').identity
-        self.report(RequestReport(identity, Phase.REFUSED, 0, 0, str(reason.code), reason.sentence))
+        self.report(
+            RequestReport(
+                id=identity,
+                state=Phase.REFUSED,
+                statements=0,
+                remaining=0,
+                code=str(reason.code),
+                sentence=reason.sentence,
+            )
+        )
         self._publish_answer(reason, '')
 
     def _refuse_request(self, sentence: str) -> None:
@@ -200,7 +211,7 @@ class PlannerServices:
         """Report to waiting clients that their requests are in progress."""
         self.publish_queue()
         sentence = self._progress() or 'waiting'
-        for _, _, received in list(self._asked.values()):
+        for _, _, received in list(self._pending.values()):
             if received is not None:
                 self._server.reply(received, None, sentence, done=False)
 

@@ -31,7 +31,7 @@ class PresentRobot:
         self._undecided_s = time.monotonic()  # since when the session of the robot is unknown
         self.session = ''  # of the newest accepted report
         self._cycles = 0.0  # of the newest accepted report
-        self._heard_s = self._planner_s = -math.inf
+        self._received_s = self._planner_s = -math.inf
         self._planner = self._planned_in = ''
         interfaces.PLANNER_ALIVE.subscription(node, self._on_alive)
 
@@ -66,7 +66,7 @@ class PresentRobot:
         cycles = progress['cycles'] if progress['phase'] == Phase.CP4.name else math.inf
         if self._planner_is_alive:
             present = self._planned_in
-        elif now - self._heard_s < MASTER_SILENT_S:
+        elif now - self._received_s < MASTER_SILENT_S:
             present = self.session
         else:
             self._undecided_s = min(self._undecided_s, now)
@@ -76,7 +76,7 @@ class PresentRobot:
         if session != present or (session == self.session and cycles < self._cycles):
             return False
         self._cycles = cycles if cycles < math.inf else 0.0  # bus cycles count from CP4
-        self.session, self._heard_s, self._undecided_s = session, now, math.inf
+        self.session, self._received_s, self._undecided_s = session, now, math.inf
         return True
 
 
@@ -94,15 +94,15 @@ class RobotWatch:
         period_s: float,
         process: node_process.Process | None = None,
     ) -> None:
-        self._node, self._was_heard = node, False
+        self._node, self._was_received = node, False
         self._partners = node_process.PartnerWatch(log, period_s, process)
 
-    def heard(self) -> None:
+    def received(self) -> None:
         """Record that a message of the transformation task was received."""
-        self._was_heard = True
-        self._partners.heard(interfaces.TASK)
+        self._was_received = True
+        self._partners.received(interfaces.TASK)
 
     def update(self) -> None:
         """Check for a timeout."""
-        is_up = self._was_heard or self._node.count_publishers(interfaces.PROGRESS.name)
+        is_up = self._was_received or self._node.count_publishers(interfaces.PROGRESS.name)
         self._partners.update((interfaces.TASK,) if is_up else (), time.monotonic())

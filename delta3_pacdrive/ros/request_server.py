@@ -87,7 +87,14 @@ class RequestServer:
         code, text = (str(reason.code), reason.sentence) if reason else ('', sentence)
         fault = RobotFault.facts(reason.fault if reason else None)
         return Reply(
-            request.operator, request.number, done, reason is None, code, text, self._changes(), **fault
+            operator=request.operator,
+            number=request.number,
+            done=done,
+            accepted=reason is None,
+            code=code,
+            sentence=text,
+            control=self._changes(),
+            **fault,
         )
 
     def _publish(self, reply: Reply) -> None:

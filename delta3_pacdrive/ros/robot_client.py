@@ -256,7 +256,12 @@ class OperatorNode(PollingNode):
             return f'; "{request.action}" may still be executed'
         self._numbers += 1
         withdrawal = Request(
-            request.receiver, self.identity, self._numbers, 0, 'withdraw', str(request.number)
+            receiver=request.receiver,
+            operator=self.identity,
+            number=self._numbers,
+            control=0,
+            action='withdraw',
+            text=str(request.number),
         )
         awaited = self._awaited[self._numbers] = _Awaited(time.monotonic())
         before, self.interruptible = self.interruptible, False

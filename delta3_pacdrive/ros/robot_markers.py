@@ -42,8 +42,8 @@ class _Group:
 
     def placed(self, theta: ArrayLike, turn_rad: float, parameters: Parameters) -> list[Marker]:
         """Return the markers at arm angles and a tool angle [rad]; none if forward kinematics has no solution."""
-        there = poses(theta, parameters, turn_rad, unreachable='nan')
-        turned, places = there.quaternion[self._parts], there.position[self._parts]
+        found = poses(theta, parameters, turn_rad, unreachable='nan')
+        turned, places = found.quaternion[self._parts], found.position[self._parts]
         if not np.isfinite(places).all():
             return []
         part = Rotation.from_quat(turned)

@@ -67,7 +67,7 @@ class RobotReader:
         interfaces.STATUS.subscription(operator, self._on_status)
         self._remote = RemoteParameters(operator)
         self._controller = ''  # unknown until the robot has published its parameters
-        self._asked_in = ''  # session
+        self._requested_in = ''  # session
 
     @property
     def available(self) -> bool:
@@ -95,11 +95,19 @@ class RobotReader:
         turn = TurnInstant(self._turn[1], self._turn[2]) if self.parameters.rotary.present else None
         turn_rad = 0.0 if turn is None else turn.angle_rad
         return Instant(
-            time_s, theta, self._lag, torque,
-            torque / self.parameters.motor.torque_constant_n_m_a, self._overload,
-            float(np.linalg.norm(kinematics.jacobian(theta, tcp, self.parameters) @ speed)) if solved else 0.0,
-            error_m=self._error, cell=self.cell.at(time_s, (x, y, z), turn_rad) if solved else None, turn=turn,
-        )  # fmt: skip
+            time_s=time_s,
+            theta_rad=theta,
+            lag_rad=self._lag,
+            torque_n_m=torque,
+            current_a=torque / self.parameters.motor.torque_constant_n_m_a,
+            overload=self._overload,
+            speed_m_s=float(np.linalg.norm(kinematics.jacobian(theta, tcp, self.parameters) @ speed))
+            if solved
+            else 0.0,
+            error_m=self._error,
+            cell=self.cell.at(time_s, (x, y, z), turn_rad) if solved else None,
+            turn=turn,
+        )
 
     def facts(self) -> Facts:
         """Return the facts for the readout."""
@@ -162,8 +170,8 @@ class RobotReader:
     def update_parameters(self) -> bool:
         """Request the parameters of the robot once per session; return whether they have changed."""
         session = str(self.operator.progress.get('session', '')) if self.available else ''
-        if session and session != self._asked_in and self._remote.ready:
-            self._asked_in = session
+        if session and session != self._requested_in and self._remote.ready:
+            self._requested_in = session
             self._remote.ask()
         if (found := self._remote.take()) is None:
             return False

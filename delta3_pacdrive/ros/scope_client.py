@@ -62,9 +62,9 @@ class ScopeClient:
         self._name = f'process {os.getpid()} on {socket.gethostname()}'
         self._answers: dict[str, dict[str, object]] = {}
         self._blocks: deque[tuple[int, Block]] = deque()
-        self._heard_s = dict.fromkeys(setting.axes, time.monotonic())
+        self._received_s = dict.fromkeys(setting.axes, time.monotonic())
         self._requests = requests or SCOPE_REQUEST.publisher(operator)
-        self._asked_s = -AGAIN_S
+        self._requested_s = -AGAIN_S
         self._subscriptions = [
             SCOPE_ANSWER.subscription(operator, self._on_answer),
             *(
@@ -88,7 +88,7 @@ class ScopeClient:
                 return
             data = np.array(message.data)
             if (len(data) - 2) % columns == 0:
-                self._heard_s[axis] = time.monotonic()
+                self._received_s[axis] = time.monotonic()
                 self._blocks.append((axis, Block(int(data[1]), data[2:].reshape(-1, columns))))
 
         return receive
@@ -103,7 +103,7 @@ class ScopeClient:
             'decimation': self._setting.decimation,
         }  # fmt: skip
         self._requests.publish(String(data=json.dumps(request)))
-        self._asked_s = time.monotonic()
+        self._requested_s = time.monotonic()
 
     def record(self, timeout_s: float, show: Callable[[str], None] = lambda _: None) -> Acquisition:
         """Record as specified by the setting; return the acquisition.
@@ -159,7 +159,7 @@ class ScopeClient:
             A drive rejects the request.
 
         """
-        if time.monotonic() - self._asked_s > AGAIN_S:
+        if time.monotonic() - self._requested_s > AGAIN_S:
             self._ask()
         axes = [ALL_DRIVES[axis] for axis in self._setting.axes]
         for answer in self._answers.values():
@@ -169,7 +169,7 @@ class ScopeClient:
             return None
         period_s = float(self._answers[axes[0]]['period_s'])  # type: ignore[arg-type]
         setting = replace(self._setting, sample_time_s=self._setting.decimation * period_s)
-        self._heard_s = dict.fromkeys(self._setting.axes, time.monotonic())
+        self._received_s = dict.fromkeys(self._setting.axes, time.monotonic())
         return Acquisition(setting, self._take)
 
     def receive_samples(self, acquisition: Acquisition) -> None:
@@ -177,10 +177,10 @@ class ScopeClient:
         while self._blocks and not acquisition.done:
             acquisition.add(*self._blocks.popleft())
         now = time.monotonic()
-        if now - self._asked_s > AGAIN_S:
+        if now - self._requested_s > AGAIN_S:
             self._ask()
-        for axis, heard_s in self._heard_s.items():
-            if now - heard_s > SILENT_S:
+        for axis, received_s in self._received_s.items():
+            if now - received_s > SILENT_S:
                 raise RunError(
                     f'{ALL_DRIVES[axis]} has sent no samples for {SILENT_S:g} s while {awaited(acquisition)}: is its '
                     'robot still up, and in cyclic operation?'
@@ -205,7 +205,7 @@ class ScopeClient:
     ) -> None:
         """Receive samples until the acquisition is complete; raises RunError."""
         trigger, begun_s = acquisition.setting.trigger, time.monotonic()
-        self._heard_s = dict.fromkeys(self._setting.axes, begun_s)
+        self._received_s = dict.fromkeys(self._setting.axes, begun_s)
         show(f'waiting for {trigger.sentence}' if trigger else 'recording')
         records = 0
         while not acquisition.done:

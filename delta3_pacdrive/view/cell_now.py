@@ -21,7 +21,7 @@ class _Present:
     """A part in the cell: its pose at the start of its stay, the time of that message [ns], and the stay."""
 
     place: PartPlace
-    told_ns: int
+    sent_ns: int
     stay: Stay
 
 
@@ -47,18 +47,18 @@ class CellNow:
             self.changes += 1
         self._belts = {thing.name: thing for thing in things if thing.kind is Kind.BELT}
 
-    def take_scene(self, text: str, told_ns: int = 0) -> None:
+    def take_scene(self, text: str, sent_ns: int = 0) -> None:
         """Process a message of ``cell/scene``; parts of earlier messages belong to a previous cell."""
         with suppress(TelegramError, ValueError, RecursionError):
             self._use(tuple(cell_scene.read(json.loads(text))))
-            self._parts = {n: one for n, one in self._parts.items() if one.told_ns >= told_ns}
+            self._parts = {n: one for n, one in self._parts.items() if one.sent_ns >= sent_ns}
 
-    def take_parts(self, text: str, told_ns: int = 0) -> None:
+    def take_parts(self, text: str, sent_ns: int = 0) -> None:
         """Process a message of ``cell/parts``."""
         with suppress(TelegramError):
             for number, document in read_message(text).parts.items():
                 self._parts.pop(number, None)
-                present = _present(document, told_ns)
+                present = _present(document, sent_ns)
                 if present is not None:
                     self._parts[number] = present
             while len(self._parts) > PARTS_MAX:
@@ -102,7 +102,7 @@ class CellNow:
         return replace(one.place, at_m=place, angle_rad=angle_rad(stay, turn_rad))
 
 
-def _present(document: dict[str, Any], told_ns: int) -> _Present | None:
+def _present(document: dict[str, Any], sent_ns: int) -> _Present | None:
     """Return a part from its document, None if it has gone or is out of range."""
     if not document['stays']:
         return None
@@ -119,4 +119,4 @@ def _present(document: dict[str, Any], told_ns: int) -> _Present | None:
     place = PartPlace(
         document['number'], document['type'], (length, width, height), (x, y, z), stay.angle_rad
     )
-    return _Present(place, told_ns, stay)
+    return _Present(place, sent_ns, stay)

@@ -33,7 +33,7 @@ from delta3_pacdrive.view.browser_messages import (
     checked,
     decoded,
 )
-from delta3_pacdrive.view.serving import IS_THERE, START_S, is_foreign, own_names
+from delta3_pacdrive.view.serving import IS_THERE, START_S, is_cross_origin, own_names
 
 CLIENTS_MAX, PENDING_MAX = 32, 32  # browsers, and connections without a request
 CONNECTS_HZ, CONNECTS_BURST = 10.0, 50.0
@@ -258,7 +258,7 @@ class Guard:
             name: headers.get_all(name) for name in ('Origin', 'Host', 'Upgrade', 'Sec-WebSocket-Protocol')
         }
         origin = ','.join(one['Origin']) if one['Origin'] else None
-        if is_foreign(origin, ','.join(one['Host']), self._host, self._names):
+        if is_cross_origin(origin, ','.join(one['Host']), self._host, self._names):
             return connection.respond(http.HTTPStatus.FORBIDDEN, 'requests of other pages are forbidden\n')
         if request.path == IS_THERE:
             return connection.respond(http.HTTPStatus.OK, '')

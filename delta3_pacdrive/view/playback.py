@@ -283,7 +283,7 @@ class Player:
         self.clock = Clock(first, last)
         self._stopping = False
         self._slid_s = self._moved_s = 0.0
-        self._asked: deque[Callable[[], None]] = (
+        self._requests: deque[Callable[[], None]] = (
             deque()
         )  # requests of the page's threads, executed by the loop
         gui: Any = page.server.gui
@@ -293,16 +293,16 @@ class Player:
             speed = gui.add_dropdown('speed', WORDS, initial_value='1')
             again = gui.add_checkbox('repeat', True)
         self._slider.on_update(self._slide)
-        buttons.on_click(lambda event: self._asked.append(partial(self._press, event.target.value)))
-        speed.on_update(lambda _: self._asked.append(partial(self._run_at, speed.value)))
-        again.on_update(lambda _: self._asked.append(partial(setattr, self.clock, 'again', again.value)))
+        buttons.on_click(lambda event: self._requests.append(partial(self._press, event.target.value)))
+        speed.on_update(lambda _: self._requests.append(partial(self._run_at, speed.value)))
+        again.on_update(lambda _: self._requests.append(partial(setattr, self.clock, 'again', again.value)))
         page.rows = lambda seconds: film.before(self.clock.time_s, seconds)
         page.show_path(film.path())
         page.show_cell(film.things)
 
     def _slide(self, event: Any) -> None:
         if event.client is not None:  # not an update by the clock
-            self._asked.append(partial(self._show, float(self._slider.value)))
+            self._requests.append(partial(self._show, float(self._slider.value)))
 
     def _show(self, time_s: float) -> None:
         if time.monotonic() - self._moved_s < UNDER_WAY_S:
@@ -342,8 +342,8 @@ class Player:
             now = time.monotonic()
             self.clock.advance(now - then)
             then = now
-            while self._asked:
-                self._asked.popleft()()
+            while self._requests:
+                self._requests.popleft()()
             self._draw(now)
 
     def _draw(self, now: float) -> None:

@@ -80,13 +80,15 @@ def setting_of(text: str, parameters: Parameters) -> Setting:
     found = setting(
         parameters,
         channels,
-        rate_hz,
-        _number(given['duration_s'], 'the duration', 0.0, DURATION_MAX_S, 's'),
-        trigger if is_triggered else None,
-        _number(given['level'], 'the level', -LEVEL_MAX, LEVEL_MAX, ''),
-        None if edge == USUAL_EDGE else edge,
-        _number(given['pre_trigger_s'], 'the pre-trigger', 0.0, DURATION_MAX_S, 's') if is_triggered else 0.0,
-        given['mode'],
+        rate_hz=rate_hz,
+        duration_s=_number(given['duration_s'], 'the duration', 0.0, DURATION_MAX_S, 's'),
+        trigger=trigger if is_triggered else None,
+        level=_number(given['level'], 'the level', -LEVEL_MAX, LEVEL_MAX, ''),
+        edge=None if edge == USUAL_EDGE else edge,
+        pre_trigger_s=_number(given['pre_trigger_s'], 'the pre-trigger', 0.0, DURATION_MAX_S, 's')
+        if is_triggered
+        else 0.0,
+        mode=given['mode'],
     )
     values = found.samples * len(channels)
     if values > VALUES_MAX:
@@ -139,7 +141,7 @@ class ScopePanel:
             self._duration = gui.add_number('duration s', DURATION_S, min=0.0, step=0.001)
             self._rate = gui.add_number('rate Hz', RATE_MAX_HZ, min=RATE_MIN_HZ, max=RATE_MAX_HZ, step=1.0)
             gui.add_button('Record', icon='activity').on_click(
-                lambda _: send(UiCommand(BEGIN, self._asked()))
+                lambda _: send(UiCommand(BEGIN, self._setting_text()))
             )
             gui.add_button('End recording', icon='player-stop').on_click(lambda _: send(UiCommand(END)))
             self._reply = gui.add_html('')
@@ -170,7 +172,7 @@ class ScopePanel:
             handle.visible = not rolling and self._trigger.value == ON_CHANNEL
         self._before.visible = not rolling and self._trigger.value != NO_TRIGGER
 
-    def _asked(self) -> str:
+    def _setting_text(self) -> str:
         rolling = self._mode.value == Mode.ROLLING
         values = (
             self._channels.value,

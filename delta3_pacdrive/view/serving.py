@@ -277,7 +277,7 @@ def taken(host: str, port: int, reason: str) -> RunError:
     return RunError(f'cannot serve the page on port {port} of {shown(host)}: {reason}')
 
 
-def is_foreign(origin: str | None, asked: str, host: str, names: frozenset[str]) -> bool:
+def is_cross_origin(origin: str | None, asked: str, host: str, names: frozenset[str]) -> bool:
     """Whether a request comes from another page, or names another host.
 
     Any page open in a browser may connect to this host, and the browser names the requesting page in ``Origin``. A

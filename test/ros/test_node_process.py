@@ -98,7 +98,7 @@ class Deaf(RobotNode):
     def look(self):
         self.now_s += 0.05
         if node_process.rejoins() == 2:
-            self.partners.heard('master')
+            self.partners.received('master')
         self.partners.update(('master',), self.now_s)
 
 factories = [Deaf] * int(sys.argv[1])

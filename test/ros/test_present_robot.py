@@ -267,7 +267,7 @@ def test_a_client_joins_anew_if_a_robot_is_up_but_not_heard(clock: Clock, was_he
     graph, process, said = Graph('transformation_task'), Joined(), []
     watch = RobotWatch(graph, said.append, 0.1, process)
     if was_heard:  # and its publishers are lost
-        watch.heard()
+        watch.received()
         graph.writers = ()
     for _ in range(201):
         watch.update()
@@ -283,7 +283,7 @@ def test_a_client_waits_for_a_robot_in_peace_and_does_not_leave_one_that_it_hear
     graph, process = Graph(), Joined()
     waiting, hearing = (RobotWatch(graph, print, 0.1, process) for _ in range(2))
     for _ in range(1000):
-        hearing.heard()
+        hearing.received()
         hearing.update()
         waiting.update()
         clock.now_s += 0.1

@@ -138,9 +138,9 @@ def test_the_newest_parts_are_shown():
 
 def test_parts_of_the_robot_before_are_not_there_and_those_of_the_new_one_are_in_whatever_order_they_come():
     now = one_belt()
-    now.take_parts(parts(stay('lying')), told_ns=10)
-    now.take_parts(parts(stay('lying'), first=1), told_ns=30)  # overtook the scene
-    now.take_scene(json.dumps(SCENE), told_ns=20)
+    now.take_parts(parts(stay('lying')), sent_ns=10)
+    now.take_parts(parts(stay('lying'), first=1), sent_ns=30)  # overtook the scene
+    now.take_scene(json.dumps(SCENE), sent_ns=20)
     assert set(places(now)) == {1}
     assert now.changes == 1  # it looks as before
     now.clear()

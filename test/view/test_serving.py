@@ -237,7 +237,7 @@ def test_a_browser_is_told_an_address_that_it_can_reach():
 )
 def test_the_pages_of_others_are_foreign(origin, asked, host, foreign):
     names = frozenset({'localhost', 'cell.plant.test'})
-    assert serving.is_foreign(origin, asked, host, names) is foreign
+    assert serving.is_cross_origin(origin, asked, host, names) is foreign
 
 
 def test_a_machine_goes_by_its_own_names_where_others_can_reach_it():

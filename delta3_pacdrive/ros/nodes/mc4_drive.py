@@ -59,13 +59,18 @@ class MC4DriveNode(RobotNode):
         self.forget, self.refuse = telegrams.forget, telegrams.refuse
         faults = Faults(self, axis, lambda: bus_drive.clock.cycle, lambda: bus_drive.slave.session)
         self._bus_drive = bus_drive = BusDrive(
-            parameters, index, faults, self, HOUSEKEEPING_S, time.monotonic
+            parameters=parameters,
+            index=index,
+            faults=faults,
+            port=self,
+            poll_s=HOUSEKEEPING_S,
+            now_s=time.monotonic,
         )
         self.drive = bus_drive.drive
         self._settings = DriveParameters(self, axis, bus_drive.register)
         self._participant = Participant(self, axis, parameters)
         self._partners = node_process.PartnerWatch(self.get_logger().warning, HOUSEKEEPING_S)
-        self._is_stranger = False
+        self._is_outside_bus = False
         self._scope = DriveScopeServer(self, axis, bus_drive, drives_of(parameters))
         self.report = DriveReport(self, axis, bus_drive, telegrams)
         PHASE.bounded_subscription(self, self._on_phase, refuse=self.refuse)
@@ -83,8 +88,8 @@ class MC4DriveNode(RobotNode):
         phase, session, stamp = cdr.parse_phase(message)
         alone = self.count_publishers('sercos/phase') <= 1
         self._bus_drive.announced(phase, session, self._cycles.count(*stamp), alone)
-        self._partners.heard(TASK)
-        self._is_stranger = phase == Phase.CP4 and not self._bus_drive.slave.cyclic
+        self._partners.received(TASK)
+        self._is_outside_bus = phase == Phase.CP4 and not self._bus_drive.slave.cyclic
 
     def set_changed(self, changed: list[Parameter]) -> SetParametersResult:
         """Set parameters under the rules of the service channel."""
@@ -100,9 +105,9 @@ class MC4DriveNode(RobotNode):
         if slave.cyclic:
             self._bus_drive.poll()
         if self.telegrams.greeted_by_plant():
-            self._partners.heard(PLANT)
+            self._partners.received(PLANT)
         # in cyclic operation others monitor the bus, and a bus that runs without this drive does not call it
-        away = slave.cyclic or self._is_stranger
+        away = slave.cyclic or self._is_outside_bus
         self._partners.update(
             () if away else (TASK, PLANT) if slave.session != NO_SESSION else (TASK,), time.monotonic()
         )

@@ -52,10 +52,15 @@ class PlantNode(RobotNode):
         self._participant = Participant(self, PLANT, parameters, *around)
         self.announce = self._participant.announce
         self._partners = node_process.PartnerWatch(self.get_logger().warning, HOUSEKEEPING_S)
-        self._is_stranger = False
+        self._is_outside_bus = False
         faults = Faults(self, PLANT, lambda: plant.clock.cycle, lambda: plant.slave.session)
         self._bus_plant = plant = BusPlant(
-            parameters, faults, self, HOUSEKEEPING_S, time.monotonic, cell.around if cell else None
+            parameters=parameters,
+            faults=faults,
+            port=self,
+            poll_s=HOUSEKEEPING_S,
+            now_s=time.monotonic,
+            around=cell.around if cell else None,
         )
         self._drives = drives_of(parameters)
         self._codecs = [
@@ -82,8 +87,8 @@ class PlantNode(RobotNode):
         phase, session, stamp = cdr.parse_phase(message)
         alone = self.count_publishers('sercos/phase') <= 1
         self._bus_plant.announced(phase, session, self._exchanges.count(*stamp), alone)
-        self._partners.heard(TASK)
-        self._is_stranger = phase == Phase.CP4 and not self._bus_plant.slave.cyclic
+        self._partners.received(TASK)
+        self._is_outside_bus = phase == Phase.CP4 and not self._bus_plant.slave.cyclic
 
     def _on_current(self, index: int) -> Callable[[bytes], None]:
         codec, known, bus, plant = self._codecs[index], self._frames, self._bus_plant.slave, self._bus_plant
@@ -151,7 +156,7 @@ class PlantNode(RobotNode):
     def _housekeeping(self) -> None:
         # in cyclic operation others monitor the bus, and a bus that runs without this plant does not call it
         cyclic = self._bus_plant.slave.cyclic
-        self._partners.update(() if cyclic or self._is_stranger else (TASK,), time.monotonic())
+        self._partners.update(() if cyclic or self._is_outside_bus else (TASK,), time.monotonic())
         if cyclic:
             self._bus_plant.poll()
             return

@@ -54,7 +54,7 @@ class RecorderNode(PollingNode):
             self._subscribe(topic, name) for topic in RECORDED for name in topic.names_of(self._rotary)
         ]
         self._state = RECORDER_STATE.publisher(self)
-        self._ready = self._said_stopped = False
+        self._ready = self._reported_stop = False
         self._begin_ns = time.time_ns()
         self._newest_ns = 0  # time of the newest message
         if before is None:
@@ -84,7 +84,7 @@ class RecorderNode(PollingNode):
             while (taken := take()) is not None:
                 data, info = taken
                 if topic is PROGRESS:
-                    self._robot.heard()
+                    self._robot.received()
                 if latched:
                     if info['source_timestamp'] <= known_ns:
                         continue
@@ -150,8 +150,8 @@ class RecorderNode(PollingNode):
         """Publish once that all cyclic topics are received, and once that writing has stopped."""
         bag = self._recording.bag
         if bag.stopped:
-            if not self._said_stopped:
-                self._said_stopped = self._ready = True
+            if not self._reported_stop:
+                self._reported_stop = self._ready = True
                 self._state.publish(String(data=f'stopped: {bag.stopped}'))
                 self.get_logger().error(
                     f'stopped recording into {bag.path}: {bag.stopped}; '

@@ -152,8 +152,8 @@ class RobotVisualizationNode(PollingNode):
         self._ticks += 1
 
     def _show(self) -> None:
-        for name, heard in (('command', self._command), ('error', self._error)):
-            for *_, values in heard.all():
+        for name, source in (('command', self._command), ('error', self._error)):
+            for *_, values in source.all():
                 self._places[name] = np.array(values)
         for *_, (_, actual, _) in self._turns.all():
             self._turn_rad = actual
@@ -189,7 +189,7 @@ class RobotVisualizationNode(PollingNode):
         self._markers.plan(self._planned.points_m)
 
     def _on_status(self, message: String) -> None:
-        self._present.heard()
+        self._present.received()
         self._planned.update(Status.from_json(message.data))
         self._markers.plan(self._planned.points_m)
 

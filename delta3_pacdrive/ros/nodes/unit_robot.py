@@ -158,7 +158,7 @@ class UnitRobotNode(PollingNode):
     # messages of the transformation task ------------------------------------------------------------------------------
 
     def _on_status(self, message: String) -> None:
-        self._partners.heard(TASK)
+        self._partners.received(TASK)
         before = self._session()
         if not self._planner.receive_status(Status.from_json(message.data), time.monotonic()):
             return

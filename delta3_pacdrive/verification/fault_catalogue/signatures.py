@@ -44,12 +44,12 @@ class AxisRecord:
         values = shafts.values[true]
         drives = values.shape[1] // 3
         return AxisRecord(
-            answers.values[own, POSITION],
-            answers.values[own, TORQUE],
-            values[:, axis],
-            values[:, drives + axis],
-            values[:, 2 * drives + axis],
-            EXTRA_N_M if axis < ARMS else EXTRA_OF_TOOL_N_M,
+            read=answers.values[own, POSITION],
+            torque=answers.values[own, TORQUE],
+            position=values[:, axis],
+            speed=values[:, drives + axis],
+            coupling=values[:, 2 * drives + axis],
+            extra=EXTRA_N_M if axis < ARMS else EXTRA_OF_TOOL_N_M,
         )
 
 

@@ -112,7 +112,14 @@ class Soak(AutomatedOperator):
     def _violate(self, sentence: str, cycle: int) -> None:
         drawn = self._drawn
         self.figures.violations.append(
-            Violation(sentence, self._seed, self._pace, drawn.number, cycle, drawn.to_yaml())
+            Violation(
+                sentence=sentence,
+                seed=self._seed,
+                pace=self._pace,
+                number=drawn.number,
+                cycle=cycle,
+                program=drawn.to_yaml(),
+            )
         )
 
     def update(self) -> None:
