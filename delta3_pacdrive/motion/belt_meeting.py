@@ -188,7 +188,7 @@ def meet(
             f'ends at {1e3 * window.end_m:.1f} mm',
         )
     start = part_m + speed * wait
-    return Meeting(wait, lasts - work.first_s, start, speed, way, met, done)
+    return Meeting(wait, lasts - work.first_s, start, speed_m_s=speed, way=way, met_m=met, done_m=done)
 
 
 def offset_on(meeting: Meeting, time_s: float, reference_m: float) -> Motion:

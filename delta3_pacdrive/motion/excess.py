@@ -103,7 +103,7 @@ def compared(
         zip(tcp, (speed, *others), names, strict=False), start=1
     ):
         stretch = np.asarray((value / limit) ** (1.0 / power))
-        entries.append(Comparison(stretch, name, None, unit, value, limit))
+        entries.append(Comparison(stretch, name, None, unit=unit, value=value, limit=limit))
     return entries
 
 
@@ -127,4 +127,4 @@ def _motor_stretches(dynamics: PathDynamics, parameters: Parameters) -> Iterator
     )
     for axis in range(AXES):
         for stretch, name, unit, values, limit in quantities:
-            yield Comparison(stretch[:, axis], name, axis + 1, unit, values[:, axis], limit)
+            yield Comparison(stretch[:, axis], name, axis + 1, unit=unit, value=values[:, axis], limit=limit)

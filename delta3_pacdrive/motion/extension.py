@@ -53,9 +53,9 @@ class RunningProgram:
             planned.plan,
             planned.loads,
             program.statements * (earlier + 1),
-            (None,) * (earlier * len(planned.ends)) + planned.ends,
-            planned.open_from,
-            planned.payload_kg,
+            ends=(None,) * (earlier * len(planned.ends)) + planned.ends,
+            open_from=planned.open_from,
+            payload_kg=planned.payload_kg,
         )
 
     def splice(self, rounded: bool) -> 'Splice':
@@ -63,7 +63,12 @@ class RunningProgram:
         last = self.plan.move(len(self.plan) - 1)
         if self.open_from is None or not rounded:
             return Splice(
-                len(self.plan), (), self.plan.end_m(), self.payload_kg, np.inf, self.plan.end_turn_rad
+                len(self.plan),
+                (),
+                self.plan.end_m(),
+                payload_kg=self.payload_kg,
+                common_m=np.inf,
+                turn_rad=self.plan.end_turn_rad,
             )
         again = self.statements[self.open_from :]
         blend = next(one.blend_m for one in reversed(again) if isinstance(one, PathMove))
@@ -71,9 +76,9 @@ class RunningProgram:
             len(self.plan) - 1,
             again,
             last.start_m(),
-            last.payload_kg,
-            last.length_m - blend - ROOM_M,
-            last.start_turn_rad,
+            payload_kg=last.payload_kg,
+            common_m=last.length_m - blend - ROOM_M,
+            turn_rad=last.start_turn_rad,
         )
 
     def load(self, first: int, kept: int) -> ThermalLoad | None:
@@ -191,7 +196,7 @@ def extended_program(
         extension.timeline.plan,
         (*(before.loads[int(n)] for n in used), *planned.loads),
         before.statements[gone:stay] + program.statements,
-        (*ends[gone:], *later),
-        None if planned.open_from is None else planned.open_from + new,
-        planned.payload_kg,
+        ends=(*ends[gone:], *later),
+        open_from=None if planned.open_from is None else planned.open_from + new,
+        payload_kg=planned.payload_kg,
     )

@@ -31,7 +31,7 @@ def read_frames(value: Any, where: str, errors: Errors, found: Named[Frame]) -> 
         roll, pitch, yaw = (fields.read(key, number, 0.0) for key in _TURNED[1:])
         taught = fields.read('taught_m', _taught)
         if 'taught_m' not in fields:
-            made = checked(lambda: Frame.turned(origin, roll, pitch, yaw, parent, called), name)
+            made = checked(lambda: Frame.turned(origin, roll, pitch, yaw, parent=parent, name=called), name)
         else:
             given = [key for key in _TURNED if key in fields]
             if given:
@@ -41,7 +41,7 @@ def read_frames(value: Any, where: str, errors: Errors, found: Named[Frame]) -> 
             made = checked(lambda: Frame.taught(taught, parent, called), name)
         return None if parent is None else made.in_base  # keeps chains of frames short
 
-    read_named(value, where, 'frame', found, errors, read, RESERVED)
+    read_named(value, where, 'frame', found=found, errors=errors, read=read, reserved=RESERVED)
 
 
 def read_tools(value: Any, where: str, errors: Errors, found: Named[Tool]) -> None:
@@ -53,7 +53,7 @@ def read_tools(value: Any, where: str, errors: Errors, found: Named[Tool]) -> No
         mass = fields.read('mass_kg', number_between(0.0, PAYLOAD_MAX_KG), 0.0)
         return checked(lambda: Tool(offset, mass, name.rpartition('.')[2]), name)
 
-    read_named(value, where, 'tool', found, errors, read)
+    read_named(value, where, 'tool', found=found, errors=errors, read=read)
 
 
 def read_patterns(
@@ -92,7 +92,7 @@ def read_patterns(
         places = tuple(filled.frame_at(n, PLACE).in_base for n in range(len(filled)))
         return places[::-1] if reverse else places
 
-    read_named(value, where, 'pattern', found, errors, read)
+    read_named(value, where, 'pattern', found=found, errors=errors, read=read)
 
 
 def checked(make: Callable[[], _Made], where: str) -> _Made:

@@ -179,7 +179,15 @@ def plan_joints(
         return f'{where(n)}, ({x:.4f}, {y:.4f}, {z:.4f}) m'
 
     payload = np.zeros(len(times), np.int64)
-    coefficients = legal_coefficients(times, samples, payload, (payload_kg,), parameters, returning, place)
+    coefficients = legal_coefficients(
+        times,
+        samples,
+        payload,
+        payloads_kg=(payload_kg,),
+        parameters=parameters,
+        returning=returning,
+        where=place,
+    )
     master = np.zeros((len(times), 4))
     master[:, 0], master[:, 1] = times, 1.0
     d = timed_dynamics(times, master, samples, coefficients, parameters)

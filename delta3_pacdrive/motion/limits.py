@@ -91,22 +91,41 @@ class Bound:
         return np.asarray(self.margin >= -ROUNDING)
 
 
+# whether the limit is an upper one, quantity for messages, and unit
+_QUANTITIES: dict[str, tuple[bool, str, str]] = {
+    Limit.ARM_ANGLE_MAX: (True, 'the angle of arm', 'deg'),
+    Limit.ARM_ANGLE_MIN: (False, 'the angle of arm', 'deg'),
+    Limit.FOREARM_SWING: (True, 'the forearm swing of arm', 'deg'),
+    Limit.SERIAL_SINGULARITY: (False, 'the distance from the serial singularity of arm', ''),
+    Limit.PARALLEL_SINGULARITY: (False, 'the distance from the parallel singularity', ''),
+    Limit.RADIUS: (True, 'the distance from the z axis', 'm'),
+    Limit.TOP: (True, 'z', 'm'),
+    Limit.BOTTOM: (False, 'z', 'm'),
+    'motor_speed': (True, 'the speed of motor', 'rad/s'),
+    'tcp_speed': (True, 'the TCP speed', 'm/s'),
+}
+
+
+def _bound(key: str, values: Floats, limit: float) -> Bound:
+    return Bound(key, values, limit, *_QUANTITIES[key])
+
+
 def workspace_bounds(position_m: Floats, parameters: Parameters) -> tuple[Bound, ...]:
     """Return the bounds of the workspace cylinder for positions of shape (n, 3)."""
     k, (x, y, z) = parameters.kinematics, position_m.T
     radius = np.hypot(x, y)
     return (
-        Bound(Limit.RADIUS, radius, 0.5 * k.workspace_diameter_m, True, 'the distance from the z axis', 'm'),
-        Bound(Limit.TOP, z, k.workspace_top_m, True, 'z', 'm'),
-        Bound(Limit.BOTTOM, z, k.workspace_bottom_m, False, 'z', 'm'),
+        _bound(Limit.RADIUS, radius, 0.5 * k.workspace_diameter_m),
+        _bound(Limit.TOP, z, k.workspace_top_m),
+        _bound(Limit.BOTTOM, z, k.workspace_bottom_m),
     )
 
 
 def _angle_bounds(theta_rad: Floats, parameters: Parameters) -> tuple[Bound, ...]:
     k, theta = parameters.kinematics, np.degrees(theta_rad)
     return (
-        Bound(Limit.ARM_ANGLE_MAX, theta, k.arm_angle_max_deg, True, 'the angle of arm', 'deg'),
-        Bound(Limit.ARM_ANGLE_MIN, theta, k.arm_angle_min_deg, False, 'the angle of arm', 'deg'),
+        _bound(Limit.ARM_ANGLE_MAX, theta, k.arm_angle_max_deg),
+        _bound(Limit.ARM_ANGLE_MIN, theta, k.arm_angle_min_deg),
     )
 
 
@@ -115,15 +134,11 @@ def arm_bounds(
 ) -> tuple[Bound, ...]:
     """Return the bounds of arm angles and forearm swings [rad], shapes (n, 3), and of the singularity distances."""
     k, swing = parameters.kinematics, np.degrees(swing_rad)
-    singularity = (
-        'the distance from the serial singularity of arm',
-        'the distance from the parallel singularity',
-    )
     return (
         *_angle_bounds(theta_rad, parameters),
-        Bound(Limit.FOREARM_SWING, swing, k.forearm_swing_max_deg, True, 'the forearm swing of arm', 'deg'),
-        Bound(Limit.SERIAL_SINGULARITY, serial, k.serial_singularity_min, False, singularity[0], ''),
-        Bound(Limit.PARALLEL_SINGULARITY, parallel, k.parallel_singularity_min, False, singularity[1], ''),
+        _bound(Limit.FOREARM_SWING, swing, k.forearm_swing_max_deg),
+        _bound(Limit.SERIAL_SINGULARITY, serial, k.serial_singularity_min),
+        _bound(Limit.PARALLEL_SINGULARITY, parallel, k.parallel_singularity_min),
     )
 
 
@@ -266,8 +281,8 @@ def check_speed(move: Move, override: float, parameters: Parameters) -> float:
     tcp = np.linalg.norm(samples[:, 1], axis=1) * np.abs(master[:, 1]) * override
     tcp_limit = parameters.motion.tcp_speed_limit_m_s * (1.0 + TCP_BETWEEN_SAMPLES)
     bounds = (
-        Bound('motor_speed', speed, limit, True, 'the speed of motor', 'rad/s'),
-        Bound('tcp_speed', tcp, tcp_limit, True, 'the TCP speed', 'm/s'),
+        _bound('motor_speed', speed, limit),
+        _bound('tcp_speed', tcp, tcp_limit),
     )
     CheckedPath(master[:, 0], samples[:, 0]).require(*bounds)
     used = max(float(bound.values.max()) / bound.limit for bound in bounds)

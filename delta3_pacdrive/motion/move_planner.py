@@ -102,12 +102,19 @@ class MovePlanner:
         self._is_fine = step_m > 0.0
         changes, carried = zip(*self._payloads, strict=True)
         table, length = self.curve.segments.tobytes(), self.curve.length_m
-        request = GridRequest(table, length, self._stretches, changes[1:], step_m, self.curve)
+        request = GridRequest(
+            table, length, self._stretches, changes_m=changes[1:], step_m=step_m, curve=self.curve
+        )
         self.distance, self.places, self.samples, payload, limits = grid_data(request)
         speed, self.acceleration, self.jerk = limits
         self.speed = np.minimum(speed, self._parameters.motion.tcp_speed_limit_m_s)
         self._coefficients = legal_coefficients(
-            self.places, self.samples, payload, carried, self._parameters, self._returning
+            self.places,
+            self.samples,
+            payload,
+            payloads_kg=carried,
+            parameters=self._parameters,
+            returning=self._returning,
         )
         self._evaluated: tuple[Floats, PathDynamics] | None = None
 
@@ -158,11 +165,11 @@ class MovePlanner:
             self.distance,
             np.minimum.reduce(caps),
             acceleration,
-            second,
-            np.ascontiguousarray(coefficients[:, INERTIAL]),
-            np.ascontiguousarray(coefficients[:, CENTRIFUGAL]),
-            np.ascontiguousarray(coefficients[:, WEIGHT]),
-            torque,
+            curvature_1_m=second,
+            inertial=np.ascontiguousarray(coefficients[:, INERTIAL]),
+            centrifugal=np.ascontiguousarray(coefficients[:, CENTRIFUGAL]),
+            weight=np.ascontiguousarray(coefficients[:, WEIGHT]),
+            torque_n_m=torque,
         )
 
     def fastest(self, with_motors: bool) -> Floats:

@@ -81,20 +81,6 @@ class PartQueue:
         self._parts.append(part)
         return True
 
-    def hand_out(
-        self,
-        way_m: float,
-        window: TrackWindow,
-        robot_m: float = 0.0,
-        rule: Rule | None = None,
-        kind: str = '',
-    ) -> QueuedPart | None:
-        """Remove and return the next part; None if there is none. Parameters as for ``next``."""
-        chosen = self.next(way_m, window, robot_m, rule, kind)
-        if chosen is not None:
-            self.take(chosen)
-        return chosen
-
     def take(self, part: QueuedPart) -> None:
         """Remove a part from the queue; later detections of it are ignored."""
         self._parts.remove(part)

@@ -63,9 +63,9 @@ def path_parameter(curve: Curve) -> PathParameter:
         u,
         s,
         s1 * x1,
-        s2 * x1**2 + s1 * x2,
-        s3 * x1**3 + 3.0 * s2 * x1 * x2 + s1 * x3,
-        np.abs(x2 / x1),
+        second=s2 * x1**2 + s1 * x2,
+        third=s3 * x1**3 + 3.0 * s2 * x1 * x2 + s1 * x3,
+        grading=np.abs(x2 / x1),
     )
 
 

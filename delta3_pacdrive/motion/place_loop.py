@@ -40,7 +40,13 @@ def read_loop(
         return None if places is None else PlaceLoop(str(value), {PLACE: places})
     found: Named[Places] = {}
     read_named(
-        value, where, 'place', found, errors, lambda one, name: named(one, name, patterns, 'pattern'), taken
+        value,
+        where,
+        'place',
+        found=found,
+        errors=errors,
+        read=lambda one, name: named(one, name, patterns, 'pattern'),
+        reserved=taken,
     )
     known = {name: places for name, places in found.items() if places is not None}
     if len(known) < len(value):

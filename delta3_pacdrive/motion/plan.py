@@ -138,7 +138,9 @@ class Plan:
         starts = _starts(durations[order])
         phases, segments, events = (np.concatenate(parts) for parts in rows.values())
         turns = turn_tables([move.turns for move in moves], order)
-        return Plan(moves, Tables(order, starts, table, phases, segments, events), turns)
+        return Plan(
+            moves, Tables(order, starts, table, phases=phases, segments=segments, events=events), turns
+        )
 
     def _joined_with(self, more: 'Plan', used: NDArray[np.int64], kept: int) -> tuple[Move, ...]:
         """Return moves of both plans; if only one of them defines the tool angle, the other one keeps it constant."""
@@ -258,9 +260,9 @@ class PlanBuilder:
                 numbers,
                 _starts(durations),
                 table,
-                self._phases.table(),
-                self._segments.table(),
-                self._events.table(),
+                phases=self._phases.table(),
+                segments=self._segments.table(),
+                events=self._events.table(),
             ),
             turn_tables([move.turns for move in self.moves], numbers),
         )

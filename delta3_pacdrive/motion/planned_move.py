@@ -131,7 +131,9 @@ def plan_move(
     optimal, even, rate = _time_optimal(segments), constant_speed.is_requested(segments), math.inf
     if optimal:
         rate = min(segment.torque_rate_n_m_s for segment in segments)
-        fastest = TimeOptimalPlanner(curve, stretches, payloads, parameters, rate, returning)
+        fastest = TimeOptimalPlanner(
+            curve, stretches, payloads, parameters=parameters, torque_rate_n_m_s=rate, returning=returning
+        )
         planner: MovePlanner = fastest
         phases = fastest.fastest_of_third_order(heat + max(segment.heat for segment in segments))
     else:
@@ -274,7 +276,7 @@ def plan_cubic(
     """Check a sequence of cubics in time (chapter 5), and slow it down as a whole if a motor requires it."""
     duration = curve.length_m
     times = np.linspace(0.0, duration, min(max(GRID_MIN, int(duration / SAMPLE_S)), GRID_MAX))
-    d = _even(curve, times, 1.0, payload_kg, parameters, returning)
+    d = _even(curve, times, 1.0, payload_kg=payload_kg, parameters=parameters, returning=returning)
     found = limit_violation(d, parameters)
     require_holdable(found)
     load = thermal_load(d, np.gradient(times), duration, parameters)
@@ -285,7 +287,14 @@ def plan_cubic(
         notices.append(slowed_down(name, duration * factor, duration, found.text))
     phases = slowed(np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [duration, duration, 0.0, 0.0, 0.0]]), factor)
     stop = parameters.motion.acceleration_max_m_s2 / max(float(d.tcp_speed_m_s.max()), 1e-6)
-    move = Move(MoveKind.CUBIC, phases, curve.segments, stop, math.inf, payload_kg)
+    move = Move(
+        MoveKind.CUBIC,
+        phases,
+        curve.segments,
+        stop_acceleration=stop,
+        stop_jerk=math.inf,
+        payload_kg=payload_kg,
+    )
     return PlannedMove(move, load, name, (), notices)
 
 
@@ -315,7 +324,9 @@ def _even(
 ) -> PathDynamics:
     """Return the demand for a master at constant speed, 0 or 1 s/s; raises ProgramError if the path is not legal."""
     samples, payload = sample_path(times, curve.segments), np.zeros(len(times), np.int64)
-    coefficients = legal_coefficients(times, samples, payload, (payload_kg,), parameters, returning)
+    coefficients = legal_coefficients(
+        times, samples, payload, payloads_kg=(payload_kg,), parameters=parameters, returning=returning
+    )
     master = np.zeros((len(times), 4))
     master[:, 0], master[:, 1] = times, speed
     return timed_dynamics(times, master, samples, coefficients, parameters)

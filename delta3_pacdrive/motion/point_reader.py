@@ -74,7 +74,7 @@ class PointReader:
             target = self._target(in_base_unit(where, point), name, setting, named=True)
             return None if target is None else target.point_m
 
-        read_named(value, where, 'point', self._named, self._errors, read)
+        read_named(value, where, 'point', found=self._named, errors=self._errors, read=read)
 
     def place_m(self, value: Any, where: str, setting: Setting) -> Point | None:
         """Read a position by coordinates or name; None if the definition of the name is invalid."""

@@ -184,7 +184,9 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
     tool = fields.read('tool', lambda value, where: named(value, where, tools, 'tool'), prefix='')
     fields.read(
         'patterns',
-        lambda value, where: read_patterns(value, where, errors, patterns, frames, frame),
+        lambda value, where: read_patterns(
+            value, where, errors, found=patterns, frames=frames, default=frame
+        ),
         prefix='',
     )
     setting = Setting(frame, tool, frames)

@@ -91,7 +91,12 @@ def plan(
     turn = _start_turn(program, turn_rad, parameters)
 
     request = PlanRequest(
-        program, parameters, returning, open_end, progress, {} if arches is None else arches
+        program,
+        parameters,
+        returning,
+        open_end=open_end,
+        progress=progress,
+        arches={} if arches is None else arches,
     )
 
     def rounds(heat: float) -> _Rounds:
@@ -160,7 +165,7 @@ def _rounds(request: PlanRequest, position_m: ArrayLike, turn: float | None, hea
                 returning=request.returning and not order,
                 open_end=request.open_end and piece_number + 1 == len(pieces),
             )
-            round_ = RoundPlanner(this_round, part, position, payload, turn, heat)
+            round_ = RoundPlanner(this_round, part, position, payload_kg=payload, turn_rad=turn, heat=heat)
             numbers = []
             for move in round_.planned():
                 numbers.append(len(planned))

@@ -102,7 +102,7 @@ def join_move(timeline: Timeline, cycle: int, move: Move, common_m: float) -> Fl
         s, v, a, _ = sample_master([min(delay, float(present[-1, 0]))], present)[0].tolist()
         if delay >= present[-1, 0] or s > common_m:
             break
-        table = _join(move, (s, v, a), override, room, limits, (before.master, common_m))
+        table = _join(move, (s, v, a), override, room=room, limits=limits, before=(before.master, common_m))
         if table is not None:
             return _after(present, delay, table)
     return None

@@ -311,7 +311,14 @@ class RoundPlanner:
                     heat=self._heat_weight(statement),
                 )
                 stretches = [(curve.length_m, statement.limits)]
-                planned = plan_move([segment], curve, stretches, [], self.payload, self._parameters)
+                planned = plan_move(
+                    [segment],
+                    curve,
+                    stretches,
+                    events=[],
+                    payload_kg=self.payload,
+                    parameters=self._parameters,
+                )
                 if statement.aim == Aim.TIME:
                     return planned.move.duration_s
                 return planned.energy.lost_j + price_of_time_w(self._parameters) * planned.move.duration_s
@@ -336,7 +343,12 @@ class RoundPlanner:
         later = self._dues.in_time()
         with attributed_to(number, name):
             planned = plan_joints(
-                statement.points, self.position_m, self.payload, name, self._parameters, self._returning
+                statement.points,
+                self.position_m,
+                self.payload,
+                name=name,
+                parameters=self._parameters,
+                returning=self._returning,
             )
         timed = tuple(due.timed(planned, 0.0) for due in later)
         places = ((number, planned.move.length_m),)
@@ -380,7 +392,9 @@ class RoundPlanner:
     def _dwell(self, time_s: float, number: int, name: str) -> None:
         events = self._take_outputs(0.0)
         changes = tuple((at_s, due.at(0.0)) for at_s, due in self._dues.in_dwell(time_s))
-        self._plan_dwelt(_Dwelt(len(self._planned), time_s, number, name, events, changes))
+        self._plan_dwelt(
+            _Dwelt(len(self._planned), time_s, number, name=name, events=events, changes=changes)
+        )
 
     def _plan_dwelt(self, dwelt: '_Dwelt') -> None:
         """Plan a dwell, split at its output changes, because the master passes no position during a dwell."""
@@ -413,14 +427,30 @@ class RoundPlanner:
         returning = self._returning
         with attributed_to(segments[0].number, name_of(segments)):
             try:
-                planned = self._plan_segments(segments, curve, ends, stretches, events, payload, returning)
+                planned = self._plan_segments(
+                    segments,
+                    curve,
+                    ends,
+                    stretches=stretches,
+                    events=events,
+                    payload=payload,
+                    returning=returning,
+                )
             except UnevenSpeedError as error:
 
                 def can(asked: list[PathSegment]) -> bool:
                     try:
                         other, middles, _, limits = blended(asked)
                         due, _ = copy(dues).on_path(asked, middles, other, waits)
-                        self._plan_segments(asked, other, middles, limits, due, payload, returning)
+                        self._plan_segments(
+                            asked,
+                            other,
+                            middles,
+                            stretches=limits,
+                            events=due,
+                            payload=payload,
+                            returning=returning,
+                        )
                     except ProgramError:
                         return False
                     return True
@@ -453,7 +483,16 @@ class RoundPlanner:
         """Time and check a move with its tool rotation."""
 
         def plan(asked: list[PathSegment], limits: Stretches) -> PlannedMove:
-            return plan_move(asked, curve, limits, events, payload, self._parameters, returning, self._heat)
+            return plan_move(
+                asked,
+                curve,
+                limits,
+                events=events,
+                payload_kg=payload,
+                parameters=self._parameters,
+                returning=returning,
+                heat=self._heat,
+            )
 
         if segments[0].turn_rad is None:
             return plan(segments, stretches)
@@ -463,7 +502,7 @@ class RoundPlanner:
         heaviest = max([payload, *(one.payload_kg for one in events if one.payload_kg is not None)])
         limits = TurnLimits.of(self._parameters, heaviest)
         rows = turn_rows(segments, ends, curve.length_m)
-        return plan_turning_move(plan, segments, stretches, rows, limits, name_of(segments))
+        return plan_turning_move(plan, segments, stretches, rows=rows, limits=limits, name=name_of(segments))
 
     def _waits_after(self, segment: PathSegment) -> bool:
         statement = self._statements[segment.number]
@@ -474,7 +513,12 @@ class RoundPlanner:
         time_s = self._parameters.shortest_wait_s
         with attributed_to(segment.number, segment.name):
             planned = plan_dwell(
-                self.position_m, time_s, self.payload, segment.name, self._parameters, MoveKind.IN_POSITION
+                self.position_m,
+                time_s,
+                self.payload,
+                name=segment.name,
+                parameters=self._parameters,
+                kind=MoveKind.IN_POSITION,
             )
         self._planned.append(self._with_tool(replace(planned, statements=((segment.number, 0.0),))))
 

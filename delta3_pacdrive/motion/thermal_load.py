@@ -108,4 +108,6 @@ def thermal_load(d: PathDynamics, weights: Floats, duration_s: float, parameters
 def dwell_load(d: PathDynamics, time_s: float) -> ThermalLoad:
     """Return the load of a dwell [s] at the first sample."""
     none, square = np.zeros(3), d.standing_current_a[0] ** 2 * time_s
-    return ThermalLoad(none, none, none, 0.0, square, time_s, OVERRIDE_MAX)
+    return ThermalLoad(
+        none, none, none, duration_s=0.0, dwelling=square, dwell_s=time_s, override_max=OVERRIDE_MAX
+    )

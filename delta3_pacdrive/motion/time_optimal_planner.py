@@ -75,7 +75,12 @@ class TimeOptimalPlanner(MovePlanner):
         changes, carried = zip(*payloads, strict=True)
         self._payload = np.searchsorted(changes[1:], self._parameter.distance_m, side='right')
         self._demands = legal_coefficients(
-            self._parameter.distance_m, self._samples, self._payload, carried, parameters, returning
+            self._parameter.distance_m,
+            self._samples,
+            self._payload,
+            payloads_kg=carried,
+            parameters=parameters,
+            returning=returning,
         )
         self._limits = limits_at(self._parameter.distance_m, stretches)
         self._by_distance = (

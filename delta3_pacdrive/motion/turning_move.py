@@ -288,7 +288,9 @@ def turn_load(move: Move, parameters: Parameters) -> ThermalLoad:
     if not np.abs(move.turns[:, 2:]).any():
         dwells = move.kind in STANDING  # dwells keep their duration when all moves are slowed down
         moves_s, dwell_s = (0.0, time_s) if dwells else (time_s, 0.0)
-        return ThermalLoad(none, none, none, moves_s, none, dwell_s, OVERRIDE_MAX)
+        return ThermalLoad(
+            none, none, none, duration_s=moves_s, dwelling=none, dwell_s=dwell_s, override_max=OVERRIDE_MAX
+        )
     rotary, limits = parameters.rotary, TurnLimits.of(parameters, move.payload_kg)
     times = np.linspace(0.0, time_s * (1.0 - BEFORE), SAMPLES)
     _, turn = turn_motion(times, move.master, move.turns)
@@ -298,7 +300,9 @@ def turn_load(move: Move, parameters: Parameters) -> ThermalLoad:
     mean = [
         np.array([time_s * float(values.mean())]) for values in (moving**2, moving * standing, standing**2)
     ]
-    return ThermalLoad(mean[0], mean[1], mean[2], time_s, none, 0.0, OVERRIDE_MAX)
+    return ThermalLoad(
+        mean[0], mean[1], mean[2], duration_s=time_s, dwelling=none, dwell_s=0.0, override_max=OVERRIDE_MAX
+    )
 
 
 def plan_turn(

@@ -21,12 +21,19 @@ def filled(*places, rule=Rule.FIRST_IN):
     return queue
 
 
+def hand_out(queue, *where):
+    chosen = queue.next(*where)
+    if chosen is not None:
+        queue.take(chosen)
+    return chosen
+
+
 def test_what_is_told_twice_is_one_part_at_the_mean_of_what_was_told():
     queue = filled(0.1)
     assert not queue.add(part(0.103, 0.003, angle=0.3))
     assert not queue.add(part(0.1, 0.0, angle=0.0))
     assert (len(queue), queue.merged) == (1, 2)
-    one = queue.hand_out(0.0, WINDOW)
+    one = hand_out(queue, 0.0, WINDOW)
     assert (one.along_m, one.across_m, one.angle_rad) == pytest.approx((0.101, 0.001, 0.1))
     assert one.seen == 3
 
@@ -35,7 +42,7 @@ def test_angles_are_averaged_the_short_way():
     queue = PartQueue(0.005)
     queue.add(part(0.0, angle=math.radians(179.0)))
     queue.add(part(0.0, angle=math.radians(-179.0)))
-    assert queue.hand_out(0.0, WINDOW).angle_rad == pytest.approx(math.pi)
+    assert hand_out(queue, 0.0, WINDOW).angle_rad == pytest.approx(math.pi)
 
 
 def test_parts_that_are_apart_or_of_another_type_are_parts_of_their_own():
@@ -47,23 +54,23 @@ def test_parts_that_are_apart_or_of_another_type_are_parts_of_their_own():
 
 def test_a_part_that_was_handed_out_is_not_handed_out_again():
     queue = filled(0.1)
-    assert queue.hand_out(0.0, WINDOW) is not None
+    assert hand_out(queue, 0.0, WINDOW) is not None
     assert not queue.add(part(0.101))
-    assert queue.hand_out(0.0, WINDOW) is None
+    assert hand_out(queue, 0.0, WINDOW) is None
 
 
 def test_first_in_is_the_farthest_along_and_nearest_the_one_beside_the_robot():
     first = filled(0.1, 0.3, 0.2)
-    assert [first.hand_out(0.5, WINDOW).along_m for _ in range(3)] == [0.3, 0.2, 0.1]
+    assert [hand_out(first, 0.5, WINDOW).along_m for _ in range(3)] == [0.3, 0.2, 0.1]
     nearest = filled(0.1, 0.3, 0.2, rule=Rule.NEAREST)
-    assert [nearest.hand_out(0.5, WINDOW, 0.71).along_m for _ in range(3)] == [0.2, 0.3, 0.1]
+    assert [hand_out(nearest, 0.5, WINDOW, 0.71).along_m for _ in range(3)] == [0.2, 0.3, 0.1]
 
 
 def test_what_has_left_the_window_is_dropped_and_counted():
     queue = filled(0.1, 0.3, 0.2)
-    assert queue.hand_out(0.75, WINDOW).along_m == 0.2
+    assert hand_out(queue, 0.75, WINDOW).along_m == 0.2
     assert (len(queue), queue.left) == (1, 1)
-    assert queue.hand_out(2.0, WINDOW) is None
+    assert hand_out(queue, 2.0, WINDOW) is None
     assert queue.left == 2
 
 
