@@ -202,7 +202,7 @@ def _undo(options: Options) -> int:
     folder = Path(options.output)
     with _drives(applied.namespace_in(folder)) as channel:
         applied.undo(channel, folder)
-    return print_answer('all drives have what they had before gains were applied', options)
+    return print_answer('all drives have the values from before gains were applied', options)
 
 
 @contextmanager

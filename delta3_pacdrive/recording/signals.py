@@ -28,8 +28,8 @@ CURRENT_SIGNALS = {
 }
 # only in simulations, not on topics
 TRUE_SIGNALS = {
-    'arm_angle': ('rad', 'true arm angle, behind the gear'),
-    'tcp_true': ('m', 'true TCP, of the arms as they are built'),
+    'arm_angle': ('rad', 'true arm angle, after the gear'),
+    'tcp_true': ('m', 'true TCP, with the tolerances of the arms'),
 }
 # rotary axis; angles and speeds of the tool
 TURN_SIGNALS = {
@@ -38,7 +38,7 @@ TURN_SIGNALS = {
     'turn_error': ('rad', 'error of the angle of the tool, set-point delay removed'),
     'turn_speed': ('rad/s', 'speed of the tool by the motor shaft of the AT'),
     'turn_current': ('A', 'I_eff of the motor of the rotary axis: one sample, the last before the AT'),
-    'turn_true': ('rad', 'true angle of the tool, behind gear and bar'),
+    'turn_true': ('rad', 'true angle of the tool, after gear and bar'),
 }
 # computed from other signals; each column of the master has its own unit
 DERIVED_SIGNALS = {
@@ -55,20 +55,20 @@ REQUESTED_SIGNALS = {
     'joint_speed': ('rad/s', 'arm speeds through the Jacobian from the TCP of the command (4.12)'),
     'joint_acceleration': ('rad/s2', 'arm accelerations through the Jacobian, from the same (4.16)'),
     'jacobian': ('1, m/s, m/s2', 'of the TCP of the command: condition number of J, speed, acceleration'),
-    'payload': ('kg', 'payload that the MDT of the bus cycle tells'),
+    'payload': ('kg', 'payload in the MDT of the bus cycle'),
     'outputs': ('1', 'digital outputs: gripper, output1 to output7'),
     'status_word': ('bits', 'status word S-0-0135 of the AT'),
-    'fault': ('1', '1 from the bus cycle on whose answers tell a fault of the robot'),
+    'fault': ('1', '1 from the bus cycle in which the AT report a fault'),
     'lost_telegrams': ('1', 'AT that did not reach the master, since bus time 0'),
     'overruns': ('1', 'bus cycles that began late, since bus time 0'),
     'cell_inputs': (
         '1',
-        'inputs that the AT tells, in the order of the cell file, that of the vacuum switch last',
+        'inputs in the AT, in the order of the cell file, the vacuum switch last',
     ),
     'cell_vacuum': ('Pa', 'vacuum in the cup'),
-    'cell_payload': ('kg', 'mass that hangs at the robot in truth'),
-    'cell_belts': ('m', 'way of the surface of each belt, in the order of the cell file'),
-    'cell_force': ('N', 'force that the cup holds with, and that the part at it needs'),
+    'cell_payload': ('kg', 'true mass of the payload'),
+    'cell_belts': ('m', 'travel of each belt surface, in the order of the cell file'),
+    'cell_force': ('N', 'holding force of the cup, and force required by the part'),
 }
 OF_CELLS = 'cell_'  # prefix of signals that exist only in a simulation with a cell file
 CELL_INPUTS, CELL_BELTS = 16, 4  # number of columns, the maximum of a cell

@@ -48,7 +48,7 @@ def test_drives_in_torque_take_gains_and_get_back_what_they_had(cell: Cell, tmp_
 
 def test_a_drive_that_refuses_leaves_all_as_they_were(cell: Cell, tmp_path: Path) -> None:
     channel = DriveValues(cell.operator)
-    with pytest.raises(TuningError, match=r'8503: P-0-0033: .*; all drives have what they had before'):
+    with pytest.raises(TuningError, match=r'8503: P-0-0033: .*; all drives have their previous values'):
         applied.apply(GAINS | {'notch_1_frequency_hz': 5.0}, channel, '/', tmp_path)
     assert cell.values() == [DEFAULT] * 3
 
@@ -60,7 +60,7 @@ def test_the_second_drive_refuses_and_the_first_one_gets_its_values_back(cell: C
                 raise ProgramError('axis2: 8503: S-0-0104: it is write protected (error 0x7008)')
             super().write(axis, idn, value)
 
-    with pytest.raises(TuningError, match=r'axis2: .* all drives have what they had before'):
+    with pytest.raises(TuningError, match=r'axis2: .* all drives have their previous values'):
         applied.apply(GAINS, Refusing(cell.operator), '/', tmp_path)
     assert cell.values() == [DEFAULT] * 3
 

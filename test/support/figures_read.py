@@ -28,7 +28,7 @@ FACTORS = dict.fromkeys(UNITS_OF_KEYS.values(), 1.0) | {
 WITHOUT_UNIT = re.compile(
     r'|(trial|repetition|measurement|arm|runs|lag|share( of its variance)?|singular value( \(x: below threshold\))?'
     r'|condition number of J( \(dashed\))?|cosine to the true slope|factor on the true value'
-    r'|step, share of the value|gripper|condition|[1-7]|No manufacturer .*|[a-z_0-9.[\]]+)',
+    r'|step, share of the value|gripper|condition|[1-7]|Errors of centimetres .*|An error of .*|[a-z_0-9.[\]]+)',
     re.DOTALL,
 )
 RELATIVE = 1e-9  # of the largest value of a curve

@@ -48,8 +48,8 @@ SPAN_MIN = 1e-3  # percent
 BINS = 4  # per decade of the condition
 APPROACH = (0.0, 1.0, 0.0)  # direction of the single ray: along y, perpendicular to arm 1
 IMPLAUSIBLE = (
-    'No manufacturer is centimetres off. A formula as printed, or a term left out,\n'
-    'makes far more of the deviations of accelerations.'
+    'Errors of centimetres are implausible. A misprinted formula or an omitted term\n'
+    'explains far more of the deviations of accelerations.'
 )
 COURSES = COLOURS[2:5]  # of the other causes
 CAUSE_WIDTH = 13  # characters in a line of a cause

@@ -192,7 +192,7 @@ def _caused(rows: list[dict[str, Any]], name: str) -> list[float]:
 def plausibility(errors: Mapping[str, float]) -> str:
     """Return a remark if an error of a length is implausibly large, else an empty string."""
     largest = max(map(abs, errors.values()), default=0.0)
-    return f'No manufacturer is {1e3 * largest:g} mm off.' if largest >= IMPLAUSIBLE_M else ''
+    return f'An error of {1e3 * largest:g} mm is implausible.' if largest >= IMPLAUSIBLE_M else ''
 
 
 def _list(values: list[float]) -> str:

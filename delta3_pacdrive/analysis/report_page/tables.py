@@ -131,7 +131,7 @@ def _comparison(names: Sequence[str], number: int, found: Comparison) -> str:
                 _number(figure.at_s, 3),
             ]
         )
-    body = lead + _table(['signal', 'what it is', 'rms', 'largest', 'unit', 'at [s]'], rows)
+    body = lead + _table(['signal', 'meaning', 'rms', 'largest', 'unit', 'at [s]'], rows)
     if found.parameters:
         body += '<h3>Parameters that differ</h3>' + _table(
             ['parameter', names[0], names[number]],
@@ -343,7 +343,7 @@ def _statistics(run: Run, name: str) -> str:
                 unit,
             ]
         )
-    header = ['signal', 'what it is', 'least', 'greatest', 'rms', 'unit']
+    header = ['signal', 'meaning', 'least', 'greatest', 'rms', 'unit']
     length = run.window.time_s[-1] - run.window.time_s[0]
     hint = f'<p class="hint">{len(run.window.time_s)} bus cycles of {1e3 * run.period_s:g} ms, {length:.3f} s.</p>'
     return _section('statistics', f'Statistics {name}'.strip(), hint + _table(header, rows))

@@ -177,7 +177,7 @@ def _write(present: Values, wanted: Values, channel: Channel) -> None:
                     raise _LeftError(
                         f'{error}; these values could not be restored, but --undo may do so later: {", ".join(left)}'
                     ) from error
-                raise TuningError(f'{error}; all drives have what they had before') from error
+                raise TuningError(f'{error}; all drives have their previous values') from error
             written.append((axis, name, before))
 
 

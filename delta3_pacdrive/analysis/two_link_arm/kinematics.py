@@ -192,9 +192,9 @@ def _check_reach(points: Floats, r: Floats, arm: TwoLinkArm) -> None:
     if wrong.any():
         (x, y), distance = points[wrong][0], r[wrong][0]
         limit = (
-            f'the folded arm comes no nearer than {inner:.9g} m'
+            f'the folded arm does not reach closer than {inner:.9g} m'
             if distance < inner
-            else f'the stretched arm reaches no farther than {outer:.9g} m'
+            else f'the stretched arm does not reach farther than {outer:.9g} m'
         )
         raise UnreachableError(
             f'{_number(wrong, "point")}({x:g}, {y:g}) m is {distance:.9g} m from the base, but {limit}'

@@ -469,7 +469,7 @@ def test_other_causes_stand_beside_the_inexact_lengths_and_far_above_them(experi
     assert heights[0][0] == pytest.approx(9.9, abs=0.1)
     assert heights[1][3] == pytest.approx(54.0, abs=1.0)
     assert max(heights[1]) == heights[1][3] > 5.0 * heights[1][0]
-    assert 'No manufacturer is centimetres off' in acceleration.get_xlabel()
+    assert 'Errors of centimetres are implausible' in acceleration.get_xlabel()
 
 
 def test_figures_draw_the_other_causes_over_time_and_say_that_nobody_is_35_mm_off(experiments, robot):
@@ -478,7 +478,7 @@ def test_figures_draw_the_other_causes_over_time_and_say_that_nobody_is_35_mm_of
     found = courses(own, exact)
     trial = study.Trial(own, joint_motion(own, exact), wrong, own.time_s, own.time_s, [], {}, [], found)
     told = report.plausibility({'R_A': 0.035})
-    assert told == 'No manufacturer is 35 mm off.'
+    assert told == 'An error of 35 mm is implausible.'
     assert report.plausibility({'l_A': 0.002}) == ''
     velocity = figures.velocity_deviation(trial, 'R_A + 35 mm', told)
     assert velocity.get_suptitle().startswith('Figure 11.42: ')

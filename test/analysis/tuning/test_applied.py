@@ -135,7 +135,7 @@ def test_a_robot_in_torque_is_stable_with_every_set_on_the_way_there_and_back(fi
 def test_a_refusal_at_any_write_leaves_all_drives_as_they_were_and_says_so(number, drives, tmp_path):
     once = itertools.count()
     drives.refuses = lambda axis, name, done: done == number and next(once) == 0
-    with pytest.raises(TuningError, match=r'8503: .*refused; all drives have what they had before'):
+    with pytest.raises(TuningError, match=r'8503: .*refused; all drives have their previous values'):
         applied.apply(GAINS, drives, '/', tmp_path)
     assert drives.has == dict.fromkeys(AXES, DEFAULT)
     assert not list(tmp_path.iterdir())
@@ -145,7 +145,7 @@ def test_a_refusal_at_any_write_leaves_all_drives_as_they_were_and_says_so(numbe
 @pytest.mark.parametrize('error', [RunError, RunInterruptedError])
 def test_a_drive_that_has_obeyed_without_an_answer_gets_back_what_it_had(error, number, drives, tmp_path):
     drives.lost = lambda done: error('answer of the service channel did not come') if done == number else None
-    with pytest.raises(TuningError, match=r'did not come; all drives have what they had before'):
+    with pytest.raises(TuningError, match=r'did not come; all drives have their previous values'):
         applied.apply(GAINS, drives, '/', tmp_path)
     assert drives.has == dict.fromkeys(AXES, DEFAULT)
     assert not list(tmp_path.iterdir())

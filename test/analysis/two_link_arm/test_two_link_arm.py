@@ -207,11 +207,11 @@ def test_nothing_between_is_singular():
     [
         (
             (0.0, 0.8),
-            r'\(0, 0.8\) m is 0.8 m from the base, but the stretched arm reaches no farther than 0.7 m',
+            r'\(0, 0.8\) m is 0.8 m from the base, but the stretched arm does not reach farther than 0.7 m',
         ),
         (
             (0.0, -0.05),
-            r'\(0, -0.05\) m is 0.05 m from the base, but the folded arm comes no nearer than 0.1 m',
+            r'\(0, -0.05\) m is 0.05 m from the base, but the folded arm does not reach closer than 0.1 m',
         ),
         ((0.7 + 1e-8, 0.0), r'\(0.7, 0\) m is 0.70000001 m from the base, but .* 0.7 m'),
         ((np.inf, 0.0), r'\(inf, 0\) m is inf m from the base, but .* 0.7 m'),
@@ -344,7 +344,7 @@ def test_the_command_says_that_a_singular_pose_has_no_inverse(capsys):
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['--point', '0.8', '0'], 'error: (0.8, 0) m is 0.8 m from the base, but the stretched arm reaches'),
+        (['--point', '0.8', '0'], 'error: (0.8, 0) m is 0.8 m from the base, but the stretched arm does not reach'),
         (
             ['--lengths', '0', '0.3'],
             'error: lower_arm_length_m is 0.0, but must be a number from 0.001 to 1000',
