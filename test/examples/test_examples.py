@@ -269,7 +269,7 @@ def test_signals_for_others(run):
     trace = d3.simulate('packaging')
     start = trace.meta['start_cycle']
     assert shape == [len(trace.time_s[start % 5 :: 5]), 14]
-    assert 'payload [kg]: payload that the MDT' in text
+    assert 'payload [kg]: payload in the MDT' in text
     assert carrying == pytest.approx(empty, rel=0.02)
     assert max(fast, fast_empty) == pytest.approx(4.0, abs=0.05)
     assert 1.1 * asked_empty < asked < 1.5 * asked_empty

@@ -344,7 +344,10 @@ def test_the_command_says_that_a_singular_pose_has_no_inverse(capsys):
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['--point', '0.8', '0'], 'error: (0.8, 0) m is 0.8 m from the base, but the stretched arm does not reach'),
+        (
+            ['--point', '0.8', '0'],
+            'error: (0.8, 0) m is 0.8 m from the base, but the stretched arm does not reach',
+        ),
         (
             ['--lengths', '0', '0.3'],
             'error: lower_arm_length_m is 0.0, but must be a number from 0.001 to 1000',
