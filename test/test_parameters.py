@@ -494,7 +494,7 @@ def test_what_is_no_file_gets_one_sentence(tmp_path):
         ),
         (
             {'gear_ratio': 20.0},
-            'rotary.speed_max_deg_s is 2400, but its motor turns the tool at 1800 deg/s at most '
+            'rotary.speed_max_deg_s is 2400, but its motor permits 1800 deg/s at most '
             '(rotary.max_speed_rpm over rotary.gear_ratio)',
         ),
         (

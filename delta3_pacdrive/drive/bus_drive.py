@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from delta3_pacdrive.drive.channels import Channel
-from delta3_pacdrive.drive.drive_clock import Command, DriveClock, Taken
+from delta3_pacdrive.drive.drive_clock import Callbacks, Command, DriveClock, Taken
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.drive.register import Register
 from delta3_pacdrive.drive.scope import Block, DriveScope
@@ -96,16 +96,13 @@ class BusDrive:
         self._sampled_with = own  # parameters of the samples since the last flush
         self.drive, self.slave = MC4(own, number), BusSlave()
         self.register = Register(own, self._actual, self._configure, self.drive.clear_fault)
-        self.clock = DriveClock(
-            self.drive,
-            self._axis,
-            own,
-            faults,
+        callbacks = Callbacks(
             serve=lambda access: self.register.serve(access, self.phase),
             send_answer=port.send_answer,
             send_current=port.send_current,
             stopped=lambda: self._do(self.slave.rest()),
         )
+        self.clock = DriveClock(self.drive, self._axis, own, faults, callbacks)
 
     def _actual(self, name: str) -> float:
         """Return a field of the drive's state, for the service channel."""

@@ -36,6 +36,15 @@ class Taken(Enum):
     CONTRADICTED = auto()  # differs from another command of the same cycle
 
 
+class Callbacks(NamedTuple):
+    """Connections of a drive clock to service channel, bus and state machine."""
+
+    serve: Callable[[Access], Answer]  # executes accesses of the service channel
+    send_answer: Callable[[int, int], None]  # bus cycle and status word; ``drive.answer`` is up to date
+    send_current: Callable[[int, bool], None]  # exchange and brake output; ``drive.currents`` are up to date
+    stopped: Callable[[], None]  # end of a stop without master
+
+
 class DriveClock:
     """One drive in bus time.
 
@@ -46,14 +55,6 @@ class DriveClock:
     ----------
     faults
         Injected faults.
-    serve
-        Executes accesses of the service channel.
-    send_answer
-        Called with bus cycle and status word when ``drive.answer`` is up to date.
-    send_current
-        Called with exchange number and brake output when ``drive.currents`` are up to date.
-    stopped
-        Called at the end of a stop without master.
 
     Attributes
     ----------
@@ -74,21 +75,17 @@ class DriveClock:
         axis: str,
         parameters: Parameters,
         faults: Schedule,
-        serve: Callable[[Access], Answer],
-        send_answer: Callable[[int, int], None],
-        send_current: Callable[[int, bool], None],
-        stopped: Callable[[], None],
+        callbacks: Callbacks,
     ) -> None:
         bus = parameters.bus
-        self._drive, self._axis, self._faults, self._serve = drive, axis, faults, serve
-        self._send_answer, self._send_current, self._stopped = send_answer, send_current, stopped
+        self._drive, self._axis, self._faults, self._callbacks = drive, axis, faults, callbacks
         self._dc_link_v = parameters.drive.dc_link_voltage_v
         self._per_cycle = round(bus.cycle_time_s / bus.exchange_period_s)
         stop_s = parameters.drive.stop_time_max_s + parameters.motor.brake_apply_s
         self._parting_cycles = math.ceil(stop_s / bus.cycle_time_s) + PARTING_CYCLES
         self.exchange = 0
         self.running = False
-        self.service = ServiceSlave(serve)
+        self.service = ServiceSlave(callbacks.serve)
         self.late = 0
         self.scope: DriveScope | None = None
         self._parting = False
@@ -131,7 +128,7 @@ class DriveClock:
         self._lost.clear()
         self._shafts.clear()
         self._drive.leave_bus()
-        self.service = ServiceSlave(self._serve)
+        self.service = ServiceSlave(self._callbacks.serve)
 
     def take_command(self, cycle: int, command: Command | None) -> Taken:
         """Store the command of a bus cycle, None for one removed by an injected fault."""
@@ -182,13 +179,13 @@ class DriveClock:
                     status = drive.extrapolate_cycle(*shaft)
                     self._parted += self._parting
                     if self._parted > self._parting_cycles:
-                        self._stopped()
+                        self._callbacks.stopped()
                         return
                 else:
                     return
-                self._send_answer(cycle, status)
+                self._callbacks.send_answer(cycle, status)
             del self._shafts[exchange]
             scope = self.scope
             released = drive.run_period(*shaft) if scope is None else scope.run_period(exchange, *shaft)
-            self._send_current(exchange, released)
+            self._callbacks.send_current(exchange, released)
             self.exchange = exchange + 1

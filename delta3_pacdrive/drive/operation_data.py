@@ -302,7 +302,7 @@ _GROUPS = {
              'following_error', 'drive.position_window_rad', formula=_in_position),
         _row('S-0-0390', 'Diagnostic number', ONE, 'fault', 'warning', formula=_diagnostic_number),
         _row('P-0-0081', 'State of the drive', ONE, 'state'),
-        _row('P-0-0082', 'Reaction under way', ONE, 'reaction'),
+        _row('P-0-0082', 'Reaction in progress', ONE, 'reaction'),
         _row('P-0-0083', 'Brake output', ONE, 'brake_release'),
     ),
     # procedure commands are executed immediately, so that none is ever found active

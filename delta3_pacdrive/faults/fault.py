@@ -76,32 +76,32 @@ _MDT: Any = {'telegram': 'mdt'}
 _AT: Any = {'telegram': 'at', 'injected_by': TASK}
 _OF_PLANT: Any = {'injected_by': PLANT}
 KINDS = {
-    'drop_mdt': Kind(_AXIS, 'MDT that a drive does not get', **_MDT),
-    'delay_mdt': Kind(_AXIS, 'MDT that a drive gets cycles late', 'by_cycles', 1, 16, **_MDT),
-    'duplicate_mdt': Kind(_AXIS, 'MDT that a drive gets twice', **_MDT),
-    'corrupt_mdt': Kind(_AXIS, 'MDT that reaches a drive garbled', **_MDT),
-    'drop_at': Kind(_AXIS, 'AT that the master does not get', **_AT),
-    'delay_at': Kind(_AXIS, 'AT that the master gets cycles late', 'by_cycles', 1, 16, **_AT),
-    'duplicate_at': Kind(_AXIS, 'AT that the master gets twice', **_AT),
-    'corrupt_at': Kind(_AXIS, 'AT that reaches the master garbled', **_AT),
+    'drop_mdt': Kind(_AXIS, 'MDT lost on the way to a drive', **_MDT),
+    'delay_mdt': Kind(_AXIS, 'MDT received late by a drive', 'by_cycles', 1, 16, **_MDT),
+    'duplicate_mdt': Kind(_AXIS, 'MDT received twice by a drive', **_MDT),
+    'corrupt_mdt': Kind(_AXIS, 'MDT corrupted on the way to a drive', **_MDT),
+    'drop_at': Kind(_AXIS, 'AT lost on the way to the master', **_AT),
+    'delay_at': Kind(_AXIS, 'AT received late by the master', 'by_cycles', 1, 16, **_AT),
+    'duplicate_at': Kind(_AXIS, 'AT received twice by the master', **_AT),
+    'corrupt_at': Kind(_AXIS, 'AT corrupted on the way to the master', **_AT),
     'freeze': Kind(_NODE, 'process that hangs', 'seconds', 1e-3, 60.0, once=True),
     'kill': Kind(_NODE, 'process that dies', once=True),
     'encoder_failure': Kind(_AXIS, 'encoder without signals'),
-    'encoder_jump': Kind(_AXIS, 'encoder that reads an angle too much', 'jump_rad', -100.0, 100.0),
+    'encoder_jump': Kind(_AXIS, 'encoder reading with an offset', 'jump_rad', -100.0, 100.0),
     'encoder_drift': Kind(_AXIS, 'encoder whose mounting slips', 'drift_rad_s', -100.0, 100.0),
-    'encoder_noise': Kind(_AXIS, 'encoder with noise of an amplitude', 'noise_rad', 0.0, 1.0),
+    'encoder_noise': Kind(_AXIS, 'encoder with noise', 'noise_rad', 0.0, 1.0),
     'winding_short': Kind(_AXIS, 'short between phases at the motor'),
     'dc_link': Kind(_AXIS, 'DC link at another voltage', 'voltage_v', 0.0, 1000.0),
     'brake_worn': Kind(
         _AXIS, 'brake that has lost a share of its torque', 'lost_share', 0.0, 1.0, **_OF_PLANT
     ),
-    'brake_stuck': Kind(_AXIS, 'brake that does not open any more', **_OF_PLANT),
+    'brake_stuck': Kind(_AXIS, 'brake that no longer opens', **_OF_PLANT),
     'overload': Kind(_AXIS, 'load on the motor shaft', 'torque_n_m', -100.0, 100.0, **_OF_PLANT),
     'payload_lost': Kind(_ROBOT, 'payload that falls off', once=True, **_OF_PLANT),
     'emergency_stop': Kind(_ROBOT, 'emergency stop of the operator', once=True, injected_by=TASK),
     'clear': Kind(_ROBOT, 'end of all injected faults', once=True, injected_by=EVERYBODY),
     # last, so that the numbers of the others in messages do not change
-    'deaf': Kind(_NODE, 'process that works, but receives nothing any more', once=True),
+    'deaf': Kind(_NODE, 'process that works, but no longer receives anything', once=True),
 }
 NAMES = tuple(KINDS)
 MDT_FAULTS = frozenset(name for name, kind in KINDS.items() if kind.telegram == 'mdt')
@@ -184,12 +184,12 @@ class Fault:
         if kind not in range(len(NAMES)) or place not in range(len(_PLACES)) or cycles % 1.0:
             raise ProgramError(f'a fault of kind {kind:g} at place {place:g} is unknown')
         fault = Fault(
-            NAMES[int(kind)],
-            _PLACES[int(place)],
-            value,
-            after,
-            for_s if for_s >= 0.0 else math.inf,
-            int(cycles),
+            kind=NAMES[int(kind)],
+            target=_PLACES[int(place)],
+            value=value,
+            after_s=after,
+            for_s=for_s if for_s >= 0.0 else math.inf,
+            cycles=int(cycles),
         )
         return parse(fault.to_document(), 'fault')
 
@@ -238,12 +238,12 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
     fields = Section(value, where, errors, keys | required, sorted(required))
     known = ALL_DRIVES if kind.target == Target.AXIS else (*NODES, TOOL_DRIVE)
     return Fault(
-        name,
-        fields.read(kind.target.value, one_of(known), '') if kind.target else '',
-        fields.read(kind.value, number_between(kind.low, kind.high), 0.0) if kind.value else 0.0,
-        fields.read('after_s', number_between(0.0, AFTER_MAX_S), 0.0),
-        fields.read('for_s', number_between(1e-3, AFTER_MAX_S), math.inf),
-        fields.read('cycles', whole_number_between(1, CYCLES_MAX), 1),
+        kind=name,
+        target=fields.read(kind.target.value, one_of(known), '') if kind.target else '',
+        value=fields.read(kind.value, number_between(kind.low, kind.high), 0.0) if kind.value else 0.0,
+        after_s=fields.read('after_s', number_between(0.0, AFTER_MAX_S), 0.0),
+        for_s=fields.read('for_s', number_between(1e-3, AFTER_MAX_S), math.inf),
+        cycles=fields.read('cycles', whole_number_between(1, CYCLES_MAX), 1),
     )
 
 

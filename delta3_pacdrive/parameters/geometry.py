@@ -65,7 +65,7 @@ class Kinematics:
         'calibrated alpha of each arm, less that of the drawing', 5.0
     )
     arm_angle_correction_deg: tuple[float, float, float] = _correction(
-        'calibrated arm angle, less that of the shaft as it was referenced', 5.0
+        'calibrated arm angle, less that of the referenced shaft', 5.0
     )
 
     @property

@@ -55,19 +55,21 @@ class Drive:
     notch_1_frequency_hz: float = quantity(
         'centre of notch filter 1 of the current reference; 0: off', 0.0, 4e3, default=0.0
     )
-    notch_1_damping: float = quantity('D of notch filter 1, which makes it wide', 0.01, 2.0, default=0.5)
+    notch_1_damping: float = quantity(
+        'D of notch filter 1, which determines its width', 0.01, 2.0, default=0.5
+    )
     notch_1_depth: float = quantity(
-        'share of the amplitude that passes at the centre of notch filter 1', 1e-3, 1.0, default=0.1
+        'fraction of the amplitude that passes at the centre of notch filter 1', 1e-3, 1.0, default=0.1
     )
     notch_2_frequency_hz: float = quantity(
-        'centre of notch filter 2, behind filter 1; 0: off', 0.0, 4e3, default=0.0
+        'centre of notch filter 2, after filter 1; 0: off', 0.0, 4e3, default=0.0
     )
     notch_2_damping: float = quantity('D of notch filter 2', 0.01, 2.0, default=0.5)
     notch_2_depth: float = quantity(
-        'share of the amplitude that passes at the centre of notch filter 2', 1e-3, 1.0, default=0.1
+        'fraction of the amplitude that passes at the centre of notch filter 2', 1e-3, 1.0, default=0.1
     )
     position_window_rad: float = quantity(
-        'position window (S-0-0057), motor side: a drive this close to its command is in position',
+        'position window (S-0-0057), motor side: largest following error of a drive in position',
         1e-6,
         1e3,
         default=0.01,
@@ -83,20 +85,20 @@ class Control:
         FEED_FORWARDS,
     )
     gear_stiffness_n_m_rad: float = quantity(
-        'torsional stiffness of a gear that the set points allow for, arm side; 0: rigid',
+        'torsional gear stiffness compensated by the set points, arm side; 0: rigid',
         0.0,
         1e7,
         default=0.0,
     )
     gear_backlash_rad: float = quantity(
-        'lost motion between the flanks of a gear that the set points allow for, arm side',
+        'gear backlash compensated by the set points, arm side',
         0.0,
         0.1,
         default=0.0,
     )
     shaping: str = choice('input shaping of moves, against vibration after a stop', SHAPINGS)
     shaping_frequency_hz: float = quantity(
-        'vibration that shaped moves do not excite; 0: computed for the end of each move',
+        'vibration suppressed by shaped moves; 0: computed for the end of each move',
         0.0,
         500.0,
         default=0.0,
@@ -124,7 +126,7 @@ class Dynamics:
     end_stop_stiffness_n_m_rad: float = quantity('stiffness of the end stops', 0.0, 1e6)
     end_stop_damping_n_m_s_rad: float = quantity('damping of the end stops', 0.0, 1e4)
     arm_coupling: str = choice(
-        'how the plant joins its arms: by the equation of motion, or as three linear ones with d as an input (4.9)',
+        'arm coupling of the plant: by the equation of motion, or as three linear ones with d as an input (4.9)',
         ARM_COUPLINGS,
     )
 
@@ -163,13 +165,13 @@ class Motor:
     brake_release_s: float = quantity('time from command to released brake', 0.0, 1.0)
     brake_apply_s: float = quantity('time from command to applied brake', 0.0, 1.0)
     load_inertia_kg_m2: float = quantity(
-        'I_Load behind the gear of a single motor (simulate --one-motor)', 0.0, 1e3, default=0.86
+        'I_Load after the gear of a single motor (simulate --one-motor)', 0.0, 1e3, default=0.86
     )
     load_torque_n_m: float = quantity(
-        'tau_load behind its gear, against a shaft that turns forwards', -1e4, 1e4, default=0.0
+        'tau_load after its gear, opposing forward rotation', -1e4, 1e4, default=0.0
     )
     coupling_effect: float = quantity(
-        'CE, share of the coupling torque d of the robot that it feels', 0.0, 1.0, default=0.0
+        'CE, fraction of the coupling torque d of the robot that acts on it', 0.0, 1.0, default=0.0
     )
 
     @property
@@ -182,31 +184,29 @@ class Motor:
 class Rich:
     """Effects of a built robot beyond the thesis, in the plant and in the drives' sensors."""
 
-    enabled: bool = switch(
-        'whether any of the effects below is on; without it the plant is that of the thesis'
-    )
+    enabled: bool = switch('whether the effects below are on; otherwise the plant is that of the thesis')
     forearm_rods: bool = switch('forearms as uniform rods instead of split masses')
     gear: bool = switch('elastic gears with backlash; needs an exchange period of at most 250e-6')
     gear_stiffness_n_m_rad: float = quantity('torsional stiffness of a gear, arm side', 1e2, 1e7)
-    gear_damping_n_m_s_rad: float = quantity('its damping, arm side', 0.0, 1e4)
-    gear_backlash_rad: float = quantity('lost motion between the flanks, arm side', 0.0, 0.1)
+    gear_damping_n_m_s_rad: float = quantity('torsional damping of a gear, arm side', 0.0, 1e4)
+    gear_backlash_rad: float = quantity('gear backlash, arm side', 0.0, 0.1)
     friction: bool = switch(
         'Coulomb friction F_s with stiction and Stribeck effect instead of F_s tanh(w/w_s)'
     )
-    break_away_torque_n_m: float = positive('torque that sets a standing shaft in motion', 1e2)
+    break_away_torque_n_m: float = positive('torque that sets a shaft at rest in motion', 1e2)
     stribeck_speed_rad_s: float = quantity('speed w_st of the fall from break-away to F_s', 1e-2, 1e3)
     presliding_rad: float = quantity(
         'deflection of the bristles under the break-away torque, motor side', 1e-5, 1.0
     )
     ripple: bool = switch('cogging and torque ripple of the motors')
     cogging_torque_n_m: float = quantity('amplitude of the cogging torque', 0.0, 1e2)
-    cogging_periods: int = quantity('its periods in a revolution', 1, 1000)
+    cogging_periods: int = quantity('periods of the cogging torque per revolution', 1, 1000)
     torque_ripple: float = quantity('ripple of K_m, sixth harmonic of the electrical angle', 0.0, 1.0)
     sensors: bool = switch('errors of current sensors and encoders')
-    sensor_seed: int = quantity('seed of their noise', 0, 2**31 - 1)
+    sensor_seed: int = quantity('seed of the sensor noise', 0, 2**31 - 1)
     current_gain_error: tuple[float, float, float] = quantity('error of measured currents', -0.5, 0.5)
     current_offset_a: tuple[float, float, float] = quantity(
-        'offset of a phase: turns with z_p w', -10.0, 10.0
+        'offset of a phase: rotates with z_p w', -10.0, 10.0
     )
     current_noise_a: float = quantity('amplitude of the noise of measured currents', 0.0, 10.0)
     encoder_noise_rad: float = quantity('amplitude of the noise of encoders, motor side', 0.0, 0.1)
@@ -218,11 +218,11 @@ class Rich:
     radius_error_m: tuple[float, float, float] = quantity('error of R', -0.02, 0.02)
     arm_azimuth_error_deg: tuple[float, float, float] = quantity('error of alpha', -5.0, 5.0)
     arm_angle_error_deg: tuple[float, float, float] = quantity(
-        'arm angle beyond the referenced one', -5.0, 5.0
+        'true arm angle less the referenced one', -5.0, 5.0
     )
 
     parallelogram: bool = quantity(
-        'plate hung from six rods, so that it may tilt, instead of a point (12)', False, True, default=False
+        'plate on six rods, which may tilt, instead of a point (12)', False, True, default=False
     )
     rod_spacing_m: float = quantity('distance of the two rods of a forearm', 1e-3, 1.0, default=0.08)
     rod_difference_m: tuple[float, float, float] = quantity(
@@ -271,20 +271,22 @@ class Bus:
         'T_x between drives and plant: 0.001, 500e-6, 250e-6 or 125e-6', 125e-6, 1e-3
     )
     increments_per_rev: int = quantity('increments per motor revolution', 1024, 2**24)
-    outstanding_cycles_max: int = quantity('cycles started before their answers are back', 1, 16)
+    outstanding_cycles_max: int = quantity('largest number of cycles without their ATs', 1, 16)
 
 
 @dataclass(frozen=True)
 class Motion:
     """Defaults of moves, and fixed bus cycles of a run."""
 
-    home_m: tuple[float, float, float] = quantity('TCP where the plant starts', -8.0, 8.0)
+    home_m: tuple[float, float, float] = quantity('initial TCP of the plant', -8.0, 8.0)
     speed_max_m_s: float = positive('default TCP speed of a move', 20.0)
     acceleration_max_m_s2: float = positive('default TCP acceleration of a move', 1e3)
     jerk_max_m_s3: float = positive('default TCP jerk of a move')
-    fault_stop_acceleration_m_s2: float = positive('TCP deceleration of a stop for an axis that is lost', 1e3)
+    fault_stop_acceleration_m_s2: float = positive(
+        'TCP deceleration of a stop after the loss of an axis', 1e3
+    )
     following_error_delay_cycles: float = quantity(
-        'dead time the following error is freed of (7.3), -1 = from the timing', -1.0, 16.0
+        'dead time removed from the following error (7.3), -1 = from the timing', -1.0, 16.0
     )
     enable_cycle: int = quantity('bus cycle at which the drives are enabled, -1 on request', -1, 10**9)
     start_cycle: int = quantity('bus cycle at which a loaded program starts, -1 on request', -1, 10**9)
@@ -298,5 +300,5 @@ class Motion:
         default=0.5,
     )
     tcp_speed_limit_m_s: float = positive(
-        'TCP speed that no motion exceeds: moves, overrides and belts together', 20.0, default=15.0
+        'limit of the TCP speed: moves, overrides and belts together', 20.0, default=15.0
     )

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from delta3_pacdrive.parameters.declared import quantity
 
@@ -32,33 +33,31 @@ class Rotary:
     )
     static_friction_n_m: float = quantity('F_s at the motor, gear and bar included', 0.0, 1e2, default=0.03)
     brake_torque_n_m: float = quantity('torque of its holding brake', 0.0, 1e3, default=1.5)
-    gear_ratio: float = quantity('revolutions of the motor for one of the tool', 1e-3, 1e4, default=10.0)
+    gear_ratio: float = quantity('motor revolutions per tool revolution', 1e-3, 1e4, default=10.0)
     tool_inertia_kg_m2: float = quantity('inertia of bar and tool about z', SMALLEST, 1e2, default=4.0e-3)
     part_gyration_radius_m: float = quantity(
-        'radius of gyration about z of what is gripped: its inertia is that of its mass there',
+        'radius of gyration of a payload about z',
         0.0,
         1.0,
         default=0.05,
     )
     backlash_deg: float = quantity(
-        'lost motion between motor and tool, of a robot with rich.gear', 0.0, 10.0, default=0.03
+        'backlash between motor and tool, of a robot with rich.gear', 0.0, 10.0, default=0.03
     )
     bar_stiffness_n_m_rad: float = quantity(
         'torsional stiffness of the bar, of a robot with rich.gear', 1.0, 1e7, default=600.0
     )
-    bar_damping_n_m_s_rad: float = quantity('its damping', 0.0, 1e4, default=0.3)
-    home_deg: float = quantity(
-        'angle of the tool where the plant starts', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=0.0
-    )
+    bar_damping_n_m_s_rad: float = quantity('torsional damping of the bar', 0.0, 1e4, default=0.3)
+    home_deg: float = quantity('initial tool angle of the plant', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=0.0)
     angle_min_deg: float = quantity(
         'smallest angle of the tool', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=-360.0
     )
     angle_max_deg: float = quantity('largest angle of the tool', -ANGLE_MAX_DEG, ANGLE_MAX_DEG, default=360.0)
-    speed_max_deg_s: float = quantity('largest speed of a turn', SMALLEST, 1e5, default=2400.0)
+    speed_max_deg_s: float = quantity('largest speed of the tool', SMALLEST, 1e5, default=2400.0)
     acceleration_max_deg_s2: float = quantity(
-        'largest acceleration of a turn', SMALLEST, 1e7, default=80_000.0
+        'largest acceleration of the tool', SMALLEST, 1e7, default=80_000.0
     )
-    jerk_max_deg_s3: float = quantity('largest jerk of a turn', SMALLEST, 1e10, default=1.2e7)
+    jerk_max_deg_s3: float = quantity('largest jerk of the tool', SMALLEST, 1e10, default=1.2e7)
     position_gain_rad_s_rad: float = quantity('K_Ppos of its drive', 0.0, 1666.0, default=100.0)
     velocity_gain_a_s_rad: float = quantity('K_Pvel', 0.0, 100.0, default=0.12)
     velocity_integral_gain_a_rad: float = quantity('K_Ivel', 0.0, 1e5, default=9.0)
@@ -71,7 +70,7 @@ class Rotary:
         default=2.0,
     )
     position_window_deg: float = quantity(
-        'position window (S-0-0057) at the tool: a drive this close to its command is in position',
+        'position window (S-0-0057) at the tool: largest following error of a drive in position',
         1e-6,
         360.0,
         default=0.05,
@@ -79,12 +78,12 @@ class Rotary:
 
     @property
     def home_rad(self) -> float:
-        """Angle of the tool where the plant starts [rad]."""
+        """Initial tool angle of the plant [rad]."""
         return math.radians(self.home_deg)
 
     @property
     def backlash_rad(self) -> float:
-        """Lost motion between motor and tool [rad]."""
+        """Backlash between motor and tool [rad]."""
         return math.radians(self.backlash_deg)
 
     @property
@@ -101,34 +100,38 @@ class Rotary:
         return self.rotor_inertia_kg_m2 + self.inertia_kg_m2(payload_kg) / self.gear_ratio**2
 
 
+def violation(name: str, value: Any, rule: str) -> tuple[str, str]:
+    """Return the name of a value, and the sentence about the rule that it violates."""
+    return name, f'{name} is {value}, but {rule}'
+
+
 def broken_rotary(rotary: Rotary) -> Iterator[tuple[str, str]]:
     """Yield violated rules between values of the axis; an absent axis has none."""
     if not rotary.present:
         return
     low, high = rotary.angle_min_deg, rotary.angle_max_deg
     if low >= high:
-        yield (
-            'rotary.angle_min_deg',
-            f'rotary.angle_min_deg is {low:g}, but must be less than rotary.angle_max_deg ({high:g})',
+        yield violation(
+            'rotary.angle_min_deg', f'{low:g}', f'must be less than rotary.angle_max_deg ({high:g})'
         )
     if not low <= rotary.home_deg <= high:
-        yield (
+        yield violation(
             'rotary.home_deg',
-            f'rotary.home_deg is {rotary.home_deg:g}, but must lie between rotary.angle_min_deg ({low:g}) and '
-            f'rotary.angle_max_deg ({high:g})',
+            f'{rotary.home_deg:g}',
+            f'must lie between rotary.angle_min_deg ({low:g}) and rotary.angle_max_deg ({high:g})',
         )
     fastest = math.degrees(rotary.max_speed_rad_s / rotary.gear_ratio)
     if rotary.speed_max_deg_s > fastest:
-        yield (
+        yield violation(
             'rotary.speed_max_deg_s',
-            f'rotary.speed_max_deg_s is {rotary.speed_max_deg_s:g}, but its motor turns the tool at {fastest:g} deg/s '
-            'at most (rotary.max_speed_rpm over rotary.gear_ratio)',
+            f'{rotary.speed_max_deg_s:g}',
+            f'its motor permits {fastest:g} deg/s at most (rotary.max_speed_rpm over rotary.gear_ratio)',
         )
     if rotary.nominal_current_a > rotary.peak_current_a:
-        yield (
+        yield violation(
             'rotary.nominal_current_a',
-            f'rotary.nominal_current_a is {rotary.nominal_current_a:g}, but must not exceed rotary.peak_current_a '
-            f'({rotary.peak_current_a:g})',
+            f'{rotary.nominal_current_a:g}',
+            f'must not exceed rotary.peak_current_a ({rotary.peak_current_a:g})',
         )
     if rotary.static_friction_n_m >= rotary.peak_current_a * rotary.torque_constant_n_m_a:
         yield (

@@ -7,7 +7,7 @@ from delta3_pacdrive.errors import shown
 from delta3_pacdrive.parameters.geometry import Kinematics
 from delta3_pacdrive.parameters.notch import NUMBERS, notches
 from delta3_pacdrive.parameters.records import DECOUPLED, Bus, Control, Drive, Dynamics, Motion, Motor, Rich
-from delta3_pacdrive.parameters.rotary import Rotary, broken_rotary
+from delta3_pacdrive.parameters.rotary import Rotary, broken_rotary, violation
 
 CYCLE_TIMES_S = (1.0e-3, 2.0e-3, 4.0e-3)
 # older coupling torques make the drives oscillate
@@ -51,14 +51,10 @@ def broken_rules(
 
 def _broken_timing(bus: Bus, drive: Drive) -> Rules:
     if bus.cycle_time_s not in CYCLE_TIMES_S:
-        yield (
-            'bus.cycle_time_s',
-            f'bus.cycle_time_s is {bus.cycle_time_s}, but must be 0.001, 0.002 or 0.004',
-        )
+        yield violation('bus.cycle_time_s', bus.cycle_time_s, 'must be 0.001, 0.002 or 0.004')
     if bus.exchange_period_s not in EXCHANGE_PERIODS_S:
-        yield (
-            'bus.exchange_period_s',
-            f'bus.exchange_period_s is {bus.exchange_period_s}, but must be 125e-6, 250e-6, 500e-6 or 0.001',
+        yield violation(
+            'bus.exchange_period_s', bus.exchange_period_s, 'must be 125e-6, 250e-6, 500e-6 or 0.001'
         )
     velocity = 'drive.velocity_period_s', drive.velocity_period_s
     position = 'drive.position_period_s', drive.position_period_s
@@ -88,21 +84,20 @@ def _broken_notches(drive: Drive) -> Rules:
 def _broken_geometry(kinematics: Kinematics, dynamics: Dynamics) -> Rules:
     k = kinematics
     if k.plate_radius_m > k.base_radius_m:
-        yield (
+        yield violation(
             'kinematics.plate_radius_m',
-            f'kinematics.plate_radius_m is {k.plate_radius_m}, '
-            f'but must not exceed base_radius_m ({k.base_radius_m})',
+            k.plate_radius_m,
+            f'must not exceed base_radius_m ({k.base_radius_m})',
         )
     if k.workspace_bottom_m >= k.workspace_top_m:
-        yield (
+        yield violation(
             'kinematics.workspace_bottom_m',
-            f'kinematics.workspace_bottom_m is {k.workspace_bottom_m}, '
-            f'but must lie below workspace_top_m ({k.workspace_top_m})',
+            k.workspace_bottom_m,
+            f'must lie below workspace_top_m ({k.workspace_top_m})',
         )
     if len({round(angle % 360.0, 6) for angle in k.arm_azimuth_deg}) < 3:
-        yield (
-            'kinematics.arm_azimuth_deg',
-            f'kinematics.arm_azimuth_deg is {shown(k.arm_azimuth_deg)}, but the arms must differ in direction',
+        yield violation(
+            'kinematics.arm_azimuth_deg', shown(k.arm_azimuth_deg), 'the arms must differ in direction'
         )
     if dynamics.end_stop_min_deg > k.arm_angle_min_deg:
         yield (
@@ -119,10 +114,10 @@ def _broken_geometry(kinematics: Kinematics, dynamics: Dynamics) -> Rules:
 def _broken_effects(rich: Rich, bus: Bus, motor: Motor) -> Rules:
     # effects that are off must not limit the friction of the nominal robot
     if rich.effects.friction and rich.break_away_torque_n_m < motor.static_friction_n_m:
-        yield (
+        yield violation(
             'rich.break_away_torque_n_m',
-            f'rich.break_away_torque_n_m is {rich.break_away_torque_n_m}, '
-            f'but must not be less than motor.static_friction_n_m ({motor.static_friction_n_m})',
+            rich.break_away_torque_n_m,
+            f'must not be less than motor.static_friction_n_m ({motor.static_friction_n_m})',
         )
     if rich.effects.gear and bus.exchange_period_s > ELASTIC_EXCHANGE_S:
         yield (
@@ -134,18 +129,17 @@ def _broken_effects(rich: Rich, bus: Bus, motor: Motor) -> Rules:
 def _broken_shaping(control: Control) -> Rules:
     frequency = control.shaping_frequency_hz
     if 0.0 < frequency < SHAPED_MIN_HZ:
-        yield (
-            'control.shaping_frequency_hz',
-            f'control.shaping_frequency_hz is {frequency}, but must be 0 (computed) or at least {SHAPED_MIN_HZ}',
+        yield violation(
+            'control.shaping_frequency_hz', frequency, f'must be 0 (computed) or at least {SHAPED_MIN_HZ}'
         )
 
 
 def _broken_speeds(motion: Motion) -> Rules:
     if motion.speed_max_m_s > motion.tcp_speed_limit_m_s:
-        yield (
+        yield violation(
             'motion.speed_max_m_s',
-            f'motion.speed_max_m_s is {motion.speed_max_m_s}, '
-            f'but must not exceed motion.tcp_speed_limit_m_s ({motion.tcp_speed_limit_m_s})',
+            motion.speed_max_m_s,
+            f'must not exceed motion.tcp_speed_limit_m_s ({motion.tcp_speed_limit_m_s})',
         )
 
 
@@ -154,7 +148,6 @@ def _broken_decoupling(dynamics: Dynamics, rich: Rich) -> Rules:
         return
     for name in ('gear', 'friction', 'ripple'):
         if getattr(rich.effects, name):
-            yield (
-                'dynamics.arm_coupling',
-                f'dynamics.arm_coupling is {DECOUPLED}, but a robot with rich.{name} has no linear decoupled part',
+            yield violation(
+                'dynamics.arm_coupling', DECOUPLED, f'a robot with rich.{name} has no linear decoupled part'
             )

@@ -1,12 +1,21 @@
 """Parameters of the rotary axis in the format of an arm's drive: its drive is an MC-4, too."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
+from delta3_pacdrive.parameters.records import Drive, Motor
 from delta3_pacdrive.parameters.robot import Parameters
+from delta3_pacdrive.parameters.rotary import Rotary
 
 BEYOND_DEG = 5.0  # beyond the limits of the tool angle: overtravel of the drive
 SEED = 4  # offset of the sensor seed
+
+
+def _shared(group: Motor | Drive, rotary: Rotary) -> dict[str, Any]:
+    """Return the values of the axis that have the same names in a group of the arms."""
+    names = {field.name for field in fields(group)} & {field.name for field in fields(rotary)}
+    return {name: getattr(rotary, name) for name in names}
 
 
 def of_tool_axis(parameters: Parameters) -> Parameters:
@@ -34,26 +43,12 @@ def of_tool_axis(parameters: Parameters) -> Parameters:
         ),
         motor=replace(
             p.motor,
-            peak_current_a=rotary.peak_current_a,
-            nominal_current_a=rotary.nominal_current_a,
-            max_speed_rpm=rotary.max_speed_rpm,
-            torque_constant_n_m_a=rotary.torque_constant_n_m_a,
-            rotor_inertia_kg_m2=rotary.rotor_inertia_kg_m2,
+            **_shared(p.motor, rotary),
             brake_inertia_kg_m2=0.0,
-            winding_resistance_ohm=rotary.winding_resistance_ohm,
-            winding_inductance_h=rotary.winding_inductance_h,
-            pole_pairs=rotary.pole_pairs,
-            viscous_friction_n_m_s_rad=rotary.viscous_friction_n_m_s_rad,
-            static_friction_n_m=rotary.static_friction_n_m,
-            brake_torque_n_m=rotary.brake_torque_n_m,
         ),
         drive=replace(
             p.drive,
-            position_gain_rad_s_rad=rotary.position_gain_rad_s_rad,
-            velocity_gain_a_s_rad=rotary.velocity_gain_a_s_rad,
-            velocity_integral_gain_a_rad=rotary.velocity_integral_gain_a_rad,
-            current_gain_v_a=rotary.current_gain_v_a,
-            current_integral_gain_v_a_s=rotary.current_integral_gain_v_a_s,
+            **_shared(p.drive, rotary),
             feedforward_inertia_kg_m2=inertia,
             observer_arm_inertia_kg_m2=inertia * gear**2,
             following_error_limit_rad=rotary.following_error_limit_deg * to_shaft,

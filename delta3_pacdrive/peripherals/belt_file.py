@@ -37,23 +37,24 @@ def read_belt(parts: tuple[str, ...], errors: Errors, name: str, value: Any, whe
         'width_m',
     )
     fields = Section(value, where, errors, (*keys, *optional), keys)
-    jitter = fields.read('jitter', partial(_pair, errors, _JITTER), (0.0, 0.0))
-    bits, round_m = fields.read('encoder', partial(_pair, errors, _ENCODER), (1.0, 1.0))
+    jitter_m_s, jitter_hz = fields.read('jitter', partial(_pair, errors, _JITTER), (0.0, 0.0))
+    bits, circumference_m = fields.read('encoder', partial(_pair, errors, _ENCODER), (1.0, 1.0))
     length = fields.read('length_m', length_m, 1.0)
     return Belt(
-        name,
-        fields.read('origin_m', place_m),
-        fields.read('direction_rad', number_between(-math.tau, math.tau), 0.0),
-        length,
-        2.0**bits / round_m,
-        fields.read('speed', partial(_speed, errors), ()),
-        *jitter,
-        fields.read('slip', number_between(-0.5, 0.5), 0.0),
-        fields.read('stream', partial(_stream, errors, parts)),
-        fields.read('barrier', partial(_barrier, errors, length)),
-        fields.read('camera', partial(_camera, errors, length)),
-        fields.read('window_m', partial(_window, length)),
-        fields.read('width_m', length_m, WIDTH_M),
+        name=name,
+        origin_m=fields.read('origin_m', place_m),
+        direction_rad=fields.read('direction_rad', number_between(-math.tau, math.tau), 0.0),
+        length_m=length,
+        increments_per_m=2.0**bits / circumference_m,
+        speed=fields.read('speed', partial(_speed, errors), ()),
+        jitter_m_s=jitter_m_s,
+        jitter_hz=jitter_hz,
+        slip=fields.read('slip', number_between(-0.5, 0.5), 0.0),
+        stream=fields.read('stream', partial(_stream, errors, parts)),
+        barrier=fields.read('barrier', partial(_barrier, errors, length)),
+        camera=fields.read('camera', partial(_camera, errors, length)),
+        window_m=fields.read('window_m', partial(_window, length)),
+        width_m=fields.read('width_m', length_m, WIDTH_M),
     )
 
 
@@ -96,12 +97,12 @@ def _stream(errors: Errors, parts: tuple[str, ...], value: Any, where: str) -> S
     keys = ('part', 'count', 'spacing_m')
     fields = Section(value, where, errors, (*keys, 'spread_m', 'spread_rad', 'also'), keys)
     return Stream(
-        fields.read('part', one_of(parts) if parts else no_parts, ''),
-        fields.read('count', whole_number_between(1, PARTS_MAX), 1),
-        fields.read('spacing_m', length_m, 1.0),
-        fields.read('spread_m', _spread, (0.0, 0.0)),
-        fields.read('spread_rad', number_between(0.0, math.pi), 0.0),
-        fields.read('also', partial(_types, parts), ()),
+        part=fields.read('part', one_of(parts) if parts else no_parts, ''),
+        count=fields.read('count', whole_number_between(1, PARTS_MAX), 1),
+        spacing_m=fields.read('spacing_m', length_m, 1.0),
+        spread_m=fields.read('spread_m', _spread, (0.0, 0.0)),
+        spread_rad=fields.read('spread_rad', number_between(0.0, math.pi), 0.0),
+        also=fields.read('also', partial(_types, parts), ()),
     )
 
 
@@ -134,11 +135,12 @@ def _camera(errors: Errors, length_of_belt_m: float, value: Any, where: str) -> 
     fields = Section(value, where, errors, (*keys, 'latency_s', 'noise_m', 'noise_rad', *shares), keys)
     share = number_between(0.0, 1.0)
     return Camera(
-        fields.read('at_m', number_between(0.0, length_of_belt_m), 0.0),
-        fields.read('length_m', length_m, 1.0),
-        fields.read('every_m', length_m, 1.0),
-        fields.read('latency_s', delay_s, 0.0),
-        fields.read('noise_m', number_between(0.0, 0.1), 0.0),
-        fields.read('noise_rad', number_between(0.0, math.pi), 0.0),
-        *(fields.read(key, share, 0.0) for key in shares),
+        at_m=fields.read('at_m', number_between(0.0, length_of_belt_m), 0.0),
+        length_m=fields.read('length_m', length_m, 1.0),
+        every_m=fields.read('every_m', length_m, 1.0),
+        latency_s=fields.read('latency_s', delay_s, 0.0),
+        noise_m=fields.read('noise_m', number_between(0.0, 0.1), 0.0),
+        noise_rad=fields.read('noise_rad', number_between(0.0, math.pi), 0.0),
+        missed_share=fields.read('missed_share', share, 0.0),
+        doubled_share=fields.read('doubled_share', share, 0.0),
     )

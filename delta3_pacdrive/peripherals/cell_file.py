@@ -178,17 +178,17 @@ def _cell(document: Any, errors: Errors) -> Cell:
         with errors.noted(place_in(document, 'belts')):
             refuse(f'the cell has {len(belts)} belts, but must have at most {CELL_BELTS}')
     return Cell(
-        fields.read('name', _NAME, 'cell', prefix=''),
-        fields.read('seed', whole_number_between(0, 2**32 - 1), 1, prefix=''),
-        fields.read('drop_max_m', distance_m, FALLEN_FAR_M, prefix=''),
-        cup,
-        inputs,
-        outputs,
-        named('parts', _part),
-        named('supplies', partial(_supply, names['parts'])),
-        named('boxes', _box),
-        belts,
-        fields.read(
+        name=fields.read('name', _NAME, 'cell', prefix=''),
+        seed=fields.read('seed', whole_number_between(0, 2**32 - 1), 1, prefix=''),
+        drop_max_m=fields.read('drop_max_m', distance_m, FALLEN_FAR_M, prefix=''),
+        cup=cup,
+        inputs=inputs,
+        outputs=outputs,
+        parts=named('parts', _part),
+        supplies=named('supplies', partial(_supply, names['parts'])),
+        boxes=named('boxes', _box),
+        belts=belts,
+        faults=fields.read(
             'faults', partial(_faults, errors, {'inputs': every_input, 'belts': tuple(belts)}), (), prefix=''
         ),
     )
@@ -259,17 +259,17 @@ def _cup(outputs: Mapping[str, CellOutput], errors: Errors, value: Any, where: s
         with errors.noted(place_in(value, 'valve')):
             refuse(f'{where}.valve: output {output} already has delays in outputs: give only one of them')
     return Cup(
-        output,
-        fields.read('diameter_m', number_between(1e-3, 1.0), 1e-3),
-        vacuum,
-        fields.read('valve', partial(_delays, errors), delays),
-        fields.read('open_share', number_between(0.0, 1.0), own.open_share),
-        fields.read('build_up_s', delay_s, own.build_up_s),
-        fields.read('decay_s', delay_s, own.decay_s),
-        fields.read('height_tolerance_m', distance_m, own.height_tolerance_m),
-        fields.read('lateral_tolerance_m', distance_m, own.lateral_tolerance_m),
-        fields.read('offset_m', place_m, own.offset_m),
-        fields.read('switch', partial(_switch, errors, vacuum)),
+        output=output,
+        diameter_m=fields.read('diameter_m', number_between(1e-3, 1.0), 1e-3),
+        vacuum_pa=vacuum,
+        valve=fields.read('valve', partial(_delays, errors), delays),
+        open_share=fields.read('open_share', number_between(0.0, 1.0), own.open_share),
+        build_up_s=fields.read('build_up_s', delay_s, own.build_up_s),
+        decay_s=fields.read('decay_s', delay_s, own.decay_s),
+        height_tolerance_m=fields.read('height_tolerance_m', distance_m, own.height_tolerance_m),
+        lateral_tolerance_m=fields.read('lateral_tolerance_m', distance_m, own.lateral_tolerance_m),
+        offset_m=fields.read('offset_m', place_m, own.offset_m),
+        switch=fields.read('switch', partial(_switch, errors, vacuum)),
     )
 
 
@@ -300,12 +300,12 @@ def _supply(parts: tuple[str, ...], errors: Errors, name: str, value: Any, where
     keys = ('part', 'at_m')
     fields = Section(value, where, errors, (*keys, 'angle_rad', 'count', 'refill_s'), keys)
     return Supply(
-        name,
-        fields.read('part', one_of(parts) if parts else no_parts, ''),
-        fields.read('at_m', place_m),
-        fields.read('angle_rad', number_between(-math.tau, math.tau), 0.0),
-        fields.read('count', whole_number_between(1, PARTS_MAX), 1),
-        fields.read('refill_s', time_s, 0.0),
+        name=name,
+        part=fields.read('part', one_of(parts) if parts else no_parts, ''),
+        at_m=fields.read('at_m', place_m),
+        angle_rad=fields.read('angle_rad', number_between(-math.tau, math.tau), 0.0),
+        count=fields.read('count', whole_number_between(1, PARTS_MAX), 1),
+        refill_s=fields.read('refill_s', time_s, 0.0),
     )
 
 
@@ -319,7 +319,12 @@ def _box(errors: Errors, name: str, value: Any, where: str) -> Box:
             with errors.noted(place_in(value, key)):
                 refuse(f'{where}.{key} is {many}, but pitch_m of that direction is 0')
     return Box(
-        name, fields.read('at_m', place_m), columns, rows, pitch, fields.read('clears_s', time_s, math.inf)
+        name=name,
+        at_m=fields.read('at_m', place_m),
+        columns=columns,
+        rows=rows,
+        pitch_m=pitch,
+        clears_s=fields.read('clears_s', time_s, math.inf),
     )
 
 

@@ -62,7 +62,14 @@ def things_of(cell: Cell) -> list[Thing]:
 def _of_belt(belt: Belt) -> Iterable[Thing]:
     def part(kind: Kind, begin_m: float, end_m: float, increments_per_m: float = 0.0) -> Thing:
         middle, size = belt.place_m(0.5 * (begin_m + end_m)), (end_m - begin_m, belt.width_m)
-        return Thing(kind, belt.name, middle, belt.direction_rad, size, increments_per_m)
+        return Thing(
+            kind=kind,
+            name=belt.name,
+            at_m=middle,
+            angle_rad=belt.direction_rad,
+            size_m=size,
+            increments_per_m=increments_per_m,
+        )
 
     yield part(Kind.BELT, 0.0, belt.length_m, belt.increments_per_m)
     if belt.window_m is not None:
@@ -113,4 +120,11 @@ def _read(document: dict[str, Any]) -> Thing:
     if isinstance(per_m, bool) or not 0.0 <= per_m < math.inf or not isinstance(name, str):
         raise ValueError('no encoder, or no name')
     kind, angle = Kind(document['kind']), document['angle_rad']
-    return Thing(kind, name, (x, y, z), angle, (length, width), float(per_m))
+    return Thing(
+        kind=kind,
+        name=name,
+        at_m=(x, y, z),
+        angle_rad=angle,
+        size_m=(length, width),
+        increments_per_m=float(per_m),
+    )

@@ -138,7 +138,7 @@ class Part:
         x, y, z = (round(value, DIGITS) for value in turned((x, y, z), -turn_rad))
         angle = round(self.angle_rad - turn_rad, DIGITS)
         stays = self.record.stays
-        stays.append(Stay(cycle, how, (x, y, z), angle, belt, count))
+        stays.append(Stay(cycle=cycle, how=how, at_m=(x, y, z), angle_rad=angle, belt=belt, count=count))
         del stays[:-STAYS_MAX]
 
     def is_above(self, other: 'Part') -> bool:

@@ -65,13 +65,13 @@ class Totals:
         for one in parts:
             outcomes[one['outcome']] += 1
         return Totals(
-            outcomes,
-            self.picked + len(taken),
-            self.missed + len(misses),
-            self.placed + len(far),
-            float(far.max(initial=self.error_max_m)),
-            self.error_square_m2 + float(np.sum(far**2)),
-            (max(uses),) if uses else (),
+            outcomes=outcomes,
+            picked=self.picked + len(taken),
+            missed=self.missed + len(misses),
+            placed=self.placed + len(far),
+            error_max_m=float(far.max(initial=self.error_max_m)),
+            error_square_m2=self.error_square_m2 + float(np.sum(far**2)),
+            hold_uses=(max(uses),) if uses else (),
         )
 
 

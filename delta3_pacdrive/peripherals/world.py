@@ -159,7 +159,13 @@ class World:
             pump = self._active('vacuum_failure', cycle) is None
             output = bool(outputs & self._output)
             left = gripper.step(
-                cycle, place, self._acceleration(), output, pump, self._lying.values(), turn_rad
+                cycle,
+                place,
+                self._acceleration(),
+                output=output,
+                pump=pump,
+                lying=self._lying.values(),
+                turn_rad=turn_rad,
             )
             if gripper.part is not None:
                 self._pick_up(gripper.part, cycle, place, turn_rad)

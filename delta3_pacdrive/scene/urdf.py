@@ -48,11 +48,13 @@ def urdf(parameters: Parameters) -> str:
         for side, rod in ((1.0, f'{arm}a'), (-1.0, f'{arm}b')):
             elbow = (k.upper_arm_lengths_m[i], side * half, 0.0)
             name = f'forearm{rod}'
-            writer.passive(f'{name}_pitch', f'{name}_elbow', f'arm{arm}', elbow, Y, math.pi)
-            writer.passive(f'{name}_swing', name, f'{name}_elbow', (0.0, 0.0, 0.0), Z, math.pi / 2)
+            writer.passive(f'{name}_pitch', f'{name}_elbow', f'arm{arm}', elbow, axis=Y, limit=math.pi)
+            writer.passive(f'{name}_swing', name, f'{name}_elbow', (0.0, 0.0, 0.0), axis=Z, limit=math.pi / 2)
             writer.fixed(f'{name}_end', name, (k.forearm_lengths_m[i], 0.0, 0.0))
-    writer.passive('plate_swing', 'plate_1a_joint', 'forearm1a_end', (0.0, 0.0, 0.0), Z, math.pi / 2)
-    writer.passive('plate_pitch', 'plate_1a_turned', 'plate_1a_joint', (0.0, 0.0, 0.0), Y, math.pi)
+    writer.passive(
+        'plate_swing', 'plate_1a_joint', 'forearm1a_end', (0.0, 0.0, 0.0), axis=Z, limit=math.pi / 2
+    )
+    writer.passive('plate_pitch', 'plate_1a_turned', 'plate_1a_joint', (0.0, 0.0, 0.0), axis=Y, limit=math.pi)
     # from the joint to the TCP, in the frame of the arm
     back = Rotation.from_euler('z', -k.arm_azimuth_rad[0]).apply(-joint[0, 0])
     writer.fixed('plate', 'plate_1a_turned', back, -k.arm_azimuth_rad[0])
@@ -147,7 +149,7 @@ class _Writer:
 
     def fixed(self, child: str, parent: str, place: Sequence[float], yaw: float = 0.0) -> None:
         """Add a link that is fixed to its parent."""
-        self.joint(f'{child}_fixed', 'fixed', child, parent, place, yaw)
+        self.joint(f'{child}_fixed', 'fixed', child, parent, place, yaw=yaw)
 
     def passive(
         self, name: str, child: str, parent: str, place: Sequence[float], axis: Sequence[float], limit: float

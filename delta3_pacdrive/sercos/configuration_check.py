@@ -34,12 +34,12 @@ class Identity:
     def of(parameters: Parameters) -> 'Identity':
         """Return the identity of a participant with the given parameters."""
         return Identity(
-            repr(parameters.bus.cycle_time_s),
-            repr(parameters.bus.exchange_period_s),
-            repr(parameters.bus.increments_per_rev),
-            repr(parameters.dynamics.gear_ratio),
-            parameters.checksum,
-            json.dumps(flatten(parameters)),
+            cycle_time_s=repr(parameters.bus.cycle_time_s),
+            exchange_period_s=repr(parameters.bus.exchange_period_s),
+            increments_per_rev=repr(parameters.bus.increments_per_rev),
+            gear_ratio=repr(parameters.dynamics.gear_ratio),
+            parameter_checksum=parameters.checksum,
+            parameters=json.dumps(flatten(parameters)),
         )
 
 

@@ -264,7 +264,9 @@ class BusMaster:
             linked = self._participants.links[PLANT]
             self.missing = unlinked = tuple(axis for axis in self._drives if axis not in linked)
             return (
-                Reason(Code.BUS, f'waiting for the plant to hear {", ".join(unlinked)}') if unlinked else None
+                Reason(Code.BUS, f'waiting for the plant to receive from {", ".join(unlinked)}')
+                if unlinked
+                else None
             )
         return None
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.drive.arrays import DriveState
-from delta3_pacdrive.drive.drive_clock import Command, DriveClock, Taken
+from delta3_pacdrive.drive.drive_clock import Callbacks, Command, DriveClock, Taken
 from delta3_pacdrive.drive.mc4 import MC4
 from delta3_pacdrive.faults.schedule import Schedule
 from delta3_pacdrive.sercos.service_channel import Answer
@@ -35,10 +35,12 @@ class Rig:
             'axis1',
             ROBOT,
             Schedule(),
-            lambda access: Answer(access.idn, value=0.0),
-            lambda cycle, _: self.answers.append(cycle),
-            lambda exchange, _: self.currents.append(exchange),
-            self._stand,
+            Callbacks(
+                serve=lambda access: Answer(access.idn, value=0.0),
+                send_answer=lambda cycle, _: self.answers.append(cycle),
+                send_current=lambda exchange, _: self.currents.append(exchange),
+                stopped=self._stand,
+            ),
         )
 
     def _stand(self) -> None:

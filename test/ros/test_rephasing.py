@@ -319,7 +319,7 @@ def named(progress: dict[str, Any], partner: str) -> bool:
     if partner == 'plant':
         guess = 'is the plant running?'
         return waiting == 'waiting for plant' or waiting.endswith(guess) or fault.endswith(guess)
-    sentences = ('waiting for', 'waiting for an answer of', 'waiting for the plant to hear')
+    sentences = ('waiting for', 'waiting for an answer of', 'waiting for the plant to receive from')
     return (
         waiting in [f'{sentence} {partner}' for sentence in sentences] or f'no AT of {partner} for' in fault
     )

@@ -197,8 +197,8 @@ def test_in_cp1_the_plant_is_suspected_after_a_while_if_no_drive_at_all_answers(
 def test_nobody_leaves_cp2_before_the_plant_hears_every_drive(bus: Bus) -> None:
     bus.up_to(Phase.CP2)
     for links, waiting in (
-        ((), 'waiting for the plant to hear axis1, axis2, axis3'),
-        (('axis1', 'axis3'), 'waiting for the plant to hear axis2'),
+        ((), 'waiting for the plant to receive from axis1, axis2, axis3'),
+        (('axis1', 'axis3'), 'waiting for the plant to receive from axis2'),
     ):
         bus.announce('plant', links=links)
         bus.poll()
