@@ -120,12 +120,8 @@ class Alignment:
 def align(first: Run, second: Run, how: str = START) -> Alignment:
     """Estimate the alignment of two runs.
 
-    Parameters
-    ----------
-    first, second
-        The runs.
-    how
-        ``START``: by program start if both runs contain it, otherwise by correlation; ``CORRELATION``; ``NONE``.
+    ``how`` is ``START``: by program start if both runs contain it, otherwise by correlation; ``CORRELATION``; or
+    ``NONE``.
 
     Raises
     ------

@@ -33,10 +33,8 @@ def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str,
     """Return moves, outputs, events, faults and trips of the bag of a trace, times [s] from the start of its program.
 
     The format is that of the ``meta`` of a simulated trace. Messages that were not recorded or that come from an
-    unknown
-    publisher are missing; ``notes`` explains which programs have no moves. The limit of each move is added if
-    ``robot`` is
-    given.
+    unknown publisher are missing; ``notes`` explains which programs have no moves. The limit of each move is added if
+    ``robot`` is given.
 
     Raises
     ------

@@ -88,21 +88,9 @@ class CellStory:
         return stay.count / belt.increments_per_m if belt and belt.increments_per_m else math.nan
 
     def at(self, cycle: int, tcp_m: Place, turn_rad: float = 0.0) -> Iterator[tuple[Document, Place, float]]:
-        """Yield the parts present at the start of a bus cycle.
+        """Yield the parts present at a bus cycle, with the centre of the underside [m] and the angle about z [rad].
 
-        Parameters
-        ----------
-        cycle
-            Bus cycle.
-        tcp_m
-            TCP that carries a gripped part [m].
-        turn_rad
-            Angle of the tool that carries it [rad].
-
-        Yields
-        ------
-        Part, centre of its underside [m], and its angle about the vertical [rad].
-
+        A gripped part is carried by the TCP ``tcp_m`` with the angle ``turn_rad`` of the tool.
         """
         begins, ends = self.spans
         for n in np.flatnonzero((begins <= cycle) & (cycle < ends)).tolist():
@@ -140,17 +128,10 @@ def cycles_of(trace: Trace) -> Floats:
 def of_trace(trace: Trace, name: str) -> CellStory | None:
     """Return the cell of a simulated trace; None if it had none.
 
-    Parameters
-    ----------
-    trace
-        Simulated trace.
-    name
-        Name of its file, for error messages.
-
     Raises
     ------
     TraceError
-        The data of the cell or the cycle time is invalid.
+        The data of the cell in the file ``name``, or the cycle time, is invalid.
 
     """
     cell = trace.meta.get('cell')
@@ -174,19 +155,9 @@ def story_of(
 ) -> CellStory | None:
     """Return the story of a cell; None if there are neither parts nor objects.
 
-    Parameters
-    ----------
-    log
-        Reports on parts.
-    things
-        Objects of the scene.
-    trace
-        Trace of the run.
-    ways
-        Travel of each belt in its cycles [m], each of shape (cycles,).
-    counted
-        Whether ``ways`` are encoder counts.
-
+    ``ways`` is the travel of each belt in the cycles of ``trace`` [m], each of shape (cycles,); ``counted`` is whether
+    it
+    comes from encoder counts.
     """
     report = log.report()
     if report is None and not things:

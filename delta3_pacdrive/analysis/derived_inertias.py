@@ -93,8 +93,7 @@ def write(source: str, derived: Sequence[Derived], path: Path) -> bool:
     """Write a parameter file with the derived values; return whether it keeps the comments of its source.
 
     A single file keeps its text except for these values. Joined files (``+``) and files of differences become one
-    complete
-    file.
+    complete file.
     """
     robot = core.load(source)
     wanted = robot.replace(**{one.name.replace('.', '__'): one.derived for one in derived})

@@ -52,20 +52,7 @@ class IndexPage:
         )
 
     def html(self, title: str, origin: Mapping[str, str], text: str, more: str = '') -> str:
-        """Return the page.
-
-        Parameters
-        ----------
-        title
-            Title of the page.
-        origin
-            Provenance as texts by name, including the command.
-        text
-            Results in lines.
-        more
-            HTML at the end.
-
-        """
+        """Return the page with provenance ``origin`` (including the command), lines ``text`` and more HTML."""
         rows = ''.join(
             f'<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>\n'
             for name, value in origin.items()
@@ -83,20 +70,9 @@ class IndexPage:
 
 
 def offered(path: Path, content: bytes | None = None) -> str:
-    """Return the HTML link to a file: an embedded download, or for a large file a link.
+    """Return the HTML link to a file: an embedded download, or for a large file a link; raises ReportError.
 
-    Parameters
-    ----------
-    path
-        The file.
-    content
-        Its bytes, if it is not written yet; None: read them.
-
-    Raises
-    ------
-    ReportError
-        The file cannot be read.
-
+    ``content`` is the content of a file that is not written yet; None: read the file.
     """
     name = escape(path.name)
     content = _read(path) if content is None else content

@@ -27,23 +27,16 @@ INSTANTS_MIN = 3
 def on_grid(trace: Trace, name: str) -> Trace:
     """Return a trace on an even grid that starts at 0, with ``cycle_time_s`` and ``origin_s`` in ``meta``.
 
-    Parameters
-    ----------
-    trace
-        Trace without a cycle time.
-    name
-        Name of the recording, for error messages.
-
     Raises
     ------
     TraceError
-        There are too few samples, or too many are missing.
+        The recording ``name`` has too few samples, or too many are missing.
 
     """
     origin, time_s = float(trace.time_s[0]) if len(trace.time_s) else 0.0, trace.time_s
     if len(time_s) < INSTANTS_MIN:
         raise TraceError(
-            f'{name} holds {len(time_s)} samples, at least {INSTANTS_MIN} are needed to find their period'
+            f'{name} contains {len(time_s)} samples, at least {INSTANTS_MIN} are needed to find their period'
         )
     time_s = time_s - origin  # epoch seconds would cost digits
     steps = np.diff(time_s)
@@ -96,8 +89,7 @@ def completed(trace: Trace, robot: Parameters) -> Trace:
     """Return a trace with the motor and TCP signals that follow from its other signals.
 
     References count as commands of the same instant. The set-point delay of the robot is removed from the TCP error,
-    as in
-    a run.
+    as in a run.
     """
     found, gear = of_motors(trace, robot), robot.dynamics.gear_ratio
     for of_motor, of_tcp in (('motor_position', 'tcp_actual'), ('motor_command', 'tcp_command')):

@@ -53,8 +53,7 @@ class Oscilloscope:
     ----------
     found, left
         Fields at the start and at the end of each period, shapes (samples, 3). At the start of an exchange the shaft
-        is
-        that of the plant, afterwards that of the drive.
+        is that of the plant, afterwards that of the drive.
     per_exchange
         Periods of the current loop per exchange.
 
@@ -86,14 +85,7 @@ class Oscilloscope:
         ]
 
     def exchange(self, payload_kg: float | None = None) -> None:
-        """Run drives and plant for one exchange period.
-
-        Parameters
-        ----------
-        payload_kg
-            Newly gripped payload; None: unchanged.
-
-        """
+        """Run drives and plant for one exchange period, with a newly gripped payload; None: unchanged."""
         robot = self._robot
         shafts = np.array(robot.plant.shafts())
         run_recorded_exchange(

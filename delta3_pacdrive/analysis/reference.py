@@ -99,16 +99,9 @@ def load(
 
 
 def of(trace: Trace, name: str, robot: Parameters, smooth_hz: float | None = None) -> Reference:
-    """Return the program that plays the trajectory of a trace.
+    """Return the program with which a robot plays the trajectory of a trace read from the file ``name``.
 
-    Parameters
-    ----------
-    trace, name
-        Trajectory, and the name of its file.
-    robot
-        Robot that plays it.
-    smooth_hz
-        Cut-off frequency [Hz] of a zero-phase low pass; None: no filter.
+    ``smooth_hz`` is the cut-off frequency of a zero-phase low pass; None: no filter.
 
     Raises
     ------
@@ -125,8 +118,8 @@ def of(trace: Trace, name: str, robot: Parameters, smooth_hz: float | None = Non
         raise ProgramError(f'{name} has a gap at {time_s[np.argmin(known)]:.6g} s: {signal} is missing there')
     if len(time_s) < INSTANTS_MIN or time_s[-1] - time_s[0] > TIME_MAX_S:
         raise ProgramError(
-            f'{name} holds {len(time_s)} samples in {time_s[-1] - time_s[0]:g} s, expected at least {INSTANTS_MIN} in '
-            f'up to {TIME_MAX_S:g} s'
+            f'{name} contains {len(time_s)} samples in {time_s[-1] - time_s[0]:g} s, expected at least {INSTANTS_MIN} '
+            f'in up to {TIME_MAX_S:g} s'
         )
     origin = float(time_s[0])
     angles, rounding = _angles(signal, time_s, values, name, robot)

@@ -131,15 +131,7 @@ class ReportFolder:
     def summary(self, title: str, document: dict[str, Any], text: Iterable[str]) -> dict[str, Any]:
         """Write the page and the summary, and return the summary, which lists all files; raises ReportError.
 
-        Parameters
-        ----------
-        title
-            Title of the page.
-        document
-            Results, ready for JSON, without their provenance.
-        text
-            Results in lines.
-
+        ``document`` contains the results without provenance, ready for JSON; ``text`` the same as lines.
         """
         path = self.path / SUMMARY
         origin = {'ok': True, 'provenance': self.provenance.lines()}

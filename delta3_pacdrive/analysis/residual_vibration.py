@@ -26,12 +26,7 @@ STANDS_S = 0.35  # dwell after a move that is simulated separately
 def after_stop(trace: Trace, cycle: int) -> Floats:
     """Return the true TCP [m] relative to its rest position, from the arrival of the last set point on; shape (n, 3).
 
-    Parameters
-    ----------
-    trace
-        Trace of a simulation, with the true TCP.
-    cycle
-        Bus cycle of the last set point.
+    ``cycle`` is the bus cycle of the last set point.
 
     Raises
     ------
@@ -96,15 +91,9 @@ def predicted_swings(
 ) -> list[Swing]:
     """Predict the swing after each shaped move of the first round by simulating it alone on the built robot.
 
-    Parameters
-    ----------
-    program, planned
-        The program, and its plan for these parameters.
-    parameters
-        Parameters of the robot; the effects of the built robot are switched on for the prediction.
-    on_progress
-        Receives the stage and the numbers of completed and of all moves.
-
+    The effects of the built robot are switched on for the prediction. ``on_progress`` receives the stage and the
+    numbers
+    of completed and of all moves.
     """
     built = parameters
     if not built.rich.enabled:

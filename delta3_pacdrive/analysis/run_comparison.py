@@ -1,8 +1,7 @@
 """Comparison of two runs: aligned in time, subtracted signal by signal, with figures for each move.
 
 ``alignment`` defines the common time. A run with another bus cycle, or with samples between the cycles of the first,
-is
-interpolated linearly.
+is interpolated linearly.
 """
 
 import math
@@ -82,14 +81,7 @@ class Comparison:
 
 
 def compare(first: Run, second: Run, how: str = START) -> Comparison:
-    """Compare two runs.
-
-    Parameters
-    ----------
-    first, second
-        The runs.
-    how
-        Alignment method, as for ``align``.
+    """Compare two runs, aligned by the method ``how`` of ``align``.
 
     Raises
     ------
@@ -145,15 +137,9 @@ def compare(first: Run, second: Run, how: str = START) -> Comparison:
 def mismatches(name: str, one: Floats, other: Floats, gear_ratio: float) -> list[str]:
     """Return sentences about exchanged axes, opposite signs or different units of a signal.
 
-    Parameters
-    ----------
-    name
-        Name of the signal.
-    one, other
-        Its values in both runs at the same times, shape (n, 3).
-    gear_ratio
-        Gear ratio of the first robot.
-
+    ``one`` and ``other`` are its values in both runs at the same times, shape (n, 3); ``gear_ratio`` is that of the
+    first
+    robot.
     """
     known = np.isfinite(np.hstack([one, other])).all(axis=1)
     if known.sum() < ROWS_MIN or one.shape[1] != len(AXES):

@@ -18,18 +18,9 @@ Kept = tuple[Path, Record]  # file and record
 
 
 def write(folder: ReportFolder, trace: Trace, records: Sequence[Kept], text: Iterable[str] = ()) -> None:
-    """Write the figures, signals and oscilloscope records of a run, and the page of the folder.
+    """Write the figures and signals of a run, figures of its records, and the page with the lines ``text``.
 
-    Parameters
-    ----------
-    folder
-        Destination; already contains the files of the records.
-    trace
-        Trace of the run.
-    records
-        Records of the oscilloscopes in its drives.
-    text
-        Lines about the run, shown on the page.
+    The folder already contains the files of the records.
 
     Raises
     ------

@@ -31,8 +31,7 @@ def shown_cycles(trace: Trace) -> tuple[int, int]:
     """Return first and last bus cycle of the displayed part.
 
     This is the window of ``windowed``, or else the program: from shortly before its start until shortly after its end,
-    or
-    after the last motion if the end is not recorded. If the start is unknown it is the whole recording.
+    or after the last motion if the end is not recorded. If the start is unknown it is the whole recording.
 
     Raises
     ------
@@ -43,7 +42,7 @@ def shown_cycles(trace: Trace) -> tuple[int, int]:
     period = positive(trace, 'cycle_time_s')
     cycles = np.rint(trace.time_s / period).astype(np.int64)
     if not len(cycles):
-        raise TraceError('the recording holds no cycle')
+        raise TraceError('the recording contains no cycle')
     start, end = noted_cycle(trace, 'start_cycle'), noted_cycle(trace, 'end_cycle')
     first, last = int(cycles[0]), int(cycles[-1])
     if start is not None:
@@ -61,7 +60,7 @@ def shown_cycles(trace: Trace) -> tuple[int, int]:
     if not ((cycles >= first) & (cycles <= last)).any():
         low, high = ((edge - (start or 0)) * period for edge in cycles[[0, -1]])
         what = 'of the program' if from_s is None and to_s is None else 'of that window'
-        raise TraceError(f'the recording holds no cycle {what}: it goes from {low:g} to {high:g} s')
+        raise TraceError(f'the recording contains no cycle {what}: it goes from {low:g} to {high:g} s')
     return first, last
 
 
@@ -136,8 +135,7 @@ def currents_of(trace: Trace) -> tuple[Floats, Floats]:
     """Return peak and rms current [A] of each axis in each bus cycle, shapes (cycles, 3); nan where unknown.
 
     They cover all samples of the current loops. A recording without these has one sample per cycle in the AT, which is
-    used
-    for both.
+    used for both.
     """
     if all(name in trace.signals for name in CURRENT_SIGNALS):
         return np.maximum(trace['current_max'], -trace['current_min']), trace['current_rms']

@@ -220,18 +220,7 @@ def _simulated(text: str, source: str | None) -> tuple[Trace, Parameters, Progra
 
 
 def note_limits(trace: Trace, program: Program, robot: Parameters) -> None:
-    """Add the limit of each move to the ``meta`` of a simulation.
-
-    Parameters
-    ----------
-    trace
-        Trace of the simulation.
-    program
-        Simulated program.
-    robot
-        Parameters of the robot, placed at the start of the program.
-
-    """
+    """Add the limit of each move to the ``meta`` of a simulation; ``robot`` is placed at the start of the program."""
     rows = study(program_planner.plan(program, robot.motion.home_m, robot), robot).rows
     for n, move in enumerate(trace.meta['moves']):
         # all rounds are equal except for the approach of the first
@@ -363,7 +352,7 @@ def notes_of(trace: Trace) -> tuple[str, ...]:
             )
     if (starts := meta.get('starts', ())) and len(starts) > 1:
         notes.append(
-            f'The recording holds {len(starts)} programs; times count from the start of the first one'
+            f'The recording contains {len(starts)} programs; times count from the start of the first one'
         )
     return tuple(notes)
 

@@ -19,8 +19,7 @@ class Study:
 
     The constructor checks the settings; ``run`` computes, writes the results and returns the summary. The package of a
     study contains ``study.py`` (settings and results, data only), ``report.py`` (summary, text and tables),
-    ``figures.py``
-    and ``run.py``.
+    ``figures.py`` and ``run.py``.
     """
 
     settings: Any

@@ -50,14 +50,7 @@ def require_known(patterns: Sequence[str]) -> None:
 def completed(trace: Trace, patterns: Sequence[str] | None = None, bag: Path | None = None) -> Trace:
     """Return a trace with its computed signals, and the signals on request that match the patterns.
 
-    Parameters
-    ----------
-    trace
-        Trace as loaded.
-    patterns
-        Requested signals; None: no signals on request.
-    bag
-        Folder of the bag from which it was read.
+    ``bag`` is the folder of the bag from which the trace was read, if any.
 
     Raises
     ------
@@ -92,7 +85,7 @@ def chosen(trace: Trace, patterns: Sequence[str] | None, name: str) -> Trace:
             why = ''
             if matching([pattern], [*REQUESTED_SIGNALS, *quantities.of_drives()]):
                 why = ': a simulation records it on request (simulate --signals), see docs/traces.md'
-            raise TraceError(f'{name} holds no signal {shown(pattern)}{why}')
+            raise TraceError(f'{name} contains no signal {shown(pattern)}{why}')
     return Trace(trace.time_s, {own: trace[own] for own in matching(patterns, trace.signals)}, trace.meta)
 
 
@@ -120,9 +113,9 @@ def part(trace: Trace, from_s: float | None, to_s: float | None) -> Trace:
         keep &= times < to_s + edge
     if not keep.any():
         raise TraceError(
-            f'the recording holds no cycle of that window: it goes from {times[0]:g} to {times[-1]:g} s'
+            f'the recording contains no cycle of that window: it goes from {times[0]:g} to {times[-1]:g} s'
             if len(times)
-            else 'the recording holds no cycle'
+            else 'the recording contains no cycle'
         )
     return Trace(
         trace.time_s[keep], {name: values[keep] for name, values in trace.signals.items()}, trace.meta

@@ -59,7 +59,7 @@ def test_no_straight_line_is_drawn_over_a_gap_of_uneven_samples():
 @pytest.mark.parametrize(
     ('time_s', 'sentence'),
     [
-        ([0.0, 1.0], 'a holds 2 samples, at least 3'),
+        ([0.0, 1.0], 'a contains 2 samples, at least 3'),
         ([0.0, 1e-3, 2e-3, 5e3], r'a lacks \d+ of \d+ samples'),
     ],
 )

@@ -150,7 +150,7 @@ def moved(run, place):
         (lambda run: moved(run, [0.0, 0.0, -3.0]), r'^a: at [\d.]+ s the TCP is at .* m, which the arms cannot reach$'),
         (lambda run: moved(run, [0.5, 0.0, 0.0]), r'^a: the .* at [\d.]+ s.*, the limit is '),
         (lambda run: Trace(run.time_s, {'current': run['current']}), '^a contains no trajectory: none of motor_'),
-        (lambda run: Trace(run.time_s[:3], {'tcp_command': run['tcp_command'][:3]}), '^a holds 3 samples'),
+        (lambda run: Trace(run.time_s[:3], {'tcp_command': run['tcp_command'][:3]}), '^a contains 3 samples'),
         (
             lambda run: Trace(run.time_s[:500], {'tcp_command': run['tcp_command'][:500]}),
             r'^a ends at 0.499 s with a speed of .* rad/s of arm \d, but must be at rest there$',

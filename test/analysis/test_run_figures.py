@@ -289,7 +289,7 @@ def test_a_signal_asks_for_its_figures(signal: str, turning: Trace, tmp_path: Pa
         (['--to', 'x'], 2, "argument --to: 'x' must be a number"),
         (['--signals', 'currents'], 2, "'currents' is no signal, expected some of motor_command"),
         (['--signals', ','], 2, 'it names no signal'),
-        (['--from', '100', '--to', '101'], 1, 'holds no cycle of that window: it goes from -0.12 to'),
+        (['--from', '100', '--to', '101'], 1, 'contains no cycle of that window: it goes from -0.12 to'),
     ],
 )
 def test_what_cannot_be_shown_is_refused_in_a_sentence(

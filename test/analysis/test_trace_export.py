@@ -29,9 +29,9 @@ def test_patterns_choose_and_all_is_everything(trace):
 def test_a_signal_that_there_is_not_is_refused_with_the_nearest_name(trace):
     with pytest.raises(TraceError, match=r"^there is no signal 'tcp_sped': did you mean tcp_speed\?$"):
         trace_export.require_known(['current', 'tcp_sped'])
-    with pytest.raises(TraceError, match=r"^a holds no signal 'motor_speed'$"):
+    with pytest.raises(TraceError, match=r"^a contains no signal 'motor_speed'$"):
         trace_export.chosen(trace, ['current', 'motor_speed'], 'a')
-    with pytest.raises(TraceError, match=r"^a holds no signal 'payload': .*on request"):
+    with pytest.raises(TraceError, match=r"^a contains no signal 'payload': .*on request"):
         trace_export.chosen(trace, ['payload'], 'a')
 
 

@@ -171,7 +171,7 @@ def test_what_does_not_fit_is_a_usage_error(arguments, sentence, capsys):
             ['--output', 'out.csv', '--signals', 'curent'],
             "there is no signal 'curent': did you mean current?",
         ),
-        (['--output', 'out.csv', '--signals', 'payload'], "run.npz holds no signal 'payload'"),
+        (['--output', 'out.csv', '--signals', 'payload'], "run.npz contains no signal 'payload'"),
         (['--output', 'out.csv', '--from', '9'], 'no cycle of that window'),
     ],
 )

@@ -168,7 +168,7 @@ def test_plot_tells_the_starts_of_a_trace_that_does_not_tell_its_own(here, capsy
             'cannot write bare.npz: the name of a page must end',
         ),
         (['report', 'experiment1', '--parameters', 'none.yaml'], 'none.yaml'),
-        (['report', 'experiment1', '--from', '77'], 'the recording holds no cycle of that window'),
+        (['report', 'experiment1', '--from', '77'], 'the recording contains no cycle of that window'),
         (['compare', 'experiment1', 'missing.npz'], 'there is no recording missing.npz'),
     ],
 )

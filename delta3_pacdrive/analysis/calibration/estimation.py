@@ -3,8 +3,7 @@
 Residuals are scaled by the standard deviation of the noise, parameters by the tolerances of manufacture
 (``model.SCALES``). A direction of the parameters with singular value s is then known to 1/s of the tolerance.
 Directions that the measurements determine better than the tolerances (s > 1) are estimated; in all others the arms
-keep
-their values. For s < ``FIRM`` the tolerance counts as one more measurement, so that noise is not fitted.
+keep their values. For s < ``FIRM`` the tolerance counts as one more measurement, so that noise is not fitted.
 
 The result corrects the TCP. It equals the true arm geometry only if no other effect has the same shape. Gears that
 yield under weight do, and so do lengths if only zero angles are estimated. The intervals include both effects.

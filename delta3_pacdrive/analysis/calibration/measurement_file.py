@@ -82,8 +82,7 @@ def read(path: Path, columns: str | Path | None = None) -> Measurements:
     ------
     CalibrationError
         The file cannot be read, a column or unit is unknown, duplicate or missing, or a value is missing or not a
-        number;
-        the message names the column or the row.
+        number; the message names the column or the row.
 
     """
     try:

@@ -2,8 +2,7 @@
 
 Points: the robot stops at each pose of a program. The mean of its true TCP there, plus noise, is the measured point.
 Touches: the robot creeps along a line towards each object. The probe switches where the true TCP, plus noise, meets
-the
-surface; the measurement is the encoder angles at that instant.
+the surface; the measurement is the encoder angles at that instant.
 """
 
 from collections.abc import Sequence

@@ -20,10 +20,8 @@ class GeometryModel:
     """Compares measured positions of the TCP with those that follow from the arm angles.
 
     Forearm i spans s_i = X - C_i(theta_i) and closes if |s_i| = l_B (4.4). S^-1 maps the three gaps e_i = |s_i| - l_B
-    to a
-    position error, with the directions s_i/|s_i| as rows of S. To first order this is the error of the forward
-    kinematics,
-    but it is also defined for a geometry that does not close. Arms may differ from one another.
+    to a position error, with the directions s_i/|s_i| as rows of S. To first order this is the error of the forward
+    kinematics, but it is also defined for a geometry that does not close. Arms may differ from one another.
 
     Raises
     ------

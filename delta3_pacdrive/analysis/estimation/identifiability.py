@@ -79,17 +79,9 @@ class Identifiability:
 
 
 def analyse(problem: Problem, x: Floats, noise: Sequence[float] | None = None) -> Identifiability:
-    """Analyse the identifiability of the quantities of a problem at the values ``x``.
+    """Analyse the identifiability of the quantities of a problem at the values ``x`` [SI].
 
-    Parameters
-    ----------
-    problem
-        Free quantities and models.
-    x
-        Values [SI], shape (quantities,).
-    noise
-        Standard deviation of the residuals of each block; None: sensor noise.
-
+    ``noise`` is the standard deviation of the residuals of each block; None: sensor noise.
     """
     sigmas = [block.sigma for block in problem.blocks] if noise is None else noise
     slopes = zip(problem.jacobian(x), sigmas, strict=True)

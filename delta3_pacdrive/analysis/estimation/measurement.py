@@ -25,10 +25,8 @@ class Noise:
     """Sensor noise: white, normally distributed, with typical standard deviations per sample.
 
     The current sensor resolves about a thousandth of the peak current, a good SinCos encoder a few increments of 2^19
-    per
-    revolution. The speed is the encoder's difference over some loop periods; the TCP is measured by a laser tracker.
-    The
-    voltage is the drive's own command and has no noise; errors of the power stage are not modelled.
+    per revolution. The speed is the encoder's difference over some loop periods; the TCP is measured by a laser
+    tracker. The voltage is the drive's own command and has no noise; errors of the power stage are not modelled.
     """
 
     current_a: float = 0.02
@@ -74,10 +72,8 @@ def parts_of(trace: Trace, parameters: Parameters, name: str) -> tuple[list[Trac
     """Return the parts of a recording between its gaps, and notes on omitted samples and corrected times.
 
     The first part is used as it is. Each later part begins after the command, or else the speed, was constant for 50
-    ms,
-    because the motion during the gap is unknown. Parts without motion are omitted. Samples that are nearly one bus
-    cycle
-    apart come from the clock of the controller; their times are bus times, multiplied by a constant.
+    ms, because the motion during the gap is unknown. Parts without motion are omitted. Samples that are nearly one bus
+    cycle apart come from the clock of the controller; their times are bus times, multiplied by a constant.
 
     Raises
     ------
@@ -168,7 +164,7 @@ def moving_rows(trace: Trace) -> slice:
         begin, stop = moving[0] - margin, moving[-1] + margin
     begin, stop = max(0, begin), min(len(trace.time_s), stop)
     if stop - begin < 2:
-        raise EstimationError('the trace holds no motion of the program')
+        raise EstimationError('the trace contains no motion of the program')
     return slice(begin, stop)
 
 
@@ -185,8 +181,7 @@ def simulate(
         Parameters of the measured robot.
     sampling
         'bus': once per bus cycle, like a recording. 'drive': every period of the current loop, with the phase voltage
-        and
-        the exact ``shaft_position`` and ``shaft_speed``; exchanges take two such periods.
+        and the exact ``shaft_position`` and ``shaft_speed``; exchanges take two such periods.
     on_progress
         Receives the numbers of completed and of all bus cycles.
 

@@ -25,8 +25,7 @@ class WindingModel:
     """Simulates the current of a winding from the voltage of its phase and the speed of the shaft.
 
     I(t + T) = I_f + (I(t) - I_f) exp(-T R/L),  I_f = (v - K_m/3 w)/(R/2), with v and w constant during a period T.
-    This is
-    an output error model: the current is simulated from its first sample and compared with the measured one.
+    This is an output error model: the current is simulated from its first sample and compared with the measured one.
 
     Raises
     ------
@@ -81,11 +80,9 @@ class TorqueModel:
     """Balances the torques of the three shafts and compares the required current with the measured one.
 
     K_m I = (I_b Y_1 + m_nt Y_2 + m_br r_Gb Y_3)/k_r + F_v w + F_s tanh(w/w_s), Y of ``dynamics.regressor``: linear in
-    the
-    masses and inertias. Both sides pass the same zero-phase filter, which keeps the band of the motion; accelerations
-    are
-    slopes of the speed. Currents must be sampled faster than the bus cycle. With one sample per cycle they contain the
-    ripple of the set points in a fixed phase, which is indistinguishable from an inertia.
+    the masses and inertias. Both sides pass the same zero-phase filter, which keeps the band of the motion;
+    accelerations are slopes of the speed. Currents must be sampled faster than the bus cycle. With one sample per
+    cycle they contain the ripple of the set points in a fixed phase, which is indistinguishable from an inertia.
     """
 
     step, accuracy = 1e-5, 1e-6

@@ -69,8 +69,7 @@ class Problem:
     """Free quantities and the models of all traces.
 
     Values are in SI. ``scales`` [SI] are the reference for changes, computed from the initial parameters; Jacobians
-    are per
-    scale.
+    are per scale.
     """
 
     def __init__(

@@ -84,7 +84,7 @@ _TABLE = (
     Quantity('m_fb', 'kg', 'forearm, both rods', 'dynamics.forearm_mass_kg', typical=0.1),
     Quantity('m_n', 'kg', 'plate', 'dynamics.plate_mass_kg'),
     Quantity('m_payload', 'kg', 'payload', 'dynamics.payload_mass_kg', typical=0.1),
-    Quantity('t_I', 's', 'time from a sample of the current to the AT that holds it, beyond that of this robot',
+    Quantity('t_I', 's', 'time from a sample of the current to its AT, beyond that of this robot',
              scale=CURRENT_DELAY_S),
     Quantity('l_A', 'm', 'upper arm', 'kinematics.upper_arm_length_m'),
     Quantity('l_B', 'm', 'forearm', 'kinematics.forearm_length_m'),
@@ -250,8 +250,7 @@ def start_values(quantities: Sequence[Quantity], parameters: Parameters, off: fl
     """Return start values: those of the parameters, changed by the share ``off`` (0.3: 30 %).
 
     Azimuths, which have no natural zero, are shifted by that share of 60 degrees, neighbours in opposite directions.
-    With a
-    share errors start at zero.
+    With a share errors start at zero.
     """
     start = []
     for quantity in quantities:

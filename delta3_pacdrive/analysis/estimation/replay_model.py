@@ -33,8 +33,7 @@ class Replay:
     """Runs the closed loop with modified parameters on the commands of a trace.
 
     The model holds the first command until its loops have settled, then follows the commands of the trace, from five
-    cycles
-    before the motion. Its sensors have no noise.
+    cycles before the motion. Its sensors have no noise.
 
     Parameters
     ----------
@@ -150,11 +149,9 @@ class ReplayModel:
     """Compares the recorded current with that of the replay, for signals with one sample per bus cycle.
 
     The drives are simulated between samples, so the phase at which the samples catch the ripple of the current is
-    correct.
-    For a built robot only the band of the motion is compared, because the motion of gears and encoder noise above it
-    is
-    random. Its sensor noise, through the loops and through friction and backlash, shifts the mean current; ``settle``
-    measures that shift near the solution.
+    correct. For a built robot only the band of the motion is compared, because the motion of gears and encoder noise
+    above it is random. Its sensor noise, through the loops and through friction and backlash, shifts the mean current;
+    ``settle`` measures that shift near the solution.
     """
 
     accuracy = 3e-4

@@ -194,10 +194,8 @@ class Study(studies.Study):
         """Free the timing inside the drives for logs that were not recorded by this package.
 
         Such a log contains neither the instant within a bus cycle at which the current is sampled nor the dead time of
-        the
-        current loops; both are confounded with inertia and inductance. The arms are coupled in every period of the
-        current loop,
-        as in reality.
+        the current loops; both are confounded with inertia and inductance. The arms are coupled in every period of the
+        current loop, as in reality.
         """
         group = GROUPS[self.settings.group]
         if self._simulates or all({'parameters', 'checksum'} & trace.meta.keys() for trace in traces):

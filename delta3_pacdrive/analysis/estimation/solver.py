@@ -116,14 +116,11 @@ def fit(
     """Estimate the free quantities of a problem from ``start`` [SI], or continue from an iterate of an earlier run.
 
     The varied quantities are selected by identifiability. A confounded quantity keeps its start value, so that the
-    others
-    reach every identifiable combination; ``PRIOR`` holds quantities that are hardly visible. After each round signals
-    are
-    weighted by their own residuals. ``on_iterate`` is called with every accepted iterate.
+    others reach every identifiable combination; ``PRIOR`` holds quantities that are hardly visible. After each round
+    signals are weighted by their own residuals. ``on_iterate`` is called with every accepted iterate.
 
     Quantities that moved far may be in a local minimum. They are restarted with the estimates of the others, and the
-    better
-    solution counts.
+    better solution counts.
 
     Raises
     ------
@@ -289,8 +286,7 @@ def _covariance(
     solution: (N - N_b)^-1 s_b with a block's contributions N_b to J'J and s_b to the Jacobian times residuals. This is
     valid for coloured and uneven noise (White; Liang and Zeger), and for blocks that carry most of the information
     (Bell and McCaffrey's CR3). Residuals smaller than the sensor noise are systematic errors of the model and of
-    encoder
-    increments, similar in all parts of a trace. For them the sensor noise is used instead.
+    encoder increments, similar in all parts of a trace. For them the sensor noise is used instead.
     """
     jacobian = problem.jacobian(x, columns)
     count = len(columns)

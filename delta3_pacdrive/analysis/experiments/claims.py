@@ -117,17 +117,7 @@ def claims(
 ) -> list[Claim]:
     """Check a run of an experiment against all claims of its section and of 11.1.4; empty for other programs.
 
-    Parameters
-    ----------
-    number
-        Number of the experiment.
-    comparison
-        Comparison of model and robot.
-    attribution
-        Its attribution, if available.
-    elsewhere
-        Arm speeds of the same model and robot in other experiments by number, if available.
-
+    ``elsewhere`` contains the arm speeds of the same model and robot in other experiments by number, if available.
     """
     if number is None:
         return []

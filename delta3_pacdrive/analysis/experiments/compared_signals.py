@@ -2,8 +2,7 @@
 
 Arm signals come from the answers of the drives, as the controller sees them: encoder position and speed over the gear
 ratio (4.17), and the TCP by forward kinematics with the nominal geometry. The true arm angle after the gear and the
-TCP
-of the real arms (``*_true``) are available in simulations only.
+TCP of the real arms (``*_true``) are available in simulations only.
 
 The actual acceleration is not measured. It is the slope of the least-squares line through the actual speed of five
 cycles (at 1 ms) within ``run_signals.SLOPE_S`` on either side. The reference acceleration is the same slope of the

@@ -6,8 +6,7 @@
     Q  = (I + kappa D'D)^-1         zero-phase low pass, D: second differences
 
 Weights are relative to the largest |G(f)|^2. All matrices are banded: n cycles cost n times the square of the length
-of
-the response once, and n times the length per update.
+of the response once, and n times the length per update.
 """
 
 from typing import Any
@@ -93,13 +92,7 @@ def gram(response: Floats, cycles: int, weight: float) -> Floats:
 def contraction(axes: list[AxisLearning], responses: Floats) -> tuple[float, float]:
     """Return the largest singular value of K - L G over all frequencies, and its frequency [Hz].
 
-    Parameters
-    ----------
-    axes
-        Updates of the three axes.
-    responses
-        Impulse responses of a robot in the format of ``responses.measured``.
-
+    ``responses`` are impulse responses of a robot in the format of ``responses.measured``.
     """
     frequencies, *_ = axes[0].filters()
     kept, taken = (

@@ -36,14 +36,7 @@ def with_masses(parameters: Parameters, share: float) -> Parameters:
 
 
 def measured(parameters: Parameters, place_m: ArrayLike, payload_kg: float) -> Floats:
-    """Return the impulse responses of the motors in a pose.
-
-    Parameters
-    ----------
-    parameters
-        Parameters of the robot.
-    place_m, payload_kg
-        TCP position and payload.
+    """Return the impulse responses of the motors in a pose with a payload.
 
     Returns
     -------

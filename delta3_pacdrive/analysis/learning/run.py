@@ -117,11 +117,7 @@ class Study(studies.Study):
     def learned(self, keep: Callable[[Learned, int], None] = lambda learned, number: None) -> Results:
         """Repeat the program and learn; raises Delta3Error.
 
-        Parameters
-        ----------
-        keep
-            Receives the torques and the number of each repetition that is the best so far.
-
+        ``keep`` receives the torques and the number of each repetition that is the best so far.
         """
         chosen = self.settings
         planned = simulation.plan_of(self.program, self.robot, self.machine)

@@ -23,14 +23,7 @@ HEAD = ('run', 'outcome', 'reason')
 
 
 class Search:
-    """Chooses the values of trials.
-
-    Parameters
-    ----------
-    optimisation
-        Its definition.
-
-    """
+    """Chooses the values of trials."""
 
     def __init__(self, optimisation: Optimisation) -> None:
         import optuna

@@ -97,19 +97,10 @@ def document_of(path: Path, what: str) -> tuple[Any, str]:
 def sweep_of(
     fields: Section, path: Path, errors: Errors, source: str, runs: int, sampling: Sampling
 ) -> Sweep:
-    """Read a sweep, without its digest.
+    """Read a sweep from its fields, except for its digest, ``runs`` and ``sampling``.
 
-    Parameters
-    ----------
-    fields
-        Fields of the document; ``runs`` and ``sampling`` are read already.
-    path
-        File of the sweep; other files are searched in its folder.
-    errors
-        Collects errors.
-    source
-        Source of the function, if the file contains it; otherwise empty.
-
+    Other files are searched in the folder of ``path``. ``source`` is the source of the function, if the file contains
+    it.
     """
     name = fields.read('program', line_of_text(1000), '', prefix='')
     program_path = program_file.find(_in_folder(path.parent, name))
