@@ -317,7 +317,7 @@ def test_a_mistake_in_the_code_keeps_its_traceback():
 @pytest.mark.parametrize(
     ('error', 'sentence'),
     [
-        (MemoryError(), 'there is not enough memory'),
+        (MemoryError(), 'not enough memory'),
         (OSError(28, 'No space left on device', 'x.csv'), 'x.csv: No space left on device'),
         (KeyboardInterrupt(), 'interrupted'),
         (interrupts.Interrupted(signal.SIGHUP), 'ended by SIGHUP'),

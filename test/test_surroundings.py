@@ -233,7 +233,7 @@ def test_a_working_folder_that_is_gone_is_named(line, files, tmp_path):
     command = [sys.executable, '-P', '-m', main.__name__, *own]
     done = ended(['bash', '-c', script, *command], gone, KEPT)
     if done.returncode:
-        assert done.stderr == 'error: the working folder does not exist any more\n'
+        assert done.stderr == 'error: the working directory no longer exists\n'
     else:
         assert line.startswith('plan')
 

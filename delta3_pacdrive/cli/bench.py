@@ -1,4 +1,4 @@
-"""``delta3 bench``: figures of the robot, each beside what it is measured against. Never a test."""
+"""``delta3 bench``: benchmarks of graph, planner, simulation and studies."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,60 +22,56 @@ KINDS = (
 class Options(JsonOptions):
     """Options of the command."""
 
-    what: str = argument(
-        'what is measured',
-        choices=KINDS,
-    )
+    what: str = argument('kind of benchmark', choices=KINDS)
     seconds: float | None = option(
-        f'bus time of motion per case [s]; {SECONDS:g}, for cell 12, for network 4, unless told',
+        f'bus time of motion per case [s] (default: {SECONDS:g}; cell: 12; network: 4)',
         'S',
         type=float,
         only=('graph', 'robots', 'motion', 'simulate', 'cell', 'network'),
     )
     case: list[str] | None = option(
-        'only this case of graph (may be repeated)', choices=graph.CASES, action='append', only=('graph',)
+        'graph: only this case; repeatable', choices=graph.CASES, action='append', only=('graph',)
     )
     scheduling: list[str] | None = option(
-        'only this column of graph (may be repeated)',
+        'graph: only this column; repeatable',
         choices=graph.SCHEDULINGS,
         action='append',
         only=('graph',),
     )
-    view: bool = flag('graph: the robot without and with a page that somebody watches', only=('graph',))
-    scope: bool = flag('graph: the robot without and with an oscilloscope in its drives', only=('graph',))
+    view: bool = flag('graph: compare without and with a watched web page', only=('graph',))
+    scope: bool = flag('graph: compare without and with an oscilloscope in the drives', only=('graph',))
     robots: int | None = option(
-        'robots: how many there are in real time, 2 unless told',
+        'robots: number of robots in real time (default: 2)',
         'N',
         type=integer_within(1, ROBOTS_MAX),
         only=('robots',),
     )
-    no_graph: bool = flag('motion: only what needs no running robot', only=('motion',))
-
+    no_graph: bool = flag('motion: skip the cases that need a running robot', only=('motion',))
     seeds: int | None = option(
-        'estimation: noises of the sensors, 200 unless told', 'N', type=int, only=('estimation',)
+        'estimation: number of noise seeds (default: 200)', 'N', type=int, only=('estimation',)
     )
-
     link: list[str] | None = option(
-        'network: only this link (may be repeated)',
+        'network: only this link; repeatable',
         'LINK',
         choices=tuple(network.CASES),
         action='append',
         only=('network',),
     )
     runs: int | None = option(
-        'sweep: runs with one worker and with two, 300 unless told', 'N', type=int, only=('sweep',)
+        'sweep: number of runs with one and with two workers (default: 300)', 'N', type=int, only=('sweep',)
     )
-
     moves: int | None = option(
-        'shaping: random moves, 100 unless told', 'N', type=integer_within(1, 100_000), only=('shaping',)
+        'shaping: number of random moves (default: 100)',
+        'N',
+        type=integer_within(1, 100_000),
+        only=('shaping',),
     )
-
-    output: str | None = option('cell: a folder for table and figures', 'DIR', only=('cell',))
+    output: str | None = option('cell: folder for table and figures', 'DIR', only=('cell',))
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
-        if refusal := self.refusal(self.what):
-            return refusal
+        """Return the error in the combination of options; empty if it is valid."""
+        if rejection := self.rejection(self.what):
+            return rejection
         if self.seconds is not None and not 1.0 <= self.seconds <= 3600.0:
             return f'--seconds is {self.seconds}, but must be between 1 and 3600'
         if self.seeds is not None and not 2 <= self.seeds <= 10_000:
@@ -98,7 +94,10 @@ def run(options: Options) -> int:
 
 
 def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], dict[str, Any]]:
-    """Return the result, and what prints it; the graph is measured before anything heavy is loaded here."""
+    """Return the function that prints the result, and the result.
+
+    Heavy modules are imported late: they would disturb the measurement of the graph.
+    """
     if options.what == 'graph':
         beside = {graph.BESIDE_PAGE: options.view, graph.BESIDE_SCOPE: options.scope}
         cases = options.case or tuple(
@@ -153,15 +152,15 @@ def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
         folder = ReportFolder(Path(options.output), Provenance.of(options.command_line))
         drawings, lines = belt_bench.drawings(result), belt_bench.text(result)
         result = folder.results('Picking from a belt', result, lines, [belt_bench.table(result)], drawings)
-    return lambda told: print('\n'.join(belt_bench.text(told))), result
+    return lambda measured: print('\n'.join(belt_bench.text(measured))), result
 
 
 main = Command(
     'bench',
-    'Measure the graph (timing, processor time, memory), several robots beside each other, planning, the speed of '
-    'simulation and kinematics, how often intervals of estimates hold the truth, the packaging cycle by each '
-    'controller, the swing after random moves with each kind of input shaping, picking from a belt, many runs on one '
-    'worker and on two, or a robot whose drives are on another host.',
+    'Measure the graph (timing, processor time, memory), several robots on one machine, planning, the speed of '
+    'simulation and kinematics, the coverage of confidence intervals of estimates, the packaging cycle with each '
+    'controller, the residual vibration with each input shaper, picking from a belt, sweeps with one and two workers, '
+    'or a robot with its drives on another host.',
     Options,
     run,
 )

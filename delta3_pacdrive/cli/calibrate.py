@@ -1,4 +1,4 @@
-"""``delta3 calibrate``: how each arm is built, from measured places of the TCP; a parameter file that knows it."""
+"""``delta3 calibrate``: identify the geometry of each arm from measured TCP positions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 PLAN, FIT, HOME = 'plan', 'fit', 'home'
 ACTIONS = {
-    PLAN: 'choose the poses that tell most; write them as a table to be filled in, and as a program',
+    PLAN: 'choose the most informative poses; write a table to fill in and a program',
     FIT: 'estimate lengths, radii, azimuths and zero angles of the arms from a table; write a parameter file',
     HOME: 'estimate the zero angles alone, from three touches of a level plane of known height',
 }
@@ -32,29 +32,29 @@ class Options(JsonOptions):
         'for fit and home: table of measurements, units in its header', default=None, metavar='FILE'
     )
     columns: str | None = option(
-        'column file: which columns of a table of somebody else are arm_position and tcp_measured',
+        'column file that maps the columns of a third-party table to arm_position and tcp_measured',
         'FILE',
         only=(FIT, HOME),
     )
     method: str = option(
-        'how the TCP is measured: points in the frame base, or in a frame of the instrument; touches of planes, of '
-        'balls of known size, or of a level plane of known height',
+        'measurement: points in the frame base or in the frame of the instrument; touches of planes, of balls of known '
+        'size, or of a level plane of known height',
         default='base',
         choices=tuple(NUMBERS),
         only=(PLAN, FIT),
     )
     number: int | None = option(
-        'poses to estimate from; 24 to 60, if not given, as the method needs them, and 3 for zero angles',
+        'number of poses (default: 24 to 60, depending on the method; 3 for zero angles)',
         'N',
         type=integer_within(1, 500),
     )
     checks: int | None = option(
-        'poses that are not used, but to check with; 8 if not given, 0 for zero angles',
+        'number of validation poses (default: 8; 0 for zero angles)',
         'N',
         type=integer_within(0, 100),
     )
     noise: float = option(
-        'standard deviation of a measured coordinate, or of a touch [mm]',
+        'standard deviation of a measured coordinate or touch [mm]',
         'MM',
         default=0.02,
         type=number_within(0.0, 10.0, 'mm'),
@@ -66,50 +66,54 @@ class Options(JsonOptions):
         type=number_within(-8000.0, 0.0, 'mm'),
     )
     diameter: float = option(
-        'of the balls [mm]', 'MM', default=200.0, only=(PLAN, FIT), type=number_within(5.0, 500.0, 'mm')
+        'diameter of the balls [mm]',
+        'MM',
+        default=200.0,
+        only=(PLAN, FIT),
+        type=number_within(5.0, 500.0, 'mm'),
     )
     arm: int | None = option(
-        'the only arm whose zero angle may be wrong, 1 to 3',
+        'estimate the zero angle of this arm only, 1 to 3',
         'ARM',
         only=(PLAN, HOME),
         type=integer_within(1, 3),
     )
     simulate: str | None = option(
-        'measure a simulated robot instead: its parameter file, or rich: the built robot',
+        'measure a simulated robot: its parameter file, or built',
         'FILE',
         only=(FIT, HOME),
     )
-    seed: int = option('of a simulated measurement', default=0, only=(FIT, HOME), type=SEED)
+    seed: int = option('seed of a simulated measurement', default=0, only=(FIT, HOME), type=SEED)
     parameters: str | None = option(
-        'parameter file of the controller instead of the packaged one, or of that of the simulated robot',
+        'parameter file of the controller (default: that of the simulated robot, else the packaged one)',
         'FILE',
     )
-    output: str = option('for poses, tables, figures, parameters', 'FOLDER', default='calibration')
+    output: str = option('folder for poses, tables, figures and parameters', 'FOLDER', default='calibration')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
-        if refusal := self.refusal(self.action):
-            return refusal
+        """Return the error in the combination of options; empty if it is valid."""
+        if rejection := self.rejection(self.action):
+            return rejection
         if self.action == PLAN and self.file is not None:
-            return 'plan writes a table, it takes none'
+            return 'plan takes no table of measurements'
         if self.action != PLAN and (self.file is None) == (self.simulate is None):
-            return f'{self.action} takes a table of measurements, or --simulate'
+            return f'{self.action} requires either a table of measurements or --simulate'
         if self.columns is not None and self.file is None:
-            return '--columns is for a table of measurements'
+            return '--columns requires a table of measurements'
         if self.file is not None and (self.number is not None or self.checks is not None):
-            return '--number and --checks are for poses that are planned, not for a table of measurements'
+            return '--number and --checks apply to planned poses, not to a table of measurements'
         if self.action == FIT and self.method == 'level':
-            return 'a level plane tells the zero angles alone: that is home'
+            return 'a level plane determines the zero angles only: use home'
         if (
             self.method != 'level'
             and self.action == PLAN
             and (self.height is not None or self.arm is not None)
         ):
-            return '--height and --arm are for zero angles: --method level'
+            return '--height and --arm require --method level'
         if '--diameter' in self.given() and (self.method != 'ball' or self.file is not None):
-            return '--diameter is for poses that are planned with --method ball'
+            return '--diameter requires planned poses and --method ball'
         if (self.action == HOME or self.method == 'level') and self.height is None:
-            return 'touches of a level plane need --height'
+            return 'touches of a level plane require --height'
         return ''
 
 
@@ -149,10 +153,9 @@ def _work(options: Options, show: OnProgress) -> dict[str, Any]:
 
 main = Command(
     'calibrate',
-    'How each arm is built: lengths, radius, azimuth and zero angle, from places of the TCP that an instrument or a '
-    'probe has measured. It plans the poses, estimates what they tell with 95 % intervals, says what they do not tell '
-    'apart, shows what is left before and after on poses that were not used, and writes the parameter file with which '
-    'every command and node goes where the program says.',
+    'Identify lengths, radius, azimuth and zero angle of each arm from TCP positions measured with an instrument or a '
+    'probe. Plans the poses, estimates the identifiable parameters with 95 % intervals, lists those that cannot be '
+    'separated, validates the result on further poses, and writes a calibrated parameter file.',
     Options,
     run,
     ACTIONS,

@@ -1,4 +1,4 @@
-"""``delta3 check``: read and plan files as the robot would, and tell everything that is wrong with them."""
+"""``delta3 check``: validate files, plan programs, and report all errors."""
 
 import json
 import math
@@ -12,7 +12,7 @@ from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argume
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import Delta3Error, ParameterError, ProgramError
 
-HEADER = ('/**', 'ros__parameters')  # of a parameter file, one below the other
+HEADER = ('/**', 'ros__parameters')  # the two header lines of a parameter file
 
 
 @dataclass
@@ -25,21 +25,21 @@ class Options(JsonOptions):
     )
     parameters: str | None = option(PARAMETERS, 'FILE')
     cell: str | None = option(
-        'what stands around the robot, a cell file, or cell: the packaged one: programs may name its outputs',
+        'cell file, or cell for the packaged one: programs may use the names of its outputs',
         'FILE',
     )
     derive: str | None = option(
-        'write the checked parameter file with the inertias that follow from its arms (feed-forward, observer, load of '
-        'a single motor) into this new file',
+        'write a new parameter file with the inertias derived from the arms (feed-forward, observer, load of a single '
+        'motor)',
         'NEW',
     )
-    overwrite: bool = flag('let --derive replace a file that exists')
+    overwrite: bool = flag('let --derive replace an existing file')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.derive is not None and len(self.file) > 1:
-            return f'--derive is for one parameter file, not for {len(self.file)} files'
-        return '--overwrite is for --derive' if self.overwrite and self.derive is None else ''
+            return f'--derive takes one parameter file, not {len(self.file)} files'
+        return '--overwrite requires --derive' if self.overwrite and self.derive is None else ''
 
 
 def run(options: Options) -> int:
@@ -74,7 +74,7 @@ def _result(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
 
 
 def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
-    """Return what a file holds; what is in it says what it is."""
+    """Return the content of a file; its keys determine its kind."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.configuration import yaml_file
     from delta3_pacdrive.motion import program_file as programs
@@ -103,13 +103,13 @@ def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
 
 
 def _parameters(robot: Any, name: str) -> dict[str, Any]:
-    """Return what a parameter file holds, and which of its inertias belong to other arms."""
+    """Return the checksum of a parameter file, and warnings on inertias that do not match its arms."""
     derived, warnings = _inertias(robot, name)
     return {'kind': 'parameters', 'checksum': robot.checksum, 'derived': derived, 'warnings': warnings}
 
 
 def _inertias(robot: Any, name: str) -> tuple[dict[str, float], list[str]]:
-    """Return the inertias that follow from the arms of a robot, and warnings of those that belong to other arms."""
+    """Return the inertias derived from the arms, and warnings on those that do not match."""
     from delta3_pacdrive.analysis.derived_inertias import CLOSE, derived_inertias
 
     try:
@@ -120,18 +120,18 @@ def _inertias(robot: Any, name: str) -> tuple[dict[str, float], list[str]]:
     if other:
         other.append(
             f'delta3 check {name} --derive NEW.yaml writes the derived values; '
-            f'up to {100.0 * CLOSE:g} % off is accepted'
+            f'deviations up to {100.0 * CLOSE:g} % are accepted'
         )
     return {one.name: one.derived for one in derived}, other
 
 
 def _derived(name: str, kind: str, path: Path, overwrite: bool) -> dict[str, Any]:
-    """Write a parameter file with the inertias that follow from its arms; raises ParameterError."""
+    """Write a parameter file with the inertias derived from the arms; raises ParameterError."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.analysis.derived_inertias import derived_inertias, write
 
     if kind != 'parameters':
-        raise ParameterError(f'--derive is for a parameter file, but {name} is a {kind} file')
+        raise ParameterError(f'--derive requires a parameter file, but {name} is a {kind} file')
     if refusal := whole_file.file_refusal(path):
         raise ParameterError(f'cannot write {path}: {refusal}')
     if path.exists() and not overwrite:
@@ -181,7 +181,7 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
 
     start = robot.motion.home_m if program.start_m is None else program.start_m
     planned = program_planner.plan(program, start, robot)
-    # every round is the same but for the way into the first one: the moves are told once
+    # all rounds are equal except for the approach of the first one: list the moves once
     numbers = planned.plan.tables.order[: planned.first_round].tolist()
     moves = []
     for number in numbers:
@@ -245,7 +245,7 @@ def _print(result: dict[str, Any]) -> None:
 
 main = Command(
     'check',
-    'Read files and plan programs as the robot would; tell moves, notices and up to ten errors of each.',
+    'Validate files and plan programs; list the moves, notices and up to ten errors of each.',
     Options,
     run,
 )

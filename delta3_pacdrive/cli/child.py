@@ -1,11 +1,11 @@
-"""Another command in a process of its own, which brings its robot to rest before it ends."""
+"""Run another command in a separate process."""
 
 import signal
 import subprocess
 import sys
 from typing import Any
 
-END_S = 15.0  # in which a command that is interrupted ends
+END_S = 15.0  # timeout for the exit of an interrupted command, which first brings its robot to rest
 
 
 def start(*arguments: str, **streams: Any) -> 'subprocess.Popen[str]':
@@ -15,7 +15,7 @@ def start(*arguments: str, **streams: Any) -> 'subprocess.Popen[str]':
 
 
 def end(child: 'subprocess.Popen[str]') -> str:
-    """Interrupt a command, and return what it still says."""
+    """Interrupt a command and return its remaining output."""
     if child.poll() is None:
         child.send_signal(signal.SIGINT)
     try:

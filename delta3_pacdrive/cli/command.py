@@ -1,4 +1,4 @@
-"""A command, declared: its options are a dataclass, and parser, help, completion and refusals come from that."""
+"""Declarative commands: parser, help, completion and option checks are derived from a dataclass of options."""
 
 from __future__ import annotations
 
@@ -9,33 +9,27 @@ import sys
 from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from delta3_pacdrive.cli.option_types import FREQUENCY, STATEMENT, filled
+from delta3_pacdrive.cli.option_types import FREQUENCY, STATEMENT, non_empty
 from delta3_pacdrive.cli.output import run_and_report
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-# options that take the name of a program: completion offers those that are packaged
+# fields that take a program name; completion offers the packaged programs for them
 PROGRAMS = ('program', 'file', 'inputs', 'values', 'run')
-PARAMETERS = (
-    'parameter file instead of the packaged one, or a packaged one: built, model, rotary, gears; joined by +'
-)
+PARAMETERS = 'parameter file, or the name of a packaged one: built, model, rotary, gears; join several with +'
 
 
 def argument(help_text: str, *, default: Any = MISSING, only: Sequence[str] = (), **more: Any) -> Any:
-    """Declare a positional argument; without a default it must be given.
+    """Declare a positional argument; it is required unless it has a default.
 
     Parameters
     ----------
-    help_text
-        Beside it.
-    default
-        None is not shown.
     only
-        Actions of the command that obey it; all of them, if it is empty.
+        Actions of the command that accept the argument; empty: all.
     more
-        As argparse has it: ``type``, ``metavar``, ``choices``, ``nargs`` ...
+        Further arguments of ``argparse``: ``type``, ``metavar``, ``choices``, ``nargs`` ...
 
     """
     if default is not MISSING and 'nargs' not in more:
@@ -87,26 +81,26 @@ def _declared(
 
 @dataclass
 class Options:
-    """Options of a command; ``command_line`` is the command as it was typed."""
+    """Options common to all commands; ``command_line`` is the complete command."""
 
     command_line: str = ''
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         return ''
 
     def given(self) -> list[str]:
-        """Return the options that are not as they are by default, by name."""
+        """Return the names of the options that differ from their defaults."""
         return [name(one) for one in _options(self) if getattr(self, one.name) != one.default]
 
-    def unobeyed(self, action: str) -> list[tuple[str, Sequence[str]]]:
-        """Return the options that are given, but not obeyed by an action, each with the actions that obey it."""
+    def unsupported(self, action: str) -> list[tuple[str, Sequence[str]]]:
+        """Return the given options that an action does not support, each with the actions that do."""
         given, only = self.given(), {name(one): one.metadata['only'] for one in _options(self)}
         return [(one, only[one]) for one in given if only[one] and action not in only[one]]
 
-    def refusal(self, action: str) -> str:
-        """Return the sentence about an option that an action does not obey; empty if there is none."""
-        for one, only in self.unobeyed(action):
+    def rejection(self, action: str) -> str:
+        """Return the error for an option that an action does not support; empty if there is none."""
+        for one, only in self.unsupported(action):
             listed = ' and '.join(filter(None, [', '.join(only[:-1]), only[-1]]))
             return f'{one} is for {listed}, not for {action}'
         return ''
@@ -114,33 +108,33 @@ class Options:
 
 @dataclass
 class JsonOptions(Options):
-    """Options of a command that has a result."""
+    """Options of a command with a result."""
 
     json: bool = flag('print the result as JSON')
 
 
 @dataclass
 class NodeOptions(Options):
-    """Options of a command that talks to a robot."""
+    """Options of a command that connects to a running robot."""
 
     namespace: str = option('ROS namespace of the robot', default='/', type=str)
 
 
 @dataclass
 class RobotOptions(JsonOptions):
-    """Options that describe a robot."""
+    """Options that select the robot model."""
 
     parameters: str | None = option(PARAMETERS, 'FILE')
     exchange_period: float | None = option(
-        'exchange period between drives and plant [s]; 125e-6 is the exact reference', 'S', type=float
+        'exchange period between drives and plant [s]; 125e-6: exact reference', 'S', type=float
     )
 
 
 def first_statement(only: Sequence[str] = ()) -> Any:
-    """Declare ``--from``, the statement with which a program begins."""
+    """Declare ``--from``, the first statement of a program that is executed."""
     return option(
-        'begin with this statement of the program, counted from 0 as in the sentences about it: where the one before '
-        'ends, with the payload that the robot has there',
+        'start at statement N of the program, counted from 0 as in messages: at the end pose of the statement before, '
+        'with the payload at that point',
         'N',
         default=0,
         names=('--from',),
@@ -154,7 +148,7 @@ NO_PROGRAM = '--from is for a program, not for a'  # script, or a reference
 
 @dataclass
 class ProgramOptions(RobotOptions):
-    """Options that name a program and a robot."""
+    """Options that select a program and a robot model."""
 
     program: str = argument(
         f'program file, or a packaged program: {", ".join(program_names())}', default='experiment1'
@@ -164,15 +158,15 @@ class ProgramOptions(RobotOptions):
 
 @dataclass
 class ReferenceOptions(ProgramOptions):
-    """Options that name a program, or a trajectory that is played instead."""
+    """Options that select a program, or a sampled trajectory instead."""
 
     reference: str | None = option(
-        'play this sampled trajectory of the TCP or of the arms instead of a program: a table (.csv, .parquet, .mat), '
-        'a trace (.npz) or a rosbag2 folder',
+        'play a sampled trajectory of the TCP or the arms instead of a program: table (.csv, .parquet, .mat), '
+        'trace (.npz) or rosbag2 folder',
         'FILE',
     )
     columns: str | None = option(
-        'column file: what the columns of the table with the reference are, if its headings do not say it',
+        'column file that maps the columns of the reference table to signals; needed if its headings do not',
         'FILE',
     )
     lowpass: float | None = option(
@@ -183,25 +177,25 @@ class ReferenceOptions(ProgramOptions):
     )
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.columns and not self.reference:
-            return '--columns is for --reference: a program has no columns'
+            return '--columns requires --reference'
         if self.lowpass and not self.reference:
-            return '--lowpass is for --reference: a program has no noise'
+            return '--lowpass requires --reference'
         if self.first and (self.reference or self.program.endswith('.py')):
             return f'{NO_PROGRAM} {"reference" if self.reference else "script"}'
         if self.reference and 'program' in self.given():
-            return f'--reference is played instead of a program, so {self.program} cannot be run as well'
+            return f'--reference replaces the program, but {self.program} is given too'
         return super().check()
 
 
 def _options(kind: Any) -> list[Any]:
-    """Return the declared options; what all commands have comes last."""
+    """Return the declared options, ``--json`` last."""
     return sorted((one for one in fields(kind) if one.metadata), key=lambda one: one.name == 'json')
 
 
 def name(one: Any) -> str:
-    """Return the name of an option as it is typed, of an argument as the help has it."""
+    """Return the spelling of an option, or the name of an argument in the help."""
     if not one.metadata['optional']:
         return str(one.metadata['parser'].get('metavar') or one.name)
     return str(one.metadata['names'][0]) if one.metadata['names'] else '--' + one.name.replace('_', '-')
@@ -211,22 +205,20 @@ Chosen = TypeVar('Chosen', bound=Options)
 
 
 class Command(Generic[Chosen]):
-    """A command of the command line: called with arguments, it runs and returns the exit status.
+    """A sub-command of ``delta3``; calling it with arguments runs it and returns the exit status.
 
     Parameters
     ----------
-    name
-        Behind ``delta3``.
     description
-        In its help.
+        First paragraph of the help.
     options
-        What it takes.
+        Dataclass of the options.
     run
-        What it does; returns the exit status.
+        Executes the command and returns the exit status.
     actions
-        What the first argument may be, each with its line in the help.
+        Values of the first argument, with their help texts.
     mixed
-        Whether options may stand between the values of one argument.
+        Allow options between the values of one argument.
 
     """
 
@@ -243,7 +235,7 @@ class Command(Generic[Chosen]):
         self._description, self._actions = description, actions or {}
 
     def parser(self) -> argparse.ArgumentParser:
-        """Return the parser of its options."""
+        """Build the argument parser."""
         parser = _Parser(prog=f'delta3 {self.name}', description=self._description, formatter_class=_Help)
         if self._actions:
             width = max(map(len, self._actions))
@@ -252,7 +244,7 @@ class Command(Generic[Chosen]):
         for one in _options(self._options):
             more = one.metadata['parser']
             if not more.keys() & {'type', 'choices'} and more.get('action', 'append') == 'append':
-                more = {'type': filled, **more}
+                more = {'type': non_empty, **more}
             if not one.metadata['optional']:
                 parser.add_argument(one.name, default=one.default, **more)
                 continue
@@ -261,7 +253,7 @@ class Command(Generic[Chosen]):
         return parser
 
     def words(self) -> list[str]:
-        """Return what may stand behind the command: options, choices, names of programs."""
+        """Return the words for completion: options, choices, program names."""
         found = ['-h', '--help']
         for one in _options(self._options):
             if one.metadata['optional']:
@@ -271,19 +263,19 @@ class Command(Generic[Chosen]):
         return found + (program_names() if takes_program else [])
 
     def read(self, arguments: Sequence[str]) -> Chosen:
-        """Return the options; ends the program with a usage error if they are wrong."""
+        """Parse the arguments; exits with a usage error if they are invalid."""
         parser = self.parser()
         arguments = self._current_spelling(arguments)
         found = (parser.parse_intermixed_args if self._mixed else parser.parse_args)(arguments)
         typed = f'{parser.prog} {shlex.join(arguments)}'.strip()
-        typed = typed.encode(errors='backslashreplace').decode()  # names need not be text
+        typed = typed.encode(errors='backslashreplace').decode()  # file names may be invalid UTF-8
         options = self._options(command_line=typed, **vars(found))
-        if refusal := options.check():
-            parser.error(refusal)
+        if rejection := options.check():
+            parser.error(rejection)
         return options
 
     def _current_spelling(self, arguments: Sequence[str]) -> list[str]:
-        """Return the arguments with deprecated option names replaced; warns on standard error for each."""
+        """Return the arguments with deprecated option names replaced; print a warning for each."""
         current = {
             one.metadata['formerly']: name(one) for one in _options(self._options) if one.metadata['formerly']
         }
@@ -297,7 +289,7 @@ class Command(Generic[Chosen]):
         return renamed
 
     def __call__(self, arguments: Sequence[str] | None = None) -> int:
-        """Run with these arguments, else with those of the process."""
+        """Run with the given arguments, by default those of the process."""
         options = self.read(list(sys.argv[1:] if arguments is None else arguments))
         return run_and_report(lambda: self._run(options), getattr(options, 'json', False))
 
@@ -310,16 +302,16 @@ def warn_renamed(old: str, new: str) -> None:
 class _Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        # argparse takes -1 for a number, but -1e3 for an option
+        # argparse parses -1 as a number, but -1e3 as an option
         self._negative_number_matcher = re.compile(r'^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-inf(inity)?$', re.I)
 
     def _print_message(self, message: str, file: Any = None) -> None:
-        # argparse swallows what goes wrong here
+        # argparse ignores write errors
         (file or sys.stderr).write(message)
 
 
 class _Help(argparse.HelpFormatter):
-    """The help shows the defaults that say something, and leaves lists of actions as they are."""
+    """Formatter that omits empty defaults and keeps the line breaks of action lists."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         hidden = action.default is None or action.default is False

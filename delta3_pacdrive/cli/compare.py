@@ -1,4 +1,4 @@
-"""``delta3 compare``: how far two runs are apart, signal by signal and move by move, as model and robot."""
+"""``delta3 compare``: compare two runs signal by signal and move by move."""
 
 import json
 import math
@@ -17,21 +17,20 @@ class Options(RunOptions):
     """Options of the command."""
 
     output: Path | None = option(
-        'write figures 11.1 to 11.8 of these two, tables and a page with all of it into this folder, the first as the '
-        'model, the second as the robot',
+        'folder for figures 11.1 to 11.8, tables and a page; the first run is the model, the second the robot',
         'DIR',
         type=folder,
     )
     no_attribution: bool = flag(
-        'with --output: do not look for what explains the difference of two simulations'
+        'with --output: do not attribute the difference of two simulations to effects'
     )
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if len(self.inputs) != 2:
-            return f'two runs are compared, not {len(self.inputs)}'
+            return f'compare takes two runs, not {len(self.inputs)}'
         if self.no_attribution and self.output is None:
-            return '--no-attribution is for --output: without it nothing is attributed'
+            return '--no-attribution requires --output'
         return super().check()
 
 
@@ -68,21 +67,21 @@ def run(options: Options) -> int:
 
 
 def _lines(result: dict[str, Any], names: list[str]) -> list[str]:
-    """Return the result for people."""
+    """Return the result as lines of text."""
     aligned = result['alignment']
     lines = [
         f'{names[1]} minus {names[0]}',
         _alignment_text(aligned),
-        *(f'careful: {text}' for text in aligned['doubts']),
+        *(f'warning: {text}' for text in aligned['doubts']),
         f'from {result["from_s"]:.3f} to {result["to_s"]:.3f} s, {result["cycles"]} cycles',
         '',
     ]
     if result['same']:
-        lines += ['no signal differs by a single bit', '']
+        lines += ['all signals are bit-identical', '']
     elif result['equal']:
-        lines += ['no signal differs by a single bit in the cycles that both have', '']
+        lines += ['all signals are bit-identical in the common cycles', '']
     if result['uncompared']:
-        lines += [f'{result["uncompared"]} cycles were not compared: only one of the two has them', '']
+        lines += [f'{result["uncompared"]} cycles were not compared: they are in one run only', '']
     lines.append(f'{"signal":<16} {"rms":>12} {"largest":>12}  {"unit":<6} {"at [s]":>8}')
     for name, row in result['signals'].items():
         numbers = ' '.join(_number(row[key], 12) for key in ('rms', 'largest'))
@@ -98,21 +97,21 @@ def _lines(result: dict[str, Any], names: list[str]) -> list[str]:
             for key, factor in (('duration_s', 1.0), ('current_peak_a', 1.0), ('tcp_error_max_m', 1e3))
         ]
         lines.append(f'{row["move"]:>4} {row["kind"]:<8} {" ".join(pairs)}')
-    lines += ['', 'parameters: all are the same' if not result['parameters'] else 'parameters that differ:']
+    lines += ['', 'parameters: identical' if not result['parameters'] else 'differing parameters:']
     lines += [f'  {name}: {a} and {b}' for name, (a, b) in result['parameters'].items()]
     return lines
 
 
 def _alignment_text(aligned: dict[str, Any]) -> str:
-    """Tell how the runs were aligned, which shift was found, and how sure it is."""
+    """Return how the runs were aligned, with the shift and its uncertainty."""
     shift = f', shifted by {aligned["shift_s"]:+.3f} s' if aligned['shift_s'] else ''
     if aligned['uncertainty_s']:
         shift = f', shifted by {aligned["shift_s"]:+.6f} s +- {aligned["uncertainty_s"]:.1g} s (95 %)'
     correlation, rival = aligned['correlation'], aligned['rival_correlation']
-    told = '' if correlation is None else f'; {aligned["of"]} correlate by {correlation:.6f}'
+    quality = '' if correlation is None else f'; correlation of {aligned["of"]} {correlation:.6f}'
     if rival is not None:
-        told += f', at the next best shift, {aligned["rival_shift_s"]:+.3f} s, by {rival:.3f}'
-    return f'aligned by {aligned["by"]}{shift}{told}'
+        quality += f', at the next best shift, {aligned["rival_shift_s"]:+.3f} s, {rival:.3f}'
+    return f'aligned by {aligned["by"]}{shift}{quality}'
 
 
 def _number(value: float | None, width: int, form: str = '.4g') -> str:
@@ -122,8 +121,8 @@ def _number(value: float | None, width: int, form: str = '.4g') -> str:
 
 main = Command(
     'compare',
-    'Tell how far two runs are apart: alignment, differences of all signals, moves, parameters that differ; and as the '
-    'experiments of the thesis do, the first as the model, the second as the robot.',
+    'Compare two runs: alignment, differences of all signals and moves, differing parameters; and the evaluation of '
+    'the experiments of the thesis with the first run as the model and the second as the robot.',
     Options,
     run,
 )

@@ -1,7 +1,6 @@
-"""``delta3 completion``: print the script with which a shell completes the command line.
+"""``delta3 completion``: print the completion script for bash.
 
-It is made from the declarations of the commands and holds all words: no interpreter starts when somebody presses the
-tab key.
+The script contains all words, so that no interpreter starts when the user presses the tab key.
 """
 
 from dataclasses import dataclass
@@ -30,7 +29,7 @@ complete -o default -F _delta3 delta3
 class Options(CommonOptions):
     """Options of the command."""
 
-    shell: str = argument('the shell', choices=['bash'])
+    shell: str = argument('name of the shell', choices=['bash'])
 
 
 def run(_: Options) -> int:
@@ -44,7 +43,7 @@ def run(_: Options) -> int:
 
 main = Command(
     'completion',
-    'Print what a shell needs to complete commands: eval "$(delta3 completion bash)"',
+    'Print the completion script for a shell. Usage: eval "$(delta3 completion bash)"',
     Options,
     run,
 )

@@ -1,4 +1,4 @@
-"""``delta3 drive``: read and write operation data of a drive through the service channel of a robot that is up."""
+"""``delta3 drive``: read and write operation data of a drive through the service channel of a running robot."""
 
 import argparse
 import json
@@ -16,7 +16,7 @@ def _axis(text: str) -> str:
     axis = dict(zip(numbers, ALL_DRIVES, strict=True)).get(text, text)
     if axis not in (*ALL_DRIVES, 'list'):
         raise argparse.ArgumentTypeError(
-            f'{text!r} is no axis: {", ".join([*numbers, *ALL_DRIVES])}, or list'
+            f'{text!r} is not an axis, expected {", ".join([*numbers, *ALL_DRIVES])} or list'
         )
     return axis
 
@@ -28,12 +28,12 @@ class Options(NodeOptions, JsonOptions):
     axis: str = argument(
         '1, 2, 3, or 4 for a rotary axis (or axis1, axis2, axis3, axis4), or "list"', type=_axis
     )
-    idn: str | None = argument('such as S-0-0104', default=None)
+    idn: str | None = argument('identification number such as S-0-0104', default=None)
     value: str | None = argument('value to write; "command" executes a procedure command', default=None)
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
-        return 'an IDN is needed' if self.axis != 'list' and self.idn is None else ''
+        """Return the error in the combination of options; empty if it is valid."""
+        return 'an IDN is required' if self.axis != 'list' and self.idn is None else ''
 
 
 def run(options: Options) -> int:
@@ -79,4 +79,4 @@ def _ask(options: Options) -> int:
         return print_answer(operator.drive(request), options)
 
 
-main = Command('drive', 'Read or write a value of a drive by its IDN, or list the IDNs.', Options, run)
+main = Command('drive', 'Read or write a drive parameter by its IDN, or list the IDNs.', Options, run)

@@ -1,4 +1,4 @@
-"""``delta3 estimate``: parameters of motors, masses and geometry from traces, and what traces can tell of them."""
+"""``delta3 estimate``: estimate parameters of motors, masses and geometry from traces."""
 
 from __future__ import annotations
 
@@ -21,66 +21,68 @@ class Options(JsonOptions):
     """Options of the command."""
 
     inputs: list[str] = argument(
-        'traces (.npz, .csv, folder of a bag), or one program', default=(), nargs='*', metavar='INPUT'
+        'traces (.npz, .csv, bag folder), or one program', default=(), nargs='*', metavar='INPUT'
     )
     group: str = option(
-        'what is estimated', default='motor', choices=('motor', 'masses', 'geometry', 'thesis')
+        'parameters to estimate', default='motor', choices=('motor', 'masses', 'geometry', 'thesis')
     )
     parameters: str | None = option('parameter file instead of the packaged one', 'FILE')
     free: str = option(
-        'quantities to free, such as I_brake,w_s, or effects of built robots: friction,gear,ripple,sensors,geometry',
+        'additional quantities to estimate, such as I_brake,w_s, or effects of built robots: '
+        'friction,gear,ripple,sensors,geometry',
         'SYMBOLS',
         default='',
         type=str,
     )
-    known: str = option('quantities to hold, such as m_fb', 'SYMBOLS', default='', type=str)
+    known: str = option('quantities to keep fixed, such as m_fb', 'SYMBOLS', default='', type=str)
     start_off: float | None = option(
-        'start beside the values of the parameter file; 0.3 for a program, 0 for traces, if not given',
+        'relative offset of the start values from the parameter file (default: 0.3 for a program, 0 for traces)',
         'SHARE',
         type=number_within(-0.9, 9.0),
     )
     sampling: str = option(
-        'of a simulated measurement: every period of the current loop, or every bus cycle; auto: bus for a built robot',
+        'sampling of a simulated measurement: every period of the current loop or every bus cycle; auto: bus for a '
+        'built robot',
         default='auto',
         choices=['auto', 'drive', 'bus'],
     )
     method: str = option(
-        'mechanical part: balance of torques, or replay of the closed loop; auto: as the sampling asks for',
+        'model of the mechanics: torque balance or replay of the closed loop; auto: depending on the sampling',
         default='auto',
         choices=['auto', 'balance', 'replay'],
     )
     noise: float = option(
-        'noise of the sensors, 1: typical; of a simulated measurement, or what those of traces have',
+        'sensor noise of a simulated measurement, or assumed for traces; 1: typical',
         'X',
         default=0.0,
         type=NOISE,
     )
-    seed: int = option('of the noise, and of --design', default=0, type=SEED)
+    seed: int = option('seed of the noise and of --design', default=0, type=SEED)
     validate: str = option(
-        'recordings, or programs of a simulated measurement, that are not fitted and that the estimates must predict',
+        'recordings, or programs of a simulated measurement, for validation only',
         'INPUTS',
         default='',
         type=str,
     )
-    apply: bool = flag('leave fitted.yaml, and show what it changes: figures 11.6 and 11.8 before and after')
+    apply: bool = flag('write fitted.yaml and show its effect: figures 11.6 and 11.8 before and after')
     measurement: str | None = option(
         'write the simulated measurement to this .npz, .csv or .parquet file', 'FILE', type=trace_file
     )
-    output: str = option('for report, tables, figures', 'FOLDER', default='estimation')
-    resume: str | None = option('go on with the estimation that began in this folder', 'FOLDER')
+    output: str = option('folder for report, tables and figures', 'FOLDER', default='estimation')
+    resume: str | None = option('continue the estimation in this folder', 'FOLDER')
     design: str | None = option(
-        'write an exciting program for the group to this file instead', 'FILE', type=program_file
+        'only design an exciting program for the group and write it to this file', 'FILE', type=program_file
     )
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.resume and (self.inputs or self.design or self.measurement):
-            return '--resume goes on with the inputs of the folder: it takes no others'
+            return '--resume uses the inputs of the folder: it takes no others'
         return ''
 
 
-def _refuse_ignored(options: Options) -> None:
-    """Raise EstimationError for an option that the rest of the command leaves without a meaning."""
+def _require_effective(options: Options) -> None:
+    """Raise EstimationError for options without effect in this combination."""
     from delta3_pacdrive.analysis.inputs import is_recording
     from delta3_pacdrive.errors import EstimationError
 
@@ -94,12 +96,12 @@ def _refuse_ignored(options: Options) -> None:
         ),
         (
             options.group == 'thesis' and not options.design,
-            'the group thesis has signals and quantities of its own',
+            'the group thesis has fixed signals and quantities',
             (*models, '--measurement', *quantities, *more),
         ),
         (
             options.group == 'geometry' and not options.design,
-            'the group geometry is measured once per bus cycle and has one model',
+            'the group geometry has one model and is sampled once per bus cycle',
             models,
         ),
         (
@@ -109,14 +111,14 @@ def _refuse_ignored(options: Options) -> None:
         ),
         (
             bool(options.resume),
-            '--resume goes on with the settings of the folder',
+            '--resume uses the settings of the folder',
             (*models, '--noise', '--seed', *quantities, *more, '--start-off'),
         ),
     ]
     given = options.given()
     for holds, why, names in cases:
         if holds and (ignored := [name for name in given if name in names]):
-            raise EstimationError(f'{why}: {", ".join(ignored)} would change nothing')
+            raise EstimationError(f'{why}: {", ".join(ignored)} would have no effect')
 
 
 def run(options: Options) -> int:
@@ -124,7 +126,7 @@ def run(options: Options) -> int:
     from delta3_pacdrive.analysis.estimation import report
     from delta3_pacdrive.recording import trace_file
 
-    _refuse_ignored(options)
+    _require_effective(options)
     if path := options.design:
         return run_study(
             options,
@@ -145,7 +147,7 @@ def run(options: Options) -> int:
         if not studies or studies[0].iterate is None:
             return 'interrupted before the first iteration'
         again = f'delta3 estimate --resume {shlex.quote(str(studies[0].folder))}'
-        return f'interrupted after iteration {studies[0].iterate.number}; {again} goes on from there'
+        return f'interrupted after iteration {studies[0].iterate.number}; continue with {again}'
 
     if options.measurement:
         trace_file.require_writable_trace(options.measurement)
@@ -216,9 +218,9 @@ def _design(options: Options, path: str, show: OnProgress) -> dict[str, Any]:
 
 main = Command(
     'estimate',
-    'Least squares on traces, or on a program that is simulated as measurement: values with 95 % intervals, and which '
-    'quantities the signals do not show. The group thesis repeats the estimation of chapter 9 and shows why it '
-    'returned its initial values.',
+    'Estimate parameters by least squares from traces or from the simulated measurement of a program, with 95 % '
+    'intervals, and list the quantities that the signals do not identify. The group thesis repeats the estimation of '
+    'chapter 9 and shows why it returned its initial values.',
     Options,
     run,
 )

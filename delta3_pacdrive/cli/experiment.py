@@ -1,4 +1,4 @@
-"""``delta3 experiment``: experiments 1 to 3 of the thesis, a model held against a robot, and what sets them apart."""
+"""``delta3 experiment``: experiments 1 to 3 of the thesis, which compare the model with a robot."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,27 +12,27 @@ from delta3_pacdrive.cli.studies import run_study
 class Options(JsonOptions):
     """Options of the command."""
 
-    number: int = argument('which experiment', type=int, choices=(1, 2, 3))
-    parameters: str | None = option('parameter file of the model instead of the packaged one', 'FILE')
+    number: int = argument('number of the experiment', type=int, choices=(1, 2, 3))
+    parameters: str | None = option('parameter file of the model (default: the packaged one)', 'FILE')
     robot: str = option('parameter file of the robot', 'FILE', default='rich')
-    seed: int | None = option("of the robot's sensor noise, instead of the one in its file", type=SEED)
+    seed: int | None = option("seed of the robot's sensor noise instead of that in its file", type=SEED)
     seeds: int = option(
-        'further seeds of the sensor noise, over which each verdict gets its range; 0: none',
+        'number of further noise seeds for the range of each verdict',
         'N',
         default=8,
         type=integer_within(0, 1000),
     )
-    no_attribution: bool = flag('do not look for what explains the difference')
-    graph: bool = flag('run both as ROS nodes, recorded into bags in the folder')
+    no_attribution: bool = flag('do not attribute the difference to effects')
+    graph: bool = flag('run both robots as ROS nodes and record bags into the folder')
     real_time_factor: float = option(
-        'of --graph: bus time over wall time', 'F', default=0.0, type=number_within(0.0, 1000.0)
+        'with --graph: bus time divided by wall time', 'F', default=0.0, type=number_within(0.0, 1000.0)
     )
-    output: str | None = option('folder of the report; experiment_N if not given', 'DIR')
+    output: str | None = option('folder of the report (default: experiment_N)', 'DIR')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.real_time_factor and not self.graph:
-            return '--real-time-factor is for --graph: without nodes there is no clock'
+            return '--real-time-factor requires --graph'
         return ''
 
 
@@ -52,7 +52,7 @@ def run(options: Options) -> int:
     folder = Path(options.output or f'experiment_{options.number}').absolute()
     graph = None
     if options.graph:
-        experiment_graph.refuse_existing(run.FILES, folder)
+        experiment_graph.require_no_bags(run.FILES, folder)
         graph = experiment_graph.Graph(folder, options.real_time_factor)
     return run_study(
         options,
@@ -64,9 +64,9 @@ def run(options: Options) -> int:
 
 main = Command(
     'experiment',
-    'Run the program of an experiment on a model, the plain robot of the thesis, and on a robot with what the thesis '
-    'leaves out; write every signal, figures 11.1 to 11.24, maxima, rms and deviations, and which effect explains how '
-    'much of them.',
+    'Run the program of an experiment on the model of the thesis and on a robot with the effects that the thesis '
+    'neglects. Write all signals, figures 11.1 to 11.24, maxima, rms values and deviations, and the share of each '
+    'effect.',
     Options,
     run,
 )

@@ -1,4 +1,4 @@
-"""One program by the nodes of a model and of a robot, one after the other, each recorded into a bag."""
+"""Run one program with the nodes of the model and then of the robot, and record each into a bag."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 
 def bag_of(who: str, folder: Path) -> Path:
-    """Return where the bag of a robot goes."""
+    """Return the path of the bag of a robot."""
     return folder / f'bag_{who}'
 
 
-def refuse_existing(robots: Iterable[str], folder: Path) -> None:
-    """Raise RunError if a bag would have to be overwritten."""
+def require_no_bags(robots: Iterable[str], folder: Path) -> None:
+    """Raise RunError if one of the bags exists."""
     for who in robots:
         if (bag := bag_of(who, folder)).exists():
             raise RunError(f'cannot record into {bag}: it exists already')
@@ -41,32 +41,30 @@ def record(
     real_time_factor: float,
     on_progress: OnProgress,
 ) -> tuple[dict[str, Trace], list[str]]:
-    """Run a program on each robot as a graph of nodes; return the traces and what is to be noted.
+    """Run a program on each robot as a graph of nodes; return the traces and notes.
 
-    A bring-up wants a process of its own, so each is a ``delta3 run``. If one fails, no bag is left behind.
+    A bring-up requires a separate process, so each run is a ``delta3 run``. If one fails, all bags are removed.
 
     Parameters
     ----------
-    program
-        File.
     robots
-        Parameter file of each, by name.
+        Parameter file of each robot, by name.
     folder
-        Where the bags are made, ``bag_`` and the name.
+        Folder of the bags ``bag_NAME``.
     real_time_factor
-        Of the bus; 0: as fast as possible.
+        Bus time divided by wall time; 0: as fast as possible.
     on_progress
-        Called with a stage, what is done and all of it.
+        Called with stage, completed and total steps.
 
     Raises
     ------
     RunError
-        A bag exists already, or a run failed; says whose and why.
+        A bag exists, or a run failed.
     TraceError
         A bag cannot be read.
 
     """
-    refuse_existing(robots, folder)
+    require_no_bags(robots, folder)
     traces, notes = {}, []
     try:
         for done, (who, parameters) in enumerate(robots.items()):
@@ -77,9 +75,7 @@ def record(
                 '--real-time-factor', str(real_time_factor), '--json',
             ], who)  # fmt: skip
             if missing := result.get('bag_missing'):
-                notes.append(
-                    f'the bag of the {who} lacks {missing} messages: the machine was too busy to record them'
-                )
+                notes.append(f'the bag of the {who} lacks {missing} messages: the recorder could not keep up')
             traces[who] = trace_file.load(bag)
     except BaseException:
         for who in robots:
@@ -90,7 +86,7 @@ def record(
 
 @dataclass(frozen=True)
 class Graph:
-    """The graph runs a program by the nodes of both robots, recorded into bags in a folder."""
+    """Runs a program with the nodes of both robots and records bags into a folder."""
 
     folder: Path
     real_time_factor: float
@@ -102,13 +98,13 @@ class Graph:
         simulated: Mapping[str, Trace],
         on_progress: OnProgress,
     ) -> tuple[dict[str, Trace], list[str]]:
-        """Return the traces, and what is to be noted: also whether they are those of the simulations."""
+        """Return the traces, and notes on recording and on equality with the simulations."""
         traces, notes = record(program, robots, self.folder, self.real_time_factor, on_progress)
         return traces, notes + [f'{who}: {same_as(trace, simulated[who])}' for who, trace in traces.items()]
 
 
 def same_as(graph: Trace, simulated: Trace) -> str:
-    """Tell in words whether a graph's signals are those of the simulation, to the last bit."""
+    """Return a sentence on whether graph and simulation are bit-identical."""
     shared, of_graph, of_simulated = np.intersect1d(
         np.rint(graph.time_s / graph.meta['cycle_time_s']),
         np.rint(simulated.time_s / graph.meta['cycle_time_s']),
@@ -121,13 +117,11 @@ def same_as(graph: Trace, simulated: Trace) -> str:
     ]
     if differing:
         return f'nodes and simulation differ in {", ".join(differing)}'
-    return (
-        f'nodes and simulation agree to the last bit in {len(graph.signals)} signals of {len(shared)} cycles'
-    )
+    return f'nodes and simulation are bit-identical in {len(graph.signals)} signals of {len(shared)} cycles'
 
 
 def _run(arguments: list[str], who: str) -> dict[str, Any]:
-    """Run ``delta3 run`` to its end and return its result; raises RunError."""
+    """Run ``delta3 run`` and return its result; raises RunError."""
     process = child.start('run', *arguments, stderr=subprocess.PIPE)
     try:
         out, err = process.communicate()

@@ -1,4 +1,4 @@
-"""``delta3 export``: the robot as a model, the signals of a recording as a table, for other tools."""
+"""``delta3 export``: export the robot model or the signals of a recording for other tools."""
 
 import json
 import sys
@@ -11,10 +11,10 @@ from delta3_pacdrive.cli.run_options import WindowOptions
 
 TRACE = 'trace'
 MODELS = {
-    'urdf': 'a tree with passive joints, for robot_state_publisher, RViz, Foxglove ...',
-    'mjcf': 'a closed chain that moves like the plant, for MuJoCo',
+    'urdf': 'kinematic tree with passive joints, for robot_state_publisher, RViz, Foxglove ...',
+    'mjcf': 'closed chain with the dynamics of the plant, for MuJoCo',
 }
-FORMATS = MODELS | {TRACE: 'the signals of a trace or bag as .csv, .parquet or .npz, as --output ends'}
+FORMATS = MODELS | {TRACE: 'signals of a trace or bag as .csv, .parquet or .npz (suffix of --output)'}
 EVERY_MAX = 1_000_000
 
 
@@ -28,34 +28,34 @@ class Options(WindowOptions):
         default=None,
         metavar='RECORDING',
     )
-    output: str | None = option('write it there; a model goes to the terminal without it', 'FILE')
+    output: str | None = option('output file (default for models: standard output)', 'FILE')
     parameters: str | None = option(PARAMETERS, 'FILE', only=tuple(MODELS))
     signals: list[str] | None = option(
-        "these only, such as current,tcp_error,'drive_*', or all: everything that it can tell (default: what it holds, "
-        'and what is computed from that without being asked for)',
+        "signals to export, such as current,tcp_error,'drive_*', or all: everything available (default: the recorded "
+        'signals and those derived from them by default)',
         'NAMES',
         type=signal_names,
         only=(TRACE,),
     )
     every: int = option(
-        'every n-th bus cycle, counted from the start of the program',
+        'export every n-th bus cycle, counted from the start of the program',
         'N',
         default=1,
         type=integer_within(1, EVERY_MAX),
         only=(TRACE,),
     )
-    overwrite: bool = flag('replace a file that exists', only=(TRACE,))
+    overwrite: bool = flag('replace an existing file', only=(TRACE,))
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.format == TRACE:
             if self.recording is None or self.output is None:
-                return 'trace needs a RECORDING and --output FILE'
+                return 'trace requires a RECORDING and --output FILE'
         else:
             unused = [one for one in self.given() if one in ('--from', '--to', '--json')]
             if self.recording is not None or unused:
-                return f'{unused[0] if unused else "a recording"} is for {TRACE}, not for {self.format}'
-        return self.refusal(self.format) or super().check()
+                return f'{unused[0] if unused else "a recording"} applies to {TRACE}, not to {self.format}'
+        return self.rejection(self.format) or super().check()
 
 
 def run(options: Options) -> int:
@@ -120,7 +120,7 @@ def _trace(options: Options) -> int:
 
 main = Command(
     'export',
-    'The robot as a model for other tools, from its parameters: lengths, masses, limits, shapes; or the signals of a '
+    'Export the robot as a model (lengths, masses, limits and shapes from its parameters), or the signals of a '
     'recording.',
     Options,
     run,

@@ -1,4 +1,4 @@
-"""``delta3 faults``: what happens when something breaks: the whole catalogue, or one fault on a robot that is up."""
+"""``delta3 faults``: run the fault catalogue, or inject one fault into a running robot."""
 
 import json
 import sys
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from delta3_pacdrive.verification.fault_catalogue.cases import Case
 
 ACTIONS = {
-    'run': 'every fault in every state, on a robot of its own without a clock, and what goes wrong in simulated cells',
-    'list': 'the kinds of faults and their values',
-    'inject': "one fault, in YAML, into a robot that is up: '{fault: drop_at, axis: axis2}'",
+    'run': 'test every fault in every state on a separate robot without a clock, and the faults of simulated cells',
+    'list': 'list the kinds of faults and their values',
+    'inject': "inject one fault, in YAML, into a running robot: '{fault: drop_at, axis: axis2}'",
 }
 WIDTHS = (31, 16, 7, 8, 14, 9, 9)
 HEADINGS = ('fault', 'state', 'bus', 'wall', 'reaction', 'TCP', 'recovered')
@@ -31,23 +31,25 @@ class Options(JsonOptions):
     """Options of the command."""
 
     action: str = argument('one of the actions below', default='run', choices=ACTIONS, metavar='ACTION')
-    fault: str = argument('the fault to inject', default='', type=str)
-    short: bool = flag('run: a few faults in various states, and no cells', only=('run',))
-    only: str | None = option('run: only lines that hold this text', 'TEXT', only=('run',))
+    fault: str = argument('fault to inject', default='', type=str)
+    short: bool = flag('run: only a few faults in various states, without cells', only=('run',))
+    only: str | None = option('run: only cases that contain this text', 'TEXT', only=('run',))
     csv: Path | None = option('run: write the table to this file', 'FILE', type=csv_file, only=('run',))
-    logs: Path | None = option('run: keep the logs of the processes here', 'DIR', type=folder, only=('run',))
+    logs: Path | None = option(
+        'run: keep the logs of the processes in this folder', 'DIR', type=folder, only=('run',)
+    )
     parameters: str | None = option(
-        'run: parameter file of the robot instead of the packaged one, or model: torque of the whole model fed forward',
+        'run: parameter file of the robot, or model: with feed-forward of the model torque',
         'FILE',
         only=('run',),
     )
     namespace: str = option('inject: ROS namespace of the robot', default='/', only=('inject',))
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if (self.action == 'inject') != bool(self.fault):
-            return 'inject takes one fault' if self.action == 'inject' else 'only inject takes a fault'
-        return self.refusal(self.action)
+            return 'inject requires a fault' if self.action == 'inject' else 'only inject takes a fault'
+        return self.rejection(self.action)
 
 
 def _list(options: Options) -> int:
@@ -77,7 +79,7 @@ def columns(cells: Sequence[str]) -> str:
 
 
 def line_of(row: dict[str, Any]) -> str:
-    """Return the line of a case, and a second one if it did not go as expected."""
+    """Return the line of a case, with a second one if the result is unexpected."""
     found, silent, recovered = row['detected_s'], row['silent_s'], row['recovered_s']
     cells = (
         row['case'],
@@ -92,12 +94,12 @@ def line_of(row: dict[str, Any]) -> str:
     if row['ok']:
         return text
     seen = row['reported'] or row['evidence'] or 'no effect'
-    what = row['problem'] or f'{seen}, expected: {row["expected"] or "goes on"}'
+    what = row['problem'] or f'{seen}, expected: {row["expected"] or "continues"}'
     return f'{text}\n    NOT AS EXPECTED: {what}'
 
 
 def _chosen(options: Options, rotary: bool) -> 'tuple[list[Case], list[CellCase]]':
-    """Return the cases that are asked for: of robots that are brought up, and in simulated cells; raises RunError.
+    """Return the selected cases of robots and of simulated cells; raises RunError.
 
     ``rotary``: whether the robot has a rotary axis.
     """
@@ -132,7 +134,7 @@ def _run_catalogue(options: Options) -> int:
 
     ended = ''
     try:
-        # processes fork meanwhile
+        # without a thread: the runner forks processes
         with Progress(quiet=not options.json, threaded=False) as progress:
 
             def show(outcome: Outcome | of_cells.CellOutcome) -> None:
@@ -160,10 +162,10 @@ def _run_catalogue(options: Options) -> int:
     else:
         print(f'{len(rows)} of {count} cases, {len(rows) - len(bad)} as expected; * in the exercise')
     if ended:
-        print(f'error: {ended}: the table is not complete', file=sys.stderr)
+        print(f'error: {ended}: the table is incomplete', file=sys.stderr)
         return INTERRUPTED if ended == 'interrupted' else 1
     if bad and not options.json:
-        raise RunError(f'{len(bad)} of {len(rows)} cases did not go as expected')
+        raise RunError(f'{len(bad)} of {len(rows)} cases had unexpected results')
     return int(bool(bad))
 
 
@@ -172,4 +174,4 @@ def run(options: Options) -> int:
     return {'run': _run_catalogue, 'list': _list, 'inject': _inject}[options.action](options)
 
 
-main = Command('faults', 'Inject faults and see what the robot makes of them.', Options, run, ACTIONS)
+main = Command('faults', 'Inject faults and report the reactions of the robot.', Options, run, ACTIONS)

@@ -1,4 +1,4 @@
-"""``delta3 io``: the inputs and outputs of a robot that is up, and inputs that are set from outside."""
+"""``delta3 io``: list the inputs and outputs of a running robot, and set inputs."""
 
 import json
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ VALUES = {'on': True, 'off': False, 'auto': 'auto'}
 class Options(NodeOptions, JsonOptions):
     """Options of the command."""
 
-    name: str | None = argument('of an input; without one all are listed', default=None)
+    name: str | None = argument('name of an input (default: list all)', default=None)
     value: str | None = argument(
-        'on, off, or auto: it tells again what is true', default=None, choices=tuple(VALUES)
+        'force on or off; auto removes the override', default=None, choices=tuple(VALUES)
     )
 
 
@@ -28,20 +28,20 @@ def run(options: Options) -> int:
         if options.name is not None and options.value is not None:
             request = json.dumps({'name': options.name, 'value': VALUES[options.value]})
             return print_answer(operator.input(request), options)
-        told = json.loads(operator.input())
+        state = json.loads(operator.input())
     if options.name is not None:
-        if options.name not in told['inputs']:
-            known = ', '.join(told['inputs']) or 'none'
+        if options.name not in state['inputs']:
+            known = ', '.join(state['inputs']) or 'none'
             raise ProgramError(f'unknown input {shown(options.name)}, the inputs are: {known}')
-        told['inputs'] = {options.name: told['inputs'][options.name]}
-        told['outputs'] = {}
+        state['inputs'] = {options.name: state['inputs'][options.name]}
+        state['outputs'] = {}
     if options.json:
-        print(json.dumps({'ok': True, **told}))
+        print(json.dumps({'ok': True, **state}))
         return 0
-    for name, one in told['inputs'].items():
-        print(f'input   {name:<20} {_text(one["value"])}{", set from outside" if one["forced"] else ""}')
-    for name, value in told['outputs'].items():
-        own = told['output_names'][name]['output']
+    for name, one in state['inputs'].items():
+        print(f'input   {name:<20} {_text(one["value"])}{", forced" if one["forced"] else ""}')
+    for name, value in state['outputs'].items():
+        own = state['output_names'][name]['output']
         print(f'output  {name:<20} {_text(value)}{"" if own == name else f", {own} of the robot"}')
     return 0
 
@@ -51,5 +51,5 @@ def _text(value: bool) -> str:
 
 
 main = Command(
-    'io', 'List inputs and outputs of a robot with a cell, or set an input from outside.', Options, run
+    'io', 'List the inputs and outputs of a running robot with a cell, or force an input.', Options, run
 )

@@ -1,4 +1,4 @@
-"""``delta3 jacobian``: joint motion through the Jacobian against the recorded one (11.2), and why the two differ."""
+"""``delta3 jacobian``: compare joint motion computed through the Jacobian with the recorded motion (11.2)."""
 
 import argparse
 import math
@@ -20,7 +20,7 @@ def _error(text: str) -> tuple[str, float]:
         error = math.nan
     if symbol not in SYMBOLS or not equals or not math.isfinite(error):
         raise argparse.ArgumentTypeError(
-            f'{text!r} is no error of a length, expected one like {SYMBOLS[0]}=0.001 (m) of {", ".join(SYMBOLS)}'
+            f'{text!r} is not an error of a length, expected for example {SYMBOLS[0]}=0.001 (m) of {", ".join(SYMBOLS)}'
         )
     return symbol, error
 
@@ -30,35 +30,36 @@ class Options(JsonOptions):
     """Options of the command."""
 
     inputs: list[str] = argument(
-        '1, 2 or 3 (experiments of the thesis), programs, traces (.npz, .csv), folders of bags',
+        '1, 2 or 3 (experiments of the thesis), programs, traces (.npz, .csv) or bag folders',
         default=EXPERIMENTS,
         nargs='*',
         metavar='INPUT',
     )
-    parameters: str | None = option('parameter file instead of the packaged one: the exact lengths', 'FILE')
+    parameters: str | None = option('parameter file with the exact lengths (default: packaged)', 'FILE')
     error: list[tuple[str, float]] | None = option(
-        f'error [m] of a length, {", ".join(SYMBOLS)}, at most 0.1 m; may be repeated; R_A=0.035 if none is given',
+        f'error [m] of a length, {", ".join(SYMBOLS)}, at most 0.1 m; repeatable (default: R_A=0.035)',
         'NAME=M',
         type=_error,
         action='append',
     )
     pose: str = option(
-        'of the Jacobian: angles and position recorded (11.2), position from the angles, angles from the position',
+        'pose of the Jacobian: recorded angles and position (11.2), position from the angles, or angles from the '
+        'position',
         default='recorded',
         choices=['recorded', 'forward', 'inverse'],
     )
     signals: str = option(
-        'set points; what the drives measure; angles and an external or simulated measurement of the TCP',
+        'set points; measurements of the drives; or angles with an external or simulated TCP measurement',
         default='command',
         choices=['command', 'actual', 'true'],
     )
-    output: str = option('for report, tables, figures', 'DIR', default='jacobian')
+    output: str = option('folder for report, tables and figures', 'DIR', default='jacobian')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         symbols = [symbol for symbol, _ in self.error or ()]
         twice = sorted({symbol for symbol in symbols if symbols.count(symbol) > 1})
-        return f'--error {twice[0]} stands twice: a length has one error' if twice else ''
+        return f'--error {twice[0]} is given twice: a length has one error' if twice else ''
 
 
 def run(options: Options) -> int:
@@ -78,16 +79,16 @@ def run(options: Options) -> int:
         options,
         lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
         report.text,
-        lambda: f'interrupted: {options.output} holds no report of this study',
+        lambda: f'interrupted: no report was written to {options.output}',
         options.output,
     )
 
 
 main = Command(
     'jacobian',
-    'Joint velocities and accelerations from those of the TCP through the Jacobian, with exact lengths and with '
-    'lengths in error, against the recorded ones: deviations in percent, figures 11.25 to 11.45, sensitivities to '
-    'each length, growth with the condition of the Jacobian.',
+    'Compute joint velocities and accelerations from those of the TCP through the Jacobian, with exact and with '
+    'inexact lengths, and compare them with the recorded ones: deviations in percent, figures 11.25 to 11.45, '
+    'sensitivity to each length, dependence on the condition of the Jacobian.',
     Options,
     run,
 )

@@ -1,4 +1,4 @@
-"""``delta3 learn``: the torques that a program still lacks, learned from repetitions of it."""
+"""``delta3 learn``: iterative learning of feed-forward torques for a program."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ class Options(JsonOptions):
         f'program file, or a packaged program: {", ".join(program_names())}', default='packaging'
     )
     parameters: str | None = option(
-        'parameter file of a robot whose controller feeds the torque of the model forward, such as model',
+        'parameter file with feed-forward of the model torque, such as model',
         'FILE',
     )
     plant: str | None = option(
@@ -29,11 +29,11 @@ class Options(JsonOptions):
         'FILE',
         formerly='--machine',
     )
-    repetitions: int = option('repeat it so often at most', 'N', default=10, type=integer_within(1, 100))
+    repetitions: int = option('maximum number of repetitions', 'N', default=10, type=integer_within(1, 100))
     bandwidth: float = option(
-        'what is faster than this [Hz] is not learned', 'HZ', default=80.0, type=number_within(1.0, 1e4, 'Hz')
+        'bandwidth of learning [Hz]', 'HZ', default=80.0, type=number_within(1.0, 1e4, 'Hz')
     )
-    output: str = option('folder for what is learned, table, figures and report', 'DIR', default='learned')
+    output: str = option('folder for torques, table, figures and report', 'DIR', default='learned')
 
 
 def run(options: Options) -> int:
@@ -56,16 +56,16 @@ def run(options: Options) -> int:
 
     def unfinished() -> str:
         if not studies or not studies[0].kept:
-            return 'interrupted: no repetition has learned anything yet, and nothing was written'
-        return f'interrupted: what repetition {studies[0].kept} has learned is in {studies[0].file}'
+            return 'interrupted before the first result; nothing was written'
+        return f'interrupted: the torques of repetition {studies[0].kept} are in {studies[0].file}'
 
     return run_study(options, work, report.text, unfinished, folder)
 
 
 main = Command(
     'learn',
-    'Repeat a program without ROS and learn from its errors which torques it still lacks: norm-optimal iterative '
-    'learning control. What is learned is obeyed by simulate and run with --learned.',
+    'Repeat a program in simulation and learn feed-forward torques from its errors (norm-optimal iterative learning '
+    'control). Use the result with simulate/run --learned.',
     Options,
     run,
 )

@@ -1,4 +1,4 @@
-"""``delta3 line``: a shift of several robots at belts, from event to event: who picks what, and what is missed."""
+"""``delta3 line``: event-driven simulation of a shift of several robots at common belts."""
 
 from __future__ import annotations
 
@@ -23,23 +23,25 @@ RULES = ('first come', 'nearest', 'balanced', 'optimal')  # as ``analysis.line.d
 class Options(JsonOptions):
     """Options of the command."""
 
-    specification: str = argument('file of the line, or line: the packaged one')
-    rule: str | None = option('allocate parts by this rule instead of that of the file', choices=RULES)
-    seed: int | None = option('seed of the parts instead of that of the file', 'N', type=SEED)
+    specification: str = argument('line file, or line for the packaged one')
+    rule: str | None = option('allocation rule for parts, instead of that of the file', choices=RULES)
+    seed: int | None = option('seed of the parts, instead of that of the file', 'N', type=SEED)
     hours: float | None = option(
-        'how long the shift is, instead of what the file says', 'H', type=number_within(1e-3, 24.0)
+        'duration of the shift [h], instead of that of the file', 'H', type=number_within(1e-3, 24.0)
     )
     plans: int = option(
-        'real plans that the tables of cycle times are checked against',
+        'number of plans used to verify the tables of cycle times',
         'N',
         default=100,
         type=integer_within(0, 100_000),
     )
-    replay: str | None = option('a robot whose minute is driven again with the full simulation', 'ROBOT')
-    minute: int | None = option('of the shift, from 1 on, for --replay', 'N', type=integer_within(1, 24 * 60))
+    replay: str | None = option('replay one minute of this robot with the full simulation', 'ROBOT')
+    minute: int | None = option(
+        'minute of the shift for --replay, from 1', 'N', type=integer_within(1, 24 * 60)
+    )
     output: str = option('folder for tables, figures and report', 'DIR', default='line_shift')
 
-    parameters = None  # they stand in its file
+    parameters = None  # given in the line file
 
 
 def run(options: Options) -> int:
@@ -56,7 +58,7 @@ def run(options: Options) -> int:
         options.plans,
     )
     if (options.replay is None) != (options.minute is None):
-        raise LineError('--replay names a robot, --minute says which minute: give both')
+        raise LineError('--replay and --minute must be given together')
     folder = Path(options.output).absolute()
 
     def work(show: OnProgress) -> dict[str, Any]:
@@ -84,8 +86,8 @@ def run(options: Options) -> int:
 
 main = Command(
     'line',
-    'One shift of several robots at belts that run through all of them, from event to event with planned cycle times: '
-    'who picks what by which rule, and which parts are missed and why.',
+    'Simulate a shift of several robots at common belts with planned cycle times: which robot picks which part by the '
+    'allocation rule, and which parts are missed for which reason.',
     Options,
     run,
 )

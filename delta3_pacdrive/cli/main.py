@@ -1,4 +1,4 @@
-"""Entry point of ``delta3``: finds the sub-command and imports only what it needs."""
+"""Entry point of ``delta3``: selects the sub-command and imports only its module."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import sys
 from delta3_pacdrive import interrupts, memory
 from delta3_pacdrive.errors import Delta3Error, RunError, loading_failure
 
-# matrices here are small: threads of BLAS only wait for each other, for a quarter of the processor. Who asks for
-# threads gets them. It has to be said before numpy is imported.
+# The matrices are small: BLAS threads only wait for each other and cost a quarter of the processor time.
+# The variable must be set before numpy is imported; a value set by the user is kept.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 TYPE_CHECKING = False
@@ -63,7 +63,7 @@ COMMAND_GROUPS = {
 }
 COMMANDS = {name: text for group in COMMAND_GROUPS.values() for name, text in group.items()}
 FORMER_NAMES = {'arm': 'two-link'}  # deprecated names of commands
-# these have a robot to bring to rest before they end
+# commands that bring their robot to rest before they exit
 OF_ROBOTS = frozenset(
     {'run', 'up', 'move', 'faults', 'soak', 'drive', 'io', 'scope', 'view', 'record', 'bench'}
 )
@@ -88,14 +88,17 @@ delta3 COMMAND --help shows the options of a command.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit status. Without arguments the process is this command, and no other."""
+    """Run the command line; return the exit status.
+
+    Without arguments, use those of the process and install its signal handlers.
+    """
     own = arguments is None
     if own:
         _open_streams()
         interrupts.install()
         memory.collect_seldom()
         for stream in (sys.stdout, sys.stderr):
-            # names of files need not be text, and no terminal need know every sign
+            # file names may be invalid UTF-8, and terminals may lack characters
             if hasattr(stream, 'reconfigure'):
                 stream.reconfigure(errors='backslashreplace')
     status = _run(list(sys.argv[1:] if arguments is None else arguments), own)
@@ -106,23 +109,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _open_streams() -> None:
-    """Let a standard stream that is closed lead nowhere, so that no file which is opened later takes its place."""
+    """Redirect closed standard streams to the null device, so that no later file gets their descriptors."""
     for name, mode in (('stdin', 'r'), ('stdout', 'w'), ('stderr', 'w')):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode, encoding='utf-8'))  # noqa: SIM115 (it stays open)
 
 
 def bringup() -> int:
-    """Be ``ros2 run delta3_pacdrive bringup``."""
-    return _be('run')
+    """Entry point of ``ros2 run delta3_pacdrive bringup``."""
+    return _run_as('run')
 
 
 def record() -> int:
-    """Be ``ros2 run delta3_pacdrive record``."""
-    return _be('record')
+    """Entry point of ``ros2 run delta3_pacdrive record``."""
+    return _run_as('record')
 
 
-def _be(command: str) -> int:
+def _run_as(command: str) -> int:
     sys.argv.insert(1, command)
     return main()
 
@@ -135,9 +138,9 @@ def _run(arguments: list[str], own: bool) -> int:
             raise
         status = end.code if isinstance(end.code, int) else 1
     except MemoryError:
-        print('error: there is not enough memory', file=sys.stderr)
+        print('error: not enough memory', file=sys.stderr)
         return 1
-    except KeyboardInterrupt as error:  # before the command began to work
+    except KeyboardInterrupt as error:  # before the command started
         interrupts.ignore()
         print(f'error: {error}', file=sys.stderr)
         return interrupts.status(interrupts.asked()) if interrupts.asked() else 130
@@ -157,7 +160,7 @@ def _run(arguments: list[str], own: bool) -> int:
 
 
 def _cannot_write(error: OSError) -> int:
-    if isinstance(error, Delta3Error):  # kernels that have no folder, while a command is imported
+    if isinstance(error, Delta3Error):  # no cache folder for kernels while a command is imported
         print(f'error: {error}', file=sys.stderr)
     elif not isinstance(error, BrokenPipeError):
         print(f'error: cannot write the output: {error.strerror or error}', file=sys.stderr)
@@ -212,7 +215,7 @@ def load_command(name: str) -> Any:
 
 
 def _check_surroundings(command: str, rest: list[str]) -> None:
-    """Raise RunError if a command cannot work here, whatever its options are."""
+    """Raise RunError if memory or the ROS domain do not permit the command."""
     if {'-h', '--help'}.intersection(rest):
         return
     for_a_robot = _is_for_a_robot(command, rest)
@@ -224,7 +227,7 @@ def _check_surroundings(command: str, rest: list[str]) -> None:
 
 
 def _is_for_a_robot(command: str, rest: list[str]) -> bool:
-    """Whether a command takes part in a ROS graph."""
+    """Whether the command joins a ROS graph."""
     if command in ('drive', 'io', 'scope', 'faults', 'bench'):
         return rest[:1] not in (['list'], ['motion'], ['simulate'], ['kinematics'], ['cell'])
     return command in OF_ROBOTS or (command == 'experiment' and '--graph' in rest)

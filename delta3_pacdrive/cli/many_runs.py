@@ -1,4 +1,4 @@
-"""What the commands share that make many runs with workers: their options, and what an interruption leaves."""
+"""Options and execution of the commands with many runs: ``sweep`` and ``optimise``."""
 
 from __future__ import annotations
 
@@ -19,45 +19,43 @@ if TYPE_CHECKING:
 
 @dataclass
 class ManyRunsOptions(JsonOptions):
-    """Options of a command that makes many runs."""
+    """Options of a command with many runs."""
 
-    specification: str = argument('file that says what varies, YAML or Python')
+    specification: str = argument('specification of the varied values, YAML or Python')
     workers: int = option(
-        'processes that make the runs; one for each core if not given',
+        'number of worker processes (default: one per core)',
         'N',
         default=0,
         type=integer_within(1, 1024),
     )
     scheduler: str | None = option(
-        'address of a dask cluster that is up, instead of own processes', 'tcp://HOST:PORT'
+        'address of a dask cluster to use instead of local processes', 'tcp://HOST:PORT'
     )
 
-    parameters = None  # they stand in its file
+    parameters = None  # given in the specification
 
 
 def settings_of(options: Any) -> Settings:
-    """Return the settings of the study; raises SweepError if workers are to be in two places."""
+    """Return the settings of the study; raises SweepError if both workers and scheduler are given."""
     from delta3_pacdrive.analysis.sweep.study import Settings
     from delta3_pacdrive.errors import SweepError
 
     if options.workers and options.scheduler:
-        raise SweepError(
-            '--workers is for own processes, --scheduler for a cluster that has its own: give one of them'
-        )
+        raise SweepError('--workers (local processes) and --scheduler (cluster) exclude each other')
     return Settings(Path(options.specification), options.workers, options.scheduler or '')
 
 
 def run_many(options: Any, study: Callable[..., Any], text: Callable[[dict[str, Any]], Iterable[str]]) -> int:
-    """Make the runs of a study, print its summary and return the exit status; an interrupted study goes on later.
+    """Execute the runs of a study, print its summary and return the exit status.
 
     Parameters
     ----------
     options
         ``ManyRunsOptions`` with ``output``.
     study
-        Class of the study; ``kept_text`` describes the runs on disk.
+        Class of the study.
     text
-        Turns the summary into lines for people.
+        Converts the summary to lines of text.
 
     """
     settings, folder = settings_of(options), Path(options.output).absolute()
@@ -70,7 +68,7 @@ def run_many(options: Any, study: Callable[..., Any], text: Callable[[dict[str, 
 
     def unfinished() -> str:
         if not studies:
-            return 'interrupted: nothing was made'
-        return f'interrupted: {studies[0].kept_text} in {folder}; the command goes on'
+            return 'interrupted before the first run'
+        return f'interrupted: {studies[0].kept_text} in {folder}; the same command continues'
 
     return run_study(options, work, text, unfinished, folder)

@@ -1,4 +1,4 @@
-"""``delta3 move``: send moves and programs to a robot that is up, and start, hold, resume, override or abort them."""
+"""``delta3 move``: send moves and programs to a running robot; start, hold, resume, override or abort them."""
 
 import json
 import math
@@ -32,25 +32,25 @@ ACTIONS = {
     'l': 'straight line to X Y Z [m]',
     'c': 'circle through X Y Z to X Y Z [m]',
     'sb': 'spline through X Y Z, X Y Z, ... [m]',
-    'program': 'program file, or the name of a packaged program',
+    'program': 'program file or packaged program',
     'start': 'start the queue',
     'hold': 'stop on the path',
-    'resume': 'go on after a hold',
-    'abort': 'stop on the path and give the program up',
-    'clear': 'empty the queue',
-    'emergency_stop': 'stop on the path, then take the torque off',
-    'override': 'speed in percent, 1 to 150',
-    'reset': 'clear faults; the drives are enabled apart',
+    'resume': 'continue after a hold',
+    'abort': 'stop on the path and cancel the program',
+    'clear': 'clear the queue',
+    'emergency_stop': 'stop on the path, then disable torque',
+    'override': 'set the speed in percent, 1 to 150',
+    'reset': 'clear faults; does not enable the drives',
     'enable': 'enable the drives',
     'disable': 'disable the drives',
-    'state': 'say what the robot does',
-    'wait': 'wait until the robot is up: in cyclic operation, enabled or stopped by a fault',
+    'state': 'print the state of the robot',
+    'wait': 'wait until the robot is in cyclic operation and enabled, or stopped by a fault',
 }
 MOVES = ('l', 'c', 'sb', 'program')
 POINTS = ('l', 'c', 'sb')
 RUNS = (*MOVES, 'start', 'resume')
 NEEDS_CONTROL = tuple(action for action in ACTIONS if action not in (*STOPS, 'state', 'wait'))
-COUNTS = {'override': 1, 'program': 1}  # of values, besides those of the moves; all others take none
+COUNTS = {'override': 1, 'program': 1}  # number of values; other actions except moves take none
 LIMITS = {'speed': 'speed_m_s', 'acceleration': 'acceleration_m_s2', 'jerk': 'jerk_m_s3', 'blend': 'blend_m'}
 
 
@@ -60,52 +60,48 @@ class Options(NodeOptions, JsonOptions):
 
     action: str = argument('one of the actions below', choices=ACTIONS, metavar='ACTION')
     values: list[str] = argument('numbers, or a file', default=(), nargs='*', metavar='VALUE')
-    all: bool = flag(
-        'ask all robots that are up, or all below --namespace, at the same time', only=(*STOPS, 'state')
-    )
+    all: bool = flag('all running robots, or all below --namespace, at the same time', only=(*STOPS, 'state'))
     queue: bool = flag(
-        'only append to the queue, do not start, or do not wait if the robot moves', only=MOVES
+        'only append to the queue: do not start the queue, and do not wait if the robot moves', only=MOVES
     )
     detach: bool = flag(
-        'leave the robot moving, and do not watch it', names=('--detach', '--no-wait'), only=RUNS
+        'return at once; do not wait for the motion to finish', names=('--detach', '--no-wait'), only=RUNS
     )
-    take_over: bool = flag('take control of the robot even if somebody else has it', only=NEEDS_CONTROL)
+    take_over: bool = flag('take control even if another operator has it', only=NEEDS_CONTROL)
     speed: float | None = option(
-        'largest TCP speed [m/s], of a program too', 'V', type=finite_number, only=MOVES
+        'maximum TCP speed [m/s], also for a program', 'V', type=finite_number, only=MOVES
     )
     acceleration: float | None = option(
-        'largest TCP acceleration [m/s2], likewise', 'A', type=finite_number, only=MOVES
+        'maximum TCP acceleration [m/s2], likewise', 'A', type=finite_number, only=MOVES
     )
-    jerk: float | None = option('largest TCP jerk [m/s3], likewise', 'J', type=finite_number, only=MOVES)
-    blend: float | None = option(
-        'blend radius towards the move that follows [m]', 'R', type=finite_number, only=POINTS
-    )
-    strict: bool = flag('refuse the move instead of slowing it down', only=POINTS)
+    jerk: float | None = option('maximum TCP jerk [m/s3], likewise', 'J', type=finite_number, only=MOVES)
+    blend: float | None = option('blend radius to the next move [m]', 'R', type=finite_number, only=POINTS)
+    strict: bool = flag('reject the move instead of slowing it down', only=POINTS)
     first: int = first_statement(only=('program',))
     approach: bool = flag(
-        'first go straight to the start of the program, at 0.25 m/s at most: to its start_m, or to where --from begins',
+        'first move straight to the start of the program (start_m or the start of --from) at up to 0.25 m/s',
         only=('program',),
     )
     angle: float | None = option(
-        'go over this angle on the circle through both points, 360 a turn [deg]',
+        'travel this angle on the circle through both points [deg]',
         'DEG',
         type=finite_number,
         only=('c',),
     )
-    relative: bool = flag('points are steps from where the robot stands', only=POINTS)
+    relative: bool = flag('points are relative to the present position', only=POINTS)
 
 
 def _check(options: Options) -> None:
-    """Refuse by name what the action does not obey; raises ProgramError."""
-    for name, _ in options.unobeyed(options.action):
+    """Raise ProgramError for options and values that the action does not support."""
+    for name, _ in options.unsupported(options.action):
         raise ProgramError(f'move {options.action} does not take {name}')
     for name in ('speed', 'acceleration', 'jerk'):
         value = getattr(options, name)
         if value is not None and not value > 0.0:
             raise ProgramError(f'--{name} is {value:g}, but must be positive')
     if options.action not in MOVES and len(options.values) != COUNTS.get(options.action, 0):
-        wanted = 'one number' if options.action == 'override' else 'no values'
-        raise ProgramError(f'move {options.action} takes {wanted}, not {len(options.values)}')
+        expected = 'one number' if options.action == 'override' else 'no values'
+        raise ProgramError(f'move {options.action} takes {expected}, not {len(options.values)}')
 
 
 def _numbers(values: list[str], what: str) -> list[float]:
@@ -114,21 +110,21 @@ def _numbers(values: list[str], what: str) -> list[float]:
         try:
             numbers.append(float(value))
         except ValueError:
-            raise ProgramError(f'{what}: {shown(value)} is no number') from None
+            raise ProgramError(f'{what}: {shown(value)} is not a number') from None
     return numbers
 
 
 def _points(options: Options, count: int | None) -> list[Any]:
     values = _numbers(options.values, f'move {options.action}')
     if not values or len(values) % 3 or (count is not None and len(values) != 3 * count):
-        wanted = 'three numbers a point' if count is None else f'{3 * count} numbers'
-        raise ProgramError(f'move {options.action} takes {wanted}, not {len(values)}')
+        expected = 'three numbers per point' if count is None else f'{3 * count} numbers'
+        raise ProgramError(f'move {options.action} takes {expected}, not {len(values)}')
     points = [values[n : n + 3] for n in range(0, len(values), 3)]
     return [{'by_m': point} for point in points] if options.relative else points
 
 
 def _document(options: Options) -> str:
-    """Return the program that the options mean, as text for UnitRobot."""
+    """Return the program of the options, as text for UnitRobot."""
     if options.action == 'program':
         return _program_text(options.values)
     limits = {
@@ -164,7 +160,7 @@ def _program_text(values: list[str]) -> str:
 
 
 def _adaptation(options: Options) -> 'Adaptation':
-    """Return what is asked for otherwise than a program says; moves have that in their text."""
+    """Return the changes of a program by options; the text of single moves includes theirs."""
     from delta3_pacdrive.motion.adaptation import APPROACH_M_S, AS_IT_IS, Adaptation
 
     if options.action != 'program':
@@ -195,7 +191,7 @@ def run(options: Options) -> int:
 
 
 def _run_all(options: Options) -> int:
-    """Ask all robots; return the exit status."""
+    """Perform the action on all robots; return the exit status."""
     from delta3_pacdrive.ros.robots_client import ask_all
 
     def act(operator: Any) -> dict[str, Any]:
@@ -221,47 +217,47 @@ def _run_all(options: Options) -> int:
 def _act(options: Options, operator: Any, document: str, percent: float) -> list[str]:
     sentences: list[str] = []
 
-    def tell(sentence: str) -> None:
+    def report(sentence: str) -> None:
         sentences.append(sentence)
         if not options.json:
             print(sentence, flush=True)
 
     if options.action == 'wait':
-        tell(_wait(operator))
+        report(_wait(operator))
     elif options.action == 'state':
-        tell(_state_text(_state_facts(operator)))
+        report(_state_text(_state_facts(operator)))
     elif options.action in STOPS:
-        tell(operator.call(options.action))
+        report(operator.call(options.action))
     else:
         taken = operator.take_control(f'delta3 move {options.action}', options.take_over)
         if options.take_over:
-            tell(f'{taken}; moves that another operator has queued are removed')
+            report(f'{taken}; the queued moves of the other operator are removed')
         try:
             operator.wait_until(lambda: operator.state, 'motion/state')
-            if document and operator.state in UNDER_WAY:  # moves are appended to what is driven
-                _set_off(lambda: operator.move(document, _adaptation(options)), options, operator, tell)
+            if document and operator.state in UNDER_WAY:  # append to the running motion
+                _run_motion(lambda: operator.move(document, _adaptation(options)), options, operator, report)
                 return sentences
             if document and options.queue:
-                tell(operator.send_program(document, _adaptation(options)))
+                report(operator.send_program(document, _adaptation(options)))
             elif document:
-                _set_off(
-                    lambda: operator.start_program(document, _adaptation(options)), options, operator, tell
+                _run_motion(
+                    lambda: operator.start_program(document, _adaptation(options)), options, operator, report
                 )
             elif options.action in ('start', 'resume'):
-                _set_off(lambda: operator.call(options.action), options, operator, tell)
+                _run_motion(lambda: operator.call(options.action), options, operator, report)
             elif options.action == 'override':
-                tell(operator.override(percent))
+                report(operator.override(percent))
             elif not document:
-                tell(operator.call(options.action))
+                report(operator.call(options.action))
         finally:
             operator.interruptible = False
-            with suppress(RunError, ProgramError):  # who has lost control need not release it
+            with suppress(RunError, ProgramError):  # control may be lost already
                 operator.release_control()
     return sentences
 
 
 def _wait(operator: Any) -> str:
-    """Wait until a robot is up, and a planner with it; raises RunError if it has a fault, or if none comes."""
+    """Wait until robot and planner are running; raises RunError after a fault or a timeout."""
     operator.wait_until(
         lambda: (
             operator.progress.get('phase') == 'CP4' and (operator.progress['in_torque'] or _fault(operator))
@@ -280,7 +276,7 @@ def _fault(operator: Any) -> str:
 
 
 def _state_facts(operator: Any) -> dict[str, Any]:
-    """Return what is known of the robot now."""
+    """Return the present state of the robot."""
     seen = operator.progress
     operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
     facts = {key: operator.progress.get(key) for key in STATE_FACTS}
@@ -289,15 +285,15 @@ def _state_facts(operator: Any) -> dict[str, Any]:
     try:
         operator.wait_until(lambda: operator.queue, 'unit_robot/queue', PLANNER_S)
     except RunError:
-        return facts | {'queue': None, 'override': None, 'planning': 'no word of the planner'}
+        return facts | {'queue': None, 'override': None, 'planning': 'the planner does not respond'}
     queue = operator.queue
     return facts | {'queue': queue.moves, 'override': queue.override, 'planning': queue.working}
 
 
-SILENT_S = 5.0  # without a word of a robot that moves, which is dead then
-TURN = 'turn_rad'  # is told where there is a rotary axis
-UP_S = 120.0  # for a robot that is asked to come up, the first compilation of its kernels included
-PLANNER_S = 2.0  # without a word of the planner, when ``state`` is asked
+SILENT_S = 5.0  # timeout for the progress of a moving robot
+TURN = 'turn_rad'  # published by robots with a rotary axis
+UP_S = 120.0  # timeout of ``wait``, including the first compilation of kernels
+PLANNER_S = 2.0  # timeout for the status of the planner
 STATE_FACTS = (
     'state', 'enabled', 'in_torque', 'phase', 'waiting', 'fault', 'fault_code', 'fault_number', 'fault_source',
     'fault_cycle', 'bus_time_s', 'tcp_m', 'move', 'moves', 'master_m', 'remaining_s', 'payload_kg', 'outputs',
@@ -346,49 +342,49 @@ def _state_text(facts: dict[str, Any]) -> str:
     return ', '.join(parts)
 
 
-def _set_off(ask: Callable[[], str], options: Options, operator: Any, tell: Callable[[str], None]) -> None:
-    """Ask for a motion, and wait until it is over; whoever ends this command holds the robot."""
+def _run_motion(
+    request: Callable[[], str], options: Options, operator: Any, report: Callable[[str], None]
+) -> None:
+    """Request a motion and wait until it has finished; an interrupt holds the robot."""
     operator.wait_until(lambda: operator.state and operator.progress, 'motion/state')
     before = operator.state_changes
     try:
-        tell(ask())
+        report(request())
         if options.detach or options.queue or operator.state == 'stopped':
             return
-        # whoever looks late finds a short motion over already
+        # a short motion may have finished already
         operator.wait_until(
             lambda: operator.state_changes > before, 'start of the motion, whose moves were accepted,'
         )
         while operator.state == 'moving':
             operator.spin_for(0.05)
             if time.monotonic() - operator.progress_s > SILENT_S:
-                raise RunError(f'no word of the robot for {SILENT_S:g} s, while it moved')
+                raise RunError(f'the moving robot has not responded for {SILENT_S:g} s')
             if not operator.in_control:
-                raise RunError(
-                    f'{operator.progress["operator"] or "nobody"} has control now: this command does not watch the '
-                    'motion any more'
-                )
+                new_operator = operator.progress['operator'] or 'no operator'
+                raise RunError(f'{new_operator} has control now: this command no longer monitors the motion')
     except RunInterruptedError:
         operator.interruptible = False
-        with suppress(ProgramError):  # a motion that is over need not be held
-            tell(operator.call('hold'))
+        with suppress(ProgramError):  # the motion may have finished
+            report(operator.call('hold'))
         raise
     if operator.state == 'error':
-        operator.wait_until(lambda: operator.progress.get('fault'), 'sentence about the fault')
+        operator.wait_until(lambda: operator.progress.get('fault'), 'fault message')
         raise RunError(operator.progress['fault'])
     if operator.progress.get('learned_torques'):
         from delta3_pacdrive.motion.learned import followed_text
 
         seen = operator.progress
         operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
-        tell(followed_text(operator.progress['unlearned']))
+        report(followed_text(operator.progress['unlearned']))
     from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
 
-    tell('the robot stands' if operator.state == 'idle' else motion_sentence(operator.state))
+    report('the robot is at rest' if operator.state == 'idle' else motion_sentence(operator.state))
 
 
 main = Command(
     'move',
-    'Send moves to a robot that is up (delta3 up), and control how they run.',
+    'Send moves to a running robot (delta3 up) and control their execution.',
     Options,
     run,
     ACTIONS,

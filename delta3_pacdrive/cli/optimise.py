@@ -1,4 +1,4 @@
-"""``delta3 optimise``: values of parameters and of the program for which a number of the run is best, within limits."""
+"""``delta3 optimise``: optimise values of parameters and of the program under constraints."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from delta3_pacdrive.cli.many_runs import ManyRunsOptions, run_many
 class Options(ManyRunsOptions):
     """Options of the command."""
 
-    output: str = option(
-        'folder for the trials, the best of them, figures and report', 'DIR', default='optimisation'
-    )
+    output: str = option('folder for trials, best trial, figures and report', 'DIR', default='optimisation')
 
 
 def run(options: Options) -> int:
@@ -26,9 +24,8 @@ def run(options: Options) -> int:
 
 main = Command(
     'optimise',
-    'Choose values of parameters and of the program for which a number of the run is best, and others keep their '
-    'limits, as a file says. What is done is kept, and the same command goes on. The best trial is left as a parameter '
-    'file and a program.',
+    'Optimise values of parameters and of the program for an objective under constraints, as specified in a file. '
+    'Completed trials are kept; the same command continues. Writes the best trial as a parameter file and a program.',
     Options,
     run,
 )

@@ -1,4 +1,4 @@
-"""Types of options: each takes what the command can obey, and refuses anything else with its limit."""
+"""Types of option values; each raises ArgumentTypeError with the allowed range or format."""
 
 import argparse
 import math
@@ -13,20 +13,20 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def filled(text: str) -> str:
-    """Take a text or a name; what is empty is a variable of a shell that was never set."""
+def non_empty(text: str) -> str:
+    """Read a text; reject an empty one, which is usually an unset shell variable."""
     if not text:
         raise argparse.ArgumentTypeError('it must not be empty')
     return text
 
 
 def folder(text: str) -> Path:
-    """Take the name of a folder."""
-    return Path(filled(text))
+    """Read the name of a folder."""
+    return Path(non_empty(text))
 
 
 def number_within(low: float, high: float, unit: str = '') -> Callable[[str], float]:
-    """Return the type of an option that is a number from ``low`` to ``high``."""
+    """Return the option type of numbers from ``low`` to ``high``."""
 
     def number(text: str) -> float:
         value = _number(text)
@@ -40,15 +40,15 @@ def number_within(low: float, high: float, unit: str = '') -> Callable[[str], fl
 
 
 def finite_number(text: str) -> float:
-    """Take a number of the command line."""
+    """Read a finite number."""
     value = _number(text)
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text!r} is no finite number')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a finite number')
     return value
 
 
 def integer_within(low: int, high: int) -> Callable[[str], int]:
-    """Return the type of an option that is a whole number from ``low`` to ``high``."""
+    """Return the option type of integers from ``low`` to ``high``."""
 
     def integer(text: str) -> int:
         try:
@@ -63,7 +63,7 @@ def integer_within(low: int, high: int) -> Callable[[str], int]:
 
 
 def trace_file(text: str) -> str:
-    """Take the name of a trace to be written: its ending says how."""
+    """Read the name of a trace to write; the suffix selects the format."""
     from delta3_pacdrive.recording.trace_file import suffix_refusal
 
     if refusal := suffix_refusal(text):
@@ -72,22 +72,22 @@ def trace_file(text: str) -> str:
 
 
 def signal_names(text: str) -> list[str]:
-    """Take names of signals, or patterns such as ``tcp_*``, with commas between them."""
+    """Read comma-separated signal names or patterns such as ``tcp_*``."""
     names = [part.strip() for part in text.split(',') if part.strip()]
     if not names:
-        raise argparse.ArgumentTypeError('it names no signal')
+        raise argparse.ArgumentTypeError('at least one signal is required')
     return list(dict.fromkeys(names))
 
 
 def csv_file(text: str) -> Path:
-    """Take the name of a table to be written."""
+    """Read the name of a CSV file to write."""
     if Path(text).suffix.lower() != '.csv':
         raise argparse.ArgumentTypeError(f'cannot write {text}: the name of a table must end in .csv')
     return Path(text)
 
 
 def program_file(text: str) -> str:
-    """Take the name of a program file to be written."""
+    """Read the name of a program file to write."""
     if Path(text).suffix.lower() not in ('.yaml', '.yml'):
         raise argparse.ArgumentTypeError(f'cannot write {text}: the name of a program must end in .yaml')
     return text

@@ -1,4 +1,4 @@
-"""What the commands share: errors as one sentence, results as a table or as JSON."""
+"""Output of the commands: one-line errors, results as text or JSON."""
 
 import json
 import math
@@ -12,38 +12,38 @@ from delta3_pacdrive import interrupts
 from delta3_pacdrive.errors import Delta3Error, RunInterruptedError, loading_failure
 from delta3_pacdrive.numerics.units import millimetres
 
-WRONG_MAX = 5  # parts with a sentence each
+WRONG_MAX = 5  # listed parts with a problem
 INTERRUPTED = 130  # exit status after Ctrl-C
 
 
 def fail(error: Delta3Error, as_json: bool = False) -> int:
-    """Print an error as one sentence (and as JSON on standard output, if asked for); return the exit status."""
+    """Print an error in one line, with ``as_json`` also as JSON on standard output; return the exit status."""
     text = ' '.join(str(error).split())
     try:
         print(f'error: {text}', file=sys.stderr)
         if as_json:
             print(json.dumps({'ok': False, 'error': text}))
         sys.stdout.flush()
-    except OSError:  # nobody can read it: the status has to do
+    except OSError:  # the reader has gone; the exit status remains
         discard_output()
     return 1
 
 
-def kept_for_json(as_json: bool) -> AbstractContextManager[Any]:
-    """Keep standard output for the JSON of a command: a script that runs meanwhile prints to standard error."""
+def stdout_reserved(as_json: bool) -> AbstractContextManager[Any]:
+    """Return a context in which other output goes to standard error, if the command prints JSON."""
     return redirect_stdout(sys.stderr) if as_json else nullcontext()
 
 
 def discard_output() -> None:
-    """Write to nowhere from now on: not even the end of the interpreter complains about what cannot be written."""
-    with suppress(OSError):  # a stream without a file, as tests have it
+    """Redirect standard output to the null device, so that the flush at interpreter exit cannot fail."""
+    with suppress(OSError):  # a stream without a file descriptor, as in tests
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def run_and_report(action: Callable[[], int], as_json: bool = False) -> int:
-    """Run a command; every error of this package and of the machine becomes one sentence and exit status 1.
+    """Run a command; report errors of this package and of the operating system in one line with exit status 1.
 
-    Ctrl-C, SIGTERM and SIGHUP become one sentence and the status 130, 143 or 129.
+    Ctrl-C, SIGTERM and SIGHUP give the status 130, 143 or 129.
     """
     interrupts.answer_as_json(as_json)
     try:
@@ -55,10 +55,9 @@ def run_and_report(action: Callable[[], int], as_json: bool = False) -> int:
             raise
         interrupts.ignore()
         if isinstance(error, BrokenPipeError):
-            # whoever read has gone; nothing is left to be said
             discard_output()
             return _status(1)
-        if sentence is None:  # what an interrupt became on its way through somebody else's code
+        if sentence is None:  # an interrupt that third-party code turned into another exception
             sentence = interrupts.sentence(interrupts.asked())
         status = fail(Delta3Error(sentence), as_json)
         return _status(INTERRUPTED if _is_interrupt(error) else status)
@@ -70,34 +69,34 @@ def run_and_report(action: Callable[[], int], as_json: bool = False) -> int:
 
 
 def _is_interrupt(error: Exception) -> bool:
-    # rclpy's exception comes where it has taken the signal for itself; rclpy itself is not imported here
+    # rclpy raises its own exception if it handled the signal; rclpy is not imported here
     return isinstance(error, RunInterruptedError) or type(error).__name__ == 'ExternalShutdownException'
 
 
 def _status(status: int) -> int:
-    """Return the status of a command, or that of the signal which ended it."""
+    """Return the exit status, or that of the signal that ended the command."""
     return interrupts.status(interrupts.asked()) if status and interrupts.asked() else status
 
 
 def _sentence(error: Exception) -> str | None:
-    """Return what went wrong, None if it is no error of the package or of the machine but a mistake in the code."""
+    """Return the message of an expected error; None for a bug."""
     if isinstance(error, Delta3Error):
         return str(error)
     if _is_interrupt(error):
         return str(error) or 'interrupted'
     if isinstance(error, MemoryError):
-        return 'there is not enough memory'
+        return 'not enough memory'
     if isinstance(error, ImportError) and 'map segment' in str(error):
-        return f'there is not enough memory: {error}'
+        return f'not enough memory: {error}'
     if isinstance(error, OSError):
         try:
             os.getcwd()
         except FileNotFoundError:
-            return 'the working folder does not exist any more'
+            return 'the working directory no longer exists'
         place = f' {error.filename}' if error.filename else ''
         return f'cannot read or write{place}: {error.strerror}' if error.strerror else str(error)
     if isinstance(error, UnicodeError):
-        return f'a name or a text is not valid UTF-8: {error}'
+        return f'invalid UTF-8 in a name or text: {error}'
     return loading_failure(error)
 
 
@@ -108,7 +107,7 @@ def print_json(
     inputs: Sequence[str] = (),
     seed: int | None = None,
 ) -> None:
-    """Print a result with where it comes from."""
+    """Print a result with its provenance as JSON."""
     from delta3_pacdrive.analysis.provenance import Provenance
 
     source = getattr(options, 'parameters', None)
@@ -124,7 +123,7 @@ def print_run(
     ready: str = '',
     notes: Sequence[str] = (),
 ) -> int:
-    """Print what a run came to, and what people should know about it; return the exit status."""
+    """Print the result of a run with its notes; return the exit status."""
     result = result | {'controller': robot.controller} | currents_used(result, robot)
     if options.json:
         print_json(result, options, robot, inputs)
@@ -137,13 +136,13 @@ def print_run(
 
 
 def print_answer(sentence: str, options: Any) -> int:
-    """Print what a robot has answered; return the exit status."""
+    """Print the reply of a robot; return the exit status."""
     print(json.dumps({'ok': True, 'answer': sentence}) if options.json else sentence)
     return 0
 
 
 def currents_used(result: dict[str, Any], robot: Any) -> dict[str, Any]:
-    """Return the limits of the motors' currents [A], how much of them a run used, and a warning for each exceeded."""
+    """Return the current limits of the motors [A], the share that a run used, and a warning for each exceeded one."""
     from delta3_pacdrive.motor import thermal_warnings
 
     used: dict[str, Any] = {
@@ -171,10 +170,10 @@ def _amperes(of_axes: Sequence[float | None], limit: float | None = None, name: 
 
 
 def parts_rows(cell: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the rows about the parts of a cell, and about the first few that something happened to."""
+    """Return rows with the counts of parts by outcome and the first few problems."""
     counts = cell['outcomes']
-    told = [f'{counts[name]} {name}' for name in counts if counts[name] and name != 'waiting']
-    rows = [('parts', ', '.join([f'{cell["picked"]} picked', *told, f'{cell["missed"]} missed']))]
+    others = [f'{counts[name]} {name}' for name in counts if counts[name] and name != 'waiting']
+    rows = [('parts', ', '.join([f'{cell["picked"]} picked', *others, f'{cell["missed"]} missed']))]
     if cell['place_error_max_m'] is not None:
         most, rms = 1e3 * cell['place_error_max_m'], 1e3 * cell['place_error_rms_m']
         rows.append(('place error', f'{most:.3f} mm max, {rms:.3f} mm rms'))
@@ -188,12 +187,12 @@ def parts_rows(cell: dict[str, Any]) -> list[tuple[str, str]]:
     wrong += [f'missed in bus cycle {miss["closed_cycle"]}: {miss["reason"]}' for miss in cell['misses']]
     rows += [('part', sentence) for sentence in wrong[:WRONG_MAX]]
     if len(wrong) > WRONG_MAX:
-        rows.append(('part', f'and {len(wrong) - WRONG_MAX} more: --json has all of them'))
+        rows.append(('part', f'and {len(wrong) - WRONG_MAX} more; --json lists all'))
     return rows
 
 
 def print_figures(result: dict[str, Any]) -> None:
-    """Print the figures of a run for people."""
+    """Print the figures of a run as text."""
     factor = result['bus_time_s'] / result['wall_time_s']
     rows = [
         ('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles'),
@@ -210,14 +209,13 @@ def print_figures(result: dict[str, Any]) -> None:
         ('rms in the AT', _amperes(result['at_current_rms_a'])),
     ]
     if 'turn_error_max_rad' in result:
-        place, way = (math.degrees(result[f'turn_{name}error_max_rad']) for name in ('encoder_place_', ''))
-        told = f'by its encoder {place:.4f} deg'
-        if 'turn_place_error_max_rad' in result:  # a robot on the graph does not know it
-            true = math.degrees(result['turn_place_error_max_rad'])
-            told = f'{true:.4f} deg off at most where moves end, {told}, on the way {way:.4f} deg'
-        else:
-            told = f'{told} off at most where moves end, on the way {way:.4f} deg'
-        rows.append(('tool', told))
+        encoder, moving = (
+            math.degrees(result[f'turn_{name}error_max_rad']) for name in ('encoder_place_', '')
+        )
+        at_end = f'{encoder:.4f} deg by its encoder'
+        if 'turn_place_error_max_rad' in result:  # the true angle is known in simulation only
+            at_end = f'{math.degrees(result["turn_place_error_max_rad"]):.4f} deg, {at_end}'
+        rows.append(('tool', f'error max at move ends {at_end}; during motion {moving:.4f} deg'))
         rows.append(('tool current', _tool_current(result)))
     if result.get('repeat', 1) > 1:
         rounds = 60.0 * result['repeat'] / result['program_s']
@@ -232,8 +230,8 @@ def print_figures(result: dict[str, Any]) -> None:
             (
                 'from exact',
                 f'TCP {1e3 * apart["tcp_max_m"]:.4f} mm max, {1e3 * apart["tcp_rms_m"]:.4f} mm rms, current '
-                f'{apart["current_max_a"]:.4f} A max, d {apart["coupling_torque_max_n_m"]:.4f} N m max: decoupled arms '
-                'from coupled ones',
+                f'{apart["current_max_a"]:.4f} A max, d {apart["coupling_torque_max_n_m"]:.4f} N m max: deviation of '
+                'decoupled from coupled arms',
             )
         )
     if 'cell' in result:

@@ -1,4 +1,4 @@
-"""``delta3 plan``: what the planner makes of a program, move by move and over time, without running it."""
+"""``delta3 plan``: plan a program without running it and report every move."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ from delta3_pacdrive.cli.command import (
     flag,
     option,
 )
-from delta3_pacdrive.cli.output import kept_for_json, print_json
+from delta3_pacdrive.cli.output import print_json, stdout_reserved
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
@@ -32,31 +32,28 @@ class Options(JsonOptions):
     parameters: str | None = option(PARAMETERS, 'FILE')
     first: int = first_statement()
     output: str | None = option(
-        'write figures 6.2 to 6.4 of the thesis, motors, limits and tables into this folder', 'FOLDER'
+        'folder for figures 6.2 to 6.4 of the thesis, plots of motors and limits, and tables', 'FOLDER'
     )
     cell: str | None = option(
-        'what stands around the robot, a cell file, or cell: the packaged one: programs may name its outputs, and '
-        'scripts wait for its inputs',
+        'cell file, or cell for the packaged one: programs may use the names of its outputs, scripts its inputs',
         'FILE',
     )
     vibration: bool = flag(
-        'predict how far the TCP swings after each shaped move, with and without shaping: simulates each on the built '
-        'robot'
+        'predict the residual vibration of the TCP after each shaped move, with and without shaping, by simulation of '
+        'the built robot'
     )
-    limits: bool = flag(
-        'in the JSON, tell of each move how much of every limit it uses, not only of the first'
-    )
+    limits: bool = flag('with --json: the used share of every limit for each move, not only the active one')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         script = self.program.endswith('.py')
         if script and self.first:
             return f'{NO_PROGRAM} script'
         if self.vibration and script:
-            return '--vibration is for a program: a script is planned in pieces while it runs'
+            return '--vibration requires a program: a script is planned while it runs'
         if self.output is not None and script:
-            return '--output is for a program: a script is planned in pieces while it runs'
-        return '--limits is for --json' if self.limits and not self.json else ''
+            return '--output requires a program: a script is planned while it runs'
+        return '--limits requires --json' if self.limits and not self.json else ''
 
 
 def run(options: Options) -> int:
@@ -79,8 +76,8 @@ def run(options: Options) -> int:
         )
     if options.program.endswith('.py'):
         return _run_script(options, robot)
-    around, more = _around(options)
-    outputs = OWN if around is None else around.output_names
+    cell, more = _cell_of(options)
+    outputs = OWN if cell is None else cell.output_names
     program = rest_of(program_file.load(options.program, robot.motion, outputs), options.first, robot)
     inputs = [*noted([options.program]), *more]
     require_writable_folder(options.output)
@@ -102,18 +99,18 @@ def run(options: Options) -> int:
 
 
 def _run_script(options: Options, robot: 'Parameters') -> int:
-    """Run a script dry; return the exit status."""
+    """Dry-run a script; return the exit status."""
     from delta3_pacdrive.analysis.inputs import noted
     from delta3_pacdrive.cell import dry_run, script
     from delta3_pacdrive.errors import RunError
 
-    with kept_for_json(options.json):
+    with stdout_reserved(options.json):
         read = script.load(options.program)
     inputs = noted([options.program])
-    around, more = _around(options)
+    cell, more = _cell_of(options)
     inputs += more
-    with kept_for_json(options.json):
-        found = dry_run.dry_run(read, robot, around)
+    with stdout_reserved(options.json):
+        found = dry_run.dry_run(read, robot, cell)
     if not options.json:
         print('\n'.join(dry_run.text(found)))
     elif not found.stopped:
@@ -123,8 +120,8 @@ def _run_script(options: Options, robot: 'Parameters') -> int:
     return 0
 
 
-def _around(options: Options) -> 'tuple[Cell | None, list[str]]':
-    """Return the cell that is asked for, and its file with its digest; raises CellError."""
+def _cell_of(options: Options) -> 'tuple[Cell | None, list[str]]':
+    """Return the cell, and its file name with digest; raises CellError."""
     if options.cell is None:
         return None, []
     from delta3_pacdrive.analysis.provenance import digest
@@ -137,7 +134,7 @@ def _around(options: Options) -> 'tuple[Cell | None, list[str]]':
 def _written(
     options: Options, robot: 'Parameters', found: 'PlanStudy', lines: list[str], inputs: list[str]
 ) -> list[str]:
-    """Write figures, tables and page; return the files."""
+    """Write figures, tables and page; return the file names."""
     from pathlib import Path
 
     from delta3_pacdrive.analysis.planning import figures, report
@@ -156,7 +153,7 @@ def _written(
 main = Command(
     'plan',
     'Plan a program without running it: path, speed, acceleration and jerk, motor speeds, torques and currents, '
-    'distances to the limits, and for each move what keeps it from being faster.',
+    'distances to the limits, and the active limit of each move.',
     Options,
     run,
 )

@@ -1,4 +1,4 @@
-"""``delta3 plot``: the thesis' set of figures for a bag or a trace."""
+"""``delta3 plot``: draw the figures of the thesis for a bag or a trace."""
 
 import argparse
 import json
@@ -39,9 +39,9 @@ def _signals(text: str) -> list[str]:
     names = [name.strip() for name in text.split(',') if name.strip()]
     for name in names:
         if name not in KNOWN and not name.startswith(OF_DRIVES):
-            raise argparse.ArgumentTypeError(f'{name!r} is no signal, expected some of {", ".join(KNOWN)}')
+            raise argparse.ArgumentTypeError(f'unknown signal {name!r}, expected some of {", ".join(KNOWN)}')
     if not names:
-        raise argparse.ArgumentTypeError('it names no signal')
+        raise argparse.ArgumentTypeError('at least one signal is required')
     return list(dict.fromkeys(names))
 
 
@@ -50,14 +50,14 @@ class Options(WindowOptions):
     """Options of the command."""
 
     recording: str = argument('bag (folder, .mcap, .db3), trace (.npz) or table (.csv, .parquet, .mat)')
-    output: str = option('folder for the pictures and their data', 'DIR', default='figures')
+    output: str = option('folder for the figures and their data', 'DIR', default='figures')
     signals: list[str] | None = option(
-        'draw and write these only, such as current,tcp_error: ' + ', '.join(KNOWN),
+        'plot only these signals, such as current,tcp_error: ' + ', '.join(KNOWN),
         'NAMES',
         type=_signals,
     )
-    parameters: str | None = option('parameter file for a table: its robot', 'FILE')
-    columns: str | None = option('column file: what the columns of a table are', 'FILE')
+    parameters: str | None = option('parameter file of the robot of a table', 'FILE')
+    columns: str | None = option('column file that maps the columns of a table to signals', 'FILE')
 
 
 def run(options: Options) -> int:
@@ -75,7 +75,7 @@ def run(options: Options) -> int:
     trace = derived_signals.added(trace)
     origin_s = float(trace.meta.get('origin_s', 0.0))
     if origin_s:
-        notes.append(f'Times of the figures count from the first row, at {origin_s:.9g} s')
+        notes.append(f'Times in the figures count from the first row, at {origin_s:.9g} s')
     if options.signals:
         trace_export.require_known(options.signals)
         trace = trace_export.completed(trace, options.signals, recording if is_bag(recording) else None)
@@ -84,13 +84,13 @@ def run(options: Options) -> int:
     if len(starts) > 1 and 'cycle_time_s' in trace.meta:
         first = run_signals.noted_cycle(trace, 'start_cycle') or 0
         period = run_signals.positive(trace, 'cycle_time_s')
-        told = ', '.join(f'{(start - first) * period:g}' for start in starts)
-        print(f'note: programs started at {told} s; --from and --to choose what is shown', file=sys.stderr)
+        times = ', '.join(f'{(start - first) * period:g}' for start in starts)
+        print(f'note: programs started at {times} s; select a window with --from and --to', file=sys.stderr)
     windowed = options.from_s is not None or options.to_s is not None
     if windowed:
         edges = (None if edge is None else edge - origin_s for edge in (options.from_s, options.to_s))
         trace = run_signals.windowed(trace, *edges)
-    # what was recorded knows its parameters itself
+    # a recording contains its parameters
     origin = Provenance.of(options.command_line, inputs=noted([options.recording]))
     origin = replace(origin, parameters=str(trace.meta.get('checksum', 'unknown')))
     folder = ReportFolder(Path(options.output), origin)
@@ -111,7 +111,7 @@ def run(options: Options) -> int:
 
 
 def _written(trace: 'Trace', windowed: bool, signals: Sequence[str] | None) -> 'Trace':
-    """Return what goes beside the pictures, in bus time: everything, or what was asked for."""
+    """Return the data of the figures in bus time: all signals, or the selected ones."""
     from delta3_pacdrive.analysis import run_signals
 
     rows = slice(None)
@@ -124,5 +124,5 @@ def _written(trace: 'Trace', windowed: bool, signals: Sequence[str] | None) -> '
 
 
 main = Command(
-    'plot', 'Draw TCP path, arm angles, velocities, accelerations, currents and TCP error.', Options, run
+    'plot', 'Plot TCP path, arm angles, velocities, accelerations, currents and TCP error.', Options, run
 )

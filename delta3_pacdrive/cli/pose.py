@@ -1,4 +1,4 @@
-"""``delta3 pose``: one place of the robot, from its point or from its arm angles, and what the robot can do there."""
+"""``delta3 pose``: analyse one pose of the robot, given by TCP position or arm angles."""
 
 import sys
 from dataclasses import dataclass
@@ -20,28 +20,28 @@ class Options(JsonOptions):
     """Options of the command."""
 
     point: list[float] = argument(
-        'of the TCP, X Y Z [m]; home, if neither it nor --angles is given',
+        'TCP position X Y Z [m] (default: home, unless --angles is given)',
         default=(),
         nargs='*',
         metavar='X Y Z',
         type=number_within(-REACH_M, REACH_M, 'm'),
     )
     angles: tuple[float, float, float] | None = option(
-        'of the arms [deg] instead of a point: 0 is horizontal, downward is positive',
+        'arm angles [deg] instead of a position: 0 is horizontal, positive is down',
         ('A', 'B', 'C'),
         nargs=3,
         type=number_within(-TURN_DEG, TURN_DEG, 'deg'),
     )
-    payload: float | None = option('carried instead of what the parameters say', 'KG', type=finite_number)
+    payload: float | None = option('payload instead of that of the parameters [kg]', 'KG', type=finite_number)
     parameters: str | None = option(PARAMETERS, 'FILE')
-    output: str | None = option('draw figures 4.3 to 4.6 of the thesis into this folder', 'FOLDER')
+    output: str | None = option('folder for figures 4.3 to 4.6 of the thesis', 'FOLDER')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if len(self.point) not in (0, 3):
-            return f'a point has three numbers, X Y Z, not {len(self.point)}'
+            return f'a position has three numbers, X Y Z, not {len(self.point)}'
         if self.point and self.angles:
-            return 'it takes a point or --angles, not both'
+            return 'a position and --angles exclude each other'
         return ''
 
 
@@ -75,7 +75,7 @@ def run(options: Options) -> int:
 
 
 def _written(options: Options, robot: 'Parameters', pose: 'Pose', lines: list[str]) -> list[str]:
-    """Write figures, table and page; return the files."""
+    """Write figures, table and page; return the file names."""
     from pathlib import Path
 
     from delta3_pacdrive.analysis.pose import figures, report
@@ -92,9 +92,9 @@ def _written(options: Options, robot: 'Parameters', pose: 'Pose', lines: list[st
 
 main = Command(
     'pose',
-    'Forward and inverse kinematics of one place with all eight solutions, Jacobian, condition, distances to limits '
-    'and singularities, holding torques, and the speed, acceleration, payload and accuracy that the robot has there. '
-    'Exit status 1 if the robot may not be there, with the reasons.',
+    'Analyse one pose: forward and inverse kinematics with all eight solutions, Jacobian, condition, distances to '
+    'limits and singularities, holding torques, and the available speed, acceleration, payload and accuracy. The exit '
+    'status is 1, with the reasons, if the pose is not permitted.',
     Options,
     run,
 )

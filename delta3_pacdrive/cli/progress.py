@@ -1,4 +1,4 @@
-"""A line on standard error that tells what a long command is doing."""
+"""Progress display of long commands on standard error."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from typing import Self
 
 
 class Progress:
-    """The display is a line that tells what goes on; it is silent where nobody looks.
+    """Progress line; shown on terminals only.
 
     Parameters
     ----------
     quiet
-        Show nothing at all.
+        Never show the line.
     threaded
-        Whether a thread may draw: not in a process that forks, nor beside the compiler, which would hold it up.
+        Refresh from a thread. Use False in a process that forks or compiles.
 
     """
 
@@ -37,7 +37,7 @@ class Progress:
         self._task = self._bar.add_task('starting', total=None, facts='')
 
     def show(self, stage: str, done: float = 0, total: float = 0, facts: str = '') -> None:
-        """Draw the line anew; without a total it only moves."""
+        """Update the line; without a total the bar only pulses."""
         self._bar.update(
             self._task,
             description=stage,
@@ -56,9 +56,9 @@ class Progress:
 
 
 def announce_compilation(parameters: str | None = None) -> None:
-    """Compile what these sources have not been compiled to on this machine yet, and tell how far it is.
+    """Compile all kernels that are not yet in the cache, and show the progress.
 
-    With a file of ``parameters``, or a name of them, that includes what only this kind of robot needs.
+    ``parameters``, a file or packaged name, adds the kernels of this kind of robot.
     """
     from delta3_pacdrive.numerics.kernel import COMPILING, Lines, all_compiled
 

@@ -1,29 +1,27 @@
-"""``delta3 record``: record one running robot, or all of them, until interrupted."""
+"""``delta3 record``: record one or all running robots until an interrupt."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, argument, flag, option
 
-WITHOUT_NAMESPACE = 'no-namespace'  # no namespace has a hyphen
+WITHOUT_NAMESPACE = 'no-namespace'  # cannot be a namespace: hyphens are not allowed
 
 
 @dataclass
 class Options(NodeOptions):
     """Options of the command."""
 
-    bag: str = argument('folder to make')
-    all: bool = flag(
-        'record all robots that are up, or all below --namespace, each into a folder of its own in BAG'
-    )
+    bag: str = argument('folder to create')
+    all: bool = flag('record all running robots, or all below --namespace, each into a subfolder of BAG')
     parameters: str | None = option(
-        'parameter file of the robot, for the metadata, instead of what it tells', 'FILE'
+        'parameter file for the metadata, instead of the parameters that the robot publishes', 'FILE'
     )
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.all and self.parameters is not None:
-            return f'--parameters is {self.parameters}, but with --all each robot tells its own'
+            return f'--parameters is {self.parameters}, but with --all each robot publishes its parameters'
         return super().check()
 
 
@@ -41,12 +39,12 @@ def run(options: Options) -> int:
     robot = None if options.parameters is None else core.load(core.of_run(options.parameters))
     namespace = domain.namespace(options.namespace)
     bags = _bags_of_all(folder, namespace) if options.all else {namespace: folder}
-    prefer(Schedule.PREFERRED)  # what comes while others have the processor would be lost
+    prefer(Schedule.PREFERRED)  # avoids lost messages on a busy machine
     return record(bags, robot)
 
 
 def _bags_of_all(folder: Path, prefix: str) -> dict[str, Path]:
-    """Make a folder with room for a bag of each robot that is up; return where by namespace. Raises RunError."""
+    """Create the folder; return the bag folder of each running robot by namespace. Raises RunError."""
     from delta3_pacdrive.errors import RunError
     from delta3_pacdrive.ros.robots_client import find_all
 
@@ -59,14 +57,14 @@ def _bags_of_all(folder: Path, prefix: str) -> dict[str, Path]:
 
 
 def _relative(namespace: str, prefix: str) -> str:
-    """Return the name of a robot's folder: its namespace from the prefix on, with dots, which none has, for slashes."""
+    """Return the folder name of a robot: its namespace below the prefix, with dots in place of slashes."""
     below = namespace.removeprefix(prefix.rstrip('/')).strip('/') or namespace.strip('/')
     return below.replace('/', '.') or WITHOUT_NAMESPACE
 
 
 main = Command(
     'record',
-    'Record every topic of a running robot, or of all, into a new rosbag2 folder, until Ctrl-C.',
+    'Record all topics of one or all running robots into a new rosbag2 folder, until Ctrl-C.',
     Options,
     run,
 )

@@ -1,4 +1,4 @@
-"""What the commands share that run a program, or play a sampled trajectory instead."""
+"""Program selection of the commands ``run`` and ``simulate``, including sampled reference trajectories."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Chosen:
-    """What is run: a program file or the name of a packaged one, the inputs that it comes from, notes for people."""
+    """Selected program (file or packaged name), the input files behind it, and notes."""
 
     program: str
     inputs: tuple[str, ...]
     notes: tuple[str, ...] = ()
 
     def digests(self) -> list[str]:
-        """Return the inputs, each with the digest of its bytes; raises ReportError."""
+        """Return each input with the digest of its content; raises ReportError."""
         from delta3_pacdrive.analysis.provenance import digest
         from delta3_pacdrive.motion import program_file as programs
 
@@ -31,14 +31,14 @@ class Chosen:
 
 @contextmanager
 def program_of(options: ReferenceOptions) -> Iterator[Chosen]:
-    """Give what is run; a reference becomes a program file, which is there meanwhile. Raises Delta3Error.
+    """Yield the selected program; a reference is converted into a temporary program file. Raises Delta3Error.
 
-    The options say from then on which parameter file the run has.
+    Sets ``options.parameters`` to the parameter file of the run.
     """
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.configuration.packaged import THESIS_PROGRAMS
 
-    # what is played is a log to be held against the model: of a robot as the thesis has it
+    # a reference is a log to compare with the model: use the controller of the thesis
     like = options.program if options.reference is None else THESIS_PROGRAMS[0]
     options.parameters = core.of_run(options.parameters, like)
     if options.reference is None:

@@ -1,4 +1,4 @@
-"""``delta3 report``: one HTML file that shows runs: the robot in 3-D, all signals, moves, figures, provenance."""
+"""``delta3 report``: write one HTML file with the 3-D view, signals, moves, figures and provenance of runs."""
 
 import json
 from dataclasses import dataclass
@@ -12,21 +12,19 @@ from delta3_pacdrive.cli.run_options import RunOptions
 class Options(RunOptions):
     """Options of the command."""
 
-    output: str = option('the page; a file of this name is replaced', 'FILE.html', default='report.html')
-
+    output: str = option('output file; an existing one is replaced', 'FILE.html', default='report.html')
     scope: str | None = option(
-        'show these records of the oscilloscope as well: what delta3 scope, or simulate --scope, has left of the '
-        '(first) run',
+        'add these oscilloscope records of the (first) run, written by delta3 scope or simulate --scope',
         'FILE[,FILE...]',
     )
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if len(self.inputs) > 1:
             from delta3_pacdrive.analysis.report_page.page import RUNS_MAX
 
             if len(self.inputs) > RUNS_MAX:
-                return f'a page takes at most {RUNS_MAX} runs, not {len(self.inputs)}'
+                return f'a report takes at most {RUNS_MAX} runs, not {len(self.inputs)}'
         return super().check()
 
 
@@ -65,7 +63,7 @@ def run(options: Options) -> int:
 
 main = Command(
     'report',
-    'Write one HTML file that shows a run, or several side by side: 3-D, plots, moves, figures. It needs no network.',
+    'Write one HTML file with one or several runs side by side: 3-D view, plots, moves, figures. It opens offline.',
     Options,
     run,
 )

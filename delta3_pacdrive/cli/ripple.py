@@ -1,4 +1,4 @@
-"""``delta3 ripple``: what bus cycle and fine interpolation make of the motor currents; a look inside a bus cycle."""
+"""``delta3 ripple``: effect of bus cycle time and fine interpolation on the motor currents."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,20 +20,20 @@ class Options(JsonOptions):
         f'program file, or a packaged program: {", ".join(program_names())}', default='experiment1'
     )
     cycle_time: list[str] | None = option(
-        'cycle time of the bus [ms]; may be repeated; all of them if none is given',
+        'cycle time of the bus [ms]; repeatable (default: all)',
         'MS',
         choices=CYCLE_TIMES_MS,
         action='append',
     )
     interpolation: list[str] | None = option(
-        'fine interpolation of the drives; may be repeated; both if none is given',
+        'fine interpolation of the drives; repeatable (default: both)',
         'NAME',
         choices=INTERPOLATIONS,
         action='append',
     )
-    axis: int = option('motor that is shown', 'N', default=1, type=int, choices=(1, 2, 3))
+    axis: int = option('motor to show', 'N', default=1, type=int, choices=(1, 2, 3))
     at: float | None = option(
-        'show the bus cycle at this time from the start of the program; that of the largest current if not given',
+        'show the bus cycle at this time from the start of the program [s] (default: that of the largest current)',
         'S',
         type=number_within(0.0, 1e6, 's'),
     )
@@ -65,9 +65,8 @@ def run(options: Options) -> int:
 
 main = Command(
     'ripple',
-    'Run a program with an oscilloscope in every drive, for each cycle time of the bus and each fine interpolation: '
-    'peak and rms of the currents as the AT tell them and of all samples, jerk, TCP error, and what happens inside a '
-    'bus cycle.',
+    'Run a program with an oscilloscope in every drive for each bus cycle time and fine interpolation: peak and rms of '
+    'the currents in the AT and of all samples, jerk, TCP error, and the signals within one bus cycle.',
     Options,
     run,
 )

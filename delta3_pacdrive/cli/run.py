@@ -1,4 +1,4 @@
-"""``delta3 run``: bring a robot up, run a program with a progress display, print a summary, stop everything."""
+"""``delta3 run``: start a robot, run a program with a progress display, print a summary, stop the robot."""
 
 import math
 import sys
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, ReferenceOptions, RobotOptions, flag, option
-from delta3_pacdrive.cli.output import kept_for_json, print_json, print_run
+from delta3_pacdrive.cli.output import print_json, print_run, stdout_reserved
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.cli.reference import Chosen, program_of
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError
@@ -20,44 +20,46 @@ from delta3_pacdrive.view import serving
 if TYPE_CHECKING:
     from delta3_pacdrive.bringup.options import Options as BringupOptions
 
-SCRIPT_SUFFIX = '.py'  # as in ``cell.script``, which takes long to load
+SCRIPT_SUFFIX = '.py'  # repeated from ``cell.script``, whose import is slow
 OnProgress = Callable[[dict[str, Any]], None]
 
 
 @dataclass
 class GraphOptions(NodeOptions, RobotOptions):
-    """Options that say how the nodes of a robot run."""
+    """Options of the commands that start the nodes of a robot."""
 
-    real_time_factor: float = option('bus time over wall time; 0: no clock', 'F', default=1.0, type=float)
+    real_time_factor: float = option(
+        'bus time divided by wall time; 0: as fast as possible', 'F', default=1.0, type=float
+    )
     single_process: bool = flag('all nodes in one process')
     no_realtime: bool = flag(
         'do not use real-time scheduling, even if it is permitted', formerly='--ordinary-priority'
     )
     bag: str | None = option('record every cyclic topic into a new rosbag2 folder', 'DIR')
     learned: str | None = option(
-        'follow the torques that delta3 learn has found for this program; they are refused, or dropped, with any other',
+        'add the feed-forward torques of delta3 learn to this program; rejected or ignored for other programs',
         'FILE',
     )
     cell: str | None = option(
-        'what stands around the robot, a cell file, or cell: the packaged one; its gripper takes real parts then, and '
-        'its inputs are on the bus',
+        'simulate a cell: cell file, or cell for the packaged one; the gripper then holds simulated parts, and the '
+        'inputs are on the bus',
         'FILE',
     )
-    markers: bool = flag('also show the robot as markers for RViz and Foxglove, and tell bus time as /clock')
+    markers: bool = flag('publish markers for RViz and Foxglove, and the bus time as /clock')
     joint_motion: bool = flag(
-        'also tell joint speeds and accelerations through the Jacobian, and its condition, in every cycle: topics '
+        'publish joint speeds and accelerations through the Jacobian and its condition number in every cycle: topics '
         'joint_motion and jacobian'
     )
-    logs: str | None = option('keep the log of every process in this folder', 'DIR')
-    view: bool = flag('show the robot as a page in the browser (delta3 view)')
+    logs: str | None = option('keep the logs of all processes in this folder', 'DIR')
+    view: bool = flag('serve a web page that shows the robot (delta3 view)')
     view_port: int | None = option(
-        f'show it at this port; without it --view takes the first free one from {serving.PORT} on',
+        f'port of the web page (default: first free port from {serving.PORT})',
         'PORT',
         type=int,
     )
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if not 0.0 <= self.real_time_factor <= 1000.0:
             return f'--real-time-factor is {self.real_time_factor}, but must be between 0 and 1000'
         return serving.refusal('--view-port', self.view_port) or super().check()
@@ -67,17 +69,17 @@ class GraphOptions(NodeOptions, RobotOptions):
 class Options(GraphOptions, ReferenceOptions):
     """Options of the command."""
 
-    step: bool = flag('of a script: ask before each move, and drive it alone, to rest')
+    step: bool = flag('single-step a script: ask before each move and stop after it')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.step and Path(self.program or '').suffix != SCRIPT_SUFFIX:
-            return '--step is for a script'
+            return '--step requires a script'
         return super().check()
 
 
 def show_run(display: Progress, progress: dict[str, Any]) -> None:
-    """Show how a run goes."""
+    """Show the progress of a run."""
     wall, bus, end = progress['wall_time_s'] or 1e-9, progress['bus_time_s'], progress['end_s']
     share = f'{100.0 * bus / end:3.0f} % ' if end else ''
     settling = '  settling' if progress['settling'] else ''
@@ -97,9 +99,9 @@ def bring_up(
     shown: Callable[[Progress, Any], OnProgress],
     script: bool = False,
 ) -> tuple[Any, dict[str, Any]]:
-    """Bring a robot up, for a program, for a script or until it is interrupted; return the bring-up and its result.
+    """Start a robot for a program, for a script or until an interrupt; return the bring-up and its result.
 
-    ``shown`` returns what shows how it goes. Raises RunError.
+    ``shown`` returns the callback for progress. Raises RunError.
     """
     started_s = time.monotonic()
     from delta3_pacdrive.bringup.environment import log_folder, only_one
@@ -107,7 +109,7 @@ def bring_up(
     from delta3_pacdrive.ros import domain
 
     namespace = domain.namespace(options.namespace)
-    with only_one(namespace):  # a second robot is refused before anything that takes long is loaded
+    with only_one(namespace):  # reject a second robot before slow imports
         pass
     with ExitStack() as stack:
         logs = Path(options.logs).absolute() if options.logs else None
@@ -116,8 +118,8 @@ def bring_up(
             place = stack.enter_context(serving.held(serving.HOST, options.view_port))
             logs = stack.enter_context(log_folder(logs))
             page = stack.enter_context(started(place, namespace, logs))
-            print(f'the page comes up at {place.url}', file=sys.stderr, flush=True)
-        # ROS and numba are imported after the options are known to be good
+            print(f'web page: {place.url}', file=sys.stderr, flush=True)
+        # ROS and numba are imported after the options are checked
         from delta3_pacdrive.bringup.bringup import Bringup
 
         announce_compilation(options.parameters)
@@ -128,7 +130,7 @@ def bring_up(
 
 
 def asked_for(options: GraphOptions, program: str | None = None, script: bool = False) -> 'BringupOptions':
-    """Return what a bring-up is asked for, but for namespace, logs and page."""
+    """Return the options of the bring-up, except namespace, logs and page."""
     from delta3_pacdrive.bringup.options import Options as BringupOptions
     from delta3_pacdrive.motion import program_file as programs
     from delta3_pacdrive.peripherals import cell_file
@@ -151,10 +153,10 @@ def asked_for(options: GraphOptions, program: str | None = None, script: bool = 
 
 
 def lacking(result: dict[str, Any], bag: object) -> list[str]:
-    """Return what the recording of a bring-up lacks, in sentences; ``bag`` is its folder."""
+    """Return notes on messages missing from the recording in folder ``bag``."""
     notes = []
     if missing := result.get('bag_missing'):
-        notes.append(f'{bag} lacks {missing} messages: the machine was too busy to record all of them')
+        notes.append(f'{bag} lacks {missing} messages: the recorder could not keep up')
     if cut := result.get('bag_cut'):
         notes.append(f'{bag}: {cut}')
     return notes
@@ -172,7 +174,7 @@ def run(options: Options) -> int:
 
 
 def _inputs(options: Options, chosen: Chosen) -> list[str]:
-    """Return what the run rests on, each with its digest."""
+    """Return the input files of the run with their digests."""
     if not options.cell:
         return chosen.digests()
     from delta3_pacdrive.analysis.provenance import digest
@@ -182,13 +184,13 @@ def _inputs(options: Options, chosen: Chosen) -> list[str]:
 
 
 def _run_script(options: Options, chosen: Chosen) -> int:
-    """Run a script on a robot of its own; return the exit status."""
+    """Start a robot and run a script on it; return the exit status."""
     from delta3_pacdrive.cell import script
     from delta3_pacdrive.cli.script_run import ScriptRun, held_text, text
 
     if options.learned:
-        raise ProgramError('--learned is for a program: a script decides what it drives')
-    with kept_for_json(options.json):
+        raise ProgramError('--learned requires a program: the path of a script is not known in advance')
+    with stdout_reserved(options.json):
         read = script.load(chosen.program)
     runs: list[ScriptRun] = []
 
@@ -197,7 +199,7 @@ def _run_script(options: Options, chosen: Chosen) -> int:
         runs.append(ScriptRun(read, bringup, shows, options.step))
         return runs[0].show
 
-    with kept_for_json(options.json):
+    with stdout_reserved(options.json):
         bringup, result = bring_up(options, None, shown, script=True)
     (own,) = runs
     result |= own.result()
@@ -206,7 +208,7 @@ def _run_script(options: Options, chosen: Chosen) -> int:
     if own.error is not None:
         raise own.error
     if not own.ended:
-        raise RunError(f'{read.name} has not come to its end')
+        raise RunError(f'{read.name} did not finish')
     result |= {'controller': bringup.robot.controller}
     if options.json:
         print_json(result, options, bringup.robot, _inputs(options, chosen))
@@ -217,5 +219,5 @@ def _run_script(options: Options, chosen: Chosen) -> int:
 
 
 main = Command(
-    'run', 'Start every node of a robot, run a program, print a summary, stop everything.', Options, run
+    'run', 'Start all nodes of a robot, run a program, print a summary, stop the nodes.', Options, run
 )

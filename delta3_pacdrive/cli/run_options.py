@@ -1,4 +1,4 @@
-"""What the commands share that show or compare runs: which runs, of which robots, and which part of them."""
+"""Options of the commands that show or compare runs."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,30 +11,30 @@ from delta3_pacdrive.errors import ParameterError
 
 RUN = (
     'trace (.npz), table of measurements (.csv, .parquet, .mat), rosbag2 folder, folder with the bags of several '
-    'robots, or a program that is simulated: '
+    'robots, or a program to simulate: '
     f'{", ".join(program_names())}'
 )
 START, CORRELATION, NONE = 'start', 'correlation', 'none'
 
 
 def _how(text: str) -> str:
-    return CORRELATION if text == 'best' else text  # its name in the first version
+    return CORRELATION if text == 'best' else text  # former name
 
 
 @dataclass
 class WindowOptions(JsonOptions):
-    """Options of a command that shows a part of what was recorded."""
+    """Options of a command that shows a time window of a recording."""
 
     from_s: float | None = option(
-        'begin here: bus time [s] from the start of the (first) program, or of the bus if there is none',
+        'start of the window [s]: bus time from the start of the (first) program, or of the bus without a program',
         'S',
         names=('--from',),
         type=TIME,
     )
-    to_s: float | None = option('end here, as --from', 'S', names=('--to',), type=TIME)
+    to_s: float | None = option('end of the window [s], like --from', 'S', names=('--to',), type=TIME)
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.from_s is None or self.to_s is None or self.from_s < self.to_s:
             return ''
         return f'--from is {self.from_s:g}, but must be less than --to, {self.to_s:g}'
@@ -46,33 +46,33 @@ class RunOptions(WindowOptions):
 
     inputs: list[str] = argument(RUN, nargs='+', metavar='RUN')
     parameters: str | None = option(
-        'parameter file for programs, and for recordings that do not tell theirs, or rich: the built robot; several, '
-        'with commas between them: one for each run, nothing for the packaged file',
+        'parameter file, or packaged name such as built, for programs and for recordings without parameters; or one '
+        'per run, separated by commas, empty for the default',
         'FILE[,FILE...]',
     )
     align: str = option(
-        'bring runs to one time by the start of their programs, where they tell it, or by the best correlation of '
-        'their motion, or take their times as they stand',
+        'align runs by the start of their programs, if recorded, or by the best correlation of their motion; none: '
+        'keep their times',
         type=_how,
         choices=(START, CORRELATION, NONE),
         default=START,
     )
     columns: str | None = option(
-        'column file: what the columns of a table are, if its headings do not say it; several, with commas between '
-        'them: one for each run, nothing for one that needs none',
+        'column file that maps the columns of a table to signals, needed if its headings do not; or one per run, '
+        'separated by commas, empty if not needed',
         'FILE[,FILE...]',
     )
 
     def __post_init__(self) -> None:
-        """Let a folder of several robots stand for the bags in it."""
+        """Replace a folder of several robots by the bags in it."""
         from delta3_pacdrive.analysis.inputs import bags_in
 
         self.inputs = [run for text in self.inputs for run in bags_in(text)]
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
-        if refusal := super().check():
-            return refusal
+        """Return the error in the combination of options; empty if it is valid."""
+        if rejection := super().check():
+            return rejection
         for name, given in (('--parameters', self.parameters), ('--columns', self.columns)):
             count = len((given or '').split(','))
             if count > 1 and count != len(self.inputs):
@@ -81,7 +81,7 @@ class RunOptions(WindowOptions):
         return ''
 
     def _each(self, given: str | None) -> list[str | None]:
-        """Return the file of each run; one alone is for all of them."""
+        """Return the file of each run; a single file applies to all."""
         named = (given or '').split(',')
         return [one or None for one in (named if len(named) > 1 else named * len(self.inputs))]
 
@@ -90,7 +90,7 @@ class RunOptions(WindowOptions):
         return self._each(self.parameters)
 
     def column_files(self) -> list[str | None]:
-        """Return the column file of each run; one alone is for the tables among them."""
+        """Return the column file of each run; a single file applies to all tables."""
         from delta3_pacdrive.analysis.inputs import is_table
 
         named = self._each(self.columns)
@@ -111,17 +111,15 @@ class RunOptions(WindowOptions):
             runs.load(text, source, self.from_s, self.to_s, columns)
             for text, source, columns in zip(self.inputs, sources, self.column_files(), strict=True)
         ]
-        # one file is for those that need one
+        # a single parameter file applies to the runs without parameters
         each = ',' in (self.parameters or '')
         if each or all(run.contains_robot for run in loaded):
             for run, source in zip(loaded, sources, strict=True):
-                require_obeyed(run, source)
+                require_no_own_parameters(run, source)
         return loaded
 
 
-def require_obeyed(run: Any, source: str | None) -> None:
-    """Refuse a parameter file for a recording that tells its own parameters; raises ParameterError."""
+def require_no_own_parameters(run: Any, source: str | None) -> None:
+    """Raise ParameterError if a parameter file is given for a recording that contains its parameters."""
     if source and run.contains_robot:
-        raise ParameterError(
-            f'--parameters is {source}, but {run.name} tells the parameters of its robot itself'
-        )
+        raise ParameterError(f'--parameters is {source}, but {run.name} contains the parameters of its robot')

@@ -1,4 +1,4 @@
-"""``delta3 scope``: the oscilloscope of the drives of a robot that is up."""
+"""``delta3 scope``: oscilloscope in the drives of a running robot."""
 
 import json
 import sys
@@ -8,7 +8,7 @@ from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argum
 from delta3_pacdrive.cli.option_types import number_within
 from delta3_pacdrive.cli.scope_options import Records, ScopeOptions, record_file
 
-ACTIONS = {'list': 'instead of channels: name them, each with its unit'}
+ACTIONS = {'list': 'list the channels with their units'}
 LIST = 'list'
 
 
@@ -17,7 +17,7 @@ class Options(NodeOptions, JsonOptions, ScopeOptions):
     """Options of the command."""
 
     channels: list[str] = argument(
-        'up to eight such as axis1.current_reference axis2.phase_current_1, or "list"',
+        'up to eight channels such as axis1.current_reference axis2.phase_current_1, or "list"',
         nargs='+',
         metavar='CHANNEL',
     )
@@ -25,20 +25,20 @@ class Options(NodeOptions, JsonOptions, ScopeOptions):
         'file of the record: .parquet, .csv or .npz', 'FILE', default='scope.csv', type=record_file
     )
     timeout: float = option(
-        'how long to wait for the robot, and for a trigger [s]',
+        'timeout for the robot and for a trigger [s]',
         'S',
         default=60.0,
         type=number_within(0.1, 1e6, 's'),
     )
 
     def names(self) -> list[str]:
-        """Return the channels; commas may part them as well."""
+        """Return the channels; arguments may also be comma-separated lists."""
         return [part for text in self.channels for part in text.split(',') if part]
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if LIST in self.channels and len(self.channels) > 1:
-            return 'list stands alone: it names the channels'
+            return 'list cannot be combined with channels'
         return super().check()
 
 
@@ -82,8 +82,8 @@ def _record(options: Options) -> int:
 
 main = Command(
     'scope',
-    'Record channels of the drives of a robot that is up, at up to 16 kHz, around a trigger. Anybody may look; a drive '
-    'serves one oscilloscope at a time.',
+    'Record channels of the drives of a running robot at up to 16 kHz around a trigger. Needs no control of the robot; '
+    'a drive serves one oscilloscope at a time.',
     Options,
     run,
     ACTIONS,

@@ -1,4 +1,4 @@
-"""What the commands share that look into drives: options of the oscilloscope, and the records that it leaves."""
+"""Options and records of the oscilloscope, for ``scope`` and ``simulate``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Options, option
 from delta3_pacdrive.cli.command import flag as flag_option
-from delta3_pacdrive.cli.option_types import filled, finite_number, integer_within, number_within
+from delta3_pacdrive.cli.option_types import finite_number, integer_within, non_empty, number_within
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,10 +24,10 @@ TIME_S = number_within(0.0, 1e6, 's')
 
 
 def record_file(text: str) -> str:
-    """Take the name of a record to be written: its ending says how."""
+    """Read the name of a record to write; the suffix selects the format."""
     from delta3_pacdrive.recording.column_table import suffix_refusal
 
-    if refusal := suffix_refusal(filled(text)):
+    if refusal := suffix_refusal(non_empty(text)):
         raise argparse.ArgumentTypeError(f'cannot write {text}: {refusal}')
     return text
 
@@ -40,47 +40,43 @@ def _figure_file(text: str) -> str:
 
 @dataclass
 class ScopeOptions(Options):
-    """Options of an oscilloscope, with the names that drives have for them."""
+    """Options of an oscilloscope."""
 
     rate: float = option(
-        'samples of a channel in a second [Hz]: every n-th period of the current loop, at most all of them',
+        'sampling rate [Hz]: every n-th period of the current loop',
         'HZ',
         names=('--scope-rate', '--rate'),
         default=16_000.0,
         type=number_within(1.0, 16_000.0, 'Hz'),
     )
     duration: float | None = option(
-        f'length of a record [s]; {DURATION_S:g} s, in a simulation without a trigger all of it',
+        f'length of a record [s] (default: {DURATION_S:g}; without a trigger in a simulation: the whole run)',
         'S',
         names=('--scope-duration', '--duration'),
         type=TIME_S,
     )
     trigger: str | None = option(
-        'begin with this event: a channel that crosses --level, an IDN that changes (axis1.S-0-0104), fault, or '
-        'program: the start of one',
+        'trigger event: a channel that crosses --level, an IDN that changes (axis1.S-0-0104), fault, or program '
+        '(program start)',
         'CHANNEL',
     )
     level: float | None = option(
-        'of the trigger, in the unit of its channel; 0 if not given', 'VALUE', type=finite_number
+        'trigger level in the unit of the channel (default: 0)', 'VALUE', type=finite_number
     )
-    edge: str | None = option(
-        'of the trigger: rising, or change for an IDN, if not given', 'EDGE', choices=EDGES
-    )
-    pre_trigger: float | None = option('how much of a record lies before its trigger [s]', 'S', type=TIME_S)
+    edge: str | None = option('trigger edge (default: rising; change for an IDN)', 'EDGE', choices=EDGES)
+    pre_trigger: float | None = option('length of a record before its trigger [s]', 'S', type=TIME_S)
     mode: str = option(
-        'single: one record; normal: one after each trigger; rolling: the newest samples, until Ctrl-C',
+        'single: one record; normal: one record per trigger; rolling: the latest samples, until Ctrl-C',
         'MODE',
         choices=MODES,
         default='single',
     )
-    records: int | None = option(
-        'end after so many records in mode normal', 'N', type=integer_within(1, 10_000)
-    )
-    plot: str | None = option('draw the record in this .png file', 'FILE', type=_figure_file)
-    overwrite: bool = flag_option('replace records that exist already')
+    records: int | None = option('number of records in mode normal', 'N', type=integer_within(1, 10_000))
+    plot: str | None = option('plot the record to this .png file', 'FILE', type=_figure_file)
+    overwrite: bool = flag_option('replace existing records')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.trigger is None:
             for name, value in (
                 ('--level', self.level),
@@ -88,13 +84,13 @@ class ScopeOptions(Options):
                 ('--pre-trigger', self.pre_trigger),
             ):
                 if value is not None:
-                    return f'{name} is for --trigger, which is not given'
+                    return f'{name} requires --trigger'
         if self.records is not None and self.mode != 'normal':
-            return f'--records is for --mode normal, not for {self.mode}'
+            return f'--records requires --mode normal, not {self.mode}'
         return super().check()
 
     def setting(self, channels: Sequence[str], robot: Parameters, all_of_it: bool = False) -> Setting:
-        """Return what is to be recorded; raises ParameterError. ``all_of_it``: as much as a record can hold."""
+        """Return the setting of the oscilloscope; raises ParameterError. ``all_of_it``: the maximum length."""
         from delta3_pacdrive.recording.acquisition import SAMPLES_MAX, setting
 
         longest = all_of_it and self.trigger is None
@@ -115,28 +111,19 @@ class ScopeOptions(Options):
 
 
 class Records:
-    """The records of an oscilloscope are written as they come.
+    """Writes the records of an oscilloscope as they arrive.
 
     Parameters
     ----------
-    options
-        Of the oscilloscope.
     output
-        File of the record; of several, each has its number behind the name.
+        File of the record; in mode normal each record appends its number to the name.
     origin
-        Where they come from.
-
-    Attributes
-    ----------
-    written
-        What each tells of itself, with its files.
-    taken
-        File and samples of each.
+        Provenance stored in the files.
 
     Raises
     ------
     TraceError
-        They cannot be written, or exist already.
+        A file cannot be written, or exists.
 
     """
 
@@ -146,13 +133,13 @@ class Records:
 
         self._options, self._output, self._origin = options, output, origin
         self._several = options.mode == 'normal'
-        self.written: list[dict[str, Any]] = []
+        self.written: list[dict[str, Any]] = []  # description and files of each record
         self.taken: list[tuple[Path, Record]] = []
         column_table.require_writable(output, 'record')
         for path in filter(None, (output, options.plot)):
             first = self._named(path, 1)
             if first.exists() and first.is_file() and not options.overwrite:
-                raise TraceError(f'cannot write record {first}: it exists already, --overwrite replaces it')
+                raise TraceError(f'cannot write record {first}: it exists; --overwrite replaces it')
 
     def _named(self, path: str, number: int) -> Path:
         from delta3_pacdrive.recording.record_file import numbered
@@ -175,7 +162,7 @@ class Records:
         self.taken.append((path, record))
 
     def sentences(self) -> list[str]:
-        """Say what was written, a sentence for each record."""
+        """Return one sentence for each written record."""
         return [
             f'oscilloscope: {row["samples"]} samples of {len(row["channels"])} channels at {row["rate_hz"]:g} Hz'
             + (f', trigger at {row["trigger_time_s"]:.6f} s' if row['trigger_time_s'] is not None else '')

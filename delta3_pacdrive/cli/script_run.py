@@ -1,4 +1,4 @@
-"""A script moves the robot of ``delta3 run``: beside the bring-up, in a thread of its own."""
+"""Run a script on the robot of ``delta3 run``, in a thread next to the bring-up."""
 
 import os
 import select
@@ -15,30 +15,19 @@ from delta3_pacdrive.cell.script import Script
 from delta3_pacdrive.cli.output import parts_rows
 from delta3_pacdrive.errors import Delta3Error, Reason, ScriptError
 
-ASKED_S = 0.1  # between two looks whether the operator has stopped the script
-HOLD_S = 5.0  # for a script that is interrupted, to stop the robot on its path
+ASKED_S = 0.1  # polling period for a stop by the operator
+HOLD_S = 5.0  # timeout of an interrupted script to stop the robot on its path
 
 
 class ScriptRun:
-    """A script runs as soon as the robot is ready, and ends the bring-up when it is over.
+    """Starts a script as soon as the robot is ready, and stops the bring-up when the script ends.
 
     Parameters
     ----------
-    script
-        What is run.
-    bringup
-        Of the robot.
     shown
-        Shows how it goes.
+        Callback for the progress of the bring-up.
     step
-        Whether the operator is asked before each move.
-
-    Attributes
-    ----------
-    error
-        What the script has died of, None if it has not.
-    ended, interrupted
-        Whether it has come to its end, or the operator has stopped it.
+        Ask the operator before each move.
 
     """
 
@@ -54,10 +43,10 @@ class ScriptRun:
         self._node: Any = None
         self._robot: Robot | None = None
         self.error: ScriptError | None = None
-        self.ended = self.interrupted = False
+        self.ended = self.interrupted = False  # completed; stopped by the operator
 
     def show(self, progress: dict[str, Any]) -> None:
-        """Show how it goes; the first time, begin."""
+        """Show the progress; the first call starts the script."""
         if self._thread is None:
             from delta3_pacdrive.ros.script_client import ScriptNode
 
@@ -73,7 +62,7 @@ class ScriptRun:
         self._shown(progress)
 
     def _await_end(self) -> None:
-        """Let the robot stop on its path, and be there for what that takes."""
+        """Keep the bring-up running while the robot stops on its path."""
         looks = round(HOLD_S / 0.05)
         while self._thread is not None and self._thread.is_alive() and looks > 0:
             self._bringup.poll(0.05)
@@ -81,7 +70,9 @@ class ScriptRun:
 
     def _run(self) -> None:
         if self._bringup.options.real_time_priority:
-            prefer(Schedule.PREFERRED)  # the robot waits for its plans, or drives on without them
+            prefer(
+                Schedule.PREFERRED
+            )  # the robot waits for the plans of the script, or continues without them
         try:
             with connected(self._node, self._script.name) as robot:
                 self._robot = robot
@@ -99,19 +90,17 @@ class ScriptRun:
             self._bringup.stop()
 
     def _ask(self, place: ScriptPlace, kind: str) -> None:
-        """Wait until the operator lets a move begin; the end of his input is the end of the script."""
-        print(f'{place}: {kind}? Enter drives it, Ctrl-C ends', file=sys.stderr, flush=True)
+        """Wait until the operator confirms a move; end of input ends the script."""
+        print(f'{place}: {kind}? Enter executes it, Ctrl-C ends', file=sys.stderr, flush=True)
         while not select.select([sys.stdin], [], [], ASKED_S)[0]:
             if self._node.stopped:
                 raise KeyboardInterrupt
-        while (
-            read := os.read(sys.stdin.fileno(), 1)
-        ) != b'\n':  # no more: the next line is for the next move
+        while (read := os.read(sys.stdin.fileno(), 1)) != b'\n':  # leave further lines to later moves
             if not read:
                 raise KeyboardInterrupt
 
     def result(self) -> dict[str, Any]:
-        """Return what there is to say of the script."""
+        """Return the result of the script."""
         robot = self._robot
         return {
             'program': self._script.name,
@@ -123,13 +112,13 @@ class ScriptRun:
 
 
 def text(result: dict[str, Any]) -> list[str]:
-    """Return the result of a script as lines for people."""
+    """Return the result of a script as lines of text."""
     rows = [('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles')]
     if late := result['late_decisions']:
         most = result['late_cycles_max']
         rows.append(('late', f'{late} decisions took effect late, by at most {most} bus cycles'))
     if result['held_at_cycle'] is not None:
-        rows.append(('held', f'on its path, where it stands from bus cycle {result["held_at_cycle"]} on'))
+        rows.append(('held', f'on its path, at rest from bus cycle {result["held_at_cycle"]}'))
     if 'cell' in result:
         rows += parts_rows(result['cell'])
     rows += [('note', notice) for notice in result['notices']]
@@ -138,7 +127,7 @@ def text(result: dict[str, Any]) -> list[str]:
 
 
 def held_text(cycle: int | None) -> str:
-    """Say what has become of a robot whose script was interrupted."""
+    """Return the message for an interrupted script."""
     if cycle is None:
         return 'interrupted'
-    return f'interrupted: the robot was held on its path, where it stood from bus cycle {cycle} on'
+    return f'interrupted: the robot was held on its path and is at rest from bus cycle {cycle}'

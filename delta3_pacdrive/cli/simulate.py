@@ -1,4 +1,4 @@
-"""``delta3 simulate``: the same control and plant code in one loop, without ROS."""
+"""``delta3 simulate``: run control and plant code in one loop, without ROS."""
 
 import math
 import time
@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, option
-from delta3_pacdrive.cli.option_types import filled, number_within, signal_names, trace_file
-from delta3_pacdrive.cli.output import kept_for_json, print_run
+from delta3_pacdrive.cli.option_types import non_empty, number_within, signal_names, trace_file
+from delta3_pacdrive.cli.output import print_run, stdout_reserved
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.reference import Chosen, program_of
 from delta3_pacdrive.cli.scope_options import Records, ScopeOptions, record_file
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def _channels(text: str) -> list[str]:
-    return [part.strip() for part in filled(text).split(',') if part.strip()]
+    return [part.strip() for part in non_empty(text).split(',') if part.strip()]
 
 
 @dataclass
@@ -35,55 +35,58 @@ class Options(ReferenceOptions, ScopeOptions):
     """Options of the command."""
 
     scope: list[str] | None = option(
-        'look into the drives: up to eight channels such as axis1.current_reference,axis1.phase_current_1; '
-        'delta3 scope list names them',
+        'record up to eight drive channels such as axis1.current_reference,axis1.phase_current_1; delta3 scope list '
+        'lists them',
         'CHANNELS',
         type=_channels,
     )
     scope_output: str = option(
-        'file of what --scope shows: .parquet, .csv or .npz', 'FILE', default='scope.csv', type=record_file
+        'with --scope: file of the record, .parquet, .csv or .npz',
+        'FILE',
+        default='scope.csv',
+        type=record_file,
     )
     learned: str | None = option(
-        'follow the torques that delta3 learn has found for this program; they are refused with any other',
+        'add the feed-forward torques of delta3 learn to this program; rejected for other programs',
         'FILE',
     )
     trace: str | None = option(
-        'write every signal to this .npz, .csv or .parquet file', 'FILE', type=trace_file
+        'write all signals to this .npz, .csv or .parquet file', 'FILE', type=trace_file
     )
     signals: list[str] | None = option(
-        "with --trace: write these only, such as tcp_speed,payload,'drive_*', or all: everything, which is more than "
-        'there is unasked',
+        "with --trace: write only these signals, such as tcp_speed,payload,'drive_*', or all: including those that are "
+        'not recorded by default',
         'NAMES',
         type=signal_names,
     )
     report: str | None = option(
-        'leave a folder with the figures and signals of the run, the records of --scope with a figure of each, and a '
-        'page that shows all of it',
+        'write a report folder: figures and signals of the run, records and plots of --scope, and a page',
         'DIR',
     )
     cell: str | None = option(
-        'what stands around the robot, a cell file, or cell: the packaged one; its gripper takes real parts then, and '
-        'what has happened to them is told',
+        'simulate a cell: cell file, or cell for the packaged one; the gripper then holds simulated parts, and their '
+        'outcomes are reported',
         'FILE',
     )
     one_motor: bool = flag(
-        'run one MC-4 with one motor and a load instead of the robot, on the motion of one arm: figures 8.2 to 8.4'
+        'simulate one MC-4 with one motor and a load instead of the robot, with the motion of one arm: figures 8.2 to '
+        '8.4'
     )
     axis: int = option(
-        'with --one-motor: the arm whose motion it drives', 'N', default=1, type=int, choices=(1, 2, 3)
+        'with --one-motor: arm whose motion is used', 'N', default=1, type=int, choices=(1, 2, 3)
     )
     load_inertia: float | None = option(
-        'with --one-motor: I_Load behind the gear [kg m2], instead of motor.load_inertia_kg_m2',
+        'with --one-motor: I_Load at the gear output [kg m2], instead of motor.load_inertia_kg_m2',
         'KG_M2',
         type=number_within(0.0, 1e3, 'kg m2'),
     )
     load_torque: float | None = option(
-        'with --one-motor: tau_load behind the gear [N m], instead of motor.load_torque_n_m',
+        'with --one-motor: tau_load at the gear output [N m], instead of motor.load_torque_n_m',
         'N_M',
         type=number_within(-1e4, 1e4, 'N m'),
     )
     coupling: float | None = option(
-        'with --one-motor: CE, share of the coupling torque of the robot that the motor feels, instead of '
+        'with --one-motor: CE, share of the coupling torque of the robot on the motor, instead of '
         'motor.coupling_effect',
         'SHARE',
         type=number_within(0.0, 1.0),
@@ -93,36 +96,36 @@ class Options(ReferenceOptions, ScopeOptions):
     )
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if not self.one_motor:
             for one in ('--axis', '--load-inertia', '--load-torque', '--coupling', '--output'):
                 if one in self.given():
-                    return f'{one} is for --one-motor: it says what a single motor drives'
+                    return f'{one} requires --one-motor'
         elif self.learned is not None:
-            return '--learned is for the robot, so it is not for --one-motor'
+            return '--learned cannot be combined with --one-motor'
         elif self.scope is not None:
-            return '--scope looks into the drives of a robot, so it is not for --one-motor'
+            return '--scope cannot be combined with --one-motor'
         script = self.program.endswith('.py')
         if script and self.one_motor:
-            return '--one-motor drives the motion of a program, not of a script'
+            return '--one-motor requires a program, not a script'
         if script and self.learned is not None:
-            return '--learned is for a program: a script decides what it drives'
+            return '--learned requires a program: the path of a script is not known in advance'
         if self.one_motor and self.cell is not None:
-            return '--cell stands around the robot, so it is not for --one-motor'
+            return '--cell cannot be combined with --one-motor'
         if self.cell is None and (
             asked := [name for name in self.signals or () if name.startswith(OF_CELLS)]
         ):
-            return f'--signals asks for {asked[0]}, which only a simulation with --cell holds'
+            return f'--signals includes {asked[0]}, which requires --cell'
         if self.report is not None:
             if self.one_motor:
-                return '--report is about a robot, --one-motor leaves a folder of its own: --output'
+                return '--report cannot be combined with --one-motor: use --output'
             if self.scope is not None and Path(self.scope_output).name != self.scope_output:
-                return '--scope-output is a name without a folder if there is a --report: records are in its folder'
+                return '--scope-output must be a name without a folder: records are written to the folder of --report'
         if self.signals and (self.one_motor or not self.trace):
-            return '--signals says what --trace holds of a robot, which is not asked for'
+            return '--signals requires --trace, and cannot be combined with --one-motor'
         of_scope = {name(one) for one in fields(ScopeOptions) if one.metadata} | {'--scope-output'}
         if self.scope is None and (unused := [one for one in self.given() if one in of_scope]):
-            return f'{unused[0]} is for --scope, which is not given'
+            return f'{unused[0]} requires --scope'
         return super().check()
 
 
@@ -145,7 +148,7 @@ def run(options: Options) -> int:
     if options.signals:
         trace_export.require_known(options.signals)
     cell = _cell_of(options)
-    with kept_for_json(options.json):
+    with stdout_reserved(options.json):
         chosen, robot, program = _read(options, cell)
     inputs, torques = chosen.digests(), None
     inputs += _cell_digest(options)
@@ -158,7 +161,7 @@ def run(options: Options) -> int:
     if folder is not None:
         folder.make()
     started = time.perf_counter()
-    with kept_for_json(options.json):
+    with stdout_reserved(options.json):
         trace, records = _simulated(options, program, robot, origin, torques, cell)
     wall = time.perf_counter() - started
     exact = None if isinstance(program, Script) else _from_exact(trace, program, robot, cell)
@@ -173,10 +176,10 @@ def run(options: Options) -> int:
     if folder is not None:
         from delta3_pacdrive.analysis import run_report
 
-        told = [*([stopped] if stopped else []), *(records.sentences() if records else ())]
-        run_report.write(folder, trace, records.taken if records else (), told)
+        lines = [*([stopped] if stopped else []), *(records.sentences() if records else ())]
+        run_report.write(folder, trace, records.taken if records else (), lines)
     if stopped:
-        raise RunError(f'{stopped}; it stood after {trace.time_s[-1]:.3f} s of bus time')
+        raise RunError(f'{stopped}; at rest after {trace.time_s[-1]:.3f} s of bus time')
     result = _result(trace, wall)
     if exact is not None:
         result['from_exact'] = exact
@@ -193,7 +196,7 @@ def run(options: Options) -> int:
 
 
 def _read(options: Options, cell: 'Cell | None') -> 'tuple[Chosen, Parameters, Program | Script]':
-    """Return what is run, the robot, and the program or script; raises Delta3Error."""
+    """Return the selection, the robot, and the program or script; raises Delta3Error."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.cell import script
     from delta3_pacdrive.motion import program_file as programs
@@ -213,7 +216,7 @@ def _read(options: Options, cell: 'Cell | None') -> 'tuple[Chosen, Parameters, P
 
 
 def _learned(path: str, program: 'Program', robot: 'Parameters') -> 'Learned':
-    """Return the torques that were learned for a program; raises Delta3Error if they are those of another one."""
+    """Return the learned torques of a program; raises Delta3Error if they belong to another program."""
     from delta3_pacdrive import simulation
     from delta3_pacdrive.motion import learned
 
@@ -225,7 +228,7 @@ def _learned(path: str, program: 'Program', robot: 'Parameters') -> 'Learned':
 def _from_exact(
     trace: 'Trace', program: 'Program', robot: 'Parameters', cell: 'Cell | None'
 ) -> dict[str, float] | None:
-    """Return how far a robot with decoupled arms is from one with coupled arms; None for the latter."""
+    """Return the deviation of decoupled from coupled arms; None for a robot with coupled arms."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
     from delta3_pacdrive.analysis import run_comparison
@@ -237,12 +240,12 @@ def _from_exact(
 
 
 def _result(trace: 'Trace', wall_s: float) -> dict[str, Any]:
-    """Return the result of a run that came to its end."""
+    """Return the result of a completed run."""
     cycles, figures = len(trace.time_s), trace.meta['figures']
-    told = ('program', 'notices', 'program_s', 'repeat', 'cell')
+    copied = ('program', 'notices', 'program_s', 'repeat', 'cell')
     return {
         'ok': True,
-        **{key: trace.meta[key] for key in told if key in trace.meta},
+        **{key: trace.meta[key] for key in copied if key in trace.meta},
         'cycles': cycles,
         'bus_time_s': cycles * trace.meta['cycle_time_s'],
         'wall_time_s': wall_s,
@@ -254,7 +257,7 @@ def _result(trace: 'Trace', wall_s: float) -> dict[str, Any]:
 
 
 def _cell_of(options: Options) -> 'Cell | None':
-    """Return the cell that is asked for; raises CellError."""
+    """Return the cell of the options; raises CellError."""
     if options.cell is None:
         return None
     from delta3_pacdrive.peripherals import cell_file
@@ -263,7 +266,7 @@ def _cell_of(options: Options) -> 'Cell | None':
 
 
 def _cell_digest(options: Options) -> list[str]:
-    """Return the cell file with its digest, if one is asked for."""
+    """Return the cell file of the options with its digest."""
     if options.cell is None:
         return []
     from delta3_pacdrive.analysis.provenance import digest
@@ -280,7 +283,7 @@ def _simulated(
     torques: 'Learned | None',
     cell: 'Cell | None',
 ) -> 'tuple[Trace, Records | None]':
-    """Run a program, with oscilloscopes in the drives if they are asked for; raises Delta3Error."""
+    """Run a program, with oscilloscopes in the drives if requested; raises Delta3Error."""
     from delta3_pacdrive.analysis import trace_export
 
     asked = trace_export.on_request(options.signals or ())
@@ -297,8 +300,8 @@ def _simulated(
     trace = _driven(program, robot, acquisition, asked, torques, cell)
     if not records.written:
         raise RunError(
-            f'the trigger never came: {setting.trigger.sentence if setting.trigger else ""} was awaited until the end '
-            f'of the run, {trace.time_s[-1]:.3f} s'
+            f'no trigger: {setting.trigger.sentence if setting.trigger else ""} did not occur until the end of the '
+            f'run, {trace.time_s[-1]:.3f} s'
         )
     return trace, records
 
@@ -311,7 +314,7 @@ def _driven(
     torques: 'Learned | None',
     around: 'Cell | None',
 ) -> 'Trace':
-    """Return the trace of a program, or of a script, which may have been given up; raises Delta3Error."""
+    """Return the trace of a program or of a script, which may have been aborted; raises Delta3Error."""
     from delta3_pacdrive import cell, simulation
     from delta3_pacdrive.cell.script import Script
 
@@ -345,7 +348,7 @@ def _run_one_motor(options: Options) -> int:
         raise RunError('--exchange-period is not for --one-motor: drive and motor exchange every 125e-6 s')
     if options.trace:
         trace_file.require_writable_trace(options.trace)
-    # what the thesis did in ECAM-4 has its controller
+    # the thesis ran this experiment in ECAM-4 with its own controller
     options.parameters = options.parameters or core.THESIS_CONTROLLER
     settings = study.Settings(
         options.parameters,
@@ -368,5 +371,8 @@ def _run_one_motor(options: Options) -> int:
 
 
 main = Command(
-    'simulate', 'Run a program without ROS, as fast as possible; the same signals as the graph.', Options, run
+    'simulate',
+    'Run a program without ROS, as fast as possible, with the same signals as the graph.',
+    Options,
+    run,
 )

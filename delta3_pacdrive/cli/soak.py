@@ -1,4 +1,4 @@
-"""``delta3 soak``: random programs with random faults, without a clock and in real time, and what must always hold."""
+"""``delta3 soak``: run random programs with random faults and check invariants."""
 
 import json
 import signal
@@ -12,24 +12,24 @@ from delta3_pacdrive.cli.output import INTERRUPTED, print_json
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
-PACES = {'fast': 0.0, 'real-time': 1.0}  # of the bus, over real time
+PACES = {'fast': 0.0, 'real-time': 1.0}  # real-time factor of the bus
 
 
 @dataclass
 class Options(JsonOptions):
     """Options of the command."""
 
-    minutes: float = option('how long, all in all', 'N', default=10.0, type=float)
-    seed: int = option('of programs and faults', default=1, type=int)
-    pace: str | None = option('only without a clock, or only in real time', choices=PACES)
-    replay: int | None = option('only program N of the sequence of a seed and a pace', 'N', type=int)
+    minutes: float = option('total duration [min]', 'N', default=10.0, type=float)
+    seed: int = option('seed of programs and faults', default=1, type=int)
+    pace: str | None = option('run only without a clock, or only in real time (default: both)', choices=PACES)
+    replay: int | None = option('run only program N of the sequence of a seed and a pace', 'N', type=int)
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if not 0.0 < self.minutes <= 1e5:
             return f'--minutes is {self.minutes:g}, but must be between 0 and 100000'
         if self.replay is not None and (self.replay < 1 or not self.pace):
-            return '--replay takes the number of a program, from 1 on, and needs --pace'
+            return '--replay takes the number of a program, from 1, and requires --pace'
         return ''
 
 
@@ -59,7 +59,7 @@ def run(options: Options) -> int:
         for pace, row in rows.items():
             _print(pace, row)
     if interrupted:
-        print('interrupted: the figures are those until then', file=sys.stderr)
+        print('interrupted: partial figures', file=sys.stderr)
         return INTERRUPTED
     if not ok and not options.json:
         raise RunError(_complaint(options, rows))
@@ -70,23 +70,20 @@ def _complaint(options: Options, rows: dict[str, dict[str, Any]]) -> str:
     for pace, row in rows.items():
         if row['refused'] and not row['programs']:
             which = f'program {options.replay}' if options.replay else f'all {row["refused"]} programs'
-            return f'{pace}: the planner refused {which}: {row["refusal"]}'
+            return f'{pace}: the planner rejected {which}: {row["refusal"]}'
         if not row['programs']:
-            return f'{pace}: no program came to its end within {options.minutes:g} minutes'
+            return f'{pace}: no program was completed within {options.minutes:g} minutes'
     if any(row['violations'] for row in rows.values()):
-        return 'the soak found something: see the violations'
+        return 'the soak found violations'
     for pace, row in rows.items():
         if not row['watched']:
-            return (
-                f'{pace}: {row["unseen"]} of {row["cycles"]} bus cycles were never seen: this machine has no time to '
-                'look at them'
-            )
+            return f'{pace}: {row["unseen"]} of {row["cycles"]} bus cycles were not monitored: this machine is too slow'
     lacking = [(pace, row['injected'] - row['survived']) for pace, row in rows.items()]
     return '; '.join(f'{pace}: {count} faults were not survived' for pace, count in lacking if count)
 
 
 def _in_a_process(options: Options, pace: str) -> dict[str, Any]:
-    """Run one pace in a process of its own: a bring-up forks, which a process that had ROS in it must not."""
+    """Run one pace in a separate process: a bring-up forks, which is not safe in a process that has used ROS."""
     minutes, seed = str(options.minutes / len(PACES)), str(options.seed)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with child.start('soak', '--pace', pace, '--minutes', minutes, '--seed', seed, '--json') as process:
@@ -107,7 +104,7 @@ def _soak(options: Options, pace: str) -> dict[str, Any]:
     announce_compilation()
     figures = Figures()
     interrupted = False
-    # processes fork meanwhile
+    # without a thread: the runner forks processes
     with Progress(threaded=False) as progress:
 
         def show(now: Figures) -> None:
@@ -124,20 +121,20 @@ def _soak(options: Options, pace: str) -> dict[str, Any]:
 def _print(name: str, row: dict[str, Any]) -> None:
     slope, half = row['growth_mb'], row['growth_half_width_mb']
     grows = (
-        'too few programs to say how fast their own memory grows'
+        'too few programs to estimate the growth of private memory'
         if slope is None
-        else f'their own memory grows by {slope:.2f} +- {half:.2f} MB in 100,000 cycles'
+        else f'private memory grows by {slope:.2f} +- {half:.2f} MB in 100,000 cycles'
     )
     kinds = ', '.join(f'{kind} {count}' for kind, count in sorted(row['kinds'].items()))
     print(f"""{name}:
-    {row['programs']} programs in {row['cycles']} cycles, {row['refused']} refused by the planner; {row['unseen']} \
-cycles not seen
+    {row['programs']} programs in {row['cycles']} cycles, {row['refused']} rejected by the planner; {row['unseen']} \
+cycles not monitored
     {row['injected']} faults injected, {row['survived']} survived; {row['stopped']} programs stopped by them
     {row['undisturbed']} undisturbed programs: true TCP within {row['error_max_m'] * 1e3:.3f} mm of the command, \
 ends within {row['end_max_m'] * 1e3:.4f} mm
     {row['lost_at']} AT lost of at most {row['lost_at_injected']} injected, \
 {row['lost_mdt']} MDT of {row['lost_mdt_injected']}
-    RSS of the processes that lived on: {row['rss_start_mb']:.1f} MB, \
+    RSS of the surviving processes: {row['rss_start_mb']:.1f} MB, \
 {row['rss_cycles']} cycles later {row['rss_end_mb']:.1f} MB; {grows}
     {kinds or 'no faults'}""")
     for violation in row['violations']:
@@ -153,7 +150,8 @@ ends within {row['end_max_m'] * 1e3:.4f} mm
 
 main = Command(
     'soak',
-    'Run random programs with random faults; half of the time without a clock, half in real time.',
+    'Run random programs with random faults, half of the time without a clock and half in real time, and check '
+    'invariants.',
     Options,
     run,
 )

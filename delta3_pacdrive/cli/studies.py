@@ -1,4 +1,4 @@
-"""What the commands of studies share: progress, what an interruption leaves, the summary as text or as JSON."""
+"""Execution of studies: progress display, interrupts, summary as text or JSON."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ def run_study(
     writes: Path | str | None = None,
     then: Callable[[], dict[str, str]] = dict,
 ) -> int:
-    """Do what a study does, print its summary and return the exit status.
+    """Run a study, print its summary and return the exit status.
 
     Parameters
     ----------
     options
-        Of the command: ``parameters`` and ``json``.
+        Options with ``parameters`` and ``json``.
     work
-        Computes, and returns the summary.
+        Runs the study and returns the summary.
     text
-        Turns the summary into lines for people.
+        Converts the summary to lines of text.
     unfinished
-        Says what an interruption leaves.
+        Returns the message after an interrupt.
     writes
-        Folder that it writes into, which is refused at once if that cannot be.
+        Output folder, checked before the study starts.
     then
-        Is done with what the study has left; returns sentences about it, by the names that they have in the summary.
+        Follow-up action; returns sentences by their keys in the summary.
 
     """
     from delta3_pacdrive import parameters as core
@@ -51,7 +51,7 @@ def run_study(
     announce_compilation(options.parameters)
     simulation.load_kernels(core.load(options.parameters))
     try:
-        # an interruption is an exception meanwhile, so that the study can say what it leaves behind
+        # interrupts raise, so that the study can report the state of its output
         with interrupts.raising(), Progress(quiet=options.json) as progress:
             summary = work(progress.show)
     except KeyboardInterrupt:
@@ -59,10 +59,10 @@ def run_study(
         return INTERRUPTED
     if not options.json:
         print('\n'.join([*text(summary), *summary.get('files', ())]))
-    told = then()
+    followed = then()
     if options.json:
-        print(json.dumps(summary | told))
+        print(json.dumps(summary | followed))
     else:
-        for sentence in told.values():
+        for sentence in followed.values():
             print(sentence)
     return 0

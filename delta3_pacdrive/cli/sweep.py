@@ -1,4 +1,4 @@
-"""``delta3 sweep``: many runs in which parameters and values of the program vary, on all cores or on a cluster."""
+"""``delta3 sweep``: run a program many times with varied parameters, on all cores or on a cluster."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from delta3_pacdrive.cli.option_types import integer_within
 class Options(ManyRunsOptions):
     """Options of the command."""
 
-    dry_run: bool = flag('say how many runs there are, how long they take and how much disk they need')
-    run: int | None = option('make one run again, and nothing else', 'N', type=integer_within(1, 10_000_000))
-    trace: str | None = option('with --run: write its signals to this file', 'FILE')
-    output: str = option('folder for the runs, and for table, figures and report', 'DIR', default='sweep')
+    dry_run: bool = flag('only print the number of runs and the required time and disk space')
+    run: int | None = option('only repeat run N', 'N', type=integer_within(1, 10_000_000))
+    trace: str | None = option('with --run: write the signals to this file', 'FILE')
+    output: str = option('folder for runs, table, figures and report', 'DIR', default='sweep')
 
 
 def run(options: Options) -> int:
@@ -30,9 +30,9 @@ def run(options: Options) -> int:
     from delta3_pacdrive.errors import SweepError
 
     if (options.run is None) != (options.trace is None):
-        raise SweepError('--run makes a run again, --trace says where its signals go: give both')
+        raise SweepError('--run and --trace must be given together')
     if options.run is not None and (options.dry_run or options.workers or options.scheduler):
-        raise SweepError('--run makes one run, here: it goes with --trace alone')
+        raise SweepError('--run can be combined with --trace only')
     if options.run is None and not options.dry_run:
         return run_many(options, run.Study, report.text)
     settings, folder = settings_of(options), Path(options.output).absolute()
@@ -45,27 +45,26 @@ def run(options: Options) -> int:
     if options.run is not None and options.trace is not None:
         trace = study.again(options.run)
         trace_file.save(trace, options.trace)
-        told = {'ok': True, 'run': options.run, 'trace': options.trace, 'figures': trace.meta['figures']}
-        print(json.dumps(told) if options.json else f'run {options.run}: {options.trace}')
+        result = {'ok': True, 'run': options.run, 'trace': options.trace, 'figures': trace.meta['figures']}
+        print(json.dumps(result) if options.json else f'run {options.run}: {options.trace}')
     else:
-        told = study.dry_run()
-        print(json.dumps(told) if options.json else '\n'.join(_dry(told)))
+        result = study.dry_run()
+        print(json.dumps(result) if options.json else '\n'.join(_dry_run_text(result)))
     return 0
 
 
-def _dry(told: dict[str, Any]) -> list[str]:
-    """Return what a dry run tells, as lines for people."""
+def _dry_run_text(result: dict[str, Any]) -> list[str]:
     return [
-        f'{told["sweep"]}: {told["runs"]} runs, {told["runs_made"]} of them are there',
-        f'{1e3 * told["seconds_a_run"]:.0f} ms each on one core, {told["core_seconds"]:.0f} s for all that lack',
-        f'{told["disk_bytes"] / 1e6:.1f} MB on the disk',
+        f'{result["sweep"]}: {result["runs"]} runs, {result["runs_made"]} of them completed',
+        f'{1e3 * result["seconds_a_run"]:.0f} ms each on one core, {result["core_seconds"]:.0f} s for all remaining',
+        f'{result["disk_bytes"] / 1e6:.1f} MB of disk space',
     ]
 
 
 main = Command(
     'sweep',
-    'Run a program many times without ROS while parameters and values of the program vary, as a file says; on all '
-    'cores, or on a dask cluster. What is done is kept, and the same command goes on with what is missing.',
+    'Run a program many times without ROS with varied parameters and program values, as specified in a file, on all '
+    'cores or on a dask cluster. Completed runs are kept; the same command continues with the missing ones.',
     Options,
     run,
 )

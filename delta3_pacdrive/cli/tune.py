@@ -1,4 +1,4 @@
-"""``delta3 tune``: step and frequency responses of a drive's loops, margins, and what gains do to a program."""
+"""``delta3 tune``: step and frequency responses of the drive loops, stability margins, effect of gains."""
 
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.analysis.study import OnProgress
 
 
-ROBOT = 'robot'  # instead of a file: the one that is up
+ROBOT = 'robot'  # in place of a file: the running robot
 TOOL_AXIS = 4
 OF_ARMS = '--pose', '--propose', '--apply', '--excite', '--recording'
 
@@ -26,24 +26,27 @@ class Options(RobotOptions):
     """Options of the command."""
 
     pose: tuple[float, float, float] | None = option(
-        'TCP whose load is moved [m]; home, if not given', ('X', 'Y', 'Z'), nargs=3, type=finite_number
+        'TCP position that determines the load [m] (default: home)',
+        ('X', 'Y', 'Z'),
+        nargs=3,
+        type=finite_number,
     )
-    payload: float | None = option('carried instead of what the parameters say', 'KG', type=finite_number)
+    payload: float | None = option('payload instead of that of the parameters [kg]', 'KG', type=finite_number)
     axis: int = option(
-        'whose load, and whose recording; 4: the drive of the rotary axis, its gains and its load',
+        'axis whose load and recording are used; 4: rotary axis with its own gains',
         default=1,
         type=int,
         choices=(1, 2, 3, TOOL_AXIS),
     )
     speed: float = option(
-        'at which the bench turns, motor side; 0 shows the friction of standstill',
+        'motor speed on the bench [rad/s]; 0 shows static friction',
         'RAD_S',
         default=10.0,
         type=finite_number,
     )
-    amplitude: float = option('multiple of the usual excitations', 'X', default=1.0, type=finite_number)
+    amplitude: float = option('scale factor of the excitation', 'X', default=1.0, type=finite_number)
     changes: list[str] | None = option(
-        'compare with this gain, feed-forward or filter; name of the group drive, symbol (K_Ppos) or IDN '
+        'compare with this gain, feed-forward or filter: parameter of the group drive, symbol (K_Ppos) or IDN '
         '(S-0-0104); repeatable',
         'NAME=VALUE',
         names=('--set',),
@@ -55,16 +58,16 @@ class Options(RobotOptions):
         formerly='--auto',
     )
     phase_margin: float | None = option(
-        'phase margin that --propose keeps (default: 45, and gains only if they are better)',
+        'phase margin for --propose (default: 45, and only gains better than the present ones)',
         'DEG',
         type=finite_number,
     )
     gain_margin: float | None = option(
-        'gain margin that --propose keeps, up and down (default: 6, likewise)', 'DB', type=finite_number
+        'gain margin for --propose, up and down (default: 6, likewise)', 'DB', type=finite_number
     )
-    sweep: str | None = option('draw margins and errors over N values of a gain', 'NAME=LOW:HIGH:N')
+    sweep: str | None = option('plot margins and errors over N values of a gain', 'NAME=LOW:HIGH:N')
     program: str | None = option(
-        'whose following error is compared; experiment1, or with --axis 4 half a turn and back, if not given',
+        'program for the comparison of following errors (default: experiment1; with --axis 4 half a turn and back)',
         'PROGRAM',
     )
     apply: str | None = option(
@@ -81,42 +84,44 @@ class Options(RobotOptions):
         const=ROBOT,
     )
     namespace: str = option('ROS namespace of the robot that --apply writes to', default='/', type=str)
-    recording: str | None = option('trace (.npz, .csv) or folder of a bag to evaluate as well', 'FILE')
+    recording: str | None = option('also evaluate this trace (.npz, .csv) or bag folder', 'FILE')
     excite: str | None = option(
-        'excite one axis of the simulated robot and write the trace of it instead', 'FILE', type=trace_file
+        'only excite one axis of the simulated robot and write the trace', 'FILE', type=trace_file
     )
-    place: str = option('set point that --excite adds to', default='current', choices=('current', 'position'))
-    noise: float = option('sensor noise of --excite, 1: typical', 'X', default=0.0, type=NOISE)
-    seed: int = option('of the noise', default=0, type=SEED)
-    output: str = option('for report, tables, figures', 'FOLDER', default='tuning')
+    place: str = option(
+        'set point to which --excite adds its signal', default='current', choices=('current', 'position')
+    )
+    noise: float = option('sensor noise of --excite; 1: typical', 'X', default=0.0, type=NOISE)
+    seed: int = option('seed of the noise', default=0, type=SEED)
+    output: str = option('folder for report, tables and figures', 'FOLDER', default='tuning')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.excite and (self.recording or self.changes or self.sweep or self.propose):
-            return '--excite only writes a recording: it takes no --recording, --set, --sweep or --propose'
+            return '--excite cannot be combined with --recording, --set, --sweep or --propose'
         if self.propose and (self.changes or self.sweep):
-            return '--propose looks for the gains itself: it takes no --set or --sweep'
+            return '--propose cannot be combined with --set or --sweep'
         if self.undo is not None and set(self.given()) - {'--undo', '--output', '--json'}:
-            return '--undo takes back what was applied: it takes nothing but --output and --json'
+            return '--undo can be combined with --output and --json only'
         if self.undo not in (None, ROBOT) and '--output' in self.given():
-            return '--undo FILE takes no --output: what was before is kept beside the file'
+            return '--undo FILE takes no --output: the previous values are kept next to the file'
         if self.apply is not None and not self.propose:
             dropped = sorted(set(self.given()) - {'--apply', '--output', '--json', '--namespace'})
             if dropped:
-                return f'--apply without --propose writes the gains that stand in the folder: it takes no {dropped[0]}'
+                return f'--apply without --propose takes the gains from the output folder: {dropped[0]} has no effect'
         if self.apply is not None and self.recording:
-            return '--apply writes the gains of --propose: it takes no --recording'
+            return '--apply cannot be combined with --recording'
         if self.namespace != '/' and self.apply != ROBOT:
-            return '--namespace is for --apply without a file'
+            return '--namespace requires --apply without a file'
         for name in ('--phase-margin', '--gain-margin'):
             if not self.propose and name in self.given():
-                return f'{name} is for --propose'
+                return f'{name} requires --propose'
         if self.axis == TOOL_AXIS and (found := [name for name in OF_ARMS if name in self.given()]):
-            return f'{found[0]} is for the drives of the arms: --axis {TOOL_AXIS} takes none'
+            return f'{found[0]} applies to the arms only, not to --axis {TOOL_AXIS}'
         if self.excite and self.exchange_period is not None:
-            return '--excite exchanges as often as the drives compute: it takes no --exchange-period'
+            return '--excite uses the period of the drives: it takes no --exchange-period'
         if not self.excite and (self.place != 'current' or self.noise or self.seed):
-            return '--place, --noise and --seed are for --excite'
+            return '--place, --noise and --seed require --excite'
         return ''
 
 
@@ -166,7 +171,7 @@ def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> int
 
 
 def _require_target(options: Options) -> None:
-    """Refuse what gains could not be applied to before they are looked for."""
+    """Check the target of ``--apply`` before gains are computed."""
     from delta3_pacdrive.analysis.tuning import applied
     from delta3_pacdrive.configuration import parameter_file
 
@@ -189,8 +194,8 @@ def _apply(options: Options) -> str:
             applied.apply(values, channel, options.namespace, folder)
         where = 'all drives'
         back = 'delta3 tune --undo' + (f' --output {folder}' if '--output' in options.given() else '')
-    told = ', '.join(f'{name} = {value:g}' for name, value in values.items())
-    return f'{where}: {told}; {back} takes it back'
+    gains_text = ', '.join(f'{name} = {value:g}' for name, value in values.items())
+    return f'{where}: {gains_text}; undo with {back}'
 
 
 def _undo(options: Options) -> int:
@@ -198,11 +203,11 @@ def _undo(options: Options) -> int:
 
     if options.undo != ROBOT:
         gains_in_file.undo(Path(str(options.undo)))
-        return print_answer(f'{options.undo} is as it was before gains were applied', options)
+        return print_answer(f'{options.undo}: previous gains restored', options)
     folder = Path(options.output)
     with _drives(applied.namespace_in(folder)) as channel:
         applied.undo(channel, folder)
-    return print_answer('all drives have the values from before gains were applied', options)
+    return print_answer('all drives: previous gains restored', options)
 
 
 @contextmanager
@@ -252,8 +257,8 @@ def _excite(options: Options, path: str, settings: Any, show: 'OnProgress') -> d
 
 main = Command(
     'tune',
-    'Step and frequency responses of the current, velocity and position loop with their margins: of the real drive '
-    'code on a bench, of its linear difference equations and of a recording; what other gains change, up to the '
+    'Measure step and frequency responses and margins of the current, velocity and position loops: of the drive code '
+    'on a bench, of its linear difference equations and of a recording. Show the effect of other gains up to the '
     'following error of a program.',
     Options,
     run,

@@ -1,4 +1,4 @@
-"""``delta3 two-link``: the two-link arm of chapter 3 at one point, and its figures."""
+"""``delta3 two-link``: kinematics of the planar two-link arm (chapter 3)."""
 
 import argparse
 import math
@@ -12,13 +12,13 @@ NUMBER_MAX = 1e6
 
 
 def _number(text: str) -> float:
-    """Read a number whose square no computation overflows."""
+    """Read a number small enough that its square does not overflow."""
     try:
         value = float(text)
     except ValueError:
         value = float('nan')
     if not abs(value) <= NUMBER_MAX:
-        raise argparse.ArgumentTypeError(f'{text!r} is no number from {-NUMBER_MAX:g} to {NUMBER_MAX:g}')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a number from {-NUMBER_MAX:g} to {NUMBER_MAX:g}')
     return value
 
 
@@ -27,15 +27,15 @@ class Options(JsonOptions):
     """Options of the command."""
 
     lengths: tuple[float, float] = option(
-        'lower and upper arm [m]', ('A', 'B'), default=(0.4, 0.3), nargs=2, type=_number
+        'lengths of lower and upper arm [m]', ('A', 'B'), default=(0.4, 0.3), nargs=2, type=_number
     )
     point: tuple[float, float] = option(
-        'of the tool [m]', ('X', 'Y'), default=(0.5, 0.2), nargs=2, type=_number
+        'tool position [m]', ('X', 'Y'), default=(0.5, 0.2), nargs=2, type=_number
     )
     velocity: tuple[float, float] | None = option(
-        'of the tool [m/s]: gives joint speeds', ('VX', 'VY'), nargs=2, type=_number
+        'tool velocity [m/s], to compute joint speeds', ('VX', 'VY'), nargs=2, type=_number
     )
-    figures: str | None = option('draw the figures as PNG files into this folder', 'FOLDER')
+    figures: str | None = option('write the figures as PNG files to this folder', 'FOLDER')
 
 
 def run(options: Options) -> int:
@@ -132,7 +132,8 @@ def _matrix_rows(name: str, matrix: list[list[float]], unit: str) -> list[tuple[
 
 main = Command(
     'two-link',
-    'Both solutions of the planar two-link arm (chapter 3) for one point, with Jacobian, determinant and inverse.',
+    'Compute both solutions of the planar two-link arm (chapter 3) for one point, with Jacobian, determinant and '
+    'inverse.',
     Options,
     run,
 )

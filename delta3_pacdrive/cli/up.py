@@ -1,4 +1,4 @@
-"""``delta3 up``: bring robots up and keep them up, ready for ``delta3 move`` and any ROS client, until Ctrl-C."""
+"""``delta3 up``: start robots and keep them running for ``delta3 move`` and other ROS clients, until Ctrl-C."""
 
 import sys
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from delta3_pacdrive.cli.progress import Progress
 from delta3_pacdrive.cli.run import GraphOptions, bring_up, lacking, show_run
 from delta3_pacdrive.view import serving
 
-ROBOTS_MAX = 10  # that find each other on one machine, see ``bringup.robots``
+ROBOTS_MAX = 10  # limit of discovery on one machine, see ``bringup.robots``
 
 
 @dataclass
@@ -19,55 +19,57 @@ class Options(GraphOptions):
     """Options of the command."""
 
     robots: int | None = option(
-        'bring up so many robots, robot1, robot2 ... below the namespace, each with all its nodes in one process; with '
-        '--bag and --logs each has a folder of that name, with --view a page, from --view-port on',
+        'number of robots: robot1, robot2 ... below the namespace, each with all nodes in one process; --bag and '
+        '--logs create a subfolder for each, --view a web page for each, from --view-port upwards',
         'N',
         type=integer_within(1, ROBOTS_MAX),
     )
     shared_clock: bool = flag(
-        'with --robots: all go by one bus clock, so that bus cycles of one number begin at one instant; who falls '
-        'behind makes all late'
+        'with --robots: one bus clock for all robots, so that bus cycles with the same number start at the same time; '
+        'a slow robot delays all others'
     )
-    separate_processes: bool = flag('with --robots: each node in a process of its own, as one robot has it')
+    separate_processes: bool = flag('with --robots: a separate process for each node')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if self.separate_processes and self.robots is None:
-            return '--separate-processes is for --robots: one robot has separate processes anyway'
+            return '--separate-processes requires --robots: a single robot has separate processes by default'
         if self.shared_clock and (self.robots or 1) < 2:
-            return '--shared-clock is for --robots, two or more: one robot has a bus clock of its own'
+            return '--shared-clock requires --robots with two or more robots'
         if self.separate_processes and self.single_process:
             return '--separate-processes and --single-process exclude each other'
         last = (self.view_port or 0) + (self.robots or 1) - 1
         if self.view_port and self.robots and last > serving.PORT_MAX:
-            return f'--view-port is {self.view_port}, but the page of the last robot would need port {last}'
+            return (
+                f'--view-port is {self.view_port}, but the page of the last robot would require port {last}'
+            )
         return super().check()
 
 
 class _Announcement:
-    """The announcement says once that the robot is ready, then leaves the line to the display."""
+    """Prints notes, faults and readiness of the robot above the progress line."""
 
     def __init__(self, display: Progress, bringup: Any, quiet: bool) -> None:
         self._display, self._bringup, self._quiet = display, bringup, quiet
-        self._told = False
+        self._announced = False
         self._notes = 0
         self._fault = ''
 
-    def _say(self, sentence: str) -> None:
+    def _print(self, sentence: str) -> None:
         if not self._quiet:
             print(sentence, file=sys.stderr, flush=True)
 
     def show(self, progress: dict[str, Any]) -> None:
         for note in self._bringup.notes[self._notes :]:
             self._notes += 1
-            self._say(note)
+            self._print(note)
         if progress['fault'] != self._fault:
             self._fault = progress['fault']
-            self._say(f'fault: {self._fault}' if self._fault else 'faults cleared')
-        if not self._told and progress['in_torque']:
-            self._told = True
-            self._say(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends')
-            self._say(f'controller: {self._bringup.robot.controller}')
+            self._print(f'fault: {self._fault}' if self._fault else 'faults cleared')
+        if not self._announced and progress['in_torque']:
+            self._announced = True
+            self._print(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends')
+            self._print(f'controller: {self._bringup.robot.controller}')
         show_run(self._display, progress)
 
 
@@ -89,7 +91,7 @@ def run(options: Options) -> int:
     else:
         done = (
             f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '
-            f'{result["lost_telegrams"]} lost AT, {result["restarts"]} processes started again'
+            f'{result["lost_telegrams"]} lost AT, {result["restarts"]} processes restarted'
         )
         print('\n'.join([done, *lacking(result, options.bag)]))
     return 0
@@ -97,7 +99,7 @@ def run(options: Options) -> int:
 
 main = Command(
     'up',
-    'Start every node of a robot, or of several, and keep them up for moves, until Ctrl-C.',
+    'Start all nodes of one or several robots and keep them running for moves, until Ctrl-C.',
     Options,
     run,
 )

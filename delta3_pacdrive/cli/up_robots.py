@@ -1,4 +1,4 @@
-"""``delta3 up --robots N``: several robots under one supervisor, with one table of their states."""
+"""``delta3 up --robots N``: run several robots under one supervisor, with a table of their states."""
 
 import math
 import sys
@@ -19,7 +19,7 @@ ALIGNED = ('left', 'left', 'left', 'right', 'right', 'right')
 
 
 def row(robot: Any) -> tuple[str, ...]:
-    """Return what the table says of a robot."""
+    """Return the table row of a robot."""
     progress = robot.progress
     state = progress.get('fault') or progress.get('waiting') or progress.get('state') or 'starting'
     if robot.ended:
@@ -44,7 +44,7 @@ def text_table(robots: Sequence[Any]) -> list[str]:
 
 
 class _Display:
-    """A table that is drawn anew where somebody looks, and sentences about what has happened."""
+    """Live table of states on terminals, and messages about events."""
 
     def __init__(self, quiet: bool) -> None:
         from rich.console import Console
@@ -57,8 +57,8 @@ class _Display:
             if quiet or not self._console.is_terminal
             else Live(console=self._console, auto_refresh=False, transient=True)
         )
-        self._told: dict[str, dict[str, Any]] = {}
-        self._said: set[str] = set()
+        self._reported: dict[str, dict[str, Any]] = {}
+        self._printed: set[str] = set()
         self._all_up = False
 
     def __enter__(self) -> '_Display':
@@ -70,40 +70,39 @@ class _Display:
         if self._live is not None:
             self._live.stop()
 
-    def say(self, sentence: str) -> None:
-        """Say a sentence, above the table."""
+    def print(self, sentence: str) -> None:
+        """Print a message above the table."""
         if not self._quiet:
             self._console.print(sentence, soft_wrap=True)
 
     def show(self, robots: Sequence[Any]) -> None:
-        """Say what is new, and draw the table."""
+        """Print new events and update the table."""
         for robot in robots:
-            self._say_news(robot, self._told.setdefault(robot.namespace, {}))
+            self._print_news(robot, self._reported.setdefault(robot.namespace, {}))
         if not self._all_up and all(robot.ready_s or robot.ended for robot in robots):
             self._all_up = True
             up = [robot for robot in robots if not robot.ended]
             if up and self._live is None:
-                self.say('\n'.join(text_table(robots)))
+                self.print('\n'.join(text_table(robots)))
             if up:
                 seconds = max(robot.ready_s for robot in up)
-                self.say(f'ready after {seconds:.2f} s: {len(up)} of {len(robots)} robots; Ctrl-C ends all')
+                self.print(f'ready after {seconds:.2f} s: {len(up)} of {len(robots)} robots; Ctrl-C ends all')
         if self._live is not None:
             self._live.update(_rich_table(robots), refresh=True)
 
-    def _say_news(self, robot: Any, told: dict[str, Any]) -> None:
-        for note in robot.notes[told.get('notes', 0) :]:
-            own = f'{robot.namespace}: {note}'
-            if note not in self._said or 'page' in note:  # what is true of all is said once
-                self.say(own)
-            self._said.add(note)
-        told['notes'] = len(robot.notes)
+    def _print_news(self, robot: Any, reported: dict[str, Any]) -> None:
+        for note in robot.notes[reported.get('notes', 0) :]:
+            if note not in self._printed or 'page' in note:  # print notes common to all robots once
+                self.print(f'{robot.namespace}: {note}')
+            self._printed.add(note)
+        reported['notes'] = len(robot.notes)
         fault = robot.progress.get('fault', '')
-        if fault != told.get('fault', ''):
-            self.say(f'{robot.namespace}: ' + (f'fault: {fault}' if fault else 'faults cleared'))
-        told['fault'] = fault
-        if robot.error and not told.get('error'):
-            self.say(f'{robot.namespace}: {robot.error}; this robot is gone, the others go on')
-        told['error'] = robot.error
+        if fault != reported.get('fault', ''):
+            self.print(f'{robot.namespace}: ' + (f'fault: {fault}' if fault else 'faults cleared'))
+        reported['fault'] = fault
+        if robot.error and not reported.get('error'):
+            self.print(f'{robot.namespace}: {robot.error}; this robot has ended, the others continue')
+        reported['error'] = robot.error
 
 
 def _rich_table(robots: Sequence[Any]) -> Any:
@@ -118,14 +117,12 @@ def _rich_table(robots: Sequence[Any]) -> Any:
 
 
 def run(options: GraphOptions, count: int, shared_clock: bool) -> int:
-    """Bring robots up and keep them up, until Ctrl-C or until none is left; return the exit status."""
+    """Start robots and keep them running until Ctrl-C or until all have ended; return the exit status."""
     started_s = time.monotonic()
     from delta3_pacdrive.bringup.environment import bag_of, namespaces, only_one
 
     names = namespaces(count, options.namespace)
-    with (
-        ExitStack() as held
-    ):  # a robot that is there already is told before anything that takes long is loaded
+    with ExitStack() as held:  # report robots that are already running before slow imports
         for name in names:
             held.enter_context(only_one(name))
     from delta3_pacdrive.bringup import robots
@@ -139,12 +136,12 @@ def run(options: GraphOptions, count: int, shared_clock: bool) -> int:
     each = [replace(asked, namespace=name, logs=logs, bag=bags and bag_of(bags, name)) for name in names]
     supervisor = robots.Robots(each, page, options.view_port, started_s, shared_clock)
     with _Display(options.json) as display:
-        supervisor.run(display.show, display.say)
+        supervisor.run(display.show, display.print)
     return _print_result(options, supervisor.now, bags, supervisor.crowded)
 
 
 def _folder_of_bags(folder: Path | None) -> Path | None:
-    """Make the folder in which each robot has its bag; raises RunError."""
+    """Create the folder of the bags; raises RunError."""
     if folder is None:
         return None
     try:
@@ -157,24 +154,24 @@ def _folder_of_bags(folder: Path | None) -> Path | None:
 def _print_result(options: GraphOptions, robots: Sequence[Any], bags: Path | None, crowded: str) -> int:
     dead = [robot for robot in robots if robot.error]
     if options.json:
-        told = {
+        results = {
             robot.namespace: (robot.result or {'ok': not robot.error})
             | ({'error': robot.error} if robot.error else {})
             | {'notices': robot.notes}
             for robot in robots
         }
-        print_json({'ok': not dead, 'real_time': not crowded, 'robots': told}, options)
+        print_json({'ok': not dead, 'real_time': not crowded, 'robots': results}, options)
     else:
         for line in result_lines(robots, bags):
             print(line)
     if dead:
         names = ', '.join(robot.namespace for robot in dead)
-        print(f'error: {len(dead)} of {len(robots)} robots had gone before the end: {names}', file=sys.stderr)
+        print(f'error: {len(dead)} of {len(robots)} robots ended early: {names}', file=sys.stderr)
     return int(bool(dead))
 
 
 def result_lines(robots: Sequence[Any], bags: Path | None) -> list[str]:
-    """Return what has become of each robot, and what its recording below a folder lacks."""
+    """Return the result of each robot, with notes on missing messages in its bag."""
     from delta3_pacdrive.bringup.environment import bag_of
 
     lines = []
@@ -188,10 +185,10 @@ def _text(robot: Any) -> str:
     if robot.error:
         return str(robot.error)
     if robot.result is None:
-        return 'ended while it came up'
+        return 'ended during start-up'
     result = robot.result
     late = result.get('lateness_ms', {}).get('p99', math.nan)
-    more = '' if math.isnan(late) else f', 99 % of cycles began within {late:.2f} ms'
+    more = '' if math.isnan(late) else f', 99 % of cycles started within {late:.2f} ms'
     return (
         f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '
         f'{result["lost_telegrams"]} lost AT{more}'

@@ -1,4 +1,4 @@
-"""``delta3 view``: a robot that is up, or a recording, as a page in the browser."""
+"""``delta3 view``: show a running robot or a recording as a web page."""
 
 import sys
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.cli.command import Command, NodeOptions, argument, flag, option
 from delta3_pacdrive.cli.progress import announce_compilation
-from delta3_pacdrive.cli.run_options import require_obeyed
+from delta3_pacdrive.cli.run_options import require_no_own_parameters
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.view import serving
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from delta3_pacdrive.parameters import Parameters
     from delta3_pacdrive.view.page import Page
 
-NICENESS = 5  # behind the robot, where both are ordinary processes
+NICENESS = 5  # lower priority than the robot
 
 
 @dataclass
@@ -26,28 +26,26 @@ class Options(NodeOptions):
     """Options of the command."""
 
     run: str | None = argument(
-        'trace (.npz), table of measurements (.csv, .parquet, .mat) or bag to be played, a program to be simulated, '
-        'or a volume of delta3 workspace (.npz); without it a robot that is up',
+        'trace (.npz), table of measurements (.csv, .parquet, .mat) or bag to play, program to simulate, or volume of '
+        'delta3 workspace (.npz) (default: a running robot)',
         default=None,
         metavar='RUN',
     )
-    host: str = option('address at which the page is served', 'ADDRESS', default=serving.HOST)
-    port: int | None = option(
-        f'port of the page; the first free one from {serving.PORT} on, unless told', type=int
-    )
-    control: bool = flag('let people operate the robot on a page that is served to other machines as well')
+    host: str = option('address to serve the page at', 'ADDRESS', default=serving.HOST)
+    port: int | None = option(f'port of the page (default: first free port from {serving.PORT})', type=int)
+    control: bool = flag('permit operation of the robot from other machines')
     parameters: str | None = option(
-        'parameter file for a program, or for a recording that does not tell its own', 'FILE'
+        'parameter file for a program or for a recording without parameters', 'FILE'
     )
     columns: str | None = option(
-        'column file: what the columns of a table of measurements are, if its headings do not say it', 'FILE'
+        'column file that maps the columns of a table to signals; needed if its headings do not', 'FILE'
     )
-    dark: bool = flag('begin with a dark page')
+    dark: bool = flag('start in dark mode')
     open: bool = flag('open the page in the browser of this desktop')
-    wait: bool = flag('wait for a robot as long as it takes')
+    wait: bool = flag('wait for a robot without timeout')
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if refusal := serving.refusal('--port', self.port):
             return refusal
         if self.run is not None:
@@ -59,13 +57,13 @@ class Options(NodeOptions):
                 ('--namespace', self.namespace != '/'),
             ):
                 if given:
-                    return f'{name} is for a robot that is up'
+                    return f'{name} applies to a running robot only'
             if self.columns and not is_table(self.run):
-                return f'--columns is for a table of measurements, {self.run} is none'
+                return f'--columns requires a table of measurements, but {self.run} is not one'
         elif self.columns:
-            return '--columns is for a table of measurements: a robot that is up has no columns'
+            return '--columns requires a table of measurements'
         elif self.parameters:
-            return '--parameters is for a program or a recording: a robot that is up tells its own'
+            return '--parameters requires a program or a recording: a running robot publishes its parameters'
         return ''
 
 
@@ -81,7 +79,7 @@ def run(options: Options) -> int:
 
 
 def _watch(options: Options, place: serving.Place) -> int:
-    """Show a robot that is up."""
+    """Show a running robot."""
     import os
 
     from delta3_pacdrive import parameters as core
@@ -95,16 +93,14 @@ def _watch(options: Options, place: serving.Place) -> int:
         if serving.is_here(options.host) or options.control:
             page.add_controls()
         else:
-            page.note(
-                'This page only shows the robot: `--control` lets people operate it from other machines.'
-            )
+            page.note('This page is read-only: `--control` permits operation from other machines.')
         page.add_scope()
         page.open()
         from delta3_pacdrive.ros import live_view
 
-        os.nice(NICENESS)  # not before: people wait for the first picture
-        patience_s = float('inf') if options.wait else live_view.APPEAR_S
-        live_view.run(page, parameters, namespace, patience_s)
+        os.nice(NICENESS)  # only now, to show the first picture quickly
+        timeout_s = float('inf') if options.wait else live_view.APPEAR_S
+        live_view.run(page, parameters, namespace, timeout_s)
     return 0
 
 
@@ -119,7 +115,7 @@ def _play(options: Options, name: str, place: serving.Place) -> int:
     if not is_recording(name):
         announce_compilation(options.parameters)
     found = runs.load(name, options.parameters, columns=options.columns)
-    require_obeyed(found, options.parameters)
+    require_no_own_parameters(found, options.parameters)
     from delta3_pacdrive.view import playback
 
     film = playback.Film(found)
@@ -132,7 +128,7 @@ def _play(options: Options, name: str, place: serving.Place) -> int:
 
 
 def _show_volume(options: Options, path: Path, place: serving.Place) -> int:
-    """Show the volume of a workspace around the robot."""
+    """Show the robot in the volume of its workspace."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.view import workspace
 
@@ -144,7 +140,7 @@ def _show_volume(options: Options, path: Path, place: serving.Place) -> int:
 
 
 def _announce(options: Options, place: serving.Place) -> None:
-    """Say where the page is, before it is made: browsers take as long to load it. Ctrl-C ends what follows."""
+    """Print the address before the page is created: browsers load it meanwhile."""
     place.greet()
     place.is_told = True
     print(f'the page is at {place.url} ; Ctrl-C ends', file=sys.stderr, flush=True)
@@ -155,9 +151,8 @@ def _announce(options: Options, place: serving.Place) -> None:
 @contextmanager
 def _served(options: Options, parameters: 'Parameters', title: str, place: serving.Place) -> Iterator['Page']:
     """Serve the page."""
-    with interrupts.answered_by(
-        lambda: None, interrupts.PATIENCE_S
-    ):  # half a page would swallow a signal, or talk at its end
+    # an interrupt during the construction of the page would be lost
+    with interrupts.answered_by(lambda: None, interrupts.PATIENCE_S):
         from delta3_pacdrive.view.page import Page
 
         page = Page(parameters, place, title, more=True)
@@ -167,7 +162,7 @@ def _served(options: Options, parameters: 'Parameters', title: str, place: servi
         page.darken(options.dark)
         yield page
     finally:
-        # browsers that do not answer would delay the end
+        # browsers that do not respond would delay the exit
         interrupts.end_within(interrupts.END_S, 0 if interrupts.asked() else 1)
         page.close()
 
@@ -179,12 +174,12 @@ def _open(url: str) -> None:
     try:
         webbrowser.get().open(url)
     except webbrowser.Error:
-        raise RunError(f'there is no browser here that could open {url}') from None
+        raise RunError(f'no browser available to open {url}') from None
 
 
 main = Command(
     'view',
-    'Show a robot that is up, or a recording, as a page in the browser, until Ctrl-C.',
+    'Show a running robot or a recording as a web page, until Ctrl-C.',
     Options,
     run,
 )

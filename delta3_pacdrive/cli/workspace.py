@@ -1,4 +1,4 @@
-"""``delta3 workspace``: maps of what the robot can do where, as slices and as a volume."""
+"""``delta3 workspace``: map the capability of the robot over the workspace, as slices and as a volume."""
 
 import argparse
 import math
@@ -25,7 +25,7 @@ def _plane(text: str) -> tuple[int, float]:
     except ValueError:
         place = math.nan
     if axis not in ('x', 'y', 'z') or not equals or not abs(place) <= REACH_M:
-        raise argparse.ArgumentTypeError(f'{text!r} is no plane, expected one like z=-0.8 (m)')
+        raise argparse.ArgumentTypeError(f'{text!r} is not a plane, expected for example z=-0.8 (m)')
     return 'xyz'.index(axis), place
 
 
@@ -40,35 +40,35 @@ class Options(JsonOptions):
     """Options of the command."""
 
     resolution: float = option(
-        'distance of neighbours in the volume [mm]; a volume has at most 20 million poses',
+        'grid spacing of the volume [mm]; at most 20 million poses',
         'MM',
         default=7.0,
         type=number_within(0.5, 500.0, 'mm'),
     )
     planes: list[tuple[int, float]] | None = option(
-        'draw this plane [m], such as z=-0.8 or y=0.1; may be repeated; top and bottom of the workspace and the '
-        'plane of arm 1 if none is given',
+        'plane to draw [m], such as z=-0.8 or y=0.1; repeatable (default: top, bottom and the plane '
+        'of arm 1)',
         'AXIS=M',
         names=('--slice',),
         type=_plane,
         action='append',
     )
-    payload: float | None = option('carried instead of what the parameters say', 'KG', type=finite_number)
+    payload: float | None = option('payload instead of that of the parameters [kg]', 'KG', type=finite_number)
     acceleration: float | None = option(
-        'that the largest payload is still given, instead of the default of moves',
+        'acceleration for the map of the maximum payload [m/s2] (default: that of moves)',
         'M_S2',
         type=number_within(0.0, 1e4, 'm/s2'),
     )
     parameters: str | None = option(PARAMETERS, 'FILE')
-    output: str | None = option('write the maps as figures, and tables, into this folder', 'FOLDER')
+    output: str | None = option('folder for maps and tables', 'FOLDER')
     volume: str | None = option('write the volume to this .npz or .csv file', 'FILE', type=_volume_file)
 
     def check(self) -> str:
-        """Return why options do not fit one another; empty if they do."""
+        """Return the error in the combination of options; empty if it is valid."""
         if len(self.planes or ()) > SLICES_MAX:
-            return f'it draws at most {SLICES_MAX} slices'
+            return f'at most {SLICES_MAX} slices are possible'
         if self.planes and self.output is None:
-            return '--slice is for --output: without figures there are no slices'
+            return '--slice requires --output'
         return ''
 
 
@@ -108,7 +108,7 @@ def run(options: Options) -> int:
 
 
 def _written(options: Options, settings: 'Settings', found: 'Results', robot: 'Parameters') -> list[str]:
-    """Write what is asked for; return the files."""
+    """Write figures, tables and volume; return the file names."""
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_folder import ReportFolder
     from delta3_pacdrive.analysis.workspace import figures, report
@@ -139,9 +139,9 @@ def _volume(path: Path, found: 'Results', origin: Any) -> Path:
 
 main = Command(
     'workspace',
-    'A million poses of the workspace in seconds: condition and singularities, speed and acceleration that the '
-    'motors reach in every direction, payload, and accuracy per increment of the encoders. It tells least and largest '
-    'values with their places, draws maps of slices, and writes the whole volume to a file.',
+    'Evaluate a million poses of the workspace in seconds: condition and singularities, speed and acceleration in '
+    'every direction, payload, and accuracy per encoder increment. Reports minimum and maximum values with their '
+    'positions, draws maps of slices, and writes the whole volume to a file.',
     Options,
     run,
 )

@@ -121,7 +121,7 @@ def test_joined_files_become_one_complete_file(other, tmp_path, capsys):
 def test_nothing_but_a_parameter_file_has_inertias_to_derive(tmp_path, capsys):
     new = tmp_path / 'new.yaml'
     assert check.main(['packaging', '--derive', str(new)]) == 1
-    assert '--derive is for a parameter file, but packaging is a program file' in capsys.readouterr().err
+    assert '--derive requires a parameter file, but packaging is a program file' in capsys.readouterr().err
     assert not new.exists()
 
 

@@ -287,8 +287,8 @@ def test_a_signal_asks_for_its_figures(signal: str, turning: Trace, tmp_path: Pa
         (['--from', '2', '--to', '1'], 2, '--from is 2, but must be less than --to, 1'),
         (['--from', 'nan'], 2, "argument --from: 'nan' must be a number"),
         (['--to', 'x'], 2, "argument --to: 'x' must be a number"),
-        (['--signals', 'currents'], 2, "'currents' is no signal, expected some of motor_command"),
-        (['--signals', ','], 2, 'it names no signal'),
+        (['--signals', 'currents'], 2, "unknown signal 'currents', expected some of motor_command"),
+        (['--signals', ','], 2, 'at least one signal is required'),
         (['--from', '100', '--to', '101'], 1, 'contains no cycle of that window: it goes from -0.12 to'),
     ],
 )

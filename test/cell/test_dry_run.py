@@ -79,8 +79,8 @@ def test_notes_name_the_line(folder, robot):
     ('arguments', 'sentence'),
     [
         (['pick.py', '--from', '2'], '--from is for a program'),
-        (['pick.py', '--output', 'figures'], '--output is for a program'),
-        (['pick.py', '--limits'], '--limits is for --json'),
+        (['pick.py', '--output', 'figures'], '--output requires a program'),
+        (['pick.py', '--limits'], '--limits requires --json'),
     ],
 )
 def test_options_that_do_not_fit_are_refused_by_name(folder, capsys, arguments, sentence):

@@ -113,14 +113,14 @@ def test_simulate_tells_in_one_sentence_what_went_wrong_and_keeps_the_trace(fold
     done = shell('delta3 simulate pick.py --cell ./cell.yaml --trace run.npz')
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1] == (
-        "error: pick.py:5: wait_input: 'part' was not on within 1 s; it stood after 1.102 s of bus time"
+        "error: pick.py:5: wait_input: 'part' was not on within 1 s; at rest after 1.102 s of bus time"
     )
     assert 'wait_input' in trace_file.load('run.npz').meta['stopped']
 
 
 REFUSED = {
-    'pick.py --learned torques.npz': '--learned is for a program: a script decides what it drives',
-    'pick.py --one-motor': '--one-motor drives the motion of a program, not of a script',
+    'pick.py --learned torques.npz': '--learned requires a program: the path of a script is not known in advance',
+    'pick.py --one-motor': '--one-motor requires a program, not a script',
 }
 
 

@@ -44,10 +44,10 @@ def test_signals_of_a_cell_are_in_the_trace_on_request(files):
 @pytest.mark.parametrize(
     ('arguments', 'told'),
     [
-        (['--one-motor', '--cell', 'cell'], '--cell stands around the robot, so it is not for --one-motor'),
+        (['--one-motor', '--cell', 'cell'], '--cell cannot be combined with --one-motor'),
         (
             ['--trace', 't.npz', '--signals', 'cell_vacuum'],
-            '--signals asks for cell_vacuum, which only a simulation with --cell holds',
+            '--signals includes cell_vacuum, which requires --cell',
         ),
     ],
 )

@@ -29,7 +29,7 @@ class Options(JsonOptions):
     limit: float | None = option('how far', 'M', type=float, formerly='--bound')
 
     def check(self):
-        return self.refusal(self.action)
+        return self.rejection(self.action)
 
 
 def command(seen=None):
@@ -117,8 +117,8 @@ def test_an_option_that_an_action_does_not_obey_is_refused_by_name(capsys):
 
 def test_several_actions_that_obey_an_option_are_listed():
     options = read('go', '--now')
-    assert options.refusal('rest') == '--now is for go, stop and wait, not for rest'
-    assert options.unobeyed('wait') == []
+    assert options.rejection('rest') == '--now is for go, stop and wait, not for rest'
+    assert options.unsupported('wait') == []
 
 
 def test_the_help_tells_actions_and_the_defaults_that_say_something():

@@ -139,8 +139,8 @@ def test_a_file_that_exists_is_replaced_on_request_only(tmp_path, capsys):
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['trace'], 'trace needs a RECORDING and --output FILE'),
-        (['trace', 'run.npz'], 'trace needs a RECORDING and --output FILE'),
+        (['trace'], 'trace requires a RECORDING and --output FILE'),
+        (['trace', 'run.npz'], 'trace requires a RECORDING and --output FILE'),
         (['urdf', 'run.npz'], 'a recording is for trace, not for urdf'),
         (['mjcf', '--from', '1'], '--from is for trace, not for mjcf'),
         (['urdf', '--every', '2'], '--every is for trace, not for urdf'),
@@ -152,7 +152,7 @@ def test_a_file_that_exists_is_replaced_on_request_only(tmp_path, capsys):
             ['trace', 'run.npz', '--output', 'a.csv', '--from', '2', '--to', '1'],
             '--from is 2, but must be less',
         ),
-        (['trace', 'run.npz', '--output', 'a.csv', '--signals', ','], 'it names no signal'),
+        (['trace', 'run.npz', '--output', 'a.csv', '--signals', ','], 'at least one signal is required'),
     ],
 )
 def test_what_does_not_fit_is_a_usage_error(arguments, sentence, capsys):

@@ -71,7 +71,7 @@ def test_people_read_what_has_happened_to_parts_and_why(capsys):
     assert rows['place error'] == ['0.250 mm max, 0.100 mm rms']
     assert rows['cup'] == ['125 % of its force at most']
     assert rows['part'][0] == 'part 0 (bar), lost: it slid off at 0'
-    assert rows['part'][5:] == ['and 3 more: --json has all of them']
+    assert rows['part'][5:] == ['and 3 more; --json lists all']
     none = cell | {'place_error_max_m': None, 'hold_use_max': None, 'parts': []}
     rows = printed(FIGURES | {'cell': none}, capsys)
     assert rows['part'] == ['missed in bus cycle 300: there is no part']

@@ -24,7 +24,7 @@ def spec(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ('options', 'sentence'),
     [
-        (['--workers', '2', '--scheduler', 'tcp://127.0.0.1:1'], 'give one of them'),
+        (['--workers', '2', '--scheduler', 'tcp://127.0.0.1:1'], 'exclude each other'),
         (['--output', '/proc/nowhere'], 'cannot write to /proc/nowhere'),
     ],
 )

@@ -160,7 +160,7 @@ def test_limits_of_each_move_are_told_on_request(tmp_path, capsys):
     assert {'motor_current', 'motor_speed', 'tcp_speed'} <= {limit['quantity'] for limit in limits}
     with pytest.raises(SystemExit, match='2'):
         plan.main(['--limits'])
-    assert '--limits is for --json' in capsys.readouterr().err
+    assert '--limits requires --json' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('folder', ['file', 'file/plan', '/proc/plan'])

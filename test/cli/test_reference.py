@@ -66,8 +66,8 @@ def test_what_the_robot_cannot_do_is_refused_with_time_and_place(here, capsys):
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['experiment2', '--reference', 'a.csv'], 'experiment2 cannot be run as well'),
-        (['--columns', 'c.yaml'], '--columns is for --reference'),
+        (['experiment2', '--reference', 'a.csv'], 'experiment2 is given too'),
+        (['--columns', 'c.yaml'], '--columns requires --reference'),
     ],
 )
 def test_options_that_do_not_fit_are_a_usage_error(command, arguments, sentence, capsys):
@@ -87,4 +87,4 @@ def test_a_low_pass_is_for_a_reference_and_tells_what_it_changes(here, capsys):
     assert ', low pass at 50 Hz: it moves the TCP by ' in capsys.readouterr().out
     with pytest.raises(SystemExit):
         main(['simulate', 'experiment1', '--lowpass', '50'])
-    assert '--lowpass is for --reference: a program has no noise' in capsys.readouterr().err
+    assert '--lowpass requires --reference' in capsys.readouterr().err

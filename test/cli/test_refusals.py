@@ -87,11 +87,11 @@ def files(tmp_path):
         (['simulate', 'packagin'], 1, ': did you mean packaging?'),
         (['plot', 'nowhere'], 1, 'nowhere'),
         (['simulate', '--trace', '/nowhere/trace.npz'], 1, 'cannot write trace'),
-        (['faults', 'inject'], 2, 'inject takes one fault'),
+        (['faults', 'inject'], 2, 'inject requires a fault'),
         (['faults', 'run', 'x'], 2, 'only inject takes a fault'),
         (['faults', '--only', 'rain'], 1, "error: no case of the catalogue contains the text 'rain'"),
         (['soak', '--minutes', '0'], 2, '--minutes is 0, but must be between'),
-        (['soak', '--replay', '3'], 2, '--replay takes the number of a program, from 1 on, and needs --pace'),
+        (['soak', '--replay', '3'], 2, '--replay takes the number of a program, from 1, and requires --pace'),
     ],
 )
 def test_bad_arguments_are_one_sentence(arguments, status, expected, refused, files):
@@ -120,8 +120,8 @@ def test_options_that_an_action_does_not_obey_are_refused_by_name(arguments, ref
     ('arguments', 'sentence'),
     [
         (['l', '0.1', '0'], 'error: move l takes 3 numbers, not 2\n'),
-        (['l', '0.1', '0', 'up'], "error: move l: 'up' is no number\n"),
-        (['sb'], 'error: move sb takes three numbers a point, not 0\n'),
+        (['l', '0.1', '0', 'up'], "error: move l: 'up' is not a number\n"),
+        (['sb'], 'error: move sb takes three numbers per point, not 0\n'),
         (['override'], 'error: move override takes one number, not 0\n'),
         (
             ['program', 'nowhere.yaml'],
@@ -150,7 +150,7 @@ def test_an_oscilloscope_waits_for_a_robot_as_long_as_it_is_told_to(refused, tmp
 def test_robots_are_not_all_recorded_with_the_parameters_of_one(refused, tmp_path):
     status, errors = refused(['record', '--all', tmp_path / 'all', '--parameters', 'rich'])
     assert status == 2
-    assert errors.endswith('--parameters is rich, but with --all each robot tells its own\n')
+    assert errors.endswith('--parameters is rich, but with --all each robot publishes its parameters\n')
 
 
 def test_without_a_robot_all_of_them_are_not_recorded(refused, tmp_path, monkeypatch):

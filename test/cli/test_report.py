@@ -111,8 +111,8 @@ def test_compare_says_that_a_trace_is_what_its_program_gives(trace, capsys):
     capsys.readouterr()
     assert main(['compare', 'a.npz', 'experiment1']) == 0
     told = capsys.readouterr().out
-    assert 'no signal differs by a single bit' in told
-    assert 'parameters: all are the same' in told
+    assert 'all signals are bit-identical' in told
+    assert 'parameters: identical' in told
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_a_gap_in_one_of_two_runs_is_told(here, trace, capsys):
     capsys.readouterr()
     assert main(['compare', 'a.npz', 'b.npz', '--to', '99']) == 0
     told = capsys.readouterr().out
-    assert 'no signal differs by a single bit in the cycles that both have' in told
+    assert 'all signals are bit-identical in the common cycles' in told
     assert '5 cycles were not compared: only one of the two has them' in told
 
 
@@ -207,7 +207,7 @@ def test_numbers_that_nothing_could_be_computed_from_are_refused(command, name, 
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['compare', 'a.npz'], 'two runs are compared, not 1'),
+        (['compare', 'a.npz'], 'compare takes two runs, not 1'),
         (['report', 'a', '--from', '2', '--to', '1'], '--from is 2, but must be less than --to, 1'),
         (['report', 'a', 'b', '--parameters', ',,'], '--parameters names 3 files, but there are 2 runs'),
         (['report', 'a', '--parameters', 'b,c'], '--parameters names 2 files, but there is 1 run'),

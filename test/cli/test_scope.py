@@ -123,7 +123,7 @@ def test_normal_numbers_its_records_and_old_ones_are_replaced_only_on_request(ca
     assert [row['files'] for row in result['scope']] == [['s_1.csv'], ['s_2.csv']]
     assert {row['decimation'] for row in result['scope']} == {4}
     assert (
-        's_1.csv: it exists already, --overwrite replaces it'
+        's_1.csv: it exists; --overwrite replaces it'
         in simulated(capsys, *options, status=1)['error']
     )
     assert len(simulated(capsys, *options, '--overwrite')['scope']) == 2
@@ -151,17 +151,17 @@ def test_what_cannot_be_recorded_gets_one_sentence(options, sentence, capsys):
 @pytest.mark.parametrize(
     ('options', 'sentence'),
     [
-        (('--trigger', 'fault'), '--trigger is for --scope, which is not given'),
-        (('--scope-output', 'a.csv'), '--scope-output is for --scope, which is not given'),
-        (('--scope', 'axis1.current', '--level', '2'), '--level is for --trigger, which is not given'),
-        (('--scope', 'axis1.current', '--records', '2'), '--records is for --mode normal, not for single'),
+        (('--trigger', 'fault'), '--trigger requires --scope'),
+        (('--scope-output', 'a.csv'), '--scope-output requires --scope'),
+        (('--scope', 'axis1.current', '--level', '2'), '--level requires --trigger'),
+        (('--scope', 'axis1.current', '--records', '2'), '--records requires --mode normal, not single'),
         (('--scope', 'axis1.current', '--scope-output', 'a.txt'), 'must end in .parquet, .csv or .npz'),
         (('--scope', 'axis1.current', '--plot', 'a.pdf'), 'the name of a figure must end in .png'),
         (
             ('--scope', 'axis1.current', '--report', 'run', '--scope-output', 'a/b.csv'),
-            '--scope-output is a name without a folder',
+            '--scope-output must be a name without a folder',
         ),
-        (('--one-motor', '--report', 'run'), '--report is about a robot'),
+        (('--one-motor', '--report', 'run'), '--report cannot be combined with --one-motor'),
         (('--scope', 'axis1.current', '--rate', '20000'), 'must be a number between 1 and 16000 Hz'),
     ],
 )

@@ -27,10 +27,10 @@ def spec(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ('options', 'sentence'),
     [
-        (['--workers', '2', '--scheduler', 'tcp://127.0.0.1:1'], 'give one of them'),
-        (['--run', '1'], 'give both'),
-        (['--trace', 'own.npz'], 'give both'),
-        (['--run', '1', '--trace', 'own.npz', '--dry-run'], 'it goes with --trace alone'),
+        (['--workers', '2', '--scheduler', 'tcp://127.0.0.1:1'], 'exclude each other'),
+        (['--run', '1'], 'must be given together'),
+        (['--trace', 'own.npz'], 'must be given together'),
+        (['--run', '1', '--trace', 'own.npz', '--dry-run'], '--run can be combined with --trace only'),
         (['--run', '4', '--trace', 'own.npz'], 'run is 4, but the sweep has runs 1 to 3'),
         (['--run', '1', '--trace', 'own.xlsx'], 'own.xlsx'),
         (['--output', '/proc/nowhere'], 'cannot write to /proc/nowhere'),
@@ -54,9 +54,9 @@ def test_a_file_that_is_not_there_gets_one_sentence(spec, capsys):
 def test_a_dry_run_says_how_many_how_long_and_how_much(spec, tmp_path, capsys):
     assert main(['sweep', spec, '--dry-run']) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == 'own: 3 runs, 0 of them are there'
-    assert lines[1].endswith(' s for all that lack')
-    assert lines[2].endswith(' MB on the disk')
+    assert lines[0] == 'own: 3 runs, 0 of them completed'
+    assert lines[1].endswith(' s for all remaining')
+    assert lines[2].endswith(' MB of disk space')
     assert main(['sweep', spec, '--dry-run', '--json']) == 0
     assert json.loads(capsys.readouterr().out)['runs'] == 3
     assert sorted(path.name for path in tmp_path.iterdir()) == ['own.yaml']

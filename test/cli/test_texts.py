@@ -86,11 +86,11 @@ OF_TURNS = {
 def test_how_far_a_tool_is_off_is_told_with_who_says_so(capsys):
     output.print_figures(RESULT | OF_TURNS)
     graph = printed(capsys)
-    assert graph['tool'] == ['by its encoder 0.0401 deg off at most where moves end, on the way 0.1719 deg']
+    assert graph['tool'] == ['error max at move ends 0.0401 deg by its encoder; during motion 0.1719 deg']
     assert graph['tool current'] == ['peak 3.21 A; rms in the AT 1.23 A']
     output.print_figures(RESULT | OF_TURNS | {'turn_place_error_max_rad': 0.0008})
     assert printed(capsys)['tool'] == [
-        '0.0458 deg off at most where moves end, by its encoder 0.0401 deg, on the way 0.1719 deg'
+        'error max at move ends 0.0458 deg, 0.0401 deg by its encoder; during motion 0.1719 deg'
     ]
 
 
@@ -161,7 +161,7 @@ def test_a_program_that_a_fault_stopped_is_an_error_with_its_reason_and_time(sim
     simulated(stopped='axis2 reports a fault in bus cycle 130: 8171')
     assert simulate.main(['--json']) == 1
     captured = capsys.readouterr()
-    sentence = 'axis2 reports a fault in bus cycle 130: 8171; it stood after 0.249 s of bus time'
+    sentence = 'axis2 reports a fault in bus cycle 130: 8171; at rest after 0.249 s of bus time'
     assert json.loads(captured.out) == {'ok': False, 'error': sentence}
     assert captured.err.endswith(
         f'error: {sentence}\n'

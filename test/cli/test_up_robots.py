@@ -52,9 +52,9 @@ def test_the_table_has_a_row_of_each_robot_and_says_what_it_does_or_waits_for():
     [
         (['--robots', '0'], "'0' must be a whole number between 1 and 10"),
         (['--robots', '11'], "'11' must be a whole number between 1 and 10"),
-        (['--separate-processes'], '--separate-processes is for --robots'),
-        (['--shared-clock'], '--shared-clock is for --robots, two or more'),
-        (['--robots', '1', '--shared-clock'], '--shared-clock is for --robots, two or more'),
+        (['--separate-processes'], '--separate-processes requires --robots'),
+        (['--shared-clock'], '--shared-clock requires --robots with two or more'),
+        (['--robots', '1', '--shared-clock'], '--shared-clock requires --robots with two or more'),
         (['--robots', '2', '--separate-processes', '--single-process'], 'exclude each other'),
         (['--robots', '3', '--view-port', '65534'], 'the page of the last robot would need port 65536'),
     ],
@@ -75,7 +75,7 @@ def test_what_a_recording_lacks_is_told_with_the_robot():
     assert result_lines([whole, poor, dead], Path('bags')) == [
         '/a/robot1: bus time 2.000 s in 2000 cycles, 3 overruns, 0 lost AT',
         '/a/robot2: bus time 2.000 s in 2000 cycles, 3 overruns, 0 lost AT',
-        'bags/robot2 lacks 7 messages: the machine was too busy to record all of them',
+        'bags/robot2 lacks 7 messages: the recorder could not keep up',
         'bags/robot2: it was cut off',
         '/a/robot3: robot was killed',
     ]

@@ -67,17 +67,17 @@ def test_a_page_needs_viser(capsys, monkeypatch):
         (['--port', '70000'], '--port is 70000, but must be between 1 and 65535'),
         (
             ['experiment1', '--columns', 'a.yaml'],
-            '--columns is for a table of measurements, experiment1 is none',
+            '--columns requires a table of measurements, experiment1 is none',
         ),
         (
             ['--columns', 'a.yaml'],
-            '--columns is for a table of measurements: a robot that is up has no columns',
+            '--columns requires a table of measurements',
         ),
-        (['experiment1', '--control'], '--control is for a robot that is up'),
-        (['experiment1', '--namespace', 'cell2'], '--namespace is for a robot that is up'),
+        (['experiment1', '--control'], '--control applies to a running robot only'),
+        (['experiment1', '--namespace', 'cell2'], '--namespace applies to a running robot only'),
         (
             ['--parameters', 'rich'],
-            '--parameters is for a program or a recording: a robot that is up tells its own',
+            '--parameters requires a program or a recording: a running robot publishes its parameters',
         ),
     ],
 )
@@ -185,7 +185,7 @@ def test_the_page_is_opened_in_the_browser_of_the_desktop_only_if_that_is_asked_
 
     monkeypatch.setattr(webbrowser, 'get', no_browser)
     assert main(['view', str(tmp_path / 'a.npz'), '--open']) == 1
-    assert f'there is no browser here that could open {url}' in capsys.readouterr().err
+    assert f'no browser available to open {url}' in capsys.readouterr().err
 
 
 def test_a_robot_is_waited_for_as_long_as_it_takes_only_if_that_is_asked_for(monkeypatch, capsys, own_ports):

@@ -430,4 +430,4 @@ def test_a_command_that_takes_control_over_says_what_that_removes(
     put_into(rig, 'controlled')
     assert move.main(['l', '0', '0', '-0.2', '--take-over']) == 1
     assert rig.planner.queue == (0, 0.0)
-    assert 'moves that another operator has queued are removed' in capsys.readouterr().out
+    assert 'the queued moves of the other operator are removed' in capsys.readouterr().out

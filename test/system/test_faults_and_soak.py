@@ -153,7 +153,7 @@ def test_a_program_of_a_soak_is_replayed_in_real_time(delta3: Runner, nothing_le
 def test_a_soak_too_short_for_a_program_is_no_success(delta3: Runner, nothing_left_behind: None) -> None:
     done = delta3('soak', '--minutes', '0.001', '--pace', 'fast')
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1] == 'error: fast: no program came to its end within 0.001 minutes'
+    assert done.stderr.splitlines()[-1] == 'error: fast: no program was completed within 0.001 minutes'
 
 
 def test_an_interrupted_catalogue_shows_what_it_has(
@@ -168,7 +168,7 @@ def test_an_interrupted_catalogue_shows_what_it_has(
     assert header.startswith('fault')
     assert first.startswith('drop_mdt axis1')
     assert 'of 14 cases' in output
-    assert errors.splitlines()[-1] == 'error: interrupted: the table is not complete'
+    assert errors.splitlines()[-1] == 'error: interrupted: the table is incomplete'
     assert 'drop_mdt axis1,' in (tmp_path / 'table.csv').read_text(encoding='utf-8')
 
 
@@ -241,4 +241,4 @@ def test_a_soak_that_is_ended_early_tells_the_figures_until_then(
     graph.spin_until(lambda: 'moving' in [state.data for state in states], 'the first program', 30.0)
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=60.0)
-    assert 'the figures are those until then' in output + errors
+    assert 'partial figures' in output + errors

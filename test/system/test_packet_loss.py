@@ -216,5 +216,5 @@ def test_a_robot_whose_processes_do_not_hear_each_other_for_4_s_is_in_cyclic_ope
     fell = sum(item['fault'] != '' for item in found)
     print(
         f'{rounds} rounds, {fell} with a fault; back after {times[len(times) // 2]:.2f} s in the median and '
-        f'{times[-1]:.2f} s at most; {robot.end()["restarts"]} processes started again'
+        f'{times[-1]:.2f} s at most; {robot.end()["restarts"]} processes restarted'
     )

@@ -76,7 +76,7 @@ def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
     up.send_signal(signal.SIGINT)
     output, errors = up.communicate(timeout=60.0)
     assert up.returncode == 128 + signal.SIGINT
-    assert errors.endswith('error: 1 of 2 robots had gone before the end: /robot1\n')
+    assert errors.endswith('error: 1 of 2 robots ended early: /robot1\n')
     first, second = output.splitlines()
     assert first.startswith('/robot1: robot was killed by SIGKILL')
     assert second.startswith('/robot2: bus time ')

@@ -209,7 +209,7 @@ def test_a_second_client_is_refused_by_the_name_of_the_first_until_it_takes_over
     assert delta3('move', 'override', '50', '--take-over').returncode == 0
     _, errors = first.communicate(timeout=60.0)
     assert first.returncode == 1
-    assert 'this command does not watch the motion any more' in errors
+    assert 'this command no longer monitors the motion' in errors
     assert json.loads(delta3('move', 'state', '--json').stdout)['state'] == 'moving'
 
 

@@ -62,7 +62,7 @@ def test_a_case_that_went_otherwise_says_so_and_the_command_fails(judged, capsys
     assert 'encoder_failure axis2 moving goes on 0.00 mm never' in printed
     assert 'NOT AS EXPECTED: reads wrong, expected: 8171' in printed
     assert printed[-1] == '2 of 8 cases, 1 as expected; * in the exercise'
-    assert '1 of 2 cases did not go as expected' in captured.err
+    assert '1 of 2 cases had unexpected results' in captured.err
     judged(GOOD, never)
     assert faults.main(['--short', '--json']) == 1
     result = json.loads(capsys.readouterr().out)
@@ -125,11 +125,11 @@ def test_a_soak_prints_what_it_did_and_found(soaked, capsys):
     assert soak.main(['--pace', pace]) == 0
     assert lines(capsys) == [
         f'{pace}:',
-        '11 programs in 4444 cycles, 2 refused by the planner; 12 cycles not seen',
+        '11 programs in 4444 cycles, 2 rejected by the planner; 12 cycles not monitored',
         '5 faults injected, 5 survived; 4 programs stopped by them',
         '3 undisturbed programs: true TCP within 0.410 mm of the command, ends within 0.0005 mm',
         '6 AT lost of at most 7 injected, 8 MDT of 9',
-        'RSS of the processes that lived on: 500.5 MB, 3333 cycles later 510.2 MB; their own memory '
+        'RSS of the surviving processes: 500.5 MB, 3333 cycles later 510.2 MB; private memory '
         'grows by 1.25 +- 0.38 MB in 100,000 cycles',
         'drop_at 2, kill 3',
     ]
@@ -138,7 +138,7 @@ def test_a_soak_prints_what_it_did_and_found(soaked, capsys):
 def test_a_short_soak_says_nothing_about_the_growth_of_memory(soaked, capsys):
     pace = soaked(growth_mb=None, growth_half_width_mb=None)
     assert soak.main(['--pace', pace]) == 0
-    assert '; too few programs to say how fast their own memory grows' in capsys.readouterr().out
+    assert '; too few programs to estimate the growth of private memory' in capsys.readouterr().out
 
 
 def test_memory_that_grows_is_blamed_on_no_single_program(soaked, capsys):
@@ -155,17 +155,17 @@ FOUND = Violation('AT: 3 lost, 1 were injected', 11, 'fast', 7, 99, 'moves: []\n
 @pytest.mark.parametrize(
     ('changes', 'reason'),
     [
-        ({'programs': 0, 'refused': 0}, '{pace}: no program came to its end within 10 minutes'),
+        ({'programs': 0, 'refused': 0}, '{pace}: no program was completed within 10 minutes'),
         (
             {'programs': 0, 'refused': 2, 'refusal': 'z is -1.037 m'},
-            '{pace}: the planner refused all 2 programs: z is -1.037 m',
+            '{pace}: the planner rejected all 2 programs: z is -1.037 m',
         ),
         ({'survived': 3}, '{pace}: 2 faults were not survived'),
         (
             {'unseen': 445},
-            '{pace}: 445 of 4444 bus cycles were never seen: this machine has no time to look at them',
+            '{pace}: 445 of 4444 bus cycles were not monitored: this machine is too slow',
         ),
-        ({'violations': [FOUND]}, 'see the violations'),
+        ({'violations': [FOUND]}, 'the soak found violations'),
     ],
 )
 def test_a_soak_that_is_not_ok_says_why(changes, reason, soaked, capsys):

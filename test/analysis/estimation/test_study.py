@@ -141,7 +141,7 @@ def test_what_cannot_be_estimated_from_gets_one_sentence(bus, scope, tmp_path, c
         ),
         (['--measurement', 'out'], 'the name has no ending'),
         (['--design', 'own.xlsx'], 'the name of a program must end in .yaml'),
-        (['x', '--resume', 'y'], '--resume goes on with the inputs'),
+        (['x', '--resume', 'y'], '--resume uses the inputs'),
     ],
 )
 def test_options_out_of_range_are_refused_before_anything_runs(arguments, sentence, capsys):
@@ -300,7 +300,7 @@ def test_the_design_of_the_documentation_runs_as_it_stands_but_with_few_curves(
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['run.npz', '--seed', '1'], 'the inputs are traces: --seed would change nothing'),
+        (['run.npz', '--seed', '1'], 'the inputs are traces: --seed would have no effect'),
         (['run.csv', '--sampling', 'bus', '--seed', '2'], 'the inputs are traces: --sampling, --seed would'),
         (['run.npz', '--measurement', 'own.npz'], 'the inputs are traces: --measurement would'),
         (['--group', 'thesis', '--method', 'replay'], 'of its own: --method would'),

@@ -228,8 +228,8 @@ def test_an_interruption_before_anything_is_learned_leaves_what_was_there(tmp_pa
 @pytest.mark.parametrize(
     ('kept', 'sentence'),
     [
-        (0, 'interrupted: no repetition has learned anything yet, and nothing was written'),
-        (2, 'interrupted: what repetition 2 has learned is in '),
+        (0, 'interrupted before the first result; nothing was written'),
+        (2, 'interrupted: the torques of repetition 2 are in '),
     ],
 )
 def test_the_command_says_what_an_interruption_keeps(kept, sentence, tmp_path, monkeypatch, capsys):

@@ -265,21 +265,21 @@ def test_a_file_that_holds_no_gains_is_refused(text, tmp_path):
 @pytest.mark.parametrize(
     ('arguments', 'told'),
     [
-        (('--undo', '--propose'), '--undo takes back what was applied'),
+        (('--undo', '--propose'), '--undo can be combined with --output and --json only'),
         (('--undo', 'x.yaml', '--output', 'x'), '--undo FILE takes no --output'),
-        (('--undo', '--namespace', '/a'), '--undo takes back what was applied'),
+        (('--undo', '--namespace', '/a'), '--undo can be combined with --output and --json only'),
         (
             ('--apply', '--set', 'K_Ppos=80'),
-            '--apply without --propose writes the gains that stand in the folder',
+            '--apply without --propose takes the gains from the output folder',
         ),
         (('--apply', '--payload', '1'), 'it takes no --payload'),
-        (('--apply', '--propose', '--set', 'K_Ppos=80'), '--propose looks for the gains itself'),
+        (('--apply', '--propose', '--set', 'K_Ppos=80'), '--propose cannot be combined with --set or --sweep'),
         (
             ('--apply', '--propose', '--recording', 'x.npz'),
-            '--apply writes the gains of --propose: it takes no --recording',
+            '--apply cannot be combined with --recording',
         ),
-        (('--apply', 'x.yaml', '--namespace', '/a'), '--namespace is for --apply without a file'),
-        (('--namespace', '/a'), '--namespace is for --apply without a file'),
+        (('--apply', 'x.yaml', '--namespace', '/a'), '--namespace requires --apply without a file'),
+        (('--namespace', '/a'), '--namespace requires --apply without a file'),
     ],
 )
 def test_options_that_do_not_fit_are_refused(arguments, told, capsys):

@@ -165,11 +165,11 @@ def test_the_file_of_gains_joined_with_the_robot_is_the_proposal(name, joined, p
 @pytest.mark.parametrize(
     ('arguments', 'told'),
     [
-        (('--propose', '--set', 'K_Ppos=80'), '--propose looks for the gains itself'),
-        (('--propose', '--sweep', 'K_Ppos=80:90:2'), '--propose looks for the gains itself'),
-        (('--phase-margin', '50'), '--phase-margin is for --propose'),
-        (('--gain-margin', '8'), '--gain-margin is for --propose'),
-        (('--propose', '--excite', 'x.npz'), '--excite only writes a recording'),
+        (('--propose', '--set', 'K_Ppos=80'), '--propose cannot be combined with --set or --sweep'),
+        (('--propose', '--sweep', 'K_Ppos=80:90:2'), '--propose cannot be combined with --set or --sweep'),
+        (('--phase-margin', '50'), '--phase-margin requires --propose'),
+        (('--gain-margin', '8'), '--gain-margin requires --propose'),
+        (('--propose', '--excite', 'x.npz'), '--excite cannot be combined'),
     ],
 )
 def test_options_that_do_not_fit_auto_are_refused(arguments, told, capsys):

@@ -373,7 +373,7 @@ def test_the_command_takes_numbers_only(value, capsys):
     with pytest.raises(SystemExit) as end:
         main(['two-link', '--velocity', value, '0'])
     assert end.value.code == 2
-    assert f"argument --velocity: '{value}' is no number from -1e+06 to 1e+06" in capsys.readouterr().err
+    assert f"argument --velocity: '{value}' is not a number from -1e+06 to 1e+06" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('lengths', 'point', 'infinite'), [
