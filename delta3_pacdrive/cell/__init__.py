@@ -1,4 +1,4 @@
-"""Programs with decisions: Python scripts that move a robot, wait for inputs, and go on as these say.
+"""Scripting API: Python programs that move a robot, wait for inputs and make decisions.
 
     from delta3_pacdrive import cell
 
@@ -8,8 +8,8 @@
         robot.move_l(to_mm=[100, 0, -850])
         robot.output('gripper', True)
 
-``cell.connect()`` in place of ``cell.simulate(...)`` moves a robot that is up. The same calls, in a function
-``main(robot)`` of a file, are run by ``delta3 simulate FILE.py`` and by ``delta3 run FILE.py``.
+Use ``cell.connect()`` instead of ``cell.simulate(...)`` for a running robot. ``delta3 simulate FILE.py`` and
+``delta3 run FILE.py`` execute the same calls in a function ``main(robot)`` of a file.
 """
 
 from delta3_pacdrive.cell.connected import connect

@@ -50,10 +50,10 @@ class Block:
         """Where along the belt the plan has the part [m]: in the middle of the window."""
         return 0.5 * (self.window.begin_m + self.window.end_m)
 
-    def begun_at(self, here_m: Point, batch: Sequence[Written]) -> list[Written]:
+    def begun_at(self, start_m: Point, batch: Sequence[Written]) -> list[Written]:
         """Return the work for a plan that stands somewhere [m]: a first move to there is a dwell."""
         n, first = next((n, one) for n, (one, _) in enumerate(batch) if not isinstance(one, Output))
-        self.stands = isinstance(first, MoveL) and math.dist(first.to.point_m, here_m) < COINCIDENT_M
+        self.stands = isinstance(first, MoveL) and math.dist(first.to.point_m, start_m) < COINCIDENT_M
         standing = [(Dwell(STAND_S), batch[n][1])] if self.stands else [batch[n]]
         return [*batch[:n], *standing, *batch[n + 1 :]]
 
@@ -124,7 +124,7 @@ def require_fine(belt: BeltAxes) -> None:
     """Refuse work on a belt whose encoder is so coarse that its increments shake the robot."""
     increment_m = 1.0 / belt.increments_per_m
     if increment_m > INCREMENT_MAX_M:
-        raise refused(
+        raise belt_error(
             f'track: an increment of the encoder of belt {belt.name} is {1e6 * increment_m:.0f} um, but must be '
             f'at most {1e6 * INCREMENT_MAX_M:.0f} um, as its rounding goes into the set points'
         )
@@ -154,6 +154,6 @@ def limits_of(keys: Mapping[str, Any], motion: MotionLimits) -> tuple[TrackLimit
     return TrackLimits(speed, acceleration, jerk), number('timeout_s', given['timeout_s'], 0.0, TIME_MAX_S)
 
 
-def refused(sentence: str) -> RefusedError:
+def belt_error(sentence: str) -> RefusedError:
     """Return the refusal of what cannot be done on a belt."""
     return RefusedError(Reason(Code.BELT, sentence))

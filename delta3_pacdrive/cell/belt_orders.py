@@ -3,7 +3,7 @@
 import math
 from contextlib import suppress
 
-from delta3_pacdrive.cell.belt_block import STAND_S, Block, Leaving, check_block, refused, require_way_out
+from delta3_pacdrive.cell.belt_block import STAND_S, Block, Leaving, belt_error, check_block, require_way_out
 from delta3_pacdrive.cell.link import Link
 from delta3_pacdrive.cell.moves import Written
 from delta3_pacdrive.cell.script_orders import ScriptOrders
@@ -80,15 +80,15 @@ class BeltOrders(ScriptOrders):
         if block.begun:
             self.batch.append((Output(TRACK, 0.0), block.place))
         elif not self.batch:
-            raise refused('track: there is nothing to do on the belt')
+            raise belt_error('track: there is nothing to do on the belt')
         self.order()
 
-    def drop(self, error: Exception) -> None:
+    def cancel_work(self, error: Exception) -> None:
         """Give up the work that is noted, for what has happened: the robot stands beside the belt if it was on it."""
         self.batch.clear()
         by_fault = isinstance(error, ScriptError) and error.code is Code.FAULT
         if self.block is not None and self.block.begun and not by_fault:
-            self.abandon()
+            self.abort_work()
 
     def _order_batch(self) -> None:
         block, tracking = self.block, self._link.tracking
@@ -97,9 +97,9 @@ class BeltOrders(ScriptOrders):
         self._on_belt_cycle = None
         try:
             if block is None:
-                self._leave_time(tracking)
+                self._delay_until_off_belt(tracking)
             elif block.stopped:
-                raise refused(
+                raise belt_error(
                     'the robot was stopped, and goes with its belt no longer: there is nothing to do there'
                 )
             elif not block.begun:
@@ -121,10 +121,10 @@ class BeltOrders(ScriptOrders):
         check_block(self.batch, block.closed)
         self.ready()
         if self.held:
-            raise refused('track: the robot is held: resume it first')
+            raise belt_error('track: the robot is held: resume it first')
         nearly = self.parameters.decision_cycles + LATE_CYCLES
         self.wait_for_moves(nearly)
-        latest = self._link.look().cycle + self.cycles_of(block.timeout_s)
+        latest = self._link.poll().cycle + self.cycles_of(block.timeout_s)
         backwards = (
             NEVER  # since then; one that has just come to rest is expected for a while to go on braking
         )
@@ -146,7 +146,7 @@ class BeltOrders(ScriptOrders):
             backwards = min(backwards, seen.cycle) if reason is MissReason.BACKWARDS else NEVER
             settles = backwards <= seen.cycle < backwards + SETTLED_CYCLES
             if isinstance(found, Miss) and reason is not MissReason.NOT_COMING and not settles:
-                raise refused(f'belt {tracking.belts[block.belt].name}: {found.sentence}')
+                raise belt_error(f'belt {tracking.belts[block.belt].name}: {found.sentence}')
             if seen.cycle >= latest:
                 why = found.sentence if isinstance(found, Miss) else 'the part has not come to the window'
                 raise WaitTimeoutError(
@@ -263,20 +263,20 @@ class BeltOrders(ScriptOrders):
     def require_override(self, override: float) -> None:
         """Reject an override (1 = as planned) that exceeds a limit of the motion, alone or together with the belt."""
         super().require_override(override)
-        if override > self._override_max and self._goes_with_a_belt:
+        if override > self._override_max and self._moves_with_belt:
             raise ProgramError(
                 f'override is {100.0 * override:g} %, but together with the belt the TCP speed limit allows at most '
                 f'{percent_allowed(self._override_max)} %'
             )
 
     @property
-    def _goes_with_a_belt(self) -> bool:
+    def _moves_with_belt(self) -> bool:
         if self.block is not None:
             return self.block.begun
         last = self._leaving
         if last is None:
             return False
-        left_s = (self._link.look().cycle - last.cycle) * self.parameters.bus.cycle_time_s
+        left_s = (self._link.poll().cycle - last.cycle) * self.parameters.bus.cycle_time_s
         return left_s < last.way.duration_s
 
     def change(self, override: float) -> None:
@@ -286,11 +286,11 @@ class BeltOrders(ScriptOrders):
         if block is None or tracking is None or not block.closed or self.held:
             return
         # with another speed the plan leaves its belt in another cycle
-        leaves = self.moves.leaves_belt_in(self._link.look().cycle)
+        leaves = self.moves.leaves_belt_in(self._link.poll().cycle)
         if leaves is not None:
             self._note_leaving(block, tracking, leaves)
 
-    def _leave_time(self, tracking: BeltKnowledge) -> None:
+    def _delay_until_off_belt(self, tracking: BeltKnowledge) -> None:
         """Let moves behind a belt begin so late that the robot has left it before the first of them ends."""
         last, batch = self._leaving, self.batch
         if last is None or all(isinstance(one, Output) for one, _ in batch):
@@ -320,49 +320,49 @@ class BeltOrders(ScriptOrders):
         if tracking is not None:
             self.go_to(tracking.rest_cycle)  # from where it gets on again is known once it stands
 
-    def _way_back(self, cycle: int) -> int:
+    def _resume_cycle(self, cycle: int) -> int:
         tracking, block = self._link.tracking, self._working
         if tracking is None or tracking.free:
             return cycle
-        goes_on = cycle + math.ceil(tracking.back_s(cycle) / self.parameters.bus.cycle_time_s)
+        continues = cycle + math.ceil(tracking.back_s(cycle) / self.parameters.bus.cycle_time_s)
         if block is not None and tracking.works:
-            there = tracking.expected(block.belt, goes_on)
+            there = tracking.expected(block.belt, continues)
             done = block.part.along_m + there.way_m + there.speed_m_s * self._left_on_belt_s(cycle)
             if done > block.window.end_m:
-                raise refused(
+                raise belt_error(
                     f'resume: the part would be done with at {1e3 * done:.1f} mm of belt '
                     f'{tracking.belts[block.belt].name}, but the window ends at {1e3 * block.window.end_m:.1f} mm'
                 )
-        return goes_on
+        return continues
 
     def _left_on_belt_s(self, cycle: int) -> float:
         return self.moves.left_on_belt_s(cycle) / self.moves.override
 
-    def _go_back(self, cycle: int) -> int:
-        goes_on, tracking, block = self._way_back(cycle), self._link.tracking, self._working
+    def _return_to_belt(self, cycle: int) -> int:
+        continues, tracking, block = self._resume_cycle(cycle), self._link.tracking, self._working
         if tracking is None or tracking.free:
-            return goes_on
+            return continues
         left_s = self._left_on_belt_s(cycle)
         if block is not None and tracking.works and left_s > 0.0:
-            self._note_leaving(block, tracking, goes_on + int(left_s / self.parameters.bus.cycle_time_s))
+            self._note_leaving(block, tracking, continues + int(left_s / self.parameters.bus.cycle_time_s))
         self._link.get_on_again(cycle)
-        return goes_on
+        return continues
 
     # giving up --------------------------------------------------------------------------------------------------------
 
-    def abandon(self) -> None:
+    def abort_work(self) -> None:
         """Give up work on a belt, and all that is noted: the robot stands beside the belt."""
         self.batch.clear()
         self.block = self._leaving = None
         for _ in range(ABANDON_TRIES):
             with suppress(RefusedError):  # somebody has stopped the robot meanwhile, or taken control of it
                 try:
-                    seen = self._link.look()
+                    seen = self._link.poll()
                     self._link.abandon(max(self.effect, seen.cycle + self.parameters.decision_cycles))
-                    seen = self._link.look()
+                    seen = self._link.poll()
                 except RunError:
                     return  # a fault has stopped the robot meanwhile
-                self.moves.drop(seen.payload_kg)
+                self.moves.clear(seen.payload_kg)
                 self.effect = seen.cycle
                 return
 
@@ -372,7 +372,7 @@ class BeltOrders(ScriptOrders):
         tracking, last = self._link.tracking, self._leaving
         if tracking is None or last is None:
             return
-        now = self._link.look().cycle
+        now = self._link.poll().cycle
         latest = (
             now
             + int(last.way.duration_s / self.parameters.bus.cycle_time_s)
@@ -380,13 +380,13 @@ class BeltOrders(ScriptOrders):
         )
         while not tracking.free and now < latest:
             self.go_to(now + 1)
-            now = self._link.look().cycle
+            now = self._link.poll().cycle
         self.go_to(now + self.parameters.in_position_cycles)
 
-    def give_up(self) -> int:
+    def abort(self) -> int:
         """Drop what is noted, stop on the path or on the belt, and let the bus go on until the robot stands."""
         tracking = self._link.tracking
         if tracking is None or tracking.free:
-            return super().give_up()
-        self.abandon()
-        return self._link.look().cycle
+            return super().abort()
+        self.abort_work()
+        return self._link.poll().cycle

@@ -14,7 +14,7 @@ ACROSS_MAX_M = 2.0
 
 
 @dataclass(frozen=True)
-class BeltNow:
+class BeltState:
     """What is known of a belt, by the newest answers.
 
     Attributes
@@ -90,7 +90,7 @@ class BeltParts:
 
         ``robot_m`` is where the robot is along the belt [m]; ``kind`` the type of the part, or empty.
         """
-        self._hear()
+        self._update()
         way_m = self._tracking.now(self._belt).way_m
         part = self._queue.next(way_m, window, robot_m, rule, kind)
         if part is None:
@@ -112,15 +112,15 @@ class BeltParts:
         self._slot_m = along
         return QueuedPart('', along, across_m, belt=self._tracking.belts[self._belt].name)
 
-    def now(self) -> BeltNow:
+    def now(self) -> BeltState:
         """Return what is known of the belt."""
-        self._hear()
+        self._update()
         tracking, n, queue = self._tracking, self._belt, self._queue
         there = tracking.now(n)
         counts = (now - before for now, before in zip(self._counts(), self._before, strict=True))
         dropped, bounced, jumps = counts
         refused = queue.refused + dropped
-        return BeltNow(
+        return BeltState(
             there.way_m, there.speed_m_s, len(queue), queue.merged, queue.left, refused, bounced, jumps
         )
 
@@ -128,6 +128,6 @@ class BeltParts:
         tracking, n = self._tracking, self._belt
         return tracking.dropped(n), tracking.bounced(n), tracking.jumps(n)
 
-    def _hear(self) -> None:
+    def _update(self) -> None:
         for one in self._tracking.take_parts(self._belt):
             self._queue.add(one)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
-from delta3_pacdrive.cell.belt_block import Block, limits_of, refused, require_fine
+from delta3_pacdrive.cell.belt_block import Block, belt_error, limits_of, require_fine
 from delta3_pacdrive.cell.belt_orders import BeltOrders
 from delta3_pacdrive.cell.link import Link, StoppedError
 from delta3_pacdrive.cell.parts_robot import PartsRobot
@@ -60,15 +60,17 @@ class BeltRobot(PartsRobot):
     def _tracked(
         self, place: ScriptPlace, belt: str, part: QueuedPart | None, keys: dict[str, Any]
     ) -> Iterator[QueuedPart]:
-        with self._told(place):
+        with self._errors_at(place):
             tracking, n = self._belt(belt)
             if (present := self._work.block) is not None:
-                raise refused(f'track: the robot works on belt {tracking.belts[present.belt].name} already')
+                raise belt_error(
+                    f'track: the robot works on belt {tracking.belts[present.belt].name} already'
+                )
             require_fine(tracking.belts[n])
             window, (limits, timeout_s) = self._window(tracking, n), limits_of(keys, self.parameters.motion)
         if part is None:
             part = self.part(belt, timeout_s)
-        with self._told(place):
+        with self._errors_at(place):
             if not isinstance(part, QueuedPart):
                 raise ProgramError(
                     f'track: part is {shown(part)}, but must come from robot.part or robot.slot'
@@ -80,11 +82,11 @@ class BeltRobot(PartsRobot):
             self._work.begin(block)
         try:
             yield part
-            with self._told(place):
+            with self._errors_at(place):
                 self._count()
                 self._work.close(block)
         except Exception as error:
-            self._work.drop(error)
+            self._work.cancel_work(error)
             raise
         finally:
             self._work.block = None
@@ -97,16 +99,16 @@ class BeltRobot(PartsRobot):
             return super()._read(kind, keys)
         belt = tracking.belts[block.belt]
         if kind == 'joints':
-            raise refused('joints: arm angles are no place on a belt: leave it first')
+            raise belt_error('joints: arm angles are no place on a belt: leave it first')
         origin = belt.place_m(block.reference_m, block.part.across_m)
         part = Frame.turned(origin, yaw_rad=belt.direction_rad, name='belt').in_base
         return self._maker.make(kind, keys, part)
 
     @contextmanager
-    def _told(self, place: ScriptPlace) -> Iterator[None]:
+    def _errors_at(self, place: ScriptPlace) -> Iterator[None]:
         """Say where a call stands that is refused; a robot that could not stay on its belt gives up what is ordered."""
         try:
-            with super()._told(place):
+            with super()._errors_at(place):
                 try:
                     yield
                 except StoppedError:
@@ -117,9 +119,9 @@ class BeltRobot(PartsRobot):
             tracking = self._link.tracking
             lost = tracking is not None and tracking.lost is not None
             if lost and self._work.block is None and error.code is not Code.FAULT:
-                self._work.abandon()
+                self._work.abort_work()
             raise
 
     @property
-    def _together(self) -> bool:
+    def _on_belt(self) -> bool:
         return self._work.block is not None

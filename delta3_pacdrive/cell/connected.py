@@ -1,4 +1,4 @@
-"""``cell.connect``: a script moves a robot that is up, with the same calls as one that is simulated."""
+"""``cell.connect``: run a script on a running robot."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.cell.belt_robot import BeltRobot
-from delta3_pacdrive.cell.link import HeldError, Seen, StoppedError
+from delta3_pacdrive.cell.link import HeldError, Snapshot, StoppedError
 from delta3_pacdrive.cell.place import of_caller
 from delta3_pacdrive.cell.robot import Robot
 from delta3_pacdrive.controller.belt_axes import read_belts
@@ -24,21 +24,12 @@ from delta3_pacdrive.parameters import Parameters
 if TYPE_CHECKING:
     from delta3_pacdrive.ros.script_client import ScriptNode
 
-MARGIN = 1.5  # of the time that the last order took, for the next one
-LEAD_CYCLES = 30  # of the first order behind that, with a clock
+MARGIN = 1.5  # expected time of the next order relative to the last one
+LEAD_CYCLES = 30  # additional lead of an order, with a clock
 
 
 class ConnectedLink:
-    """The link of a script to a robot that is up.
-
-    Parameters
-    ----------
-    node
-        Client of the robot, which has control of it.
-    parameters
-        Of the robot.
-
-    """
+    """Link to a running robot; ``node`` is a client that has control of it."""
 
     def __init__(self, node: 'ScriptNode', parameters: Parameters) -> None:
         self._node, self.parameters = node, parameters
@@ -52,24 +43,24 @@ class ConnectedLink:
 
     @property
     def extra_cycles(self) -> int:
-        """How much later than a decision should take effect it can, as far as is known: planning takes its time."""
+        """Expected additional bus cycles until an order can take effect, mainly due to planning."""
         return self._extra_cycles
 
-    def look(self) -> Seen:
-        """Return the newest bus cycle whose answers are evaluated."""
+    def poll(self) -> Snapshot:
+        """Return the state in the latest bus cycle whose AT are evaluated."""
         if self._has_clock and time.monotonic() - self._seen_s > self.parameters.bus.cycle_time_s:
             self._take(self._node.look())
         return self._seen
 
     def _take(self, facts: dict[str, Any]) -> dict[str, Any]:
-        self._seen, self._seen_s = seen_of(facts), time.monotonic()
+        self._seen, self._seen_s = snapshot_of(facts), time.monotonic()
         self._held = facts['held']
         if self.tracking is not None:
             self.tracking.take(facts['belts'])
         return facts
 
     def start(self, planned: Planned, cycle: int, override: float) -> int:
-        """Start a program at a bus cycle."""
+        """Start a program in a bus cycle."""
         try:
             return self._timed(
                 lambda: self._node.start(planned.plan, cycle, override, exact=not self._has_clock)
@@ -80,15 +71,15 @@ class ConnectedLink:
             raise StoppedError(error.reason) from None
 
     def extend(self, extension: Extension) -> int:
-        """Let moves follow those that are driven."""
+        """Append moves to the running program."""
         return self._timed(lambda: self._node.extend(extension))
 
     def change(self, profile: MotionProfile) -> int:
-        """Go over to another motion profile."""
+        """Change the motion profile."""
         return self._timed(lambda: self._node.change(profile))
 
     def _timed(self, order: Callable[[], int]) -> int:
-        """Give an order, and learn how long that takes from the decision on."""
+        """Send an order and measure the time since the decision."""
         try:
             return order()
         finally:
@@ -97,24 +88,24 @@ class ConnectedLink:
                 self._extra_cycles = LEAD_CYCLES + round(MARGIN * spent)
 
     def hold(self, cycle: int) -> MotionProfile:
-        """Let the bus go on to a cycle, and stop the robot on its path from there on."""
-        facts = self._gone_on(lambda: self._node.hold(cycle))
+        """Run the bus to a cycle and stop the robot on its path from that cycle."""
+        facts = self._after_bus_run(lambda: self._node.hold(cycle))
         return MotionProfile.from_array(facts['held'])
 
     def get_on(self, order: TrackOrder) -> None:
-        """Say which belt is meant by the next event of the plan that gets on one."""
+        """Set the belt for the next event of the plan that enters a belt."""
         self._node.get_on(order)
 
     def get_on_again(self, cycle: int) -> None:
-        """Get on the belt again after ``hold``, or leave it, from a bus cycle on."""
+        """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
         self._node.get_on_again(cycle)
 
     def abandon(self, cycle: int) -> None:
-        """Let the bus go on to a cycle, stop from there on, and forget moves and belt once the robot stands."""
-        self._gone_on(lambda: self._node.abandon(cycle))
+        """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
+        self._after_bus_run(lambda: self._node.abandon(cycle))
 
-    def _gone_on(self, ask: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """Ask for what lets the bus go on, and see it as it is then, also where it is refused in the end."""
+    def _after_bus_run(self, ask: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """Send a request that runs the bus, and update the state even if the request is rejected."""
         try:
             return self._take(ask())
         except RefusedError:
@@ -122,9 +113,9 @@ class ConnectedLink:
             raise
 
     def wait(self, condition: WaitCondition) -> bool:
-        """Let the bus go on until a condition is met or its latest cycle is over."""
+        """Run the bus until a condition is met or its latest cycle has passed."""
         try:
-            return bool(self._gone_on(lambda: self._node.wait(condition))['met'])
+            return bool(self._after_bus_run(lambda: self._node.wait(condition))['met'])
         except RefusedError as error:
             code, held = error.reason.code, self._held
             if code is Code.BELT and self.tracking is not None and self.tracking.lost is None:
@@ -134,13 +125,13 @@ class ConnectedLink:
             raise HeldError(error.reason, MotionProfile.from_array(held)) from None
 
 
-def seen_of(facts: dict[str, Any]) -> Seen:
-    """Return what a reply says of a bus cycle."""
+def snapshot_of(facts: dict[str, Any]) -> Snapshot:
+    """Return the robot state in a reply."""
     seen = facts['seen']
     x, y, z = seen['command_m']
     a, b, c = seen['position_m']
     u, v, w = seen.get('planned_m', (x, y, z))
-    return Seen(
+    return Snapshot(
         seen['cycle'],
         MotionState(seen['motion']),
         (x, y, z),
@@ -155,27 +146,27 @@ def seen_of(facts: dict[str, Any]) -> Seen:
 
 @contextmanager
 def connect(namespace: str = '/', *, name: str = '', take_over: bool = False) -> Iterator[BeltRobot]:
-    """Move a robot that is up (``delta3 up``) by a script; the robot has its cell (``delta3 up --cell``).
+    """Connect a script to a running robot (``delta3 up``, with its cell: ``delta3 up --cell``).
 
     Parameters
     ----------
     namespace
-        Of the robot.
+        ROS namespace of the robot.
     name
-        Of the script, for whoever looks who has control; without it that of its file.
+        Name of the script, published with the control; default: its file name.
     take_over
-        Take control of the robot even if somebody else has it.
+        Take control even if another operator has it.
 
     Yields
     ------
     robot
-        What the script calls. At its end all that is ordered is driven; an error in the script, or Ctrl-C, leaves the
-        robot in a stop on its path.
+        Robot interface. Leaving the block waits until all moves have finished; an error or Ctrl-C holds the robot on
+        its path.
 
     Raises
     ------
     ScriptError
-        A call is refused, or the robot has stopped by a fault; tells file and line of the script.
+        A call is rejected, or a fault has stopped the robot; with file and line of the script.
 
     """
     from delta3_pacdrive.ros.script_client import scripting
@@ -187,11 +178,11 @@ def connect(namespace: str = '/', *, name: str = '', take_over: bool = False) ->
 
 @contextmanager
 def connected(node: 'ScriptNode', name: str, take_over: bool = False) -> Iterator[BeltRobot]:
-    """Have control of a robot through a client of it, as ``connect`` does."""
+    """Control a robot through an existing client, like ``connect``."""
     try:
         node.wait_until(lambda: node.progress, 'robot')
         parameters = node.parameters()
-        simulation.load_kernels(parameters)  # what planning needs; on a bus with a clock it would be late
+        simulation.load_kernels(parameters)  # loading them during planning would delay orders
         node.take_control(f'script {name}', take_over)
         robot = BeltRobot(ConnectedLink(node, parameters), name)
     except Delta3Error as error:
@@ -201,7 +192,7 @@ def connected(node: 'ScriptNode', name: str, take_over: bool = False) -> Iterato
         yield robot
         robot.finish()
     except BaseException as error:
-        node.stopped = False  # what is asked from here on is the end
+        node.stopped = False  # permit the requests below
         try:
             robot.held_at = _hold(robot)
         finally:
@@ -209,16 +200,16 @@ def connected(node: 'ScriptNode', name: str, take_over: bool = False) -> Iterato
             node.leave_robot()
         if robot.held_at >= 0:
             error.add_note(
-                f'The robot is held on its path, where it stands from bus cycle {robot.held_at} on. What gives its '
-                'program up: delta3 move abort'
+                f'The robot is held on its path and is at rest from bus cycle {robot.held_at}. Cancel its program '
+                'with: delta3 move abort'
             )
         raise
     node.end()
 
 
 def _hold(robot: Robot) -> int:
-    """Stop the robot on its path; return the bus cycle from which on it stands, -1: nothing was under way."""
+    """Stop the robot on its path; return the bus cycle from which it is at rest, -1 if no motion was active."""
     try:
-        return robot.give_up()
+        return robot.abort()
     except Delta3Error:
-        return -1  # it has stopped by itself
+        return -1  # already stopped

@@ -7,7 +7,7 @@ from delta3_pacdrive.motion.move import OUTPUTS, UNCHANGED
 from delta3_pacdrive.motion.plan_times import path_length_m
 
 
-class DrivenLog:
+class MotionLog:
     """The log of one script.
 
     Parameters
@@ -26,13 +26,15 @@ class DrivenLog:
         ] = []  # kind, first cycle, the one after its last, length
         self._events: list[tuple[int, int, float, float]] = []  # cycle, bit, value, payload
         self._logged = 0  # events of the last move that are noted
-        self._goes_on = False  # whether the first move of the present timeline is the last one of that before
+        self._continues = (
+            False  # whether the first move of the present timeline is the last one of that before
+        )
         self.start_cycle: int | None = None
 
-    def follow(self, timeline: Timeline, cycle: int, goes_on: bool) -> None:
+    def follow(self, timeline: Timeline, cycle: int, continues: bool) -> None:
         """Note that a timeline is followed from a bus cycle on; it goes on with the move before, or from rest."""
         self.end(cycle)
-        self._timeline, self._from, self._goes_on = timeline, cycle, goes_on
+        self._timeline, self._from, self._continues = timeline, cycle, continues
         if self.start_cycle is None:
             self.start_cycle = cycle
 
@@ -45,17 +47,17 @@ class DrivenLog:
         stands = min(max(timeline.end_cycle, first + 1), cycle)
         begun, last = timeline.at(first).number, timeline.at(stands - 1).number
         if timeline.profile is not None and begun != timeline.profile.number:
-            self._goes_on = False  # the move before was at its end
+            self._continues = False  # the move before was at its end
         for number in range(begun, last + 1):
             begin = max(timeline.first_cycle_in(number), first)
             end = stands if number == last else min(timeline.first_cycle_in(number + 1), stands)
             self._note(timeline, number, begin, end, last_of_all=number == last)
-            self._goes_on = False
+            self._continues = False
 
     def _note(self, timeline: Timeline, number: int, begin: int, end: int, last_of_all: bool) -> None:
         move = timeline.plan.move(number)
         kind, length_m = move.kind.name.lower(), path_length_m(move)
-        if self._goes_on and self._moves:
+        if self._continues and self._moves:
             _, begin, _, _ = self._moves.pop()
         else:
             self._logged = 0

@@ -43,7 +43,7 @@ class CellCase:
     ----------
     text
         What, in words.
-    around
+    cell
         The cell, as its file would say it.
     script
         Drives the robot, notes what it notices, and goes on.
@@ -57,7 +57,7 @@ class CellCase:
     """
 
     text: str
-    around: dict[str, Any]
+    cell: dict[str, Any]
     script: Script
     begins_s: float
     code: str

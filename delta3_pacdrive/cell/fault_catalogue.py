@@ -81,7 +81,7 @@ def run_case(case: CellCase, parameters: Parameters) -> CellOutcome:
     robot, end_s = None, 0.0
     try:
         with simulate(
-            parameters, cell=cell_file.parse(case.around), name=case.text, longest_s=LONGEST_S
+            parameters, cell=cell_file.parse(case.cell), name=case.text, longest_s=LONGEST_S
         ) as robot:
             case.script(robot, notice)
             robot.wait()

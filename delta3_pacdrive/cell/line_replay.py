@@ -26,7 +26,7 @@ MM = 1e3
 
 
 @dataclass(frozen=True)
-class Again:
+class ReplayedPart:
     """A part of the shift, again.
 
     Attributes
@@ -49,7 +49,9 @@ class Again:
     missed: str
 
 
-def replay(line: Line, belt: BeltShift, robot: str, begin_s: float, seconds: float = MINUTE_S) -> list[Again]:
+def replay(
+    line: Line, belt: BeltShift, robot: str, begin_s: float, seconds: float = MINUTE_S
+) -> list[ReplayedPart]:
     """Return what becomes of the parts that a robot of a belt started to pick in some time of the shift.
 
     Parameters
@@ -95,7 +97,7 @@ def replay(line: Line, belt: BeltShift, robot: str, begin_s: float, seconds: flo
             except ScriptError as error:
                 missed = str(error)
             took = float('nan') if missed else simulated.state().time_s - start
-            found.append(Again(int(part) + 1, float(belt.cycle_s[part]), took, start - due, missed))
+            found.append(ReplayedPart(int(part) + 1, float(belt.cycle_s[part]), took, start - due, missed))
     return found
 
 
@@ -139,7 +141,7 @@ def _cell(station: LineRobot, speed_m_s: float) -> Cell:
     return cell_file.parse({'name': station.name, 'cup': cup, 'parts': {'part': part}, 'belts': {BELT: belt}})
 
 
-def summary(found: list[Again]) -> dict[str, Any]:
+def summary(found: list[ReplayedPart]) -> dict[str, Any]:
     """Return how far the full simulation is from the shift, ready for JSON."""
     done = [one for one in found if not one.missed]
     differences = np.array([one.simulated_s - one.planned_s for one in done])

@@ -1,4 +1,4 @@
-"""What a script needs of a robot: the same few things of one that is simulated and of one that is up."""
+"""Interface between a script and its robot, simulated or running."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -16,7 +16,7 @@ from delta3_pacdrive.parameters import Parameters
 
 
 class HeldError(RefusedError):
-    """Somebody else than the script has stopped the robot on its path: ``profile`` is what the master follows."""
+    """Another client has stopped the robot on its path; ``profile`` is the motion profile of the stop."""
 
     def __init__(self, reason: Reason, profile: MotionProfile) -> None:
         super().__init__(reason)
@@ -24,49 +24,33 @@ class HeldError(RefusedError):
 
 
 @dataclass(frozen=True)
-class Seen:
-    """A script sees this of a bus cycle: the newest one whose answers are evaluated.
-
-    Attributes
-    ----------
-    cycle
-        Number of the bus cycle.
-    motion
-        What is done with the TCP.
-    command_m, position_m
-        Where the TCP is commanded to be, and where it is.
-    outputs, payload_kg
-        Outputs as bits, and what they have gripped.
-    inputs
-        As bits.
-    planned_m
-        Where the plan has the TCP: elsewhere than it is commanded to be, as long as it goes with a belt.
-    turn_rad
-        Where the tool is commanded to be; None: the robot has no rotary axis.
-
-    """
+class Snapshot:
+    """State of the robot in the latest bus cycle whose AT are evaluated."""
 
     cycle: int
     motion: MotionState
     command_m: Point
     position_m: Point
-    outputs: int
+    outputs: int  # bits
     payload_kg: float
-    inputs: int
-    planned_m: Point
-    turn_rad: float | None = None
+    inputs: int  # bits
+    planned_m: Point  # differs from command_m while the robot moves with a belt
+    turn_rad: float | None = None  # commanded tool angle; None without a rotary axis
 
 
 class StoppedError(RefusedError):
-    """Somebody has stopped a robot that goes with a belt, and does so no longer."""
+    """Another client has stopped the robot on a belt; it no longer moves with the belt."""
 
 
 class Link(Protocol):
-    """A robot on which a script runs. Every order is for a bus cycle that is still to come; all raise Delta3Error."""
+    """Connection of a script to its robot.
+
+    Every order takes effect in a future bus cycle. All methods raise Delta3Error.
+    """
 
     @property
     def parameters(self) -> Parameters:
-        """Of the robot."""
+        """Parameters of the robot."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -74,42 +58,42 @@ class Link(Protocol):
 
     @property
     def outputs(self) -> OutputNames:
-        """The outputs that a script may name."""
+        """Names of the outputs."""
 
     @property
     def tracking(self) -> BeltKnowledge | None:
-        """Belts on the bus, as they are known in the cycle that ``look`` tells of; None: there are none."""
+        """State of the belts in the cycle of ``poll``; None without belts."""
 
-    def look(self) -> Seen:
-        """Return the newest bus cycle whose answers are evaluated; takes no bus time."""
+    def poll(self) -> Snapshot:
+        """Return the state in the latest bus cycle whose AT are evaluated; takes no bus time."""
 
     @property
     def extra_cycles(self) -> int:
-        """So many bus cycles later than usual an order can take effect at the earliest; 0 without a clock."""
+        """Additional bus cycles until an order can take effect; 0 without a clock."""
 
     def start(self, planned: Planned, cycle: int, override: float) -> int:
-        """Start a program at a bus cycle; return the one in which it starts. Late, it is refused (``Code.LATE``)."""
+        """Start a program in a bus cycle; return the actual start cycle. A late order is rejected (``Code.LATE``)."""
 
     def extend(self, extension: Extension) -> int:
-        """Let moves follow those that are driven; return the bus cycle from which on they do, as ``start`` does."""
+        """Append moves to the running program; return the bus cycle in which they take effect, like ``start``."""
 
     def change(self, profile: MotionProfile) -> int:
-        """Go over to another motion profile, an override or a resume; return from which bus cycle on."""
+        """Change the motion profile for an override or a resume; return the bus cycle in which it takes effect."""
 
     def hold(self, cycle: int) -> MotionProfile:
-        """Let the bus go on to a cycle, and stop the robot on its path from there on."""
+        """Run the bus to a cycle and stop the robot on its path from that cycle."""
 
     def get_on(self, order: TrackOrder) -> None:
-        """Say which belt is meant by the next event of the plan that gets on one."""
+        """Set the belt for the next event of the plan that enters a belt."""
 
     def get_on_again(self, cycle: int) -> None:
-        """Get on the belt again after ``hold``, or leave it, from a bus cycle on."""
+        """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
 
     def abandon(self, cycle: int) -> None:
-        """Let the bus go on to a cycle, stop from there on, and forget moves and belt once the robot stands."""
+        """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
 
     def wait(self, condition: WaitCondition) -> bool:
-        """Let the bus go on until a condition is met or its latest cycle is over; return whether it is met.
+        """Run the bus until a condition is met or its latest cycle has passed; return whether it is met.
 
-        Raises RefusedError with ``Code.BELT``, once, when the robot could not stay on a belt and stands.
+        Raises RefusedError with ``Code.BELT`` once if the robot has lost its belt and is at rest.
         """

@@ -1,6 +1,6 @@
-"""What a script has ordered, in bus time: its statements become programs, or follow those that are driven.
+"""Planning of script statements: new programs from rest, or moves appended to the running program.
 
-Pure: statements and bus cycles come in, what has to be ordered goes out.
+This module has no side effects on the robot: it converts statements and bus cycles to orders.
 """
 
 import re
@@ -46,34 +46,21 @@ from delta3_pacdrive.parameters import Parameters
 
 _NUMBER = re.compile(r'\bmoves\[(\d+)\]\.')
 Written = tuple[Statement, ScriptPlace]
-REPLANNED_MAX = (
-    200  # statements of a last move that are planned again, so that the corner behind it can be rounded
-)
+REPLANNED_MAX = 200  # statements of the last move that are replanned to blend the corner to the next one
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Statements that were planned together.
-
-    Attributes
-    ----------
-    planned
-        Their plan. Its first move replaces the last one of the batch before, if that was planned again.
-    again
-        Whether it was.
-    names
-        Of each different move: line and kind of its statements.
-
-    """
+    """Statements that were planned together."""
 
     planned: Planned
-    again: bool
-    names: tuple[str, ...]
+    again: bool  # whether the first move replaces the last one of the preceding batch
+    names: tuple[str, ...]  # line and kind of the statements of each move
 
 
 @dataclass(frozen=True)
 class Start:
-    """A program begins from rest."""
+    """Start of a program from rest."""
 
     planned: Planned
     cycle: int
@@ -81,76 +68,52 @@ class Start:
 
 
 class Moves:
-    """The moves of one script.
-
-    Parameters
-    ----------
-    name
-        Of the script.
-    parameters
-        Of the robot.
-
-    Attributes
-    ----------
-    timeline
-        What is driven, with the last order that was given; None while nothing is under way.
-    override
-        Of the next program, 1 = as planned.
-    payload_kg
-        With which the next program begins.
-    on_planned
-        Called with each batch that is planned.
-    notices
-        Sentences of the planner about what was slowed down, with what could not be rounded.
-
-    """
+    """The moves of one script."""
 
     def __init__(self, name: str, parameters: Parameters) -> None:
         self._name, self._parameters = name, parameters
-        self.timeline: Timeline | None = None
-        self._stands_rad: float | None = None  # of the tool
-        self._driven: RunningProgram | None = None
+        self.timeline: Timeline | None = None  # includes the latest order; None at rest
+        self._tool_rad: float | None = None
+        self._running: RunningProgram | None = None
         self._override_max = 1.0
-        self.override = 1.0
-        self.payload_kg = parameters.dynamics.payload_mass_kg
-        self._places: list[ScriptPlace] = []  # of the statements of what is driven
+        self.override = 1.0  # of the next program, 1 = as planned
+        self.payload_kg = parameters.dynamics.payload_mass_kg  # at the start of the next program
+        self._places: list[ScriptPlace] = []  # of the statements of the running program
         self.on_planned: Callable[[Batch], None] = lambda _: None
         self.notices: list[str] = []
         self._arches: Arches = {}
 
     def copy(self) -> Self:
-        """Return the same, for an order that may be refused."""
+        """Return a copy, to be discarded if an order is rejected."""
         same = copy(self)
         same._places, same.notices = list(self._places), list(self.notices)
         return same
 
     def start_later(self, start: Start, cycle: int) -> None:
-        """Note that a program from rest starts in another bus cycle than it was ordered for."""
+        """Record that a program from rest starts in another bus cycle than ordered."""
         self.timeline = Timeline(start.planned.plan, self._parameters.bus.cycle_time_s)
         self.timeline.start(cycle, start.override)
 
     def end(self) -> None:
-        """Note that the program is over: what follows begins from rest."""
-        if self._driven is not None:
-            self.payload_kg = self._driven.payload_kg
-        self.timeline = self._driven = None
+        """Record the end of the program: the next one starts from rest."""
+        if self._running is not None:
+            self.payload_kg = self._running.payload_kg
+        self.timeline = self._running = None
 
     def order(
-        self, written: Sequence[Written], cycle: int, here_m: Point, turn_rad: float | None = None
+        self, written: Sequence[Written], cycle: int, start_m: Point, turn_rad: float | None = None
     ) -> Start | Extension:
-        """Return how statements are driven from a bus cycle on; raises ProgramError.
+        """Plan statements for execution from a bus cycle; raises ProgramError.
 
-        ``here_m`` is where the robot stands, if nothing is under way; ``turn_rad`` where its tool does.
+        ``start_m`` and ``turn_rad`` are the position and the tool angle of a robot at rest.
         """
         if all(isinstance(statement, Output) for statement, _ in written):
-            standing = Dwell(
-                self._parameters.bus.cycle_time_s
-            )  # outputs alone: they need a move to belong to
-            written = [*written, (standing, written[-1][1])]
-        known, timeline = self._driven, self.timeline
+            pause = Dwell(self._parameters.bus.cycle_time_s)  # outputs must belong to a move
+            written = [*written, (pause, written[-1][1])]
+        known, timeline = self._running, self.timeline
         if known is None or timeline is None:
-            return self._from_rest(written, cycle, here_m, turn_rad)
-        self._stands_rad = turn_rad
+            return self._from_rest(written, cycle, start_m, turn_rad)
+        self._tool_rad = turn_rad
         statements = [statement for statement, _ in written]
         splice = known.splice(rounded=not begins_at_rest(statements))
         if len(splice.again) + len(written) > REPLANNED_MAX:
@@ -159,19 +122,19 @@ class Moves:
         try:
             return self._following(written, cycle, timeline, known, splice)
         except SpliceError:
-            self._note_corner(written, 'it is too late')
+            self._note_corner(written, 'the order is too late')
             return self._following(written, cycle, timeline, known, known.splice(rounded=False))
 
-    def preview(self, written: Sequence[Written], here_m: Point, turn_rad: float | None = None) -> Planned:
-        """Return the plan of statements behind all that is ordered, which nobody drives; raises ProgramError.
+    def preview(self, written: Sequence[Written], start_m: Point, turn_rad: float | None = None) -> Planned:
+        """Return the plan of statements after all ordered moves, without executing it; raises ProgramError.
 
-        ``here_m`` is where the plan stands, if nothing is under way; ``turn_rad`` where the tool does.
+        ``start_m`` and ``turn_rad`` are the position and the tool angle of a robot at rest.
         """
         program = self._program(written, None)
-        if self._driven is not None:
-            program = replace(program, payload_kg=self._driven.payload_kg)
-        start = np.array(here_m if self.plan_end_m is None else self.plan_end_m)
-        turn = turn_rad if self._driven is None else self._turn_behind(self._driven)
+        if self._running is not None:
+            program = replace(program, payload_kg=self._running.payload_kg)
+        start = np.array(start_m if self.plan_end_m is None else self.plan_end_m)
+        turn = turn_rad if self._running is None else self._end_turn(self._running)
         return program_planner.plan(
             program,
             start,
@@ -183,7 +146,7 @@ class Moves:
         )
 
     def left_on_belt_s(self, cycle: int) -> float:
-        """Time of motion left behind a bus cycle until the plan leaves its belt [s], at 100 %; 0 if it does not."""
+        """Return the motion time from a bus cycle until the plan leaves its belt [s], at 100 %; 0 if it stays."""
         timeline = self.timeline
         if timeline is None:
             return 0.0
@@ -196,7 +159,7 @@ class Moves:
         return float(starts[ends[0] + 1] - starts[now.number]) - driven * move.duration_s
 
     def leaves_belt_in(self, cycle: int) -> int | None:
-        """Return the first bus cycle from one on in which the plan has left its belt; None if it does not leave it."""
+        """Return the first bus cycle, not before ``cycle``, after the plan has left its belt; None if it stays."""
         timeline = self.timeline
         if timeline is None:
             return None
@@ -207,14 +170,14 @@ class Moves:
         cycles = range(cycle, timeline.end_cycle)
         return cycles.start + bisect_right(cycles, ends[0], key=lambda one: timeline.at(one).number)
 
-    def drop(self, payload_kg: float) -> None:
-        """Forget what is under way; the robot carries a payload [kg]."""
-        self.timeline = self._driven = None
+    def clear(self, payload_kg: float) -> None:
+        """Clear the running program; ``payload_kg`` is the present payload."""
+        self.timeline = self._running = None
         self.payload_kg = payload_kg
 
     def _note_corner(self, written: Sequence[Written], why: str) -> None:
         _, place = written[0]
-        self.notices.append(f'{place}: the corner before this is not rounded: {why}')
+        self.notices.append(f'{place}: the corner before this move is not rounded: {why}')
 
     def _program(self, written: Sequence[Written], splice: Splice | None) -> Program:
         again = () if splice is None else splice.again
@@ -227,12 +190,12 @@ class Moves:
         return Program(self._name, statements, payload_kg=payload, source=source, places=places)
 
     def _from_rest(
-        self, written: Sequence[Written], cycle: int, here_m: Point, turn_rad: float | None
+        self, written: Sequence[Written], cycle: int, start_m: Point, turn_rad: float | None
     ) -> Start:
         program = self._program(written, None)
         planned = program_planner.plan(
             program,
-            np.array(here_m),
+            np.array(start_m),
             self._parameters,
             returning=True,
             open_end=True,
@@ -242,7 +205,7 @@ class Moves:
         self._places = []
         self._note(program, planned, written, again=False)
         override = min(self.override, planned.override_max)
-        self._driven, self._override_max = RunningProgram.of(program, planned), planned.override_max
+        self._running, self._override_max = RunningProgram.of(program, planned), planned.override_max
         self.timeline = Timeline(planned.plan, self._parameters.bus.cycle_time_s)
         self.timeline.start(cycle, override)
         return Start(planned, cycle, override)
@@ -264,7 +227,7 @@ class Moves:
             open_end=True,
             before=known.load(min(first, splice.kept), splice.kept),
             arches=self._arches,
-            turn_rad=self._stands_rad if splice.turn_rad is None else splice.turn_rad,
+            turn_rad=self._tool_rad if splice.turn_rad is None else splice.turn_rad,
         )
         override = 1.0 if timeline.profile is None else timeline.profile.override
         if override > planned.override_max:
@@ -274,14 +237,14 @@ class Moves:
             )
         extension = extend(timeline, cycle, splice, planned.plan)
         self._note(program, planned, written, again=bool(splice.again))
-        self._driven = extended_program(known, extension, splice, program, planned)
+        self._running = extended_program(known, extension, splice, program, planned)
         self._override_max = min(self._override_max, planned.override_max)
         self.timeline = extension.timeline
         return extension
 
-    def _turn_behind(self, known: RunningProgram) -> float | None:
+    def _end_turn(self, known: RunningProgram) -> float | None:
         end = known.plan.end_turn_rad
-        return self._stands_rad if end is None else end
+        return self._tool_rad if end is None else end
 
     def _note(self, program: Program, planned: Planned, written: Sequence[Written], again: bool) -> None:
         self._places = [*self._places, *(place for _, place in written)][-REPLANNED_MAX:]
@@ -294,7 +257,7 @@ class Moves:
         )
 
     def follow(self, profile: MotionProfile) -> None:
-        """Note that another motion profile is followed; raises ProgramError if it does not continue the present one."""
+        """Switch to another motion profile; raises ProgramError if it does not continue the present one."""
         if self.timeline is None:
             raise ProgramError('no program runs')
         self.timeline = self.timeline.copy()
@@ -309,14 +272,14 @@ class Moves:
             )
 
     def seconds_left(self, cycle: int) -> float:
-        """Time of motion left behind a bus cycle [s], as far as it is ordered."""
+        """Return the remaining time of the ordered moves after a bus cycle [s]."""
         if self.timeline is None:
             return 0.0
         return max(self.timeline.end_cycle - cycle, 0) * self._parameters.bus.cycle_time_s
 
     @property
     def plan_end_m(self) -> Point | None:
-        """Where the last move that was ordered ends [m]; None while nothing is under way."""
+        """End position of the last ordered move [m]; None at rest."""
         if self.timeline is None:
             return None
         x, y, z = self.timeline.plan.end_m().tolist()
@@ -329,12 +292,12 @@ def _leaves_belt(move: Move) -> bool:
 
 
 def unnumbered(sentence: str) -> str:
-    """Return a sentence without numbers of statements, which a script does not have."""
+    """Return a sentence without statement numbers, which do not exist in a script."""
     return _NUMBER.sub('', sentence)
 
 
 def _in_lines(text: str, program: Program, file: str = '') -> str:
-    """Return a text with the lines of statements in place of their numbers."""
+    """Return a text with statement numbers replaced by line numbers."""
 
     def line(found: re.Match[str]) -> str:
         place = program.places[int(found[1])] if program.places else None
@@ -344,7 +307,7 @@ def _in_lines(text: str, program: Program, file: str = '') -> str:
 
 
 def without_wait(statement: Statement) -> tuple[Statement, bool]:
-    """Return a statement that ends without waiting for the robot, and whether it would have waited."""
+    """Return the statement without its in-position wait, and whether it had one."""
     if isinstance(statement, PathMove) and statement.in_position:
         return replace(statement, in_position=False), True
     return statement, False
@@ -356,7 +319,7 @@ def is_move(statement: Statement) -> bool:
 
 
 def alone(statement: Statement) -> tuple[Statement, bool]:
-    """Return a move as it is driven alone, and whether it ends at rest, where a script can wait."""
+    """Return a move for single-stepping, and whether it ends at rest."""
     if isinstance(statement, PathMove):
         return replace(statement, blend_m=0.0), True
     return statement, not (isinstance(statement, Cubic) and any(statement.end_velocity_m_s))

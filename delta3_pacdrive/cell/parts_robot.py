@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from delta3_pacdrive.cell.belt_block import refused
-from delta3_pacdrive.cell.belt_parts import BeltNow, BeltParts
+from delta3_pacdrive.cell.belt_block import belt_error
+from delta3_pacdrive.cell.belt_parts import BeltParts, BeltState
 from delta3_pacdrive.cell.link import Link
 from delta3_pacdrive.cell.place import of_caller
 from delta3_pacdrive.cell.robot import Robot
@@ -58,7 +58,7 @@ class PartsRobot(Robot):
             Type of the part, which a camera tells; empty: any.
 
         """
-        with self._told(of_caller()):
+        with self._errors_at(of_caller()):
             names = self._names_of(belt)
             known = [self._belt(name) for name in names]
             windows = [self._window(tracking, n) for tracking, n in known]
@@ -70,12 +70,12 @@ class PartsRobot(Robot):
                 raise ProgramError('part: rule by load chooses between belts: name several of them')
             if kind != '':
                 for tracking, n in known:
-                    _require_known(kind, tracking.belts[n])
+                    _require_detectable(kind, tracking.belts[n])
             latest = self._cycles('timeout_s', timeout_s)
             self._order()
-            latest += self._link.look().cycle
+            latest += self._link.poll().cycle
             while True:
-                seen = self._link.look()
+                seen = self._link.poll()
                 offers = [
                     (n, offer)
                     for (tracking, n), window in zip(known, windows, strict=True)
@@ -90,7 +90,7 @@ class PartsRobot(Robot):
                     self._parts[n].take(offer.part)
                     return offer.part
                 for tracking, n in known:
-                    _require_eyes(tracking, n)
+                    _require_camera(tracking, n)
                 if seen.cycle >= latest:
                     where = ' or '.join(shown(name) for name in names)
                     raise WaitTimeoutError(
@@ -121,14 +121,14 @@ class PartsRobot(Robot):
             How far it is beside the middle of the belt, to the left [m].
 
         """
-        with self._told(of_caller()):
+        with self._errors_at(of_caller()):
             self._count()
             tracking, n = self._belt(belt)
             return self._parts[n].slot(pitch_m, across_m, self._window(tracking, n))
 
-    def belt(self, belt: str) -> BeltNow:
+    def belt(self, belt: str) -> BeltState:
         """Return what is known of a belt: way, speed, parts that wait; takes no bus time."""
-        with self._told(of_caller()):
+        with self._errors_at(of_caller()):
             self._count()
             _, n = self._belt(belt)
             return self._parts[n].now()
@@ -151,16 +151,16 @@ class PartsRobot(Robot):
         return belt.window
 
 
-def _require_eyes(tracking: BeltKnowledge, n: int) -> None:
+def _require_camera(tracking: BeltKnowledge, n: int) -> None:
     """Refuse to wait for the parts of a camera that is dead."""
     blind_m = tracking.blind_m(n)
     if blind_m > 0.0:
-        raise refused(
+        raise belt_error(
             f'part: the camera of belt {tracking.belts[n].name} is dead: no picture for {blind_m:.2f} m of its way'
         )
 
 
-def _require_known(kind: str, belt: BeltAxes) -> None:
+def _require_detectable(kind: str, belt: BeltAxes) -> None:
     """Refuse a type of parts that will never come: one that nobody knows, or that nobody can tell."""
     if not belt.camera_every_m:
         raise ProgramError(f'part: belt {belt.name} has no camera, which would tell the kind of a part')

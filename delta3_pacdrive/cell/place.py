@@ -1,4 +1,4 @@
-"""Where in a script a call stands: the file and the line that a refusal names."""
+"""Source position of a call in a script, for error messages."""
 
 import contextlib
 import sys
@@ -7,11 +7,11 @@ from types import FrameType
 from typing import NamedTuple
 
 OWN = str(Path(__file__).parent)
-WITH = contextlib.__file__  # what stands between a with statement and what it enters
+WITH = contextlib.__file__  # on the stack between a with statement and its context manager
 
 
 class ScriptPlace(NamedTuple):
-    """A call stands here; line and column count from 1. The file is named as people would type it."""
+    """Source position; line and column count from 1, the file is relative to the working directory."""
 
     file: str
     line: int
@@ -26,7 +26,7 @@ NOWHERE = ScriptPlace('', 0, 0)
 
 
 def of_caller() -> ScriptPlace:
-    """Return the place of the call that has come into this room."""
+    """Return the source position of the call that entered this package."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_code.co_filename.startswith((OWN, WITH)):
         frame = frame.f_back
@@ -38,8 +38,8 @@ def of_caller() -> ScriptPlace:
 
 
 def shown_file(file: str) -> str:
-    """Return the name of a file as seen from the present folder, if it is below that."""
+    """Return a file name relative to the working directory, if the file is below it."""
     try:
         return str(Path(file).relative_to(Path.cwd()))
-    except (ValueError, OSError):  # elsewhere, or the folder is gone
+    except (ValueError, OSError):  # outside, or the working directory no longer exists
         return file

@@ -1,4 +1,4 @@
-"""A script is a Python file with a function ``main(robot)``: it is read, and run on a robot."""
+"""Load and run scripts: Python files with a function ``main(robot)``."""
 
 import ast
 import importlib.util
@@ -20,64 +20,55 @@ MAIN = 'main'
 
 
 def is_script(path: str | Path) -> bool:
-    """Whether a program is a script, by the end of its name."""
+    """Whether a program is a script, by its suffix."""
     return Path(path).suffix == SUFFIX
 
 
 @dataclass(frozen=True)
 class Script:
-    """A script that is read.
-
-    Attributes
-    ----------
-    path
-        Its file.
-    main
-        Its function ``main``.
-
-    """
+    """A loaded script."""
 
     path: Path
     main: Callable[[Robot], Any]
 
     @property
     def name(self) -> str:
-        """Name of its file."""
+        """File name without suffix."""
         return self.path.stem
 
     def run(self, robot: Robot) -> None:
-        """Run the script; raises ScriptError, whatever goes wrong in it, with its line."""
-        with _errors_of(self.path), _beside(self.path):
+        """Run the script; every error in it raises ScriptError with file and line."""
+        with _errors_of(self.path), _importing_from(self.path):
             self.main(robot)
 
 
 def load(path: str | Path) -> Script:
-    """Read a script: what stands outside of its functions is run, if it has a function ``main``.
+    """Import a script.
 
     Raises
     ------
     ProgramError
-        It cannot be read, or has no function ``main(robot)``.
+        The file cannot be read, or has no function ``main(robot)``; it is not executed then.
     ScriptError
-        It is no Python, or something goes wrong while it is read.
+        The file has a syntax error, or its execution fails.
 
     """
     path = Path(path)
     shown = shown_file(str(path))
     if not path.is_file():
-        raise ProgramError(f'script {shown} is not there')
+        raise ProgramError(f'script {shown} does not exist')
     with _errors_of(path):
         tree = ast.parse(path.read_bytes(), str(path.absolute()))
-    if not any(_names_main(node) for node in ast.walk(tree)):  # what it would do instead may be anything
+    if not any(_names_main(node) for node in ast.walk(tree)):  # do not execute arbitrary files
         raise ProgramError(f'script {shown} has no function {MAIN}(robot)')
     specification = importlib.util.spec_from_file_location(f'delta3_script_{path.stem}', path.absolute())
     if specification is None or specification.loader is None:
-        raise ProgramError(f'script {shown} is no Python file')
+        raise ProgramError(f'script {shown} is not a Python file')
     module = importlib.util.module_from_spec(specification)
-    sys.modules[specification.name] = module  # dataclasses look for it
+    sys.modules[specification.name] = module  # required by dataclasses
     written, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
-        with _errors_of(path), _beside(path):
+        with _errors_of(path), _importing_from(path):
             specification.loader.exec_module(module)
     finally:
         sys.dont_write_bytecode = written
@@ -94,7 +85,7 @@ def load(path: str | Path) -> Script:
 
 
 def _names_main(node: ast.AST) -> bool:
-    """Whether a part of a script may give ``main`` its meaning."""
+    """Whether a syntax node may define ``main``."""
     match node:
         case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
             return name == MAIN
@@ -106,8 +97,8 @@ def _names_main(node: ast.AST) -> bool:
 
 
 @contextmanager
-def _beside(path: Path) -> Iterator[None]:
-    """Let a script import what stands beside it."""
+def _importing_from(path: Path) -> Iterator[None]:
+    """Add the folder of a script to the import path."""
     folder = str(path.absolute().parent)
     sys.path.insert(0, folder)
     try:
@@ -119,7 +110,7 @@ def _beside(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _errors_of(path: Path) -> Iterator[None]:
-    """Make one sentence with file and line of whatever goes wrong in a script."""
+    """Convert all errors of a script to ScriptError with file and line."""
     try:
         yield
     except ScriptError:
@@ -139,7 +130,7 @@ def _errors_of(path: Path) -> Iterator[None]:
 
 
 def _place(path: Path, error: BaseException) -> str:
-    """Return file and line of an error: the innermost one in the script itself."""
+    """Return file and line of the innermost frame of an error in the script."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if frame.filename == str(path.absolute())]
     return f'{shown_file(own[-1].filename)}:{own[-1].lineno}' if own else shown_file(str(path))

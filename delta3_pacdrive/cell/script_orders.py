@@ -1,10 +1,10 @@
-"""What a script has noted and ordered, in bus time: planned as a whole, for a bus cycle that is still to come."""
+"""Orders of a script: batches of statements and motion profile changes, each for a future bus cycle."""
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from delta3_pacdrive.cell.link import Link, Seen
+from delta3_pacdrive.cell.link import Link, Snapshot
 from delta3_pacdrive.cell.moves import Moves, Start, Written
 from delta3_pacdrive.cell.values import TIME_MAX_S
 from delta3_pacdrive.controller.motion_state import MotionState
@@ -14,102 +14,82 @@ from delta3_pacdrive.errors import Code, Reason, RefusedError, ScriptError
 from delta3_pacdrive.motion.execution import OVERRIDE_MIN
 from delta3_pacdrive.motion.resume import resume
 
-BATCH_MAX = 100  # statements that are planned together
-AHEAD_S = 1.0  # of motion may be left when a full batch is ordered behind it
-TRIES_MAX = 5  # of an order that comes too late on a bus with a clock
+BATCH_MAX = 100  # statements planned together
+AHEAD_S = 1.0  # maximum remaining motion when a full batch is appended
+TRIES_MAX = 5  # attempts for an order that is late on a bus with a clock
 
 
 class ScriptOrders:
     """The orders of one script.
 
-    An order is decided on the answers of one bus cycle, and takes effect a fixed number of cycles later
+    A decision is based on the AT of one bus cycle. Its order takes effect a fixed number of cycles later
     (``decision_cycles`` of the parameters).
-
-    Parameters
-    ----------
-    link
-        To the robot.
-    name
-        Of the script.
-
-    Attributes
-    ----------
-    moves
-        What is driven.
-    batch
-        What is noted.
-    effect
-        Bus cycle in which the newest order takes effect.
-    late, late_cycles
-        Decisions that have taken effect later than they should, as a bus with a clock waits for nobody; and by how many
-        bus cycles at most.
-
     """
 
     def __init__(self, link: Link, name: str) -> None:
         self._link, self.parameters = link, link.parameters
         self.moves = Moves(name, link.parameters)
-        self.batch: list[Written] = []
-        self.effect = link.look().cycle
-        self.late, self.late_cycles = 0, 0
+        self.batch: list[Written] = []  # queued, not yet planned
+        self.effect = link.poll().cycle  # bus cycle in which the latest order takes effect
+        self.late, self.late_cycles = 0, 0  # late decisions, and their maximum delay
 
     def cycles_of(self, time_s: float) -> int:
-        """Return in how many bus cycles a time [s] is over."""
+        """Return the number of bus cycles that cover a time [s]."""
         return math.ceil(time_s / self.parameters.bus.cycle_time_s - 1e-9)
 
-    # what is driven ---------------------------------------------------------------------------------------------------
+    # state ------------------------------------------------------------------------------------------------------------
 
     @property
     def held(self) -> bool:
-        """Whether the robot is held on its path, or will be."""
+        """Whether the robot is held on its path, or a hold is ordered."""
         timeline = self.moves.timeline
         return timeline is not None and timeline.profile is not None and timeline.profile.held
 
-    def seen(self) -> Seen:
-        """Return the newest bus cycle whose answers are evaluated; a program that is over in it is over."""
-        seen = self._link.look()
+    def seen(self) -> Snapshot:
+        """Return the latest state; record the end of a finished program."""
+        seen = self._link.poll()
         if seen.motion is MotionState.IDLE:
             self.moves.end()
         return seen
 
-    def ready(self) -> Seen:
-        """Return what is seen once the order before has taken effect."""
+    def ready(self) -> Snapshot:
+        """Wait until the preceding order has taken effect, and return the state."""
         self.go_to(self.effect)
         return self.seen()
 
     # waits ------------------------------------------------------------------------------------------------------------
 
     def go_to(self, cycle: int) -> None:
-        """Let the bus go on to a cycle."""
+        """Run the bus to a cycle."""
         self._link.wait(WaitCondition(cycle, cycle))
 
     def wait_for(self, condition: WaitCondition) -> bool:
-        """Let the bus go on until a condition is met or its latest cycle is over; return whether it is met."""
+        """Run the bus until a condition is met or its latest cycle has passed; return whether it is met."""
         cycles = self.parameters.in_position_cycles
         return self._link.wait(replace(condition, in_position_cycles=cycles))
 
     def wait_for_moves(self, left_cycles: int) -> None:
-        """Let the bus go on until the robot stands behind all moves, or at most so many bus cycles of them are left."""
+        """Run the bus until all moves have finished or at most ``left_cycles`` of them remain."""
         self.wait_for(WaitCondition(self.effect, self._latest(), left_cycles=left_cycles))
 
-    def come_to_the_end(self) -> None:
-        """Let the bus go on until nothing is under way."""
+    def finish_motion(self) -> None:
+        """Run the bus until all motion has finished."""
         if self.held:
-            sentence = 'the robot is held, so that its moves never end: resume it first'
+            sentence = 'the robot is held, so its moves cannot finish: resume it first'
             raise ScriptError(Reason(Code.STATE, sentence))
         self._link.wait(WaitCondition(self.effect, self._latest(), over=True))
         self.seen()
 
     def _latest(self) -> int:
-        """Return the latest bus cycle of a wait for moves, which end by themselves or with a fault."""
+        """Return the latest bus cycle of a wait for moves."""
         timeline = self.moves.timeline
         late_s = TIME_MAX_S if timeline is None else TIME_MAX_S + timeline.plan.duration_s / OVERRIDE_MIN
-        return self._link.look().cycle + round(late_s / self.parameters.bus.cycle_time_s)
+        return self._link.poll().cycle + round(late_s / self.parameters.bus.cycle_time_s)
 
     # moves ------------------------------------------------------------------------------------------------------------
 
     def order(self) -> None:
-        """Plan what is noted, and order it."""
+        """Plan and send the queued statements."""
         if self.batch:
             self._order_batch()
 
@@ -124,12 +104,12 @@ class ScriptOrders:
         stands = timeline.end_cycle if timeline is not None and self.held else 0
 
         def order(late: int) -> int:
-            here = self.seen()
+            now = self.seen()
             moves = self.moves.copy()
             cycle = max(seen.cycle + self.parameters.decision_cycles, stands)
-            if moves.timeline is not None:  # who stands starts as soon as he can
+            if moves.timeline is not None:  # a robot at rest starts as early as possible
                 cycle += late
-            ordered = moves.order(self._on_time(batch, cycle), cycle, here.planned_m, here.turn_rad)
+            ordered = moves.order(self._on_time(batch, cycle), cycle, now.planned_m, now.turn_rad)
             if isinstance(ordered, Start):
                 effect = self._link.start(ordered.planned, ordered.cycle, ordered.override)
                 if effect != cycle:
@@ -142,14 +122,14 @@ class ScriptOrders:
         self._take_effect(self._in_time(order, seen.cycle), seen.cycle, stands)
 
     def _on_time(self, batch: list[Written], cycle: int) -> list[Written]:
-        """Return what is ordered if it takes effect in a bus cycle."""
+        """Return the statements for an order that takes effect in a bus cycle."""
         return batch
 
     def _in_time(self, order: Callable[[int], int], decided: int) -> int:
-        """Give an order that was decided on in a bus cycle; return from which one on it counts.
+        """Send an order that was decided in a bus cycle; return the cycle in which it takes effect.
 
-        On a bus with a clock it may come too late, or the program that it should follow has ended meanwhile. Then it is
-        given again, for a later cycle.
+        On a bus with a clock, an order that is late, or whose program has ended meanwhile, is repeated for a later
+        cycle.
         """
         late = self._link.extra_cycles
         for _ in range(TRIES_MAX - 1 if late else 0):
@@ -158,11 +138,11 @@ class ScriptOrders:
             except RefusedError as error:
                 if error.reason.code not in (Code.LATE, Code.STATE):
                     raise
-            late = max(self._link.look().cycle - decided, 0) + self._link.extra_cycles
+            late = max(self._link.poll().cycle - decided, 0) + self._link.extra_cycles
         return order(late)
 
     def _take_effect(self, effect: int, decided: int, stands: int = 0) -> None:
-        """Note from which bus cycle on the newest order counts, and whether that is late."""
+        """Record the bus cycle in which the latest order takes effect, and its delay."""
         self.effect = effect
         late = effect - max(decided + self.parameters.decision_cycles, stands)
         if late > 0:
@@ -187,28 +167,28 @@ class ScriptOrders:
         self.moves.require_override(override)
 
     def change(self, override: float) -> None:
-        """Drive on with an override, 1 = as planned, also after ``hold``."""
+        """Continue with an override, 1 = as planned, also after ``hold``."""
         seen = self.ready()
         timeline = self.moves.timeline
         if timeline is None:
             return
         held = self.held
         if held:
-            self.go_to(timeline.end_cycle)  # on a robot that is up, who stands can go on
+            self.go_to(timeline.end_cycle)  # a running robot resumes from rest only
             self._come_to_rest()
             seen = self.seen()
         cycle = seen.cycle + self.parameters.decision_cycles
         if held:
             cycle = max(cycle, timeline.end_cycle)
         elif cycle >= timeline.end_cycle:
-            return  # for the next program
-        stands = self._way_back(cycle) if held else 0
+            return  # applies to the next program
+        stands = self._resume_cycle(cycle) if held else 0
 
         def change(late: int) -> int:
             self.seen()
             if self.moves.timeline is None:
-                return seen.cycle  # over meanwhile: for the next program
-            profile = resume(timeline, self._go_back(cycle + late) if held else cycle + late, override)
+                return seen.cycle  # finished meanwhile: applies to the next program
+            profile = resume(timeline, self._return_to_belt(cycle + late) if held else cycle + late, override)
             effect = self._link.change(profile)
             self.moves.follow(replace(profile, cycle=effect))
             return effect
@@ -216,27 +196,27 @@ class ScriptOrders:
         self._take_effect(self._in_time(change, seen.cycle), seen.cycle, stands)
 
     def _come_to_rest(self) -> None:
-        """Let the bus go on until a robot stands whose plan was held."""
+        """Run the bus until a held robot is at rest."""
 
-    def _way_back(self, cycle: int) -> int:
-        """Return the bus cycle in which the plan can go on, if a robot that was held begins to move in a cycle."""
+    def _resume_cycle(self, cycle: int) -> int:
+        """Return the bus cycle in which the plan continues if a held robot starts to move in ``cycle``."""
         return cycle
 
-    def _go_back(self, cycle: int) -> int:
-        """Let the robot begin to move in a cycle if it goes on; return in which one the plan goes on."""
-        return self._way_back(cycle)
+    def _return_to_belt(self, cycle: int) -> int:
+        """Start the return to the belt in a bus cycle; return the cycle in which the plan continues."""
+        return self._resume_cycle(cycle)
 
     # the end ----------------------------------------------------------------------------------------------------------
 
     def finish(self) -> None:
-        """Order what is noted, and let the bus go on until nothing is under way."""
+        """Send the queued moves and run the bus until all motion has finished."""
         self.order()
-        self.come_to_the_end()
+        self.finish_motion()
 
-    def give_up(self) -> int:
-        """Drop what is noted, stop on the path, and let the bus go on until the robot stands.
+    def abort(self) -> int:
+        """Clear the queue and stop on the path; return the bus cycle from which the robot is at rest.
 
-        Returns the bus cycle from which on it stands, -1 if nothing was under way.
+        Returns -1 if no motion was active.
         """
         self.batch.clear()
         seen = self.ready()

@@ -6,9 +6,9 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from delta3_pacdrive.cell.driven_log import DrivenLog
+from delta3_pacdrive.cell.driven_log import MotionLog
 from delta3_pacdrive.cell.inputs import Given, inputs_of
-from delta3_pacdrive.cell.link import Seen
+from delta3_pacdrive.cell.link import Snapshot
 from delta3_pacdrive.controller.belt_knowledge import TrackOrder
 from delta3_pacdrive.controller.belt_tracking import BeltTracking
 from delta3_pacdrive.controller.motion_state import MotionState
@@ -86,7 +86,7 @@ class SimulatedLink:
         self._task.enable(motion.enable_cycle)
         if around is not None and around.belts:
             self._task.tracking = BeltTracking(parameters, axes_of(around))
-        self._log = DrivenLog(bus.cycle_time_s)
+        self._log = MotionLog(bus.cycle_time_s)
         self._figures: list[Figures] = []
         self._end_cycle = begin
         self._operation = SteppedOperation(
@@ -94,7 +94,7 @@ class SimulatedLink:
         )
         self._operation.go_to(begin + 1)
 
-    def look(self) -> Seen:
+    def poll(self) -> Snapshot:
         """Return the newest bus cycle whose answers are evaluated."""
         task, cycle = self._task, self._operation.cycle - 1
         commanded, answer = self._operation.commanded(), task.answer
@@ -109,7 +109,7 @@ class SimulatedLink:
         u, v, w = (x, y, z) if self.tracking is None else task.state['planned'][0].tolist()
         outputs, payload = commanded.outputs, commanded.payload_kg
         turn = None if task.turning is None else task.turning.angle_rad
-        return Seen(cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w), turn)
+        return Snapshot(cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w), turn)
 
     @property
     def tracking(self) -> BeltTracking | None:
@@ -133,11 +133,11 @@ class SimulatedLink:
         if tracking is None:
             return
         with suppress(RefusedError):  # who is lost meanwhile stops by itself
-            self._go_on(WaitCondition(cycle - 1, cycle - 1))
+            self._run_bus(WaitCondition(cycle - 1, cycle - 1))
         if task.loaded:
             profile = task.profile if task.held else task.hold()
             if profile is not None:
-                self._log.follow(task.timeline.copy(), profile.cycle, goes_on=True)
+                self._log.follow(task.timeline.copy(), profile.cycle, continues=True)
         tracking.halt(task.next_cycle)
         tracking.clear_loss()
         stands = max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, self._operation.cycle)
@@ -154,7 +154,7 @@ class SimulatedLink:
         require_stable(self.parameters, max([*gripped, planned.payload_kg, self._heaviest_kg]))
         self._task.load(planned.plan)
         self._task.start(cycle, override)
-        self._log.follow(self._task.timeline.copy(), cycle, goes_on=False)
+        self._log.follow(self._task.timeline.copy(), cycle, continues=False)
         return cycle
 
     def extend(self, extension: Extension) -> int:
@@ -162,10 +162,12 @@ class SimulatedLink:
         profile, more = extension.profile, extension.more
         require_stable(self.parameters, max(more.move(n).payload_kg for n in range(len(more))))
         before = self._task.timeline
-        goes_on = before.at(profile.cycle).number == before.at(profile.cycle - 1).number
+        continues = before.at(profile.cycle).number == before.at(profile.cycle - 1).number
         self._task.extend(extension.first, extension.kept, more, profile)
         self._log.follow(
-            extension.timeline, profile.cycle, (goes_on and profile.cycle < before.end_cycle) or profile.held
+            extension.timeline,
+            profile.cycle,
+            (continues and profile.cycle < before.end_cycle) or profile.held,
         )
         return profile.cycle
 
@@ -174,23 +176,23 @@ class SimulatedLink:
         self._task.change(profile)
         timeline = self._task.timeline.copy()
         timeline.change(profile)
-        self._log.follow(timeline, profile.cycle, goes_on=True)
+        self._log.follow(timeline, profile.cycle, continues=True)
         return profile.cycle
 
     def hold(self, cycle: int) -> MotionProfile:
         """Let the bus go on to a cycle, and stop the robot on its path from there on."""
-        self._go_on(WaitCondition(cycle - 1, cycle - 1))
+        self._run_bus(WaitCondition(cycle - 1, cycle - 1))
         if not self._task.loaded:
             raise RefusedError(Reason(Code.STATE, 'hold: the moves were over before it took effect'))
         profile = self._task.hold()
-        self._log.follow(self._task.timeline.copy(), profile.cycle, goes_on=True)
+        self._log.follow(self._task.timeline.copy(), profile.cycle, continues=True)
         return profile
 
     def wait(self, condition: WaitCondition) -> bool:
         """Let the bus go on until a condition is met or its latest cycle is over."""
-        return self._go_on(condition)
+        return self._run_bus(condition)
 
-    def _go_on(self, condition: WaitCondition) -> bool:
+    def _run_bus(self, condition: WaitCondition) -> bool:
         if condition.latest < self._last:
             return self._operation.wait(condition)
         within = replace(condition, latest=int(self._last))

@@ -1,4 +1,4 @@
-"""``cell.simulate``: a robot that is simulated as far as a script asks, and the trace of all that it did."""
+"""``cell.simulate``: run a script on a simulated robot and record a trace."""
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ CellSource = Cell | str | Path | Mapping[str, Any] | None
 
 
 class Simulation(BeltRobot):
-    """The robot of a script that is simulated."""
+    """Simulated robot of a script."""
 
     def __init__(self, link: SimulatedLink, name: str) -> None:
         super().__init__(link, name)
@@ -31,16 +31,16 @@ class Simulation(BeltRobot):
 
     @property
     def trace(self) -> Trace:
-        """Every signal of the run, cycle by cycle; raises RunError as long as the script has not ended."""
+        """Signals of the run in every cycle; raises RunError before the script has ended."""
         if self._trace is None:
-            raise RunError('the trace of a simulated script is there once the script has ended')
+            raise RunError('the trace of a simulated script is available after the script has ended')
         return self._trace
 
     def end(self, why: str = '') -> None:
-        """End the simulation: with the moves that are ordered, or, if there is a reason why not, held on the path."""
+        """Finish the ordered moves, or with a reason ``why`` abort them on the path, and create the trace."""
         try:
             if why:
-                self.give_up()
+                self.abort()
             else:
                 self.finish()
         except Delta3Error as error:
@@ -66,39 +66,39 @@ def simulate(
     cell: CellSource = None,
     around: CellSource = None,
 ) -> Iterator[Simulation]:
-    """Simulate a robot while a script decides what it does.
+    """Simulate a robot that is controlled by the script in the block.
 
     Parameters
     ----------
     parameters
-        Of the robot, or their file; without them the nominal robot, whose controller knows the model.
+        Parameters of the robot or their file; default: the nominal robot with the model-based controller.
     inputs
-        Of each input its changes, ``{'part': [(0.4, True), (0.9, False)]}``, at times [s] since the script began; or a
-        function that returns all inputs by name for the number of a bus cycle.
+        Changes of each input, ``{'part': [(0.4, True), (0.9, False)]}``, at times since the start of the script [s]; or
+        a function that returns all inputs by name for the number of a bus cycle.
     name
-        Of the script in traces and reports; without it that of its file.
+        Name of the script in traces and reports; default: its file name.
     longest_s
-        Bus time after which the simulation ends [s].
+        Maximum bus time of the simulation [s].
     signals
-        On request: ``payload``, ``outputs``, ``lost_telegrams``, and ``drive_`` with the name of a channel.
+        Additional signals: ``payload``, ``outputs``, ``lost_telegrams``, and ``drive_`` with the name of a channel.
     acquisition
-        Takes what oscilloscopes in the drives show.
+        Receives the records of oscilloscopes in the drives.
     cell
-        Cell of the robot instead of ``inputs``, with gripper, parts and sensors: a cell file, ``'cell'`` for the
-        packaged one, what such a file would hold, or a ``Cell``.
+        Cell with gripper, parts and sensors, in place of ``inputs``: a cell file, ``'cell'`` for the packaged one, the
+        content of a file, or a ``Cell``.
     around
-        Former name of ``cell``.
+        Deprecated name of ``cell``.
 
     Yields
     ------
     robot
-        What the script calls. Once the script has ended, ``robot.trace`` has every signal of the run: an error in the
-        script leaves the robot in a stop on its path.
+        Robot interface. After the block, ``robot.trace`` contains all signals of the run. An error in the script holds
+        the robot on its path.
 
     Raises
     ------
     ScriptError
-        A call is refused, or the robot has stopped by a fault; tells file and line of the script.
+        A call is rejected, or a fault has stopped the robot; with file and line of the script.
     ParameterError, CellError
         Parameters or cell cannot be read.
 
@@ -107,7 +107,7 @@ def simulate(
         raise RunError(f'longest_s is {longest_s}, but must be positive')
     given = parameters if isinstance(parameters, Parameters) else load(of_run(_text(parameters)))
     if around is not None:
-        warnings.warn('around= of cell.simulate is now called cell=', DeprecationWarning, stacklevel=3)
+        warnings.warn('around= of cell.simulate is deprecated, use cell=', DeprecationWarning, stacklevel=3)
         if cell is not None:
             raise RunError('cell= and its former name around= are both given')
     link = SimulatedLink(

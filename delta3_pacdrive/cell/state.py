@@ -1,4 +1,4 @@
-"""What a script is told of its robot."""
+"""Robot state for scripts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,24 +8,24 @@ from delta3_pacdrive.motion.program import Point
 
 @dataclass(frozen=True)
 class State:
-    """A robot in a bus cycle: the newest one whose answers are evaluated.
+    """State of the robot in the latest bus cycle whose AT are evaluated.
 
     Attributes
     ----------
     cycle, time_s
-        Number of the bus cycle, and bus time since the script began [s].
+        Number of the bus cycle, and bus time since the start of the script [s].
     motion
         ``idle``, ``moving``, ``stopping`` or ``stopped``.
     position_m, command_m
-        Where the TCP is, and where it is commanded to be [m].
+        Actual and commanded TCP position [m].
     left_s
-        Time of motion left of what is ordered [s]; inf while the robot is held.
+        Remaining time of the ordered moves [s]; inf while the robot is held.
     outputs, inputs
-        By name.
+        Values by name.
     payload_kg
-        What the outputs have gripped.
+        Payload set by the outputs [kg].
     late
-        Decisions that have taken effect later than they should; none without a clock.
+        Number of decisions that took effect late; 0 without a clock.
 
     """
 

@@ -1,4 +1,4 @@
-"""Values of calls: as a program file would hold them, and numbers within limits."""
+"""Conversion and range checks of argument values."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,12 +7,12 @@ import numpy as np
 
 from delta3_pacdrive.errors import ProgramError, shown
 
-TIMEOUT_S = 10.0  # of a wait for an input, or for a part
-TIME_MAX_S = 3600.0  # of a wait
+TIMEOUT_S = 10.0  # default timeout for inputs and parts
+TIME_MAX_S = 3600.0  # maximum time of a wait
 
 
 def plain(value: Any) -> Any:
-    """Return what a program file would hold: lists instead of tuples and arrays, numbers instead of those of numpy."""
+    """Convert tuples, arrays and numpy numbers to the plain types of a program file."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -23,7 +23,7 @@ def plain(value: Any) -> Any:
 
 
 def number(name: str, value: Any, low: float, high: float, unit: str = '') -> float:
-    """Return a number within limits; raises ProgramError for anything else."""
+    """Check that a value is a number within limits; raises ProgramError."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
         raise ProgramError(f'{name} is {shown(value)}, but must be a number')
     if not low <= value <= high:

@@ -159,7 +159,7 @@ def test_who_waits_for_moves_that_are_held_is_refused(robot):
 
     error, _ = told(script, robot)
     assert error.code == Code.STATE
-    assert re.search('wait: the robot is held, so that its moves never end: resume it first', str(error))
+    assert re.search('wait: the robot is held, so its moves cannot finish: resume it first', str(error))
 
 
 def test_a_script_that_dies_leaves_the_robot_in_a_stop_on_its_path(robot):
@@ -180,7 +180,7 @@ def test_a_script_that_dies_leaves_the_robot_in_a_stop_on_its_path(robot):
 
 
 def test_there_is_no_trace_before_the_end(robot):
-    with cell.simulate(robot) as called, pytest.raises(RunError, match='once the script has ended'):
+    with cell.simulate(robot) as called, pytest.raises(RunError, match='after the script has ended'):
         _ = called.trace
 
 

@@ -141,8 +141,8 @@ def test_a_file_that_exists_is_replaced_on_request_only(tmp_path, capsys):
     [
         (['trace'], 'trace requires a RECORDING and --output FILE'),
         (['trace', 'run.npz'], 'trace requires a RECORDING and --output FILE'),
-        (['urdf', 'run.npz'], 'a recording is for trace, not for urdf'),
-        (['mjcf', '--from', '1'], '--from is for trace, not for mjcf'),
+        (['urdf', 'run.npz'], 'a recording applies to trace, not to urdf'),
+        (['mjcf', '--from', '1'], '--from applies to trace, not to mjcf'),
         (['urdf', '--every', '2'], '--every is for trace, not for urdf'),
         (
             ['trace', 'run.npz', '--output', 'a.csv', '--parameters', 'rich'],

@@ -123,7 +123,7 @@ def test_compare_says_that_a_trace_is_what_its_program_gives(trace, capsys):
 def test_parameters_for_a_recording_that_tells_its_own_are_refused(arguments, trace, here, capsys):
     capsys.readouterr()
     assert main([*arguments, '--parameters', 'rich']) == 1
-    sentence = 'error: --parameters is rich, but a.npz tells the parameters of its robot itself\n'
+    sentence = 'error: --parameters is rich, but a.npz contains the parameters of its robot\n'
     assert capsys.readouterr().err == sentence
     assert [path.name for path in here.iterdir()] == ['a.npz']
 
@@ -137,7 +137,7 @@ def test_a_gap_in_one_of_two_runs_is_told(here, trace, capsys):
     assert main(['compare', 'a.npz', 'b.npz', '--to', '99']) == 0
     told = capsys.readouterr().out
     assert 'all signals are bit-identical in the common cycles' in told
-    assert '5 cycles were not compared: only one of the two has them' in told
+    assert '5 cycles were not compared: they are in one run only' in told
 
 
 def test_plot_tells_the_starts_of_a_trace_that_does_not_tell_its_own(here, capsys):
@@ -211,7 +211,7 @@ def test_numbers_that_nothing_could_be_computed_from_are_refused(command, name, 
         (['report', 'a', '--from', '2', '--to', '1'], '--from is 2, but must be less than --to, 1'),
         (['report', 'a', 'b', '--parameters', ',,'], '--parameters names 3 files, but there are 2 runs'),
         (['report', 'a', '--parameters', 'b,c'], '--parameters names 2 files, but there is 1 run'),
-        (['report', *'abcde'], 'a page takes at most 4 runs, not 5'),
+        (['report', *'abcde'], 'a report takes at most 4 runs, not 5'),
     ],
 )
 def test_options_that_do_not_fit_are_a_usage_error(arguments, sentence, capsys):

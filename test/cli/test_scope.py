@@ -122,10 +122,7 @@ def test_normal_numbers_its_records_and_old_ones_are_replaced_only_on_request(ca
     result = simulated(capsys, *options)
     assert [row['files'] for row in result['scope']] == [['s_1.csv'], ['s_2.csv']]
     assert {row['decimation'] for row in result['scope']} == {4}
-    assert (
-        's_1.csv: it exists; --overwrite replaces it'
-        in simulated(capsys, *options, status=1)['error']
-    )
+    assert 's_1.csv: it exists; --overwrite replaces it' in simulated(capsys, *options, status=1)['error']
     assert len(simulated(capsys, *options, '--overwrite')['scope']) == 2
 
 
@@ -140,7 +137,7 @@ def test_normal_numbers_its_records_and_old_ones_are_replaced_only_on_request(ca
         (('--scope', 'axis1.current', '--duration', '100'), 'the limit is 1000000: choose a lower rate'),
         (
             ('--scope', 'axis1.current', '--trigger', 'fault'),
-            'the trigger never came: a fault of a drive was awaited until the end of the run',
+            'no trigger: a fault of a drive did not occur until the end of the run',
         ),
     ],
 )

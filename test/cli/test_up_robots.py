@@ -56,7 +56,7 @@ def test_the_table_has_a_row_of_each_robot_and_says_what_it_does_or_waits_for():
         (['--shared-clock'], '--shared-clock requires --robots with two or more'),
         (['--robots', '1', '--shared-clock'], '--shared-clock requires --robots with two or more'),
         (['--robots', '2', '--separate-processes', '--single-process'], 'exclude each other'),
-        (['--robots', '3', '--view-port', '65534'], 'the page of the last robot would need port 65536'),
+        (['--robots', '3', '--view-port', '65534'], 'the page of the last robot would require port 65536'),
     ],
 )
 def test_what_does_not_fit_several_robots_is_refused(arguments, sentence, capsys):

@@ -67,7 +67,7 @@ def test_a_page_needs_viser(capsys, monkeypatch):
         (['--port', '70000'], '--port is 70000, but must be between 1 and 65535'),
         (
             ['experiment1', '--columns', 'a.yaml'],
-            '--columns requires a table of measurements, experiment1 is none',
+            '--columns requires a table of measurements, but experiment1 is not one',
         ),
         (
             ['--columns', 'a.yaml'],

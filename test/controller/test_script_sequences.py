@@ -99,7 +99,7 @@ class Sequence:
     def give_up(self):
         """End the script as one that dies does."""
         script, self.script = self.script, None
-        script.give_up()
+        script.abort()
         return self.node.ask(LEAVE)[0]
 
     def ask(self):

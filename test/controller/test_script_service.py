@@ -221,7 +221,7 @@ def test_a_script_that_asks_again_waits_for_the_newest_alone(node, called):
 def test_a_script_does_not_begin_on_a_robot_that_is_held(node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
-    called.give_up()
+    called.abort()
     node.ask(LEAVE)
     reason, _ = node.ask(ATTACH)
     assert reason.code is Code.STATE
@@ -231,7 +231,7 @@ def test_a_script_does_not_begin_on_a_robot_that_is_held(node, called):
 def test_what_a_planner_drives_and_somebody_holds_can_be_resumed_before_a_script_begins(robot, node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
-    called.give_up()
+    called.abort()
     node.ask(LEAVE)
     node.controller.planners.receive_announcement(node.identity, Identity.of(robot))  # it was the planner's
     node.controller.orders.receive_heartbeat(node.identity, node.bus.session, 1, 0.0)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.cell.link import Seen
+from delta3_pacdrive.cell.link import Snapshot
 from delta3_pacdrive.controller.belt_axes import belts_text
 from delta3_pacdrive.controller.control import Operator
 from delta3_pacdrive.controller.cyclic_operation import Timing
@@ -183,12 +183,14 @@ class ScriptBus:
                 self.controller.cycles.take(index, cycle, content, 0)
         return True
 
-    def look(self) -> Seen:
+    def poll(self) -> Snapshot:
         gate, answer = self.controller.gate, self.controller.task.answer
         commanded = gate.command_of(gate.cycle)
         command, actual = (tuple(answer[name].tolist()) for name in ('tcp_command', 'tcp_actual'))
         motion = self.controller.state.motion
-        return Seen(gate.cycle, motion, command, actual, commanded.outputs, commanded.payload_kg, 0, command)
+        return Snapshot(
+            gate.cycle, motion, command, actual, commanded.outputs, commanded.payload_kg, 0, command
+        )
 
     @staticmethod
     def _require(reason: Reason | None) -> None:

@@ -234,7 +234,7 @@ def test_noise_that_would_make_the_page_too_large_is_rounded_more(one):
 def test_too_many_or_too_long_runs_are_refused_in_one_sentence(one):
     from dataclasses import replace
 
-    with pytest.raises(ReportError, match=r'^a page takes at most 4 runs, not 5$'):
+    with pytest.raises(ReportError, match=r'^a report takes at most 4 runs, not 5$'):
         page.page([one] * 5, ORIGIN)
     long = replace(one, window=replace(one.window, time_s=one.window.time_s * 100.0))
     with pytest.raises(

@@ -273,7 +273,10 @@ def test_a_file_that_holds_no_gains_is_refused(text, tmp_path):
             '--apply without --propose takes the gains from the output folder',
         ),
         (('--apply', '--payload', '1'), 'it takes no --payload'),
-        (('--apply', '--propose', '--set', 'K_Ppos=80'), '--propose cannot be combined with --set or --sweep'),
+        (
+            ('--apply', '--propose', '--set', 'K_Ppos=80'),
+            '--propose cannot be combined with --set or --sweep',
+        ),
         (
             ('--apply', '--propose', '--recording', 'x.npz'),
             '--apply cannot be combined with --recording',

@@ -503,7 +503,10 @@ def test_options_of_an_excitation_change_what_they_say(tmp_path, capsys):
         (['--place', 'position'], '--place, --noise and --seed require --excite'),
         (['--noise', '1'], '--place, --noise and --seed require --excite'),
         (['--excite', 'x.npz', '--exchange-period', '1e-3'], 'it takes no --exchange-period'),
-        (['--excite', 'x.npz', '--set', 'K_Pvel=1'], 'cannot be combined with --recording, --set, --sweep or --propose'),
+        (
+            ['--excite', 'x.npz', '--set', 'K_Pvel=1'],
+            'cannot be combined with --recording, --set, --sweep or --propose',
+        ),
         (['--axis', '5'], 'invalid choice'),
         (['--noise', '-1', '--excite', 'x.npz'], "'-1' must be a number between 0 and 1000"),
         (['--seed', '-1', '--excite', 'x.npz'], "'-1' must be a whole number between 0"),
