@@ -1,8 +1,4 @@
-"""``delta3 bench cell``: a robot picks from a belt, at several speeds of it and rates of parts: how many, and how well.
-
-Two numbers say where it begins to miss parts: how long it takes from one part to the next, and how long a part stays in
-the window, beside how long the work on it takes.
-"""
+"""``delta3 bench cell``: throughput and accuracy of picking from a belt at several belt speeds and part rates."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -26,44 +22,27 @@ SPEEDS_M_S = (0.3, 0.6, 1.0, 1.5)
 RATES_PER_MIN = (30.0, 50.0, 70.0, 100.0)
 SECONDS = 12.0
 WINDOW_M = (0.45, 1.1)
-SPACING_MIN_M = 0.07  # of parts that are 60 mm long
+SPACING_MIN_M = 0.07  # parts are 60 mm long
 QUICK = {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
 GRIP_S, RELEASE_S = 0.04, 0.02
 TRAY_MM, ABOVE_MM, TOP_MM = [0, -200, -850], 40, 20
-MISSES_SHARE = 0.99  # of the parts: who picks fewer misses some
+MISSES_SHARE = 0.99  # below this picked share, the robot misses parts
 MM = 1e3
 
 
 @dataclass(frozen=True)
 class Row:
-    """A belt at a speed with parts at a rate has these figures.
-
-    Attributes
-    ----------
-    speed_m_s, rate_per_min
-        Of the belt, and of the parts that come.
-    picked, offered
-        Parts placed, and those that were there to be picked.
-    picks_per_min
-        From the first part that was placed to the last one; None with fewer than two.
-    cycle_s
-        Shortest time from one part to the next: what the robot needs; None with fewer than two.
-    error_rms_m, error_max_m
-        Beside the middle of a part when it is taken; None without one.
-    stay_s
-        How long a part is in the window.
-
-    """
+    """Figures at one belt speed and part rate."""
 
     speed_m_s: float
     rate_per_min: float
     picked: int
     offered: int
-    picks_per_min: float | None
-    cycle_s: float | None
-    error_rms_m: float | None
+    picks_per_min: float | None  # from the first to the last placed part
+    cycle_s: float | None  # shortest time between two placed parts
+    error_rms_m: float | None  # distance from the centre of the part when gripped
     error_max_m: float | None
-    stay_s: float
+    stay_s: float  # time of a part in the window
 
     @property
     def share(self) -> float:
@@ -72,7 +51,7 @@ class Row:
 
 
 def belt_cell(speed_m_s: float, rate_per_min: float, seconds: float) -> Cell:
-    """Return the cell: a belt along x with a light barrier and parts at a rate, and a tray beside it."""
+    """Return a cell with a belt along x, a light barrier, parts at a rate, and a tray."""
     spacing_m = speed_m_s * 60.0 / rate_per_min
     count = int(seconds * rate_per_min / 60.0) + 2
     line = {
@@ -98,7 +77,7 @@ def belt_cell(speed_m_s: float, rate_per_min: float, seconds: float) -> Cell:
 
 
 def pick(robot: Simulation) -> bool:
-    """Pick the next part and place it; return whether it could be met. Raises WaitTimeoutError if none comes."""
+    """Pick and place the next part; return whether it could be reached. Raises WaitTimeoutError without parts."""
     part = robot.part('line', timeout_s=3.0)
     try:
         with robot.track('line', part, **QUICK):
@@ -118,7 +97,7 @@ def pick(robot: Simulation) -> bool:
 
 
 def run_row(speed_m_s: float, rate_per_min: float, seconds: float, parameters: Parameters) -> Row:
-    """Let the robot pick for a time [s] of the bus; return the figures."""
+    """Pick parts for a bus time [s]; return the figures."""
     tried = 0
     with simulate(parameters, cell=belt_cell(speed_m_s, rate_per_min, seconds), name='bench cell') as robot:
         try:
@@ -126,7 +105,7 @@ def run_row(speed_m_s: float, rate_per_min: float, seconds: float, parameters: P
                 pick(robot)
                 tried += 1
         except WaitTimeoutError:
-            pass  # no part comes any more
+            pass  # no more parts
         left = robot.belt('line').left
     report, cycle_s = robot.trace.meta['cell'], parameters.bus.cycle_time_s
     placed = [one for one in report['parts'] if one['outcome'] == 'placed']
@@ -152,10 +131,10 @@ def measure(
     seconds: float = SECONDS,
     show: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> dict[str, Any]:
-    """Return the figures of each speed and rate, and what limits the robot at each speed.
+    """Return the figures of each speed and rate, and the throughput limit at each speed.
 
-    ``show`` takes what is driven next, and how many of how many are done. Parts nearer to each other than they are long
-    are left out.
+    ``show`` receives the present case, and the number of completed and of all cases. Cases with overlapping parts are
+    skipped.
     """
     parameters = load(MODEL_CONTROLLER)
     cases = [
@@ -178,28 +157,28 @@ def measure(
 
 
 def limit_of(speed: float, rows: Sequence[Row], seconds: float) -> dict[str, Any]:
-    """Return what limits the robot at one speed of the belt: the time from part to part, and the sentence about it."""
+    """Return the throughput limit at one belt speed: the cycle time, and a sentence."""
     cycles = [row.cycle_s for row in rows if row.cycle_s is not None]
     if not cycles:
         return {'speed_m_s': speed, 'sentence': f'at {speed:g} m/s no two parts were picked'}
     cycle_s = min(cycles)
     most = 60.0 / cycle_s
     missed = [row.rate_per_min for row in rows if row.share < MISSES_SHARE]
-    begins = f'misses parts from {min(missed):g} a minute on' if missed else 'misses none'
+    misses = f'misses parts from {min(missed):g} per minute' if missed else 'misses no parts'
     return {
         'speed_m_s': speed,
         'cycle_s': cycle_s,
         'picks_per_min_max': most,
         'stay_s': rows[0].stay_s,
         'sentence': (
-            f'at {speed:g} m/s the robot needs {cycle_s:.3f} s from one part to the next, {most:.1f} a minute; a part '
-            f'stays {rows[0].stay_s:.2f} s in the window: in {seconds:g} s it {begins}'
+            f'at {speed:g} m/s the robot takes {cycle_s:.3f} s per part, {most:.1f} per minute; a part stays '
+            f'{rows[0].stay_s:.2f} s in the window: in {seconds:g} s it {misses}'
         ),
     }
 
 
 def text(result: dict[str, Any]) -> list[str]:
-    """Return the figures as lines: one for each speed and rate, then what limits the robot at each speed."""
+    """Return the figures as lines: one for each speed and rate, then the limit at each speed."""
     lines = [f'{"belt":>9} {"parts/min":>10} {"picks/min":>10} {"picked":>8} {"rms":>9} {"max":>9}']
     for row in result['rows']:
         rate = '-' if row['picks_per_min'] is None else f'{row["picks_per_min"]:.1f}'
@@ -221,17 +200,17 @@ def table(result: dict[str, Any]) -> Table:
 
 
 def drawings(result: dict[str, Any]) -> Drawings:
-    """Return what draws each figure, by file name."""
+    """Return the drawing functions by file name."""
     return {'picks.png': partial(picks, result), 'errors.png': partial(errors, result)}
 
 
 def picks(result: dict[str, Any]) -> 'Figure':
-    """Picks a minute and picked share over the rate of the parts, for each speed of the belt."""
+    """Plot picks per minute and picked share over the part rate for each belt speed."""
     return _over_rate(result, (('picks_per_min', 1.0, 'picks [1/min]'), ('share', 100.0, 'picked [%]')))
 
 
 def errors(result: dict[str, Any]) -> 'Figure':
-    """How far beside its middle a part is taken, over the rate of the parts, for each speed of the belt."""
+    """Plot the gripping error over the part rate for each belt speed."""
     return _over_rate(
         result, (('error_rms_m', MM, 'rms error [mm]'), ('error_max_m', MM, 'largest error [mm]'))
     )

@@ -1,4 +1,4 @@
-"""Work on a belt in a script, from getting on to leaving."""
+"""Blocks of work on a belt, from entering to leaving it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -25,14 +25,14 @@ from delta3_pacdrive.motion.program import Dwell, MoveL, Output, PathMove, Point
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.parameters.records import Motion as MotionLimits
 
-LIMIT_MAX = 1e6  # of accelerations and jerks
+LIMIT_MAX = 1e6  # upper bound of acceleration and jerk limits
 INCREMENT_MAX_M = 20e-6
-STAND_S = 0.002  # of a dwell instead of a move to where the plan stands
+STAND_S = 0.002  # duration of the dwell that replaces a first move of length 0
 
 
 @dataclass
 class Block:
-    """Work on a belt, from getting on to leaving."""
+    """Work on a belt, from entering to leaving it."""
 
     belt: int
     part: QueuedPart
@@ -42,29 +42,29 @@ class Block:
     place: ScriptPlace
     begun: bool = False
     closed: bool = False
-    stopped: bool = False  # somebody has stopped the robot, which goes with the belt no longer
-    stands: bool = False  # its first move leads to where the plan stands already
+    stopped: bool = False  # another client has stopped the robot, which no longer moves with the belt
+    stands: bool = False  # the first move has length 0
 
     @property
     def reference_m(self) -> float:
-        """Where along the belt the plan has the part [m]: in the middle of the window."""
+        """Planned position of the part along the belt [m]: the middle of the window."""
         return 0.5 * (self.window.begin_m + self.window.end_m)
 
     def begun_at(self, start_m: Point, batch: Sequence[Written]) -> list[Written]:
-        """Return the work for a plan that stands somewhere [m]: a first move to there is a dwell."""
+        """Return the statements of the block, with a first move of length 0 replaced by a dwell."""
         n, first = next((n, one) for n, (one, _) in enumerate(batch) if not isinstance(one, Output))
         self.stands = isinstance(first, MoveL) and math.dist(first.to.point_m, start_m) < COINCIDENT_M
         standing = [(Dwell(STAND_S), batch[n][1])] if self.stands else [batch[n]]
         return [*batch[:n], *standing, *batch[n + 1 :]]
 
     def first_s(self, plan: Plan) -> float:
-        """Return when the first move of the work ends, in its plan [s]."""
+        """Return the end of the first move in the plan [s]."""
         return STAND_S if self.stands else first_moved_s(plan)
 
 
 @dataclass(frozen=True)
 class Leaving:
-    """The robot is to leave a belt in a bus cycle: how what goes with it goes to 0, as far as is known."""
+    """Expected motion of the robot off a belt, starting in a bus cycle: the belt offset decays to 0."""
 
     cycle: int
     belt: int
@@ -72,14 +72,12 @@ class Leaving:
 
 
 def check_block(batch: Sequence[Written], closed: bool) -> None:
-    """Refuse work on a belt that does not begin, or end, with an exact move."""
+    """Raise ProgramError if the work on a belt does not start and end with an exact move."""
     moving = [one for one, _ in batch if not isinstance(one, Output)]
     if not moving or not isinstance(moving[0], PathMove):
-        raise ProgramError(
-            'track: the first thing to do on a belt must be a move, above the part: it gets on the belt'
-        )
+        raise ProgramError('track: the first statement on a belt must be a move to a point above the part')
     if moving[0].blend_m > 0.0:
-        raise ProgramError('track: the first move on a belt gets on it, and cannot have a blend')
+        raise ProgramError('track: the first move on a belt cannot have a blend')
     last = moving[-1]
     if closed and isinstance(last, PathMove) and last.blend_m > 0.0:
         raise ProgramError('track: the last move on a belt cannot have a blend')
@@ -94,10 +92,10 @@ def require_way_out(
     parameters: Parameters,
     rate: float,
 ) -> None:
-    """Refuse work on a belt that nobody could end: no move may follow, or the script may be too late with it.
+    """Raise ProgramError if the robot could not leave the belt within its limits without a further move.
 
-    Behind a whole block the robot leaves from where its plan ends, driven at a rate; an open one may last until the
-    window ends. ``along_m`` is what is added there in the direction of the belt [m], ``speed_m_s`` that of the belt.
+    After a closed block the robot leaves from the end of the plan. An open block may last until the end of the window.
+    ``along_m`` is the belt offset at the end of the plan [m], ``rate`` the override.
     """
     limits = block.limits
     if block.closed:
@@ -116,22 +114,22 @@ def require_way_out(
             rate,
         )
     except ProgramError as error:
-        how = 'leaves the belt behind the work' if block.closed else 'stops where the window ends'
-        raise ProgramError(f'track: no move follows, so that the robot {how}: {error}') from None
+        how = 'leaves the belt after the work' if block.closed else 'stops at the end of the window'
+        raise ProgramError(f'track: if no move follows, the robot {how}: {error}') from None
 
 
 def require_fine(belt: BeltAxes) -> None:
-    """Refuse work on a belt whose encoder is so coarse that its increments shake the robot."""
+    """Raise RefusedError if the encoder of the belt is too coarse for smooth set points."""
     increment_m = 1.0 / belt.increments_per_m
     if increment_m > INCREMENT_MAX_M:
         raise belt_error(
             f'track: an increment of the encoder of belt {belt.name} is {1e6 * increment_m:.0f} um, but must be '
-            f'at most {1e6 * INCREMENT_MAX_M:.0f} um, as its rounding goes into the set points'
+            f'at most {1e6 * INCREMENT_MAX_M:.0f} um, because its rounding affects the set points'
         )
 
 
 def limits_of(keys: Mapping[str, Any], motion: MotionLimits) -> tuple[TrackLimits, float]:
-    """Return the limits of getting on and leaving, and the time-out of a part [s]; raises ProgramError."""
+    """Return the limits for entering and leaving a belt, and the timeout for a part [s]; raises ProgramError."""
     given = {
         'speed_m_s': motion.speed_max_m_s,
         'acceleration_m_s2': motion.acceleration_max_m_s2,
@@ -155,5 +153,5 @@ def limits_of(keys: Mapping[str, Any], motion: MotionLimits) -> tuple[TrackLimit
 
 
 def belt_error(sentence: str) -> RefusedError:
-    """Return the refusal of what cannot be done on a belt."""
+    """Return an error with ``Code.BELT``."""
     return RefusedError(Reason(Code.BELT, sentence))

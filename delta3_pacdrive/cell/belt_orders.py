@@ -1,4 +1,4 @@
-"""What a script orders where there are belts: getting on, work that goes with a part, leaving, coming back to it."""
+"""Orders of a script with belts: entering a belt, work in the frame of a part, leaving, resuming after a hold."""
 
 import math
 from contextlib import suppress
@@ -36,55 +36,41 @@ from delta3_pacdrive.motion.program import Dwell, Output
 from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.sercos.bus_time import NEVER
 
-LATE_CYCLES = 2  # before the last moment at which work on a belt can follow the moves before it
+LATE_CYCLES = 2  # margin before the last cycle in which work on a belt can follow the preceding moves
 APART_CYCLES = 2
 ABANDON_TRIES = 2
-SURE_S = 0.01  # of a wait that is not decided anew
-CLOCK_CYCLES = 30  # from a decision about a belt to its order, beside the time that orders take: with a clock
+SURE_S = 0.01  # a shorter wait for a part is not decided again
+CLOCK_CYCLES = 30  # from a belt decision to its order with a clock, in addition to the time of the order
 
 
 class BeltOrders(ScriptOrders):
-    """The orders of one script, with the belts on the bus.
-
-    Parameters
-    ----------
-    link
-        To the robot.
-    name
-        Of the script.
-
-    Attributes
-    ----------
-    block
-        The work on a belt that the script notes, None beside every belt.
-
-    """
+    """The orders of one script with belts."""
 
     def __init__(self, link: Link, name: str) -> None:
         super().__init__(link, name)
-        self.block: Block | None = None
-        self._working: Block | None = None  # the last one
+        self.block: Block | None = None  # open block of the script; None outside track
+        self._working: Block | None = None  # latest block
         self._leaving: Leaving | None = None
-        self._override_max = math.inf  # with which the TCP keeps its speed limit on the belt
-        self._on_belt_cycle: float | None = None  # in which it is to get on, on a bus with a clock
+        self._override_max = math.inf  # limited by the TCP speed on the belt
+        self._on_belt_cycle: float | None = None  # planned cycle to enter the belt, with a clock
 
     # work on a belt ---------------------------------------------------------------------------------------------------
 
     def begin(self, block: Block) -> None:
-        """Take what is noted from now on for work on a belt."""
+        """Open a block: the following statements are work on a belt."""
         self.block = self._working = block
 
     def close(self, block: Block) -> None:
-        """Order the rest of the work; the robot leaves the belt behind it."""
+        """Close a block: send the remaining work, after which the robot leaves the belt."""
         block.closed = True
         if block.begun:
             self.batch.append((Output(TRACK, 0.0), block.place))
         elif not self.batch:
-            raise belt_error('track: there is nothing to do on the belt')
+            raise belt_error('track: the block contains no moves')
         self.order()
 
     def cancel_work(self, error: Exception) -> None:
-        """Give up the work that is noted, for what has happened: the robot stands beside the belt if it was on it."""
+        """Cancel the queued work after an error; a robot on the belt stops next to it."""
         self.batch.clear()
         by_fault = isinstance(error, ScriptError) and error.code is Code.FAULT
         if self.block is not None and self.block.begun and not by_fault:
@@ -99,15 +85,13 @@ class BeltOrders(ScriptOrders):
             if block is None:
                 self._delay_until_off_belt(tracking)
             elif block.stopped:
-                raise belt_error(
-                    'the robot was stopped, and goes with its belt no longer: there is nothing to do there'
-                )
+                raise belt_error('the robot was stopped and no longer moves with its belt')
             elif not block.begun:
                 self._get_on(block, tracking)
             else:
                 self._require_later(block, tracking)
         except Delta3Error:
-            self.batch.clear()  # what is refused is not ordered later
+            self.batch.clear()  # do not send rejected statements later
             raise
         super()._order_batch()
         if block is not None:
@@ -117,7 +101,7 @@ class BeltOrders(ScriptOrders):
         return None
 
     def _get_on(self, block: Block, tracking: BeltKnowledge) -> None:
-        """Put getting on before what is noted, as soon as the part is near enough."""
+        """Wait until the part is close enough, and prepend the entry to the belt to the batch."""
         check_block(self.batch, block.closed)
         self.ready()
         if self.held:
@@ -125,9 +109,8 @@ class BeltOrders(ScriptOrders):
         nearly = self.parameters.decision_cycles + LATE_CYCLES
         self.wait_for_moves(nearly)
         latest = self._link.poll().cycle + self.cycles_of(block.timeout_s)
-        backwards = (
-            NEVER  # since then; one that has just come to rest is expected for a while to go on braking
-        )
+        # cycle since which the belt runs backwards; a belt that has just stopped is predicted to for a while
+        backwards = NEVER
         planned: Planned | None = None
         cycle_s = self.parameters.bus.cycle_time_s
         while True:
@@ -135,7 +118,7 @@ class BeltOrders(ScriptOrders):
             if planned is None:
                 batch = block.begun_at(self.moves.plan_end_m or seen.planned_m, self.batch)
                 planned = self.moves.preview(batch, seen.planned_m, seen.turn_rad)
-                seen = self.seen()  # a clock has gone on
+                seen = self.seen()  # with a clock, planning has taken bus time
             timeline = self.moves.timeline
             begin = seen.cycle + self.parameters.decision_cycles + self._clock_cycles
             begin = begin if timeline is None else max(begin, timeline.end_cycle)
@@ -148,18 +131,18 @@ class BeltOrders(ScriptOrders):
             if isinstance(found, Miss) and reason is not MissReason.NOT_COMING and not settles:
                 raise belt_error(f'belt {tracking.belts[block.belt].name}: {found.sentence}')
             if seen.cycle >= latest:
-                why = found.sentence if isinstance(found, Miss) else 'the part has not come to the window'
+                why = found.sentence if isinstance(found, Miss) else 'the part has not reached the window'
                 raise WaitTimeoutError(
                     Reason(Code.TIMEOUT, f'track: {why}: not within {block.timeout_s:g} s')
                 )
             wait_s = found.wait_s if isinstance(found, Meeting) else SURE_S
             self.go_to(seen.cycle + max(1, int(0.5 * wait_s / cycle_s)))
         self._require_bearable(planned, found, block, tracking)
-        # on a clock nobody knows yet when the order will count: as much of the wait is left then as there is
+        # with a clock, the cycle in which the order takes effect is unknown: _on_time shortens the wait
         self._on_belt_cycle = begin + found.wait_s / cycle_s if self._clock_cycles else None
         rate = self.moves.override
         ahead: list[Written] = []
-        # between leaving one belt and getting on the next the controller has to see that the robot leaves
+        # the controller must detect the end of the preceding belt before the next one
         wait_s = max(found.wait_s, 0.0 if self._leaving is None else APART_CYCLES * cycle_s)
         if wait_s > 0.5 * cycle_s:
             ahead.append((Dwell(wait_s * rate), block.place))
@@ -174,12 +157,12 @@ class BeltOrders(ScriptOrders):
 
     @property
     def _clock_cycles(self) -> int:
-        """How much later an order will count on a bus with a clock, as far as is known; 0 without one."""
+        """Expected additional delay of an order on a bus with a clock; 0 without a clock."""
         extra = self._link.extra_cycles
         return extra + CLOCK_CYCLES if extra else 0
 
     def _on_time(self, batch: list[Written], cycle: int) -> list[Written]:
-        """Let the robot wait only as long as is left until it is to get on its belt."""
+        """Return the batch with the wait shortened to the planned entry of the belt."""
         due, timeline, block = self._on_belt_cycle, self.moves.timeline, self.block
         if due is None or block is None:
             return batch
@@ -204,7 +187,7 @@ class BeltOrders(ScriptOrders):
         )
 
     def _offset_at(self, tracking: BeltKnowledge, cycle: float) -> Motion:
-        """Return what is added to the plan in a bus cycle, once the robot leaves, or has left, its last belt."""
+        """Return the belt offset in a bus cycle during or after the robot leaves its last belt."""
         last = self._leaving
         if last is None:
             return Motion(ZERO)
@@ -227,7 +210,7 @@ class BeltOrders(ScriptOrders):
         require_way_out(planned.plan, block, belt, on_it.place[0], found.speed_m_s, self.parameters, rate)
 
     def _require_later(self, block: Block, tracking: BeltKnowledge) -> None:
-        """Refuse what the robot does not bear on the belt that it is on, at the speed that this has."""
+        """Raise ProgramError if further work exceeds limits at the present belt speed."""
         batch, timeline = self.batch, self.moves.timeline
         stands = all(isinstance(one, Output) for one, _ in batch)
         if timeline is None or self.held or (stands and not block.closed):
@@ -250,7 +233,7 @@ class BeltOrders(ScriptOrders):
         require_way_out(planned.plan, block, belt, along_m, there.speed_m_s, self.parameters, rate)
 
     def _note_leaving(self, block: Block, tracking: BeltKnowledge, cycle: int | None) -> None:
-        """Note when and how the robot will leave the belt, as far as is known."""
+        """Record when and how the robot is expected to leave the belt."""
         timeline = self.moves.timeline
         if timeline is None:
             return
@@ -280,18 +263,18 @@ class BeltOrders(ScriptOrders):
         return left_s < last.way.duration_s
 
     def change(self, override: float) -> None:
-        """Drive on with an override, 1 = as planned, also after ``hold``."""
+        """Continue with an override, 1 = as planned, also after ``hold``."""
         super().change(override)
         block, tracking = self._working, self._link.tracking
         if block is None or tracking is None or not block.closed or self.held:
             return
-        # with another speed the plan leaves its belt in another cycle
+        # the override changes the cycle in which the plan leaves its belt
         leaves = self.moves.leaves_belt_in(self._link.poll().cycle)
         if leaves is not None:
             self._note_leaving(block, tracking, leaves)
 
     def _delay_until_off_belt(self, tracking: BeltKnowledge) -> None:
-        """Let moves behind a belt begin so late that the robot has left it before the first of them ends."""
+        """Delay the moves after a belt so that the robot has left it before the first of them ends."""
         last, batch = self._leaving, self.batch
         if last is None or all(isinstance(one, Output) for one, _ in batch):
             return
@@ -318,7 +301,7 @@ class BeltOrders(ScriptOrders):
     def _come_to_rest(self) -> None:
         tracking = self._link.tracking
         if tracking is not None:
-            self.go_to(tracking.rest_cycle)  # from where it gets on again is known once it stands
+            self.go_to(tracking.rest_cycle)  # the return path starts from rest
 
     def _resume_cycle(self, cycle: int) -> int:
         tracking, block = self._link.tracking, self._working
@@ -330,7 +313,7 @@ class BeltOrders(ScriptOrders):
             done = block.part.along_m + there.way_m + there.speed_m_s * self._left_on_belt_s(cycle)
             if done > block.window.end_m:
                 raise belt_error(
-                    f'resume: the part would be done with at {1e3 * done:.1f} mm of belt '
+                    f'resume: the work would end at {1e3 * done:.1f} mm of belt '
                     f'{tracking.belts[block.belt].name}, but the window ends at {1e3 * block.window.end_m:.1f} mm'
                 )
         return continues
@@ -348,26 +331,26 @@ class BeltOrders(ScriptOrders):
         self._link.get_on_again(cycle)
         return continues
 
-    # giving up --------------------------------------------------------------------------------------------------------
+    # end --------------------------------------------------------------------------------------------------------------
 
     def abort_work(self) -> None:
-        """Give up work on a belt, and all that is noted: the robot stands beside the belt."""
+        """Cancel the work on a belt and clear the queue; the robot stops next to the belt."""
         self.batch.clear()
         self.block = self._leaving = None
         for _ in range(ABANDON_TRIES):
-            with suppress(RefusedError):  # somebody has stopped the robot meanwhile, or taken control of it
+            with suppress(RefusedError):  # another client may have stopped the robot or taken control
                 try:
                     seen = self._link.poll()
                     self._link.abandon(max(self.effect, seen.cycle + self.parameters.decision_cycles))
                     seen = self._link.poll()
                 except RunError:
-                    return  # a fault has stopped the robot meanwhile
+                    return  # a fault has stopped the robot
                 self.moves.clear(seen.payload_kg)
                 self.effect = seen.cycle
                 return
 
     def finish(self) -> None:
-        """Order what is noted, and let the bus go on until nothing is under way and the robot has left its belt."""
+        """Send the queued moves and run the bus until all motion has finished and the robot has left its belt."""
         super().finish()
         tracking, last = self._link.tracking, self._leaving
         if tracking is None or last is None:
@@ -384,7 +367,7 @@ class BeltOrders(ScriptOrders):
         self.go_to(now + self.parameters.in_position_cycles)
 
     def abort(self) -> int:
-        """Drop what is noted, stop on the path or on the belt, and let the bus go on until the robot stands."""
+        """Clear the queue and stop on the path or on the belt; return the cycle from which the robot is at rest."""
         tracking = self._link.tracking
         if tracking is None or tracking.free:
             return super().abort()

@@ -1,4 +1,4 @@
-"""The robot of a script that works on belts: parts that come, getting on, working there, leaving."""
+"""Robot interface for scripts that work on belts."""
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -16,42 +16,35 @@ from delta3_pacdrive.motion.program import Statement
 
 
 class BeltRobot(PartsRobot):
-    """A robot of a script, with the belts on its bus.
-
-    Parameters
-    ----------
-    link
-        To the robot.
-    name
-        Of the script.
-
-    """
+    """A robot controlled by a script, with belts."""
 
     def __init__(self, link: Link, name: str) -> None:
         self._work = BeltOrders(link, name)
         super().__init__(link, name, self._work)
 
-    # calls of scripts -------------------------------------------------------------------------------------------------
+    # calls ------------------------------------------------------------------------------------------------------------
 
     def track(
         self, belt: str, part: QueuedPart | None = None, **keys: Any
     ) -> AbstractContextManager[QueuedPart]:
-        """Work on a belt: moves in this block are in the frame of a part, and go with it; behind it the robot leaves.
+        """Return a context for work on a belt: moves in the block are in the frame of a part and follow it.
+
+        The robot leaves the belt at the end of the block.
 
         Parameters
         ----------
         belt
-            Its name.
+            Name of the belt.
         part
-            On it, from ``part``; None: the next one.
+            Part from ``part`` or ``slot``; default: the next part.
         keys
-            ``speed_m_s``, ``acceleration_m_s2`` (at least 4) and ``jerk_m_s3`` of getting on and leaving,
-            ``timeout_s`` of a part that does not come to the window.
+            ``speed_m_s``, ``acceleration_m_s2`` (at least 4) and ``jerk_m_s3`` for entering and leaving the belt;
+            ``timeout_s`` for the part to reach the window.
 
         Returns
         -------
         AbstractContextManager
-            Its block is the work; it gives the part.
+            Yields the part.
 
         """
         return self._tracked(of_caller(), belt, part, keys)
@@ -64,7 +57,7 @@ class BeltRobot(PartsRobot):
             tracking, n = self._belt(belt)
             if (present := self._work.block) is not None:
                 raise belt_error(
-                    f'track: the robot works on belt {tracking.belts[present.belt].name} already'
+                    f'track: the robot already works on belt {tracking.belts[present.belt].name}'
                 )
             require_fine(tracking.belts[n])
             window, (limits, timeout_s) = self._window(tracking, n), limits_of(keys, self.parameters.motion)
@@ -99,14 +92,14 @@ class BeltRobot(PartsRobot):
             return super()._read(kind, keys)
         belt = tracking.belts[block.belt]
         if kind == 'joints':
-            raise belt_error('joints: arm angles are no place on a belt: leave it first')
+            raise belt_error('joints: arm angles are not possible on a belt')
         origin = belt.place_m(block.reference_m, block.part.across_m)
         part = Frame.turned(origin, yaw_rad=belt.direction_rad, name='belt').in_base
         return self._maker.make(kind, keys, part)
 
     @contextmanager
     def _errors_at(self, place: ScriptPlace) -> Iterator[None]:
-        """Say where a call stands that is refused; a robot that could not stay on its belt gives up what is ordered."""
+        """Convert errors like the base class; cancel the work if the robot has lost its belt."""
         try:
             with super()._errors_at(place):
                 try:

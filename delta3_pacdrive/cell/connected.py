@@ -47,7 +47,7 @@ class ConnectedLink:
         return self._extra_cycles
 
     def poll(self) -> Snapshot:
-        """Return the state in the latest bus cycle whose AT are evaluated."""
+        """Return the state in the latest evaluated bus cycle."""
         if self._has_clock and time.monotonic() - self._seen_s > self.parameters.bus.cycle_time_s:
             self._take(self._node.look())
         return self._seen

@@ -1,4 +1,4 @@
-"""What a script has driven, move by move and output by output, in bus cycles: put together while its plans grow."""
+"""Log of the moves and output changes that a script has executed, in bus cycles."""
 
 from typing import Any
 
@@ -8,38 +8,27 @@ from delta3_pacdrive.motion.plan_times import path_length_m
 
 
 class MotionLog:
-    """The log of one script.
-
-    Parameters
-    ----------
-    cycle_time_s
-        Bus time of a cycle.
-
-    """
+    """The log of one script, updated with every change of the timeline."""
 
     def __init__(self, cycle_time_s: float) -> None:
         self._cycle_time_s = cycle_time_s
         self._timeline: Timeline | None = None
-        self._from = 0  # cycle from which on it is followed
-        self._moves: list[
-            tuple[str, int, int, float]
-        ] = []  # kind, first cycle, the one after its last, length
+        self._from = 0  # first cycle of the timeline
+        self._moves: list[tuple[str, int, int, float]] = []  # kind, first and end cycle, length
         self._events: list[tuple[int, int, float, float]] = []  # cycle, bit, value, payload
-        self._logged = 0  # events of the last move that are noted
-        self._continues = (
-            False  # whether the first move of the present timeline is the last one of that before
-        )
+        self._logged = 0  # number of logged events of the last move
+        self._continues = False  # whether the timeline starts within the last logged move
         self.start_cycle: int | None = None
 
     def follow(self, timeline: Timeline, cycle: int, continues: bool) -> None:
-        """Note that a timeline is followed from a bus cycle on; it goes on with the move before, or from rest."""
+        """Start to log a timeline from a bus cycle; ``continues``: it starts within the preceding move."""
         self.end(cycle)
         self._timeline, self._from, self._continues = timeline, cycle, continues
         if self.start_cycle is None:
             self.start_cycle = cycle
 
     def end(self, cycle: int) -> None:
-        """Note that what was followed ends before a bus cycle."""
+        """Log the moves of the present timeline up to a bus cycle (exclusive)."""
         timeline, first = self._timeline, self._from
         self._timeline = None
         if timeline is None or cycle <= first:
@@ -47,7 +36,7 @@ class MotionLog:
         stands = min(max(timeline.end_cycle, first + 1), cycle)
         begun, last = timeline.at(first).number, timeline.at(stands - 1).number
         if timeline.profile is not None and begun != timeline.profile.number:
-            self._continues = False  # the move before was at its end
+            self._continues = False  # the preceding move has ended
         for number in range(begun, last + 1):
             begin = max(timeline.first_cycle_in(number), first)
             end = stands if number == last else min(timeline.first_cycle_in(number + 1), stands)
@@ -72,7 +61,7 @@ class MotionLog:
 
     @staticmethod
     def _cycle_at(timeline: Timeline, number: int, place_m: float, begin: int, end: int) -> int:
-        """Return the first bus cycle in which the master is at a place of a move, ``end`` if that is not in it."""
+        """Return the first bus cycle in which the master has reached a distance of a move, at most ``end``."""
         while begin < end:
             middle = (begin + end) // 2
             now = timeline.at(middle)
@@ -86,14 +75,14 @@ class MotionLog:
         return (cycle - (self.start_cycle or 0)) * self._cycle_time_s
 
     def moves(self) -> list[dict[str, Any]]:
-        """Return kind, start [s], end [s] and length [m] of each move, in time from the first one."""
+        """Return kind, start [s], end [s] and length [m] of each move; time counts from the first move."""
         return [
             {'kind': kind, 'start_s': self._time_s(begin), 'end_s': self._time_s(end), 'length_m': length_m}
             for kind, begin, end, length_m in self._moves
         ]
 
     def outputs(self) -> list[dict[str, Any]]:
-        """Return time [s], name, value and payload [kg] of each change of an output; None: the payload stays."""
+        """Return time [s], name, value and payload [kg] of each output change; None: payload unchanged."""
         return [
             {
                 'time_s': self._time_s(cycle),

@@ -1,4 +1,4 @@
-"""What the planner makes of a script, move by move: the script runs dry, in a simulation that nobody keeps."""
+"""Dry run of a script: planned moves with their limits, from a simulation that is discarded."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,37 +17,22 @@ from delta3_pacdrive.peripherals.cell import Cell
 
 @dataclass(frozen=True)
 class DryRun:
-    """A script that ran dry.
-
-    Attributes
-    ----------
-    name
-        Of the script.
-    rows
-        Its moves, in the order in which they are driven, with their lines in the script.
-    time_s
-        From its first move to the end of its last one.
-    notices
-        Of the planner.
-    stopped
-        Why the script was given up; empty if it was not.
-
-    """
+    """Result of a dry run."""
 
     name: str
-    rows: tuple[MoveRow, ...]
-    time_s: float
+    rows: tuple[MoveRow, ...]  # executed moves, with line numbers of the script
+    time_s: float  # from the start of the first move to the end of the last one
     notices: tuple[str, ...]
-    stopped: str
+    stopped: str  # reason of an abort, or empty
 
 
 def dry_run(script: Script, parameters: Parameters, around: Cell | None = None) -> DryRun:
-    """Run a script dry: its inputs are those of the cell around the robot. Raises Delta3Error if it cannot begin."""
+    """Run a script in a simulation with the cell ``around`` the robot; raises Delta3Error if it cannot start."""
     rows: list[MoveRow] = []
 
     def note(batch: Batch) -> None:
         if batch.again and rows:
-            rows.pop()  # with what follows it is another move
+            rows.pop()  # replanned
         order = batch.planned.plan.tables.order.tolist()
         for row, number in zip(study(batch.planned, parameters).rows, order, strict=True):
             rows.append(replace(row, number=len(rows) + 1, name=batch.names[number]))
@@ -61,7 +46,7 @@ def dry_run(script: Script, parameters: Parameters, around: Cell | None = None) 
         if robot is None:
             raise
     meta = robot.trace.meta
-    if len(rows) == len(meta['moves']):  # else some were never driven
+    if len(rows) == len(meta['moves']):  # otherwise some moves were not executed
         rows = [
             replace(row, start_s=move['start_s'], duration_s=move['end_s'] - move['start_s'])
             for row, move in zip(rows, meta['moves'], strict=True)
@@ -70,7 +55,7 @@ def dry_run(script: Script, parameters: Parameters, around: Cell | None = None) 
 
 
 def document(found: DryRun, with_limits: bool = False) -> dict[str, Any]:
-    """Return a dry run ready for JSON, as ``analysis.planning.report.document`` does for programs."""
+    """Return a dry run for JSON, like ``analysis.planning.report.document`` for programs."""
     return {
         'ok': not found.stopped,
         'program': found.name,
@@ -83,7 +68,7 @@ def document(found: DryRun, with_limits: bool = False) -> dict[str, Any]:
 
 
 def text(found: DryRun) -> list[str]:
-    """Return a dry run as lines for people: a table of the moves, and what was slowed down."""
+    """Return a dry run as lines of text: a table of the moves, and notices."""
     moved_s = sum(row.duration_s for row in found.rows)
     lines = [f'{found.name}: {counted(len(found.rows), "move")}', *report.table_of_moves(found.rows)]
     notes = [('whole', f'{found.time_s:.3f} s, {found.time_s - moved_s:.3f} s of it between moves')]

@@ -1,6 +1,6 @@
-"""What goes wrong in a cell, and what each has to lead to: small scripts in small cells, simulated.
+"""Fault cases of cells with their expected outcome, as small scripts for the simulation.
 
-A robot that is up gives the same bits, so that no robot has to be brought up for them.
+Running robots give bit-identical results, so the simulation is sufficient.
 """
 
 from collections.abc import Callable
@@ -12,22 +12,22 @@ from delta3_pacdrive.cell.simulation import Simulation
 from delta3_pacdrive.errors import Code, ScriptError
 
 QUICK = {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
-IN_CELL = 'in a cell'  # where others have the state of the robot
+IN_CELL = 'in a cell'  # in the column for the state of the robot
 GRIP_S = 0.06
 INFEED_MM, TRAY_MM, SIDE_MM = [-150, 0, -850], [0, -200, -850], [0, 0, -800]
 SPEED_M_S = 0.5
-MANY = 5 * BATCH_MAX // 2  # moves
+MANY = 5 * BATCH_MAX // 2  # number of moves
 
 
 class Notice:
-    """A script has noticed a fault: when [s], and by which code and sentence."""
+    """First detection of a fault by a script: time [s], code and sentence."""
 
     def __init__(self) -> None:
         self.time_s: float | None = None
         self.code, self.sentence = '', ''
 
     def take(self, robot: Simulation, sentence: str, code: str = '') -> None:
-        """Note what is noticed first."""
+        """Record the first detection."""
         if self.time_s is None:
             self.time_s, self.code, self.sentence = robot.state().time_s, code, sentence
 
@@ -37,36 +37,19 @@ Script = Callable[[Simulation, Notice], None]
 
 @dataclass(frozen=True)
 class CellCase:
-    """Something goes wrong in a cell.
-
-    Attributes
-    ----------
-    text
-        What, in words.
-    cell
-        The cell, as its file would say it.
-    script
-        Drives the robot, notes what it notices, and goes on.
-    begins_s
-        When it begins [s].
-    code, sentence
-        What the script has to be told: the code of a refusal, empty if there is none, and a part of the sentence.
-    outcomes
-        How many parts have to come to what.
-
-    """
+    """A fault case of a cell."""
 
     text: str
-    cell: dict[str, Any]
-    script: Script
-    begins_s: float
-    code: str
-    sentence: str
-    outcomes: dict[str, int]
+    cell: dict[str, Any]  # content of the cell file
+    script: Script  # moves the robot, records the detection, and continues
+    begins_s: float  # start of the fault
+    code: str  # expected error code, or empty
+    sentence: str  # expected part of the message
+    outcomes: dict[str, int]  # expected number of parts by outcome
 
     @property
     def line(self) -> str:
-        """What, and where, by which a case is chosen."""
+        """Text for the selection of cases."""
         return f'{self.text} {IN_CELL}'
 
 
@@ -130,7 +113,7 @@ def _pick_from_belt(robot: Simulation, part: Any = None, grip_s: float = GRIP_S)
 
 
 def _carry_without_vacuum(robot: Simulation, notice: Notice) -> None:
-    """The vacuum fails while a part is carried: the switch tells it, and the next part is picked."""
+    """The vacuum fails while a part is carried: the switch reports it, and the next part is picked."""
     _take_up(robot)
     robot.move_l(to_mm=[-150, 0, -800], speed_m_s=0.2)
     robot.move_l(to_mm=[0, -200, -800], speed_m_s=0.2)
@@ -143,7 +126,7 @@ def _carry_without_vacuum(robot: Simulation, notice: Notice) -> None:
 
 
 def _count_bounces(robot: Simulation, notice: Notice) -> None:
-    """A sensor bounces: the first change counts, whatever comes after."""
+    """A sensor bounces: only the first change counts."""
     robot.wait_input('there', timeout_s=1.0)
     notice.take(robot, 'the input was on')
     _take_up(robot)
@@ -151,7 +134,7 @@ def _count_bounces(robot: Simulation, notice: Notice) -> None:
 
 
 def _wait_in_vain(robot: Simulation, notice: Notice) -> None:
-    """An input sticks: the wait ends with its time-out."""
+    """An input sticks: the wait ends with a timeout."""
     try:
         robot.wait_input('vacuum', timeout_s=0.2)
     except ScriptError as error:
@@ -160,14 +143,14 @@ def _wait_in_vain(robot: Simulation, notice: Notice) -> None:
 
 
 def _pick_bounced(robot: Simulation, notice: Notice) -> None:
-    """A light barrier latches a part several times: it is one part."""
+    """A light barrier latches a part several times: it counts as one part."""
     _pick_from_belt(robot)
     robot.wait()
     notice.take(robot, f'bounced {robot.belt("line").bounced > 0}')
 
 
 def _pick_seen(robot: Simulation, notice: Notice) -> None:
-    """A camera dies: what it has seen is picked, then it is told that no more will come."""
+    """A camera fails: the detected parts are picked, then the failure is reported."""
     try:
         while True:
             _pick_from_belt(robot, robot.part('line', timeout_s=5.0))
@@ -177,14 +160,14 @@ def _pick_seen(robot: Simulation, notice: Notice) -> None:
 
 
 def _pick_jumped(robot: Simulation, notice: Notice) -> None:
-    """The encoder jumps: the way goes on as before."""
+    """The encoder jumps: the belt position continues without the jump."""
     _pick_from_belt(robot, grip_s=0.2)
     robot.wait()
     notice.take(robot, f'{robot.belt("line").jumps} jumps of the encoder')
 
 
 def _pick_lost(robot: Simulation, notice: Notice) -> None:
-    """The work on a belt has to be given up; the robot stands beside it, and moves again."""
+    """The work on a belt is aborted: the robot stops next to it and can move again."""
     try:
         _pick_from_belt(robot, grip_s=0.6)
         robot.wait()
@@ -194,7 +177,7 @@ def _pick_lost(robot: Simulation, notice: Notice) -> None:
 
 
 def _never_wait(robot: Simulation, notice: Notice) -> None:
-    """A loop of calls that take no bus time never ends by itself."""
+    """An endless loop of calls without bus time is aborted."""
     try:
         while True:
             robot.position()
@@ -205,14 +188,14 @@ def _never_wait(robot: Simulation, notice: Notice) -> None:
 
 
 def _flood(robot: Simulation, notice: Notice) -> None:
-    """A script orders many more moves than are planned together: it is held up until little is left."""
+    """A script sends many more moves than fit into a batch: it is blocked until little motion remains."""
     most_s = 0.0
     for n in range(MANY):
         robot.move_l(to_mm=[(n + 1) % 2, 0, -750], **QUICK)
         most_s = max(most_s, robot.state().left_s)
     robot.wait()
     each_s = robot.state().time_s / MANY
-    # what is left when the next batch is ordered, and that
+    # remaining motion when the next batch is sent, plus that batch
     notice.take(robot, f'held up {most_s < AHEAD_S + 1.1 * BATCH_MAX * each_s}')
 
 

@@ -1,4 +1,4 @@
-"""The part of ``delta3 faults`` that is about cells: each case of ``fault_cases`` is simulated and judged."""
+"""Cell cases of ``delta3 faults``: simulate each case of ``fault_cases`` and check its outcome."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,42 +14,25 @@ LONGEST_S = 20.0
 
 @dataclass(frozen=True)
 class CellOutcome:
-    """A case came to this.
-
-    Attributes
-    ----------
-    case
-        Which one.
-    notice
-        What the script has noticed.
-    outcomes
-        How many parts came to what.
-    end_s
-        Bus time of its end, since the script began [s].
-    tcp_error_m
-        How far the TCP was from its command at most [m].
-    problem
-        Why the script could not go on; empty if it could.
-
-    """
+    """Outcome of a case."""
 
     case: CellCase
     notice: Notice
-    outcomes: dict[str, int]
-    end_s: float
-    tcp_error_m: float
-    problem: str = ''
+    outcomes: dict[str, int]  # number of parts by outcome
+    end_s: float  # bus time since the start of the script
+    tcp_error_m: float  # maximum
+    problem: str = ''  # error that ended the script, or empty
 
     @property
     def as_expected(self) -> bool:
-        """Whether the script was told what it has to be told, and parts came to what they have to."""
+        """Whether detection and outcomes of parts are as expected."""
         case, notice = self.case, self.notice
-        told = notice.code == case.code and case.sentence in notice.sentence
+        detected = notice.code == case.code and case.sentence in notice.sentence
         parts = all(self.outcomes.get(name) == count for name, count in case.outcomes.items())
-        return told and parts and not self.problem
+        return detected and parts and not self.problem
 
     def to_row(self) -> dict[str, Any]:
-        """Return it for the table of the catalogue; times are bus times."""
+        """Return the row of the catalogue; times are bus times."""
         case, noticed_s = self.case, self.notice.time_s
         return {
             'case': case.text,
@@ -71,12 +54,12 @@ class CellOutcome:
 
 
 def cases(only: str = '') -> list[CellCase]:
-    """Return the cases whose line holds a text."""
+    """Return the cases with a text in their line."""
     return [case for case in CASES if only in case.line]
 
 
 def run_case(case: CellCase, parameters: Parameters) -> CellOutcome:
-    """Simulate a case; what goes wrong is in the outcome."""
+    """Simulate a case; errors are part of the outcome."""
     notice, problem = Notice(), ''
     robot, end_s = None, 0.0
     try:
@@ -97,5 +80,5 @@ def run_case(case: CellCase, parameters: Parameters) -> CellOutcome:
 
 
 def robot_of(path: str | None) -> Parameters:
-    """Return the robot of a parameter file; without one the nominal one, whose controller knows the model."""
+    """Return the robot of a parameter file; default: the nominal robot with the model-based controller."""
     return load(path or MODEL_CONTROLLER)

@@ -1,4 +1,4 @@
-"""Inputs of a simulated cell by name: what they are in each bus cycle."""
+"""Inputs of a simulated robot: scheduled, computed or from a cell."""
 
 import math
 from bisect import bisect_right
@@ -15,14 +15,14 @@ Given = Mapping[str, Sequence[Change]] | Callable[[int], Mapping[str, bool]] | N
 
 
 class Inputs(Protocol):
-    """Whoever knows the inputs of every bus cycle."""
+    """Source of the inputs in every bus cycle."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the inputs: that of bit n is number n."""
+        """Names of the inputs in the order of the bits."""
 
     def bits(self, cycle: int) -> int:
-        """Return the inputs that the answers of a bus cycle tell, as bits."""
+        """Return the inputs in the AT of a bus cycle, as bits."""
 
 
 class ScheduledInputs:
@@ -31,14 +31,14 @@ class ScheduledInputs:
     Parameters
     ----------
     schedule
-        Of each input its changes: time [s] since the script began, and value. Before the first one it is off.
-    begin, cycle_time_s
-        Bus cycle from which times count, and bus time of a cycle.
+        Changes of each input: time since the start of the script [s] and value; off before the first change.
+    begin
+        Bus cycle at time 0.
 
     Raises
     ------
     ProgramError
-        Times do not ascend, or are no numbers.
+        Times do not ascend, or a value is invalid.
 
     """
 
@@ -49,7 +49,7 @@ class ScheduledInputs:
         for name, changes in schedule.items():
             times = [_time_s(name, change) for change in changes]
             if times != sorted(times):
-                raise ProgramError(f'input {shown(name)}: its times {shown(times)} do not ascend')
+                raise ProgramError(f'input {shown(name)}: times {shown(times)} do not ascend')
             self._cycles.append([begin + math.ceil(time / cycle_time_s - 1e-9) for time in times])
             self._values.append([_value(name, change[1]) for change in changes])
 
@@ -63,14 +63,14 @@ class ScheduledInputs:
 
 
 class ComputedInputs:
-    """Inputs that a function of the bus cycle returns: always the same names, each with its value."""
+    """Inputs computed by a function of the bus cycle, which must always return the same names."""
 
     def __init__(self, function: Callable[[int], Mapping[str, bool]], begin: int) -> None:
         self._function = function
         self.names = _checked_names(function(begin))
 
     def bits(self, cycle: int) -> int:
-        """Return the inputs of a bus cycle; raises ProgramError if they are not those of the first one."""
+        """Return the inputs of a bus cycle; raises ProgramError if the names differ from those at the start."""
         found = self._function(cycle)
         if tuple(found) != self.names:
             raise ProgramError(
@@ -80,21 +80,21 @@ class ComputedInputs:
 
 
 class CellInputs:
-    """Inputs of a cell around the robot, which knows those of the newest bus cycle."""
+    """Inputs of a cell, which are known for the latest bus cycle only."""
 
     def __init__(self, world: World) -> None:
         self._world, self.names = world, tuple(world.inputs)
 
     def bits(self, cycle: int) -> int:
-        """Return the inputs of the newest bus cycle."""
+        """Return the inputs of the latest bus cycle."""
         return sum(value << n for n, value in enumerate(self._world.inputs.values()))
 
 
 def inputs_of(given: Given, world: World | None, begin: int, cycle_time_s: float) -> Inputs:
-    """Return the inputs of a schedule, of a function of the bus cycle, or of a cell; raises ProgramError."""
+    """Return the inputs of a schedule, a function of the bus cycle, or a cell; raises ProgramError."""
     if world is not None:
         if given is not None:
-            raise ProgramError('the inputs are those of the cell around the robot: give one of the two')
+            raise ProgramError('inputs= and cell= exclude each other: a cell has its own inputs')
         return CellInputs(world)
     if given is None or isinstance(given, Mapping):
         return ScheduledInputs(given or {}, begin, cycle_time_s)

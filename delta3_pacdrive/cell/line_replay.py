@@ -1,7 +1,7 @@
-"""A minute of a robot of a line again, with the full simulation: the same parts, in the same order, at the same times.
+"""Replay one minute of a robot of a line with the full simulation, with the same parts at the same times.
 
-A script works on the belt as the line's robot does. It starts each part when the shift says so, or as soon as it is
-free. What is compared is how long each cycle takes, and which parts cannot be met any more.
+A script starts each part at its time in the shift, or as soon as the robot is free. The replay compares cycle times
+and lists the parts that cannot be reached.
 """
 
 from dataclasses import dataclass
@@ -17,56 +17,41 @@ from delta3_pacdrive.motion.part_queue import QueuedPart
 from delta3_pacdrive.peripherals import cell_file
 from delta3_pacdrive.peripherals.cell import Cell
 
-BEFORE_M = 1.5  # of the belt, before the middle of the robot
+BEFORE_M = 1.5  # length of the belt upstream of the robot
 BELT_M = 3.0
 BELT = 'line'
-START_S = 0.5  # from the begin of the belt to the begin of the replay
+START_S = 0.5  # from the start of the belt to the start of the replay
 MINUTE_S = 60.0
 MM = 1e3
 
 
 @dataclass(frozen=True)
 class ReplayedPart:
-    """A part of the shift, again.
+    """Replayed cycle of a part."""
 
-    Attributes
-    ----------
-    part
-        Its number on its belt, from 1 on.
-    planned_s, simulated_s
-        How long the cycle took, in the shift and in the full simulation [s]; the latter is nan if the part was missed.
-    late_s
-        How much later than in the shift it began [s].
-    missed
-        Why it was missed; empty if it was not.
-
-    """
-
-    part: int
-    planned_s: float
-    simulated_s: float
-    late_s: float
-    missed: str
+    part: int  # number on its belt, from 1
+    planned_s: float  # cycle time in the shift
+    simulated_s: float  # cycle time in the simulation; nan if missed
+    late_s: float  # delay of the start
+    missed: str  # reason, or empty
 
 
 def replay(
     line: Line, belt: BeltShift, robot: str, begin_s: float, seconds: float = MINUTE_S
 ) -> list[ReplayedPart]:
-    """Return what becomes of the parts that a robot of a belt started to pick in some time of the shift.
+    """Replay the parts that a robot started to pick in a time window of the shift.
 
     Parameters
     ----------
-    line, belt
-        The line, and what has become of the parts of the robot's belt.
-    robot
-        Its name.
+    belt
+        Shift of the belt of the robot.
     begin_s, seconds
-        When that time began [s], and how long it is.
+        Start and length of the window [s].
 
     Raises
     ------
     LineError
-        The robot picked nothing then.
+        The robot picked no part in the window.
 
     """
     (station,) = (one for one in line.robots if one.name == robot)
@@ -125,7 +110,7 @@ def _pick(
 
 
 def _cell(station: LineRobot, speed_m_s: float) -> Cell:
-    """Return the cell of a robot: its belt, which is at its speed at once."""
+    """Return the cell of a robot with its belt at constant speed."""
     x, y, z = station.middle_m
     window = [BEFORE_M + station.window.begin_m, BEFORE_M + station.window.end_m]
     belt = {
@@ -142,7 +127,7 @@ def _cell(station: LineRobot, speed_m_s: float) -> Cell:
 
 
 def summary(found: list[ReplayedPart]) -> dict[str, Any]:
-    """Return how far the full simulation is from the shift, ready for JSON."""
+    """Return the deviation of the simulation from the shift, for JSON."""
     done = [one for one in found if not one.missed]
     differences = np.array([one.simulated_s - one.planned_s for one in done])
     return {
@@ -156,13 +141,13 @@ def summary(found: list[ReplayedPart]) -> dict[str, Any]:
 
 
 def text(document: dict[str, Any]) -> list[str]:
-    """Return that in lines for people."""
+    """Return the summary as lines of text."""
     picked, again = document['picked'], document['picked_again']
-    lines = [f'again with the full simulation: {again} of {picked} parts picked']
+    lines = [f'replay with the full simulation: {again} of {picked} parts picked']
     if again:
         mean, most = 1e3 * document['difference_mean_s'], 1e3 * document['difference_max_s']
         late = 1e3 * document['late_max_s']
         lines.append(
-            f'cycles {mean:+.1f} ms longer on average, {most:.1f} ms off at most; starts at most {late:.1f} ms late'
+            f'cycle time deviation: {mean:+.1f} ms mean, {most:.1f} ms max; start delay at most {late:.1f} ms'
         )
     return [*lines, *(f'part {one["part"]} missed: {one["reason"]}' for one in document['missed'])]

@@ -25,7 +25,7 @@ class HeldError(RefusedError):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """State of the robot in the latest bus cycle whose AT are evaluated."""
+    """State of the robot in the latest evaluated bus cycle."""
 
     cycle: int
     motion: MotionState
@@ -65,7 +65,7 @@ class Link(Protocol):
         """State of the belts in the cycle of ``poll``; None without belts."""
 
     def poll(self) -> Snapshot:
-        """Return the state in the latest bus cycle whose AT are evaluated; takes no bus time."""
+        """Return the state in the latest evaluated bus cycle; takes no bus time."""
 
     @property
     def extra_cycles(self) -> int:

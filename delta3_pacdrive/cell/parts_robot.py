@@ -1,4 +1,4 @@
-"""The robot of a script that knows of belts: their parts, their free places."""
+"""Robot interface for scripts that receive parts and slots of belts."""
 
 from collections.abc import Sequence
 
@@ -18,18 +18,7 @@ from delta3_pacdrive.motion.part_queue import QueuedPart, Rule
 
 
 class PartsRobot(Robot):
-    """A robot of a script, with what the bus tells of belts.
-
-    Parameters
-    ----------
-    link
-        To the robot.
-    name
-        Of the script.
-    orders
-        Of the script, if they are of another kind than ``ScriptOrders``.
-
-    """
+    """A robot controlled by a script, with part queues of belts."""
 
     def __init__(self, link: Link, name: str, orders: ScriptOrders | None = None) -> None:
         super().__init__(link, name, orders)
@@ -43,19 +32,19 @@ class PartsRobot(Robot):
         rule: str = Rule.FIRST_IN,
         kind: str = '',
     ) -> QueuedPart:
-        """Wait for the next part on a belt, or on one of several, that can still be worked on.
+        """Wait for the next part on one or several belts that can still be reached.
 
         Parameters
         ----------
         belt
-            Its name, or a list of names. The part says on which of them it is: ``track(part.belt, part)``.
+            Name of a belt, or a list of names. Use ``track(part.belt, part)`` for the returned part.
         timeout_s
-            For how long [s]; then it raises ``WaitTimeoutError``.
+            Time after which the call raises ``WaitTimeoutError`` [s].
         rule
-            Which part is next: ``first in``, the one that is farthest along, of several belts the one that leaves its
-            window first; ``nearest`` to the robot; or ``by load``, of the belt on which most parts wait.
+            Choice of the part: ``first in``: the part farthest downstream, on several belts the one that leaves its
+            window first; ``nearest`` to the robot; or ``by load``: a part of the belt with the longest queue.
         kind
-            Type of the part, which a camera tells; empty: any.
+            Type of the part as reported by a camera; empty: any.
 
         """
         with self._errors_at(of_caller()):
@@ -67,7 +56,7 @@ class PartsRobot(Robot):
                     f'part: rule is {shown(rule)}, but must be one of: {", ".join(Rule)}{nearest_of(rule, Rule)}'
                 )
             if rule == Rule.BY_LOAD and len(names) < 2:
-                raise ProgramError('part: rule by load chooses between belts: name several of them')
+                raise ProgramError('part: rule by load requires a list of several belts')
             if kind != '':
                 for tracking, n in known:
                     _require_detectable(kind, tracking.belts[n])
@@ -94,31 +83,31 @@ class PartsRobot(Robot):
                 if seen.cycle >= latest:
                     where = ' or '.join(shown(name) for name in names)
                     raise WaitTimeoutError(
-                        Reason(Code.TIMEOUT, f'part: none has come on belt {where} within {timeout_s:g} s')
+                        Reason(Code.TIMEOUT, f'part: none arrived on belt {where} within {timeout_s:g} s')
                     )
                 self._orders.go_to(seen.cycle + 1)
 
     @staticmethod
     def _names_of(belt: str | Sequence[str]) -> tuple[str, ...]:
-        """Return the names of belts that a call tells; raises ProgramError."""
+        """Return the belt names of a call; raises ProgramError."""
         names = (belt,) if isinstance(belt, str) else tuple(belt) if isinstance(belt, list | tuple) else ()
         if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
             raise ProgramError(
-                f'part: belt is {shown(belt)}, but must be a name, or a list of different ones'
+                f'part: belt is {shown(belt)}, but must be a name or a list of different names'
             )
         return names
 
     def slot(self, belt: str, pitch_m: float, across_m: float = 0.0) -> QueuedPart:
-        """Return the next free place on a belt, to put a part down.
+        """Return the next free slot on a belt for placing a part.
 
         Parameters
         ----------
         belt
-            Its name.
+            Name of the belt.
         pitch_m
-            How far it is behind the one before at least [m].
+            Minimum distance from the preceding slot [m].
         across_m
-            How far it is beside the middle of the belt, to the left [m].
+            Offset from the centre line of the belt, positive to the left [m].
 
         """
         with self._errors_at(of_caller()):
@@ -127,7 +116,7 @@ class PartsRobot(Robot):
             return self._parts[n].slot(pitch_m, across_m, self._window(tracking, n))
 
     def belt(self, belt: str) -> BeltState:
-        """Return what is known of a belt: way, speed, parts that wait; takes no bus time."""
+        """Return the state of a belt: travel, speed, waiting parts; takes no bus time."""
         with self._errors_at(of_caller()):
             self._count()
             _, n = self._belt(belt)
@@ -146,24 +135,24 @@ class PartsRobot(Robot):
         belt = tracking.belts[n]
         if belt.window is None:
             raise ProgramError(
-                f'belt {belt.name} has no window_m in the cell file, so that nobody may work on it'
+                f'belt {belt.name} has no window_m in the cell file, which work on a belt requires'
             )
         return belt.window
 
 
 def _require_camera(tracking: BeltKnowledge, n: int) -> None:
-    """Refuse to wait for the parts of a camera that is dead."""
+    """Raise RefusedError if the camera of a belt has failed."""
     blind_m = tracking.blind_m(n)
     if blind_m > 0.0:
         raise belt_error(
-            f'part: the camera of belt {tracking.belts[n].name} is dead: no picture for {blind_m:.2f} m of its way'
+            f'part: the camera of belt {tracking.belts[n].name} is dead: no picture for {blind_m:.2f} m of belt travel'
         )
 
 
 def _require_detectable(kind: str, belt: BeltAxes) -> None:
-    """Refuse a type of parts that will never come: one that nobody knows, or that nobody can tell."""
+    """Raise ProgramError for a type of parts that does not exist or that the belt cannot detect."""
     if not belt.camera_every_m:
-        raise ProgramError(f'part: belt {belt.name} has no camera, which would tell the kind of a part')
+        raise ProgramError(f'part: belt {belt.name} has no camera to detect the kind of a part')
     if kind not in belt.types:
         known = ', '.join(belt.types)
         raise ProgramError(

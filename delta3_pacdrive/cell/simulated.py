@@ -1,4 +1,4 @@
-"""A robot that is simulated while a script decides what it does: without ROS, and without a clock."""
+"""Link of a script to a simulated robot, without ROS and without a clock."""
 
 import math
 from collections.abc import Sequence
@@ -35,29 +35,29 @@ from delta3_pacdrive.simulation.stepped import SteppedOperation
 
 
 class SimulatedLink:
-    """The link of a script to a robot that is simulated.
+    """Link to a simulated robot, which starts at home.
 
     Parameters
     ----------
     parameters
-        Of the robot, which stands at its home. What is ordered at once takes effect at ``motion.start_cycle``.
+        Parameters of the robot. The first orders take effect at ``motion.start_cycle``.
     inputs
         Changes of inputs by name, or a function of the bus cycle.
     longest_s
-        Bus time after which the simulation ends [s].
+        Maximum bus time of the simulation [s].
     acquisition
-        Takes what oscilloscopes in the drives show, if any have some.
+        Receives the records of oscilloscopes in the drives.
     signals
-        On request: as in ``simulation.run``.
+        Additional signals, as in ``simulation.run``.
     around
-        The cell around the robot. Its inputs are those of the script, its times count from the start of the script.
+        Cell with its own inputs; its times count from the start of the script.
 
     Raises
     ------
     RunError
         Drives cannot be enabled before ``motion.start_cycle``.
     ProgramError
-        There is something wrong with the inputs.
+        The inputs are invalid.
 
     """
 
@@ -95,7 +95,7 @@ class SimulatedLink:
         self._operation.go_to(begin + 1)
 
     def poll(self) -> Snapshot:
-        """Return the newest bus cycle whose answers are evaluated."""
+        """Return the state in the latest evaluated bus cycle."""
         task, cycle = self._task, self._operation.cycle - 1
         commanded, answer = self._operation.commanded(), task.answer
         motion = MotionState.IDLE
@@ -113,26 +113,26 @@ class SimulatedLink:
 
     @property
     def tracking(self) -> BeltTracking | None:
-        """Of the belts of the cell; None: it has none."""
+        """Belt tracking of the controller; None without belts."""
         return self._task.tracking
 
     def get_on(self, order: TrackOrder) -> None:
-        """Say which belt is meant by the next event of the plan that gets on one."""
+        """Set the belt for the next event of the plan that enters a belt."""
         if self.tracking is not None:
             self.tracking.order(order)
 
     def get_on_again(self, cycle: int) -> None:
-        """Get on the belt again after ``hold``, or leave it, from a bus cycle on."""
+        """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
         if self.tracking is not None:
             self.tracking.again_cycle = cycle
             self.tracking.resume()  # the change of the motion profile follows
 
     def abandon(self, cycle: int) -> None:
-        """Let the bus go on to a cycle, stop from there on, and forget moves and belt once the robot stands."""
+        """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
         task, tracking = self._task, self._task.tracking
         if tracking is None:
             return
-        with suppress(RefusedError):  # who is lost meanwhile stops by itself
+        with suppress(RefusedError):  # a robot that loses its belt stops automatically
             self._run_bus(WaitCondition(cycle - 1, cycle - 1))
         if task.loaded:
             profile = task.profile if task.held else task.hold()
@@ -149,7 +149,7 @@ class SimulatedLink:
     extra_cycles = 0  # there is no clock
 
     def start(self, planned: Planned, cycle: int, override: float) -> int:
-        """Start a program at a bus cycle."""
+        """Start a program in a bus cycle."""
         gripped = [planned.plan.move(n).payload_kg for n in range(len(planned.plan))]
         require_stable(self.parameters, max([*gripped, planned.payload_kg, self._heaviest_kg]))
         self._task.load(planned.plan)
@@ -158,7 +158,7 @@ class SimulatedLink:
         return cycle
 
     def extend(self, extension: Extension) -> int:
-        """Let moves follow those that are driven."""
+        """Append moves to the running program."""
         profile, more = extension.profile, extension.more
         require_stable(self.parameters, max(more.move(n).payload_kg for n in range(len(more))))
         before = self._task.timeline
@@ -172,7 +172,7 @@ class SimulatedLink:
         return profile.cycle
 
     def change(self, profile: MotionProfile) -> int:
-        """Go over to another motion profile."""
+        """Change the motion profile."""
         self._task.change(profile)
         timeline = self._task.timeline.copy()
         timeline.change(profile)
@@ -180,16 +180,16 @@ class SimulatedLink:
         return profile.cycle
 
     def hold(self, cycle: int) -> MotionProfile:
-        """Let the bus go on to a cycle, and stop the robot on its path from there on."""
+        """Run the bus to a cycle and stop the robot on its path from that cycle."""
         self._run_bus(WaitCondition(cycle - 1, cycle - 1))
         if not self._task.loaded:
-            raise RefusedError(Reason(Code.STATE, 'hold: the moves were over before it took effect'))
+            raise RefusedError(Reason(Code.STATE, 'hold: the moves had finished before it took effect'))
         profile = self._task.hold()
         self._log.follow(self._task.timeline.copy(), profile.cycle, continues=True)
         return profile
 
     def wait(self, condition: WaitCondition) -> bool:
-        """Let the bus go on until a condition is met or its latest cycle is over."""
+        """Run the bus until a condition is met or its latest cycle has passed."""
         return self._run_bus(condition)
 
     def _run_bus(self, condition: WaitCondition) -> bool:
@@ -198,20 +198,18 @@ class SimulatedLink:
         within = replace(condition, latest=int(self._last))
         if self._operation.wait(within):
             return True
-        sentence = (
-            f'the bus time of a simulated script is over, {self._longest_s:g} s: does it come to an end?'
-        )
+        sentence = f'the script exceeds the maximum bus time of a simulation, {self._longest_s:g} s: does it terminate?'
         raise RefusedError(Reason(Code.TIMEOUT, sentence))
 
     def _ended(self) -> None:
-        """Note the figures of a program that is over."""
+        """Record the figures of a finished program."""
         note_currents(self._robot, self._task)
         self._figures.append(self._task.figures())
         self._end_cycle = self._task.end_cycle
         self._log.end(self._operation.cycle)
 
     def trace(self, name: str, notices: Sequence[str], stopped: str = '') -> Trace:
-        """Return the trace of all that was driven; ``stopped`` says why the script was given up, if it was."""
+        """Return the trace of the run; ``stopped`` is the reason of an abort, or empty."""
         operation, start = self._operation, self._log.start_cycle
         if isinstance(self._robot, ScopedRobot):
             self._robot.finish()
@@ -242,7 +240,7 @@ class SimulatedLink:
 
 
 def combined(figures: Sequence[Figures]) -> Figures:
-    """Return the figures of several programs together; of none, they are all 0."""
+    """Return the combined figures of several programs; zeros without programs."""
     if not figures:
         zero = [0.0] * 3
         return Figures(0, 0.0, 0.0, 0.0, [math.nan] * 3, [None] * 3, [None] * 3, zero, zero)

@@ -8,7 +8,7 @@ from delta3_pacdrive.motion.program import Point
 
 @dataclass(frozen=True)
 class State:
-    """State of the robot in the latest bus cycle whose AT are evaluated.
+    """State of the robot in the latest evaluated bus cycle.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Statements of a script: what a call says, in a frame, for a tool, with the names of the cell."""
+"""Conversion of script calls to program statements, with default frame and tool and the output names of the cell."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,70 +15,54 @@ WITH_POINTS = ('move_l', 'move_c', 'move_sb', 'arch', 'cubic')
 
 
 class StatementMaker:
-    """The statements of one script.
-
-    Parameters
-    ----------
-    motion
-        Limits of moves that tell none.
-    outputs
-        Those that the script may name.
-
-    Attributes
-    ----------
-    frame, tool
-        Of moves that tell none; None: ``base``, and the TCP of the plate.
-
-    """
+    """Creates the statements of one script; ``motion`` has the default limits of moves."""
 
     def __init__(self, motion: Motion, outputs: OutputNames) -> None:
         self._motion, self._outputs = motion, outputs
-        self.frame: Frame | None = None
-        self.tool: Tool | None = None
+        self.frame: Frame | None = None  # default frame; None: base
+        self.tool: Tool | None = None  # default tool; None: TCP of the plate
 
     @property
     def tool_kg(self) -> float:
-        """Mass of the tool that the robot carries [kg]."""
+        """Mass of the default tool [kg]."""
         return 0.0 if self.tool is None else self.tool.mass_kg
 
     def make(self, kind: str, keys: Mapping[str, Any], part: Frame | None = None) -> Statement:
-        """Return what a call says; raises ProgramError.
+        """Return the statement of a call; raises ProgramError.
 
-        ``part`` is the frame of the part on a belt that the robot works on, which no move can leave.
+        ``part`` is the frame of a part on a belt; it cannot be replaced by ``frame``.
         """
-        told, frame, tool = dict(keys), part or self.frame, self.tool
+        values, frame, tool = dict(keys), part or self.frame, self.tool
         if kind in WITH_POINTS:
-            if 'frame' in told:
+            if 'frame' in values:
                 if part is not None:
-                    raise ProgramError(
-                        f'{kind}: on a belt, points are in the frame of the part: leave out frame'
-                    )
-                frame = checked_frame(told.pop('frame'))
-            if 'tool' in told:
-                tool = self._of_same_mass(checked_tool(told.pop('tool')))
-        return read_statement(kind, plain(told), self._motion, frame, tool, self._outputs)
+                    raise ProgramError(f'{kind}: on a belt, points are in the frame of the part: omit frame')
+                frame = checked_frame(values.pop('frame'))
+            if 'tool' in values:
+                tool = self._of_same_mass(checked_tool(values.pop('tool')))
+        return read_statement(kind, plain(values), self._motion, frame, tool, self._outputs)
 
     def _of_same_mass(self, tool: Tool | None) -> Tool | None:
         mass_kg = 0.0 if tool is None else tool.mass_kg
         if tool is not None and mass_kg != self.tool_kg:
             raise ProgramError(
-                f'tool {shown(tool.name)} weighs {mass_kg:g} kg, but the robot carries a tool of {self.tool_kg:g} kg: '
-                'robot.use(tool=...) changes it'
+                f'tool {shown(tool.name)} has a mass of {mass_kg:g} kg, but the present tool has {self.tool_kg:g} kg: '
+                'change it with robot.use(tool=...)'
             )
         return tool
 
 
 def checked_frame(value: Any) -> Frame | None:
-    """Return a frame; raises ProgramError for anything else. None is ``base``."""
+    """Check that a value is a frame, or None for ``base``; raises ProgramError."""
     if value is None:
         return None
     if isinstance(value, Frame):
-        return value.in_base  # as programs have it
+        return value.in_base
     raise ProgramError(f'frame is {shown(value)}, but must be a Frame of delta3_pacdrive.motion.frames')
 
 
 def checked_tool(value: Any) -> Tool | None:
-    """Return a tool; raises ProgramError for anything else. None is the TCP of the plate."""
+    """Check that a value is a tool, or None for the TCP of the plate; raises ProgramError."""
     if value is None or isinstance(value, Tool):
         return value
     raise ProgramError(f'tool is {shown(value)}, but must be a Tool of delta3_pacdrive.motion.frames')

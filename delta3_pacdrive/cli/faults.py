@@ -94,7 +94,7 @@ def line_of(row: dict[str, Any]) -> str:
     if row['ok']:
         return text
     seen = row['reported'] or row['evidence'] or 'no effect'
-    what = row['problem'] or f'{seen}, expected: {row["expected"] or "continues"}'
+    what = row['problem'] or f'{seen}, expected: {row["expected"] or "goes on"}'
     return f'{text}\n    NOT AS EXPECTED: {what}'
 
 

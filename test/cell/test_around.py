@@ -74,7 +74,7 @@ def test_times_of_a_cell_count_from_the_start_of_the_script(robot, tray):
 
 def test_inputs_are_those_of_the_cell_or_given_not_both(robot, tray):
     with (
-        pytest.raises(ProgramError, match='give one of the two'),
+        pytest.raises(ProgramError, match='exclude each other'),
         cell.simulate(robot, cell=tray, inputs={}),
     ):
         pass

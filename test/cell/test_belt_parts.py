@@ -142,7 +142,7 @@ WRONG = {
     'belt': (lambda robot: robot.belt('lane'), "unknown belt 'lane', the belts are: line"),
     'nothing comes': (
         lambda robot: robot.part('line', timeout_s=0.1),
-        "part: none has come on belt 'line' within 0.1 s",
+        "part: none arrived on belt 'line' within 0.1 s",
     ),
 }
 
@@ -207,9 +207,9 @@ def test_of_several_belts_by_load_is_that_with_most_parts_and_first_in_the_part_
 @pytest.mark.parametrize(
     ('belts', 'rule', 'sentence'),
     [
-        ('line', 'by load', 'part: rule by load chooses between belts: name several of them'),
-        (['line', 'line'], 'nearest', 'must be a name, or a list of different ones'),
-        ([], 'nearest', 'must be a name, or a list of different ones'),
+        ('line', 'by load', 'part: rule by load requires a list of several belts'),
+        (['line', 'line'], 'nearest', 'must be a name or a list of different names'),
+        ([], 'nearest', 'must be a name or a list of different names'),
         (['line', 'bussy'], 'nearest', "unknown belt 'bussy', the belts are: line, busy: did you mean busy?"),
         ('line', 'by lod', 'did you mean by load?'),
     ],

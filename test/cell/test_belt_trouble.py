@@ -206,7 +206,7 @@ def test_a_resume_that_would_not_be_done_in_the_window_is_refused_and_the_work_d
         error = refused(called, lambda _: above(called, too_long))
         called.move_l(to_mm=[0, 0, -800])
     assert error.code is Code.BELT
-    assert 'resume: the part would be done with at' in str(error)
+    assert 'resume: the work would end at' in str(error)
     assert stands(called.trace)
 
 
@@ -329,14 +329,14 @@ def test_a_part_that_a_standing_belt_does_not_bring_is_waited_for_and_then_told(
 
 
 WRONG = {
-    'nothing': (lambda robot: None, 'track: there is nothing to do on the belt'),
-    'a dwell first': (lambda robot: robot.dwell(0.1), 'the first thing to do on a belt must be a move'),
+    'nothing': (lambda robot: None, 'track: the block contains no moves'),
+    'a dwell first': (lambda robot: robot.dwell(0.1), 'the first statement on a belt must be a move'),
     'a blend first': (
         lambda robot: [robot.move_l(to_mm=[0, n, 60], blend_mm=5, **QUICK) for n in (0, 20)],
-        'the first move on a belt gets on it, and cannot have a blend',
+        'the first move on a belt cannot have a blend',
     ),
     'out of reach': (lambda robot: robot.move_l(to_mm=[0, 900, 60], **QUICK), 'the distance from the z axis'),
-    'another belt': (lambda robot: robot.track('line').__enter__(), 'the robot works on belt line already'),
+    'another belt': (lambda robot: robot.track('line').__enter__(), 'the robot already works on belt line'),
 }
 
 
@@ -367,7 +367,7 @@ def test_work_that_ends_where_the_robot_cannot_leave_the_belt_is_refused_before_
     with cell.simulate(robot, cell=around([speed_of(1.5)], 1, **near_the_rim)) as called:
         error = refused(called, lambda _: above_only(called))
         here = called.state()
-    assert 'track: no move follows, so that the robot' in str(error)
+    assert 'track: if no move follows, the robot' in str(error)
     assert here.motion == 'idle'
     assert np.ptp(called.trace.signals['tcp_command'], axis=0).max() == 0.0
 

@@ -27,7 +27,7 @@ def test_the_full_simulation_takes_as_long_as_the_shift_and_misses_nothing(shift
     assert told['difference_max_s'] < AGREE_S
     assert told['late_max_s'] < 3.0 * AGREE_S
     first = line_replay.text(told)[0]
-    assert first == f'again with the full simulation: {len(again)} of {len(again)} parts picked'
+    assert first == f'replay with the full simulation: {len(again)} of {len(again)} parts picked'
 
 
 def test_a_part_that_cannot_be_met_any_more_is_told(shift):

@@ -145,7 +145,7 @@ def test_a_script_without_an_end_is_ended(robot):
 
     error, trace = told(script, robot, longest_s=2.0)
     assert error.code == Code.TIMEOUT
-    assert re.search('the bus time of a simulated script is over, 2 s', str(error))
+    assert re.search('the script exceeds the maximum bus time of a simulation, 2 s', str(error))
     assert trace.time_s[-1] == pytest.approx(2.102, abs=2e-3)
 
 

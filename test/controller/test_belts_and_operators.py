@@ -321,7 +321,7 @@ def test_a_script_that_catches_the_stop_of_an_operator_does_nothing_on_the_belt_
     called.wait_time(0.2)
     assert node.stands(50)
     called.move_l(to_mm=[0, 0, 20], **QUICK)
-    with pytest.raises(cell.ScriptError, match='there is nothing to do there') as refused:
+    with pytest.raises(cell.ScriptError, match='no longer moves with its belt') as refused:
         called.wait()
     assert block.__exit__(type(refused.value), refused.value, None) is False
     called.move_l(to_mm=[0, 0, -800])  # beside the belt it works

@@ -71,7 +71,7 @@ def ramp(rate, end):
 
 
 def assert_stopped(bench, axis, fault):
-    """Check that one axis has stopped under its brake without power, with a cause, and the others go on."""
+    """Check that one axis has stopped under its brake without power, with a cause, and the others continue."""
     drive = bench.robot.drives[axis]
     assert drive.fault == fault
     assert drive.drive_state == DriveState.FAULT

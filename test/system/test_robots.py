@@ -69,7 +69,7 @@ def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
     os.kill(process_of('/robot1', 'robot', numbers), signal.SIGKILL)
     told = read_until(up.stderr, 'gone')
     assert '/robot1: robot was killed by SIGKILL in bus cycle' in told
-    assert 'the others go on' in told
+    assert 'the others continue' in told
     left = json.loads(delta3('move', 'state', '--all', '--namespace', 'robot2', '--json').stdout)
     assert list(left['robots']) == ['/robot2']
 
