@@ -1,4 +1,4 @@
-"""Two robots at work at the same time: delta3 up, and in another terminal delta3 up --namespace cell2."""
+"""Run two robots at the same time: start delta3 up, and delta3 up --namespace cell2 in another terminal."""
 
 import rclpy
 from geometry_msgs.msg import PointStamped
@@ -13,7 +13,7 @@ rclpy.init()
 node = rclpy.create_node('operator')
 
 
-class Robot:  # what one robot says, and how it is asked: all its names begin with its namespace
+class Robot:  # client of one robot; all names start with its namespace
     def __init__(self, namespace):
         self.states, self.answers, self.places = [], [], []
         node.create_subscription(String, f'{namespace}/motion/state', self.states.append, 10)
@@ -37,4 +37,4 @@ for robot in robots:
     robot.start.call_async(Trigger.Request())
 wait_for(lambda robot: robot.states[-1:] == [String(data='idle')])
 for robot in robots:
-    print(f'{robot.answers[-1].data}; it stands at x = {robot.places[-1].point.x:.2f} m')
+    print(f'{robot.answers[-1].data}; it is at x = {robot.places[-1].point.x:.2f} m')

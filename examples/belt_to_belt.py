@@ -1,4 +1,4 @@
-"""Put parts from one moving belt on another, at a pitch of 150 mm; the cell is that of ``two_belts.yaml``."""
+"""Place parts from one moving belt onto another at a pitch of 150 mm; the cell is ``two_belts.yaml``."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -35,6 +35,6 @@ if __name__ == '__main__':
     put = [one for one in trace.meta['cell']['parts'] if one['where'] == 'out']
     way, tcp = trace.signals['cell_belts'][:, 1], trace.signals['tcp_true']
     cycles = [one['released_cycle'] for one in put]
-    places = [0.7 - tcp[k, 0] - way[k] for k in cycles]  # along the belt, when its way is 0
+    places = [0.7 - tcp[k, 0] - way[k] for k in cycles]  # along the belt at travel 0
     apart = [(a - b) / PITCH_M for a, b in pairwise(places)]
     print(f'{len(put)} parts put down, {", ".join(f"{one:.3f}" for one in apart)} pitches apart')

@@ -1,4 +1,4 @@
-"""Pick from a belt into a box of 3 x 4 places, in layers; the camera and the cell are those of ``two_belts.yaml``."""
+"""Pick from a belt with a camera into a box of 3 x 4 places, in layers; the cell is ``two_belts.yaml``."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Calibrate a built robot from measured places of its TCP, and see its true error fall."""
+"""Calibrate a built robot from measured TCP positions and compare its true error before and after."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ import delta3_pacdrive as d3
 from delta3_pacdrive.analysis.calibration import estimation, model, planning, simulated
 from delta3_pacdrive.analysis.calibration.data import Method, Requirements
 
-NOISE_M = 2e-5  # of each coordinate that the instrument tells
+NOISE_M = 2e-5  # of each measured coordinate
 
 robot = d3.load_parameters('built')
 poses = planning.plan(Requirements(Method.BASE, number=24, checks=8, noise_m=NOISE_M), robot)
-# of a robot that stands here: measurement_file.read('measured.csv')
+# for a real robot: measurement_file.read('measured.csv')
 measured = simulated.points(poses, robot, Method.BASE, NOISE_M, seed=1)
 
 observation = model.PointsInBase(measured, robot)

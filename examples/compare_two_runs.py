@@ -1,4 +1,4 @@
-"""Compare a program on the nominal and on the built robot, and write the page that shows both."""
+"""Compare a program on the nominal and on the built robot, and write a report with both runs."""
 
 import sys
 from pathlib import Path

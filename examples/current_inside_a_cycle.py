@@ -1,4 +1,4 @@
-"""Hold the currents that the AT tell against all samples of the current loops, for each bus cycle and interpolation."""
+"""Compare the currents in the AT with all samples of the current loops, for each bus cycle and interpolation."""
 
 import numpy as np
 

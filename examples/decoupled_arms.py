@@ -1,4 +1,4 @@
-"""Hold the arms of figure 4.9, linear and with d as an input, against the exact plant, for ever shorter steps."""
+"""Compare the decoupled linear arms of figure 4.9, with d as an input, with the exact plant for decreasing steps."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Let the controller command the torque of the whole model beside the set points, and see what is left of the error."""
+"""Compare the TCP error with and without feed-forward of the complete model torque."""
 
 import delta3_pacdrive as d3
 

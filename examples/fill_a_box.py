@@ -1,4 +1,4 @@
-"""Fill a box in two layers with a tool, in a frame that was taught, and see how near each place it comes."""
+"""Fill a box in two layers with a tool in a taught frame, and measure the distance to each place."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ import delta3_pacdrive as d3
 from delta3_pacdrive.motion.frames import Frame, Tool
 from delta3_pacdrive.motion.patterns import Grid, Layers
 
-TAUGHT_MM = [[100, -60, -900], [180, -40, -900], [80, 20, -900]]  # origin, on x, beside x
+TAUGHT_MM = [[100, -60, -900], [180, -40, -900], [80, 20, -900]]  # origin, on the x axis, in the xy plane
 ROWS, COLUMNS, PITCH_MM, LAYERS, HEIGHT_MM = 2, 2, [40, 50], 2, 20
 
-document = {  # the keys are those of a program file
+document = {  # same keys as a program file
     'frames': {'box': {'taught_mm': TAUGHT_MM}},
     'tools': {'cup': {'offset_mm': [0, 0, -60], 'mass_kg': 0.2}},
     'patterns': {'box': {'frame': 'box', 'rows': ROWS, 'columns': COLUMNS, 'pitch_mm': PITCH_MM,

@@ -1,11 +1,11 @@
-"""Find masses and friction from a run: the dynamics are linear in their constants, so least squares do it at once."""
+"""Estimate masses and friction from a run: the dynamics are linear in these constants, so least squares suffice."""
 
 import numpy as np
 
 import delta3_pacdrive as d3
 
 robot = d3.load_parameters()
-trace = d3.simulate('excitation', robot)  # a recording does as well: d3.load_trace(FOLDER)
+trace = d3.simulate('excitation', robot)  # or a recording: d3.load_trace(FOLDER)
 gear, motor = robot.dynamics.gear_ratio, robot.motor
 
 shaft = trace['motor_speed']
@@ -13,7 +13,7 @@ theta = d3.kinematics.inverse(trace['tcp_actual'], robot)
 thetaddot = np.gradient(shaft, trace.time_s, axis=0) / gear
 moving = np.abs(shaft).min(axis=1) > 5.0  # [rad/s]; at rest a brake may carry the load
 
-# K_m I = Y [I_b, m_nt, m_br r_Gb] / k_r + F_s tanh(w / w_s) + F_v w, for every axis and cycle one row
+# K_m I = Y [I_b, m_nt, m_br r_Gb] / k_r + F_s tanh(w / w_s) + F_v w, one row for each axis and cycle
 regressor = d3.dynamics.regressor(theta, shaft / gear, thetaddot, robot) / gear
 friction = np.stack([np.tanh(shaft / motor.friction_smoothing_rad_s), shaft], axis=-1)
 matrix = np.concatenate([regressor, friction], axis=-1)[moving].reshape(-1, 5)

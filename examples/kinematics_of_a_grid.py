@@ -1,4 +1,4 @@
-"""Find which part of a plane the robot reaches, and how well it moves there."""
+"""Find the reachable part of a plane and the condition of the Jacobian there."""
 
 import numpy as np
 

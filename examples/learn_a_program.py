@@ -1,4 +1,4 @@
-"""Learn from repetitions of a program which torques the model lacks, keep them in a file, and drive with them."""
+"""Learn missing feed-forward torques from repetitions of a program, save them, and run the program with them."""
 
 from pathlib import Path
 from tempfile import TemporaryDirectory

@@ -1,4 +1,4 @@
-"""Hold a log of a robot, as a logger writes it, against the model: align them, and tell how far they are apart."""
+"""Compare the log of a robot, as written by a data logger, with the model: align both and report the deviations."""
 
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ from delta3_pacdrive.analysis.experiments.study import Pair
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else '.')
 
-# the built robot stands in for a real one: its log has a rate, a clock and units of its own
+# the built robot replaces a real one; its log has another rate, clock and units
 robot = d3.load_parameters('built')
 run = d3.simulate('experiment1', robot)
 time_s = np.arange(0.0, run.time_s[-1], 1.0 / 700.0)

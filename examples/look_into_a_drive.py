@@ -1,4 +1,4 @@
-"""Look into a drive: what the stair of the speed feed-forward does to the current inside three bus cycles of 4 ms."""
+"""Record the effect of the stepped speed feed-forward on the current within three bus cycles of 4 ms."""
 
 import delta3_pacdrive as d3
 from delta3_pacdrive import simulation

@@ -1,4 +1,4 @@
-"""Find where in the workspace the robot is fast and strong, and what limits a program there."""
+"""Map speed, acceleration and accuracy over the workspace, and list the limits of a program there."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ side = np.linspace(-0.6, 0.6, 61)
 points = np.stack(np.meshgrid(side, side, [-0.9, -0.8, -0.7], indexing='ij'), axis=-1)
 
 can = capability(points, robot, payload_kg=2.0)  # arrays of shape (61, 61, 3)
-here = can.limit == 0  # where the robot may be
+here = can.limit == 0  # permitted poses
 best = points[here][np.argmax(can.speed_m_s[here])]
 print(
     f'{here.sum()} places, speed in every direction {can.speed_m_s[here].min():.2f} to '

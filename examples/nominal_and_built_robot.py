@@ -1,4 +1,4 @@
-"""The same program on the robot of the thesis and on a built one, with elastic gears, stiction and inexact lengths."""
+"""Run one program on the nominal and on a built robot with elastic gears, stiction and inexact lengths."""
 
 import numpy as np
 
@@ -14,9 +14,9 @@ def largest_mm(vectors):
 
 traces = {name: d3.simulate('experiment1', robot) for name, robot in ROBOTS.items()}
 for name, trace in traces.items():
-    seen = largest_mm(trace['tcp_error'])  # by the encoders, as the controller has it
-    true = largest_mm(trace['tcp_true'] - trace['tcp_actual'])  # what only an external measurement shows
-    print(f'{name:8} error seen by the drives {seen:.3f} mm, TCP beside where they think it is {true:.3f} mm')
+    seen = largest_mm(trace['tcp_error'])  # from the encoders, as in the controller
+    true = largest_mm(trace['tcp_true'] - trace['tcp_actual'])  # visible to an external measurement only
+    print(f'{name:8} error seen by the drives {seen:.3f} mm, true TCP error unseen by them {true:.3f} mm')
 
 errors_mm = ', '.join(f'{1e3 * error:+.2f}' for error in ROBOTS['built'].rich.forearm_error_m)
 print(f'its forearms differ from l_B by {errors_mm} mm')

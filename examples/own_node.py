@@ -1,4 +1,4 @@
-"""Drive a robot from your own rclpy node; in another terminal: delta3 up."""
+"""Move a robot from your own rclpy node; in another terminal: delta3 up."""
 
 import rclpy
 from geometry_msgs.msg import PointStamped
@@ -10,7 +10,7 @@ from delta3_pacdrive.ros.discovery import keep_to_this_machine
 
 CORNERS_M = [(0.15, 0.0, -0.80), (0.0, 0.15, -0.80), (-0.15, 0.0, -0.80), (0.0, 0.0, -0.80)]
 
-keep_to_this_machine()  # where the robot is: 127.0.0.1
+keep_to_this_machine()  # the robot is at 127.0.0.1
 rclpy.init()
 node = Node('square')
 answers, states, places = [], [], []
@@ -27,7 +27,7 @@ for number, (x, y, z) in enumerate(CORNERS_M, 1):
     move.header.frame_id = 'base'
     move.point.x, move.point.y, move.point.z = x, y, z
     moves.publish(move)
-    while len(answers) < number:  # checked with the whole queue before it is answered; nothing moves yet
+    while len(answers) < number:  # the reply follows the check of the whole queue; nothing moves yet
         rclpy.spin_once(node)
     print(answers[-1])
 done = start.call_async(Trigger.Request())

@@ -1,4 +1,4 @@
-"""Give the packaging cycle a real gripper, and find the smallest cup that loses no part."""
+"""Simulate the packaging cycle with a vacuum gripper, and find the smallest cup that loses no part."""
 
 import yaml
 

@@ -1,4 +1,4 @@
-"""Follow the parts of the robot along a program: the highest elbow, the steepest rod, the largest swing."""
+"""Follow the links of the robot along a program: highest elbow, steepest rod, largest swing."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Pick from a belt at three speeds: how far the true TCP is from the part, and what cannot be met."""
+"""Pick from a belt at three speeds: distance of the true TCP from the part, and parts that cannot be reached."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Gains of velocity and position loop for 50 degrees and 8 dB, and what they do to experiment 1."""
+"""Propose gains of velocity and position loop for margins of 50 degrees and 8 dB, and apply them to experiment 1."""
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.analysis.tuning.proposal import Targets, propose

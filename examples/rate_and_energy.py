@@ -1,11 +1,11 @@
-"""Pick and place in arches, faster and faster, and see what a round takes and how far the TCP is off."""
+"""Run pick-and-place arches at increasing speed, and report cycle rate, energy, current and TCP error."""
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.analysis.run_energy import energy_of_round
 
 ROUNDS = 3
 PICK, PLACE = [-0.1525, 0.0, -0.85], [0.1525, 0.0, -0.85]
-# straight up and down over 10 mm, and at least 25 mm above both ends where it is farther than 30 mm from them
+# vertical over the first and last 10 mm, and at least 25 mm high where farther than 30 mm from both ends
 CLEARANCES = {'up_m': 0.01, 'down_m': 0.01, 'keep_out': {'height_m': -0.825, 'margin_m': 0.03}}
 
 robot = d3.load_parameters('model')

@@ -1,9 +1,9 @@
-"""A fault stops a robot on its way; bring it back onto its path. In another terminal: delta3 up."""
+"""Recover a robot from a fault and continue its path; in another terminal: delta3 up."""
 
 from delta3_pacdrive.ros.robot_client import operating
 
 PROGRAM = 'moves: [move_l: {to_m: [0.2, 0.0, -0.8], speed_m_s: 0.2}, move_l: {to_m: [0.0, 0.0, -0.75]}]'
-# a drive gives up when two telegrams in a row are lost
+# a drive stops after two consecutive lost telegrams
 FAULT = '{fault: drop_mdt, axis: axis2, cycles: 2, after_s: 0.3}'
 
 
@@ -13,7 +13,7 @@ def reason(robot):
     return f'at x = {robot.progress["tcp_m"][0]:.3f} m: {robot.progress["fault"]}'
 
 
-with operating('') as robot:  # waits are bounded; a refusal is an exception with the robot's sentence
+with operating('') as robot:  # waits have timeouts; a rejection raises an exception with the message
     robot.take_control('watchman')
     print(robot.send_program(PROGRAM))
     print(robot.call('start'))
@@ -21,10 +21,10 @@ with operating('') as robot:  # waits are bounded; a refusal is an exception wit
     robot.wait_until(lambda: robot.state == 'error', 'stop')
     print(reason(robot))
 
-    print(robot.call('reset'))  # clears the drives, once the causes are gone
+    print(robot.call('reset'))  # clears the drive faults after their causes have ended
     print(robot.enable(True))
     robot.wait_until(lambda: robot.progress['in_torque'], 'torque')
-    print(robot.call('resume'))  # straight back to where the program was stopped, then on
+    print(robot.call('resume'))  # straight back to the stop position, then along the path
     robot.wait_until(lambda: robot.state == 'moving', 'motion')
     robot.wait_until(lambda: robot.state == 'idle' and robot.progress['finished'], 'end of the program')
     print(f'{robot.state} at x = {robot.progress["tcp_m"][0]:.3f} m')

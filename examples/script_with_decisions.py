@@ -1,4 +1,4 @@
-"""Wait for parts, pick each one, and lay the good ones on a grid: a script that decides by its inputs."""
+"""Wait for parts, pick each one, and place the good ones on a grid: a script with decisions by inputs."""
 
 from delta3_pacdrive import cell
 

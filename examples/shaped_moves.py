@@ -1,4 +1,4 @@
-"""Stop the built robot with each kind of input shaping, and see how far its true TCP still swings."""
+"""Stop the built robot with each kind of input shaping, and measure the residual vibration of its true TCP."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Signals for others: what the gripper does and what the drives ask for, as a table that any tool reads."""
+"""Export signals of gripper and drives as a table for other tools."""
 
 import csv
 import json
@@ -15,9 +15,9 @@ trace = d3.simulate('packaging', signals=NAMES)
 table = trace_export.thinned(trace_export.chosen(trace, NAMES, 'packaging'), 5)
 trace_file.save(table, 'packaging.csv')
 
-# somebody else's tool: headings with units, numbers, and beside it what each column is
+# in another tool: headings with units, numbers, and a metadata file that describes the columns
 with open('packaging.csv', encoding='utf-8', newline='') as file:
-    next(file)  # a short comment
+    next(file)  # skip the comment
     rows = list(csv.DictReader(file))
 with open('packaging.csv-metadata.json', encoding='utf-8') as file:
     columns = json.load(file)['tableSchema']['columns']

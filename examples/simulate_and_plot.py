@@ -1,4 +1,4 @@
-"""Run experiment 1 of the thesis without ROS, and draw what a drives engineer looks at first."""
+"""Run experiment 1 of the thesis without ROS, and plot TCP error and currents."""
 
 import sys
 

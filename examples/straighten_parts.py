@@ -1,4 +1,4 @@
-"""Turn parts that lie askew on a belt: on the other belt all of them lie along it (``skewed_parts.yaml``)."""
+"""Align skewed parts from one belt with the direction of another belt; the cell is ``skewed_parts.yaml``."""
 
 import math
 from pathlib import Path

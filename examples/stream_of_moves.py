@@ -1,4 +1,4 @@
-"""Send moves to a robot while it moves, and hear what becomes of each; in another terminal: delta3 up."""
+"""Send moves to a moving robot and follow the state of each; in another terminal: delta3 up."""
 
 import json
 
@@ -10,10 +10,10 @@ from std_msgs.msg import String
 from delta3_pacdrive.ros.discovery import keep_to_this_machine
 
 CORNERS_M = [(0.15, 0.0), (0.0, 0.15), (-0.15, 0.0), (0.0, -0.15)]
-keep_to_this_machine()  # where the robot is: 127.0.0.1
+keep_to_this_machine()  # the robot is at 127.0.0.1
 rclpy.init()
 node = Node('stream')
-states = {}  # by id, the newest
+states = {}  # latest state by id
 
 
 def on_report(message: String) -> None:
@@ -24,7 +24,7 @@ node.create_subscription(String, 'unit_robot/requests', on_report, 100)
 move = node.create_client(AddDiagnostics, 'unit_robot/move')
 while not (move.service_is_ready() and node.count_publishers('unit_robot/requests')):
     rclpy.spin_once(node, timeout_sec=0.1)
-# rounded when the next move comes in time
+# blended if the next move arrives in time
 moves = [f'to_m: [{x}, {y}, -0.8], speed_m_s: 0.4, blend_m: 0.03' for x, y in CORNERS_M]
 requests = []
 for move_l in [*moves, 'to_m: [0.0, 0.0, -0.8], speed_m_s: 0.4']:

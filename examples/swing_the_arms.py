@@ -1,4 +1,4 @@
-"""Drive the arms by a JointTrajectory from your own rclpy node; in another terminal: delta3 up."""
+"""Move the arms with a JointTrajectory from your own rclpy node; in another terminal: delta3 up."""
 
 import rclpy
 from builtin_interfaces.msg import Duration
@@ -10,9 +10,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from delta3_pacdrive.ros.discovery import keep_to_this_machine
 
 AXES = ['axis1', 'axis2', 'axis3']
-SWINGS_RAD = [(0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2), (0.0, 0.0, 0.0)]  # from where the arms stand
+SWINGS_RAD = [(0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2), (0.0, 0.0, 0.0)]  # relative
 
-keep_to_this_machine()  # where the robot is: 127.0.0.1
+keep_to_this_machine()  # the robot is at 127.0.0.1
 rclpy.init()
 node = Node('swing')
 answers, states, joints = [], [], []
@@ -27,7 +27,7 @@ trajectory = JointTrajectory(joint_names=AXES)
 for number, swing in enumerate(SWINGS_RAD, 1):
     point = JointTrajectoryPoint(
         velocities=[0.0, 0.0, 0.0], accelerations=[0.0, 0.0, 0.0]
-    )  # a quintic to each
+    )  # quintic to each point
     point.positions = [angle + by for angle, by in zip(joints[-1], swing, strict=True)]
     point.time_from_start = Duration(sec=number // 2, nanosec=number % 2 * 500_000_000)
     trajectory.points.append(point)

@@ -1,4 +1,4 @@
-"""Torques of the arms along experiment 3 by the equations of the thesis, held against the simulated currents."""
+"""Compute the arm torques along experiment 3 with the equations of the thesis and compare the currents."""
 
 import numpy as np
 
@@ -25,8 +25,10 @@ friction = motor.static_friction_n_m * np.tanh(shaft / motor.friction_smoothing_
 friction += motor.viscous_friction_n_m_s_rad * shaft
 current = (tau / gear + friction) / motor.torque_constant_n_m_a  # 4.18
 
-moving = np.abs(shaft).max(axis=1) > 5.0  # the brakes are open, friction is not the smoothed jump at rest
+moving = np.abs(shaft).max(axis=1) > 5.0  # brakes released, outside the smoothed friction step
 error_a = np.abs(current - trace['current'])[moving]
 for name, part in parts.items():
     print(f'{name}: at most {np.abs(part).max():.2f} N m at an arm')
-print(f'current: at most {np.abs(current).max():.2f} A, {error_a.mean():.3f} A beside the drives on average')
+print(
+    f'current: at most {np.abs(current).max():.2f} A, mean deviation from the drives {error_a.mean():.3f} A'
+)

@@ -1,4 +1,4 @@
-"""What the position gain and the feed-forwards do to the TCP error of experiment 1."""
+"""Show the effect of position gain and feed-forward on the TCP error of experiment 1."""
 
 import delta3_pacdrive as d3
 

@@ -1,4 +1,4 @@
-"""Turn a product half around on its way: how far off it arrives, and what a slower axis makes of the cycle."""
+"""Rotate a product by half a turn during transport: angular error, and cycle time with a slower axis."""
 
 import math
 

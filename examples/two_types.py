@@ -1,4 +1,4 @@
-"""Sort a mixed stream of two types from a belt into two trays; the cell is that of ``two_belts.yaml``."""
+"""Sort a mixed stream of two types from a belt into two trays; the cell is ``two_belts.yaml``."""
 
 from collections import Counter
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Why the velocity loop has more gain margin than its continuous approximation says."""
+"""Explain the difference between the gain margin of the velocity loop and of its continuous approximation."""
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.analysis.tuning.analysis import OperatingPoint

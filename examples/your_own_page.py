@@ -1,4 +1,4 @@
-"""Show the workspace of the robot on a page in the browser, and a path of your own that it follows there."""
+"""Show the workspace of the robot and a path of your own on a web page."""
 
 import sys
 import time

@@ -115,7 +115,7 @@ def test_a_camera_that_dies_is_told_instead_of_waiting_for_its_parts(robot):
     with cell.simulate(robot, cell=mixed(dead)) as called, pytest.raises(cell.ScriptError) as told:
         all_of_them(called)
     assert told.value.code is Code.BELT
-    assert 'part: the camera of belt line is dead: no picture for 0.30 m of its way' in str(told.value)
+    assert 'part: the camera of belt line is dead: no picture for 0.30 m of belt travel' in str(told.value)
 
 
 def test_a_light_barrier_that_bounces_does_not_send_the_robot_twice(robot):
@@ -137,7 +137,7 @@ WRONG = {
     'pitch': (lambda robot: robot.slot('line', 0.0), 'slot: pitch_m is 0 m, but must be between'),
     'kind': (
         lambda robot: robot.part('line', kind='bar'),
-        'part: belt line has no camera, which would tell the kind',
+        'part: belt line has no camera to detect the kind',
     ),
     'belt': (lambda robot: robot.belt('lane'), "unknown belt 'lane', the belts are: line"),
     'nothing comes': (

@@ -141,7 +141,7 @@ def test_a_corner_that_is_too_late_is_told_with_its_line(robot):
 
     (notice,) = driven(robot, script).meta['notices']
     assert 'test_decisions.py:' in notice
-    assert notice.endswith('the corner before this is not rounded: it is too late')
+    assert notice.endswith('the corner before this move is not rounded: the order is too late')
 
 
 def test_wait_ends_with_the_robot_in_position(robot):

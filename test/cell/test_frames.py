@@ -72,7 +72,7 @@ WRONG = {
     'tool': (lambda robot: robot.use(tool=3), 'tool is 3, but must be a Tool'),
     'mass': (
         lambda robot: robot.move_l(to_mm=[0, 0, -800], tool=CUP),
-        r'tool .cup. weighs 0.2 kg, but the robot carries a tool of 0 kg: robot.use\(tool=...\)',
+        r'tool .cup. has a mass of 0.2 kg, but the present tool has 0 kg: change it with robot.use\(tool=...\)',
     ),
     'where there are no points': (lambda robot: robot.output('gripper', True, frame=TABLE), 'unknown key .frame.'),
     'too heavy': (

@@ -78,7 +78,7 @@ def test_a_file_that_is_no_script_is_refused(folder, name):
 
 
 def test_a_script_that_is_not_there_is_refused(folder):
-    with pytest.raises(ProgramError, match=r'script nobody\.py is not there'):
+    with pytest.raises(ProgramError, match=r'script nobody\.py does not exist'):
         script.load('nobody.py')
 
 

@@ -31,4 +31,4 @@ def test_a_move_that_does_not_arrive_fails_with_its_sentence(
     assert main(['move', 'program', str(program)]) == 1
     told = capsys.readouterr()
     assert 'not in position 0.05 s after the set points came to rest' in told.err
-    assert 'the robot stands' not in told.out
+    assert 'the robot is at rest' not in told.out

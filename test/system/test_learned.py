@@ -62,7 +62,7 @@ def test_a_robot_that_is_up_follows_them_whenever_just_that_program_is_driven(
         done = delta3('move', *arguments)
         assert done.returncode == 0, done.stderr
         *_, sentence, end = done.stdout.splitlines()
-        assert end == 'the robot stands'
+        assert end == 'the robot is at rest'
         return sentence
 
     assert 'learned torques are not followed: no program has been started' in delta3('move', 'state').stdout

@@ -113,7 +113,7 @@ def test_moves_are_driven_and_refused_from_the_command_line(robot: subprocess.Po
     assert delta3('move', 'sb', '0', '-0.1', '-0.82', '0.1', '0', '-0.84', '--queue').returncode == 0
     started = delta3('move', 'start')
     assert 'started' in started.stdout
-    assert started.stdout.endswith('the robot stands\n')
+    assert started.stdout.endswith('the robot is at rest\n')
     refused = delta3('move', 'l', '0', '0', '-0.3')
     assert refused.returncode == 1
     assert refused.stderr.startswith('error: moves[0].move_l: z is -0.3 m at s = ')
@@ -225,7 +225,7 @@ def test_moves_are_appended_while_the_robot_moves_and_while_it_is_held(
         assert time.monotonic() < deadline
     assert 'resume continues' in delta3('move', 'l', '0', '0', '0.01', '--relative').stdout
     assert delta3('move', 'override', '150').returncode == 0
-    assert delta3('move', 'resume').stdout.endswith('the robot stands\n')
+    assert delta3('move', 'resume').stdout.endswith('the robot is at rest\n')
     assert 'TCP at (100.000, 10.000, -740.000) mm' in delta3('move', 'state').stdout
 
 
