@@ -154,7 +154,7 @@ def test_a_page_begins_dark_where_that_is_asked_for_and_light_elsewhere(shown, m
     monkeypatch.setattr(viser.GuiApi, 'configure_theme', configure)
 
     def until_now(page):
-        page.stand(())  # it tells its look once more
+        page.show_cell(())  # applies the theme again
         return [themes.get() for _ in range(themes.qsize())]
 
     def until_dark(_):
