@@ -28,11 +28,11 @@ def belts_text(belts: Sequence[BeltAxes]) -> str:
 def read_belts(text: str) -> tuple[BeltAxes, ...]:
     """Return the belts of an announcement; raises ValueError if it is invalid."""
     try:
-        told = json.loads(text)
-        found = tuple(_belt(one) for one in told)
+        described = json.loads(text)
+        found = tuple(_belt(one) for one in described)
     except (KeyError, TypeError, AttributeError, RecursionError, OverflowError) as error:
         raise ValueError('the announcement of the belts is invalid') from error
-    if not isinstance(told, list) or len({belt.name for belt in found}) < len(found):
+    if not isinstance(described, list) or len({belt.name for belt in found}) < len(found):
         raise ValueError('the announcement of the belts is invalid, or two have one name')
     return found
 

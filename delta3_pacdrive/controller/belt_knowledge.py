@@ -266,5 +266,5 @@ class RemoteBelts(BeltKnowledge):
         self.observed = Observed.from_document(document['observed'])
         self._tracked = Tracked.from_document(document['tracked'])
         self.lost = self._tracked.lost
-        for known, told in zip(self.parts, document['parts'], strict=True):
-            known.extend(QueuedPart(*one) for one in told)
+        for known, reported in zip(self.parts, document['parts'], strict=True):
+            known.extend(QueuedPart(*one) for one in reported)

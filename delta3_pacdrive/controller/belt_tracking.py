@@ -98,8 +98,8 @@ class BeltTracking(BeltKnowledge):
 
     def observe(self, cycle: int, readings: Sequence[BeltReading]) -> None:
         """Take the readings of all belts in the AT of a bus cycle; cycles must be in order."""
-        told = zip(self.belts, self._observers, readings, strict=True)
-        for n, (belt, observer, reading) in enumerate(told):
+        axes = zip(self.belts, self._observers, readings, strict=True)
+        for n, (belt, observer, reading) in enumerate(axes):
             there = observer.step(reading.count)
             speed = there.speed_m_s
             if reading.pictures != self._pictures[n][0]:
@@ -144,8 +144,8 @@ class BeltTracking(BeltKnowledge):
 
     def take_parts(self, belt: int, until: int = NEVER) -> list[QueuedPart]:
         """Remove and return the parts reported on a belt up to a bus cycle."""
-        parts, told = self.parts[belt], self._reported[belt]
-        return [(told.popleft(), parts.popleft())[1] for _ in range(bisect_right(told, until))]
+        parts, cycles = self.parts[belt], self._reported[belt]
+        return [(cycles.popleft(), parts.popleft())[1] for _ in range(bisect_right(cycles, until))]
 
     def begin(self, cycle: int) -> None:
         """Discard parts beyond the window, for a script that starts with the feedback of a bus cycle."""

@@ -96,8 +96,8 @@ class Enabling:
             if found is None:
                 continue
             reason, sentence = (found, '') if isinstance(found, Reason) else (None, found)
-            told = Replied(request, reason, sentence)
-            self._state.actions.extend((Logged(f'enable: {found}', error=reason is not None), told))
+            reply = Replied(request, reason, sentence)
+            self._state.actions.extend((Logged(f'enable: {found}', error=reason is not None), reply))
 
     # fault reset ------------------------------------------------------------------------------------------------------
 

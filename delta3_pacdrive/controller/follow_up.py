@@ -48,9 +48,9 @@ class AppendRequest:
         """Plan the moves with or without a rounded corner before them; raises ProgramError."""
         waiting = self._requests.tracker.appended
         append_to = self._appended.append_point(waiting, rounded, self._newest_cycle())
-        here = np.array(append_to.splice.start_m)
+        start_m = np.array(append_to.splice.start_m)
         self._planning.begin(
-            here, self._appended.take, request.text, request.adaptation, wrapped=True, append_to=append_to
+            start_m, self._appended.take, request.text, request.adaptation, wrapped=True, append_to=append_to
         )
 
     def handle_control_loss(self) -> None:

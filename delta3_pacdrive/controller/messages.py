@@ -36,9 +36,9 @@ class _Message:
             raise TelegramError(f'{shown(text)} is not a valid {cls.__name__.lower()}') from None
         kinds = get_type_hints(cls)
         needed = [f.name for f in fields(cls) if f.default is not None]
-        told = set(values) if isinstance(values, Mapping) else set()
-        names = [f.name for f in fields(cls) if f.name in needed or f.name in told]
-        if told != set(names):
+        given = set(values) if isinstance(values, Mapping) else set()
+        names = [f.name for f in fields(cls) if f.name in needed or f.name in given]
+        if given != set(names):
             raise TelegramError(f'a {cls.__name__.lower()} must have the keys {", ".join(needed)}')
         for name in names:
             _require(values[name], kinds[name], f'{name} of a {cls.__name__.lower()}')

@@ -56,9 +56,9 @@ class _Path:
     pieces: dict[int, _Piece]
     order: NDArray[np.int64]
 
-    def followed(self, told: Row, pieces: dict[int, _Piece]) -> '_Path':
+    def followed(self, extension: Row, pieces: dict[int, _Piece]) -> '_Path':
         """Return the path extended by an order of appended moves."""
-        stays, gone = self.order[told.first : told.kept], self.order[: told.first]
+        stays, gone = self.order[extension.first : extension.kept], self.order[: extension.first]
         kept = _once(stays)
         driven = [n for n in _once(gone) if n not in kept and n in self.pieces]
         before = (*self.before, *(self.pieces[n] for n in driven))
@@ -66,7 +66,7 @@ class _Path:
         found = {numbers[n]: self.pieces[n] for n in kept if n in self.pieces}
         found |= {len(kept) + n: piece for n, piece in pieces.items()}
         staying = np.array([numbers[n] for n in stays.tolist()], dtype=np.int64)
-        order = np.concatenate([staying, told.order.astype(np.int64) + len(kept)])
+        order = np.concatenate([staying, extension.order.astype(np.int64) + len(kept)])
         return _Path(before[-PIECES_MAX:], found, order)
 
     def by(self, kinematics: Kinematics) -> '_Path':
@@ -119,11 +119,11 @@ class PlannedPath:
             order = np.nan_to_num(row[ORDER_HEADER:]).clip(UNKNOWN, MOVES_MAX).astype(np.int64)
             self._keep(origin, _Path((), self._pieces, order))
         elif origin.kind == EXTEND:
-            told = Row.from_array(row)
-            base = self._orders.get((origin.session, origin.planner, told.base))
+            extension = Row.from_array(row)
+            base = self._orders.get((origin.session, origin.planner, extension.base))
             if base is None:
-                base = _Path((), {}, np.full(min(told.kept, UNKNOWN_MAX), UNKNOWN))
-            self._keep(origin, base.followed(told, self._pieces))
+                base = _Path((), {}, np.full(min(extension.kept, UNKNOWN_MAX), UNKNOWN))
+            self._keep(origin, base.followed(extension, self._pieces))
         elif origin.kind in MoveKind.__members__ and len(self._pieces) < PIECES_MAX:
             move, number, _ = Move.from_array(row, self._kinematics)
             self._pieces[number] = _Piece.of(move)

@@ -200,9 +200,9 @@ class Planner:
         if self._run.waits or self.motion != MotionState.ERROR:
             self._handle(RunEvent.PHASE_UP)
 
-    def _set_located(self, here: Floats) -> None:
-        first = self._readiness.here is None
-        self._readiness.here = here
+    def _set_located(self, start_m: Floats) -> None:
+        first = self._readiness.tcp_m is None
+        self._readiness.tcp_m = start_m
         self._handle(RunEvent.LOCATE)
         self._queue.clear_plan()
         if first and self._queue.program is not None and not self._autostart:
@@ -474,7 +474,7 @@ class Planner:
         if not trajectory.points:
             self._stop()
             return
-        here = self._readiness.require_rest()
+        start_m = self._readiness.require_rest()
         if self._queue.program is not None:
             raise refused(Code.STATE, 'moves are in the queue: a trajectory needs an empty one')
         self._readiness.require_orders()
@@ -490,7 +490,7 @@ class Planner:
                 )
             self._launch(result, cycle, result.statements, cycle != SOON, trajectory.tolerances)
 
-        self._planning.begin(here, launch, program)
+        self._planning.begin(start_m, launch, program)
 
     def _stop(self) -> None:
         """Revoke the running program, so that the task stops it on its path."""
@@ -530,13 +530,13 @@ class Planner:
 
     def _run_autostart(self) -> None:
         """Plan the initial program once the robot is located, then start it when possible."""
-        here = self._readiness.here
-        if self.status is None or here is None:
+        start_m = self._readiness.tcp_m
+        if self.status is None or start_m is None:
             return
         own = Request('', '', 0, 0, 'start')
         if self._queue.planned is None:
             self._requests.serving = own
-            self._planning.begin(here, self._store_plan)
+            self._planning.begin(start_m, self._store_plan)
         elif self.listened_to and self._readiness.refusal is None:
             self._autostart = False
             self._requests.serving = own
@@ -548,16 +548,16 @@ class Planner:
         self._requests.serving = None
 
     def _start(self) -> None:
-        here = self._readiness.require_rest()
+        start_m = self._readiness.require_rest()
         again = self._queue.program is None and self._run.remains is not Remains.NOTHING
         if self._queue.program is None and not again:
             raise refused(Code.STATE, 'no moves are in the queue')
         self._readiness.require_orders()
         if again and self._run.program is not None:
             # injected faults happen only once; the queue stays empty if the order is rejected
-            self._planning.begin(here, self._launch, program=replace(self._run.program, faults=()))
+            self._planning.begin(start_m, self._launch, program=replace(self._run.program, faults=()))
         elif self._queue.planned is None:
-            self._planning.begin(here, self._launch_planned)
+            self._planning.begin(start_m, self._launch_planned)
         else:
             self._launch_queue(-1)
 
@@ -604,9 +604,9 @@ class Planner:
                 Code.STATE, f'{motion_sentence(self.motion)}: only a stopped program can be resumed'
             )
         # back to the path and on along it; a restart remains possible if this is rejected
-        here = self._readiness.require_rest()
+        start_m = self._readiness.require_rest()
         self._readiness.require_orders()
-        self._send(Order.back(self._run, cut_off, here, self.override, self._robot))
+        self._send(Order.back(self._run, cut_off, start_m, self.override, self._robot))
 
 
 def _timeout_reason(consequence: str) -> Reason:

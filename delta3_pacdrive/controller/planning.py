@@ -29,7 +29,7 @@ class Planning:
 
     def begin(
         self,
-        here: Floats,
+        start_m: Floats,
         then: Callable[[Result], None],
         text: str = '',
         adaptation: Adaptation = AS_IT_IS,
@@ -39,13 +39,13 @@ class Planning:
     ) -> None:
         """Plan the queue or another program, followed by ``text``, from a position [m], shape (3,)."""
         self._jobs += 1
-        x, y, z = here.tolist()
+        x, y, z = start_m.tolist()
         job = Job(
             number=self._jobs,
             queue=program or self._queue.program,
             text=text,
             adaptation=adaptation,
-            here_m=(x, y, z),
+            start_m=(x, y, z),
             wrapped=wrapped,
             append_to=append_to,
             turn_rad=self.turn_rad,

@@ -28,7 +28,7 @@ class Job:
     queue: Program | None  # moves before the text, or all moves without a text
     text: str  # statements in YAML or the name of a packaged program; may be empty
     adaptation: Adaptation  # requested changes to the text
-    here_m: Point  # position of the robot
+    start_m: Point  # position of the robot
     wrapped: bool = False  # whether the text may be a statement or a list, and may have the key start
     append_to: 'AppendPoint | None' = None  # None: the text is queued
     turn_rad: float | None = None  # angle of the rotary axis before the first move, if present
@@ -98,7 +98,7 @@ def work(
             raise ProgramError('no moves are in the queue')
         planned = program_planner.plan(
             program,
-            job.here_m,
+            job.start_m,
             robot,
             returning=True,
             open_end=True,
@@ -106,7 +106,7 @@ def work(
             turn_rad=job.turn_rad,
         )
         if job.text and job.queue is not None:
-            program_planner.require_start(more, _end_m(planned, len(job.queue.statements), job.here_m))
+            program_planner.require_start(more, _end_m(planned, len(job.queue.statements), job.start_m))
         return Result(job.number, program, planned, statements=statements, starts=starts)
     except CancelledError as error:
         return Result(job.number, None, None, Reason(Code.WITHDRAWN, str(error)))
@@ -192,14 +192,14 @@ def _unwrapped(document: Any) -> tuple[Any, bool]:
     return document, starts
 
 
-def _end_m(planned: Planned, statements: int, here_m: Point) -> Point:
-    """Return the end of the first ``statements`` of a plan [m], or ``here_m`` if they do not move the robot."""
+def _end_m(planned: Planned, statements: int, start_m: Point) -> Point:
+    """Return the end of the first ``statements`` of a plan [m], or ``start_m`` if they do not move the robot."""
     for end in reversed(planned.ends[:statements]):
         if end is not None:
             number, distance = end
             x, y, z = planned.plan.move(number).sample([distance])[0, 0].tolist()
             return (x, y, z)
-    return here_m
+    return start_m
 
 
 def _appended(queue: Program | None, more: Program) -> Program:

@@ -116,14 +116,14 @@ class PositionWait:
             off, within = np.append(off, abs(tool['off'])), min(within, int(tool['within']))
         worst = int(np.argmax(np.where(np.isfinite(off), off / self._windows_rad, np.inf)))
         axis, window = (*DRIVES, TOOL_DRIVE)[worst], self._windows_rad[worst]
-        told = f'not in position {waited_s:.3g} s after the set points came to rest {where}'
+        sentence = f'not in position {waited_s:.3g} s after the set points came to rest {where}'
         if off[worst] <= window:
             counted = min(within, cycle + 1 - since)
-            told += (
+            sentence += (
                 f': all drives are within their position windows (S-0-0057) for only {counted} bus cycles, '
                 f'{self._cycles} are needed'
             )
-            return RobotFault(FaultCode.NOT_IN_POSITION, told, cycle=cycle)
-        told += f': {axis} is {off[worst]:.4g} rad off, the position window (S-0-0057) is '
-        told += f'{window:g} rad'
-        return RobotFault(FaultCode.NOT_IN_POSITION, told, axis, cycle=cycle)
+            return RobotFault(FaultCode.NOT_IN_POSITION, sentence, cycle=cycle)
+        sentence += f': {axis} is {off[worst]:.4g} rad off, the position window (S-0-0057) is '
+        sentence += f'{window:g} rad'
+        return RobotFault(FaultCode.NOT_IN_POSITION, sentence, axis, cycle=cycle)

@@ -133,7 +133,7 @@ class Order:
 
     @staticmethod
     def back(
-        run: 'ProgramRun', cut_off: Timeline, here: Floats, override: float, robot: Parameters
+        run: 'ProgramRun', cut_off: Timeline, start_m: Floats, override: float, robot: Parameters
     ) -> 'Order':
         """Return the order from the TCP position [m] back to a path that was cut off, and on along it.
 
@@ -143,7 +143,7 @@ class Order:
             No return path exists.
 
         """
-        plan, override = return_plan(cut_off, here, robot), min(override, run.override_max)
+        plan, override = return_plan(cut_off, start_m, robot), min(override, run.override_max)
         time = f'{plan.duration_s / override:.3f} s{at_percent(override)}'
         sentence = f'resumed after the fault: {counted(len(plan), "move")}, {time}'
         return Order(

@@ -14,7 +14,7 @@ class Readiness:
 
     def __init__(self, identity: str, task: TaskStatus, run: ProgramRun) -> None:
         self._identity, self._task, self._run = identity, task, run
-        self.here: Floats | None = None  # TCP position [m], shape (3,), once located
+        self.tcp_m: Floats | None = None  # TCP position [m], shape (3,), once located
 
     @property
     def status(self) -> Status | None:
@@ -38,7 +38,7 @@ class Readiness:
 
     def require_rest(self) -> Floats:
         """Return the TCP position; raises RefusedError unless the robot is located and idle."""
-        if self.status is None or self.here is None:
+        if self.status is None or self.tcp_m is None:
             raise refused(Code.BUS, 'the transformation task has not located the robot yet')
         if self.motion != MotionState.IDLE or self._run.state is not RunState.NONE:
             refusal = self.refusal
@@ -46,7 +46,7 @@ class Readiness:
                 raise RefusedError(refusal)
             motion = MotionState.MOVING if self.motion == MotionState.IDLE else self.motion
             raise refused(Code.STATE, f'{motion_sentence(motion)}: moves are taken when it is idle')
-        return self.here
+        return self.tcp_m
 
     def require_orders(self) -> None:
         """Raise RefusedError if the transformation task would reject an order."""

@@ -124,9 +124,9 @@ class RequestService:
         reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
         self._act(Replied(request, reason, sentence))
 
-    def handle_control_loss(self, loser: str, cancel: Callable[[], object]) -> None:
+    def handle_control_loss(self, operator: str, cancel: Callable[[], object]) -> None:
         """Reject the requests of an operator that has lost control; ``cancel`` cancels one being served."""
-        if self.serving is not None and self.serving.operator == loser:
+        if self.serving is not None and self.serving.operator == operator:
             cancel()
-        for one in self._queue.remove(lambda request: request.operator == loser):
+        for one in self._queue.remove(lambda request: request.operator == operator):
             self._act(Replied(one, LOST_CONTROL, ''))

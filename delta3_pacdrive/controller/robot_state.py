@@ -199,12 +199,12 @@ class RobotState:
         task, tracking = self._task, self._task.tracking
         if self.motion in UNDER_WAY:
             self.abort()
-        stands = task.end_cycle if task.loaded else 0
+        rest_cycle = task.end_cycle if task.loaded else 0
         if tracking is None:
-            return stands
+            return rest_cycle
         task.cancel_tracking()
         tracking.clear_loss()
-        return max(tracking.rest_cycle, stands)
+        return max(tracking.rest_cycle, rest_cycle)
 
     def _belt_refusal(self) -> Reason | None:
         """Return why a robot stopped while following a belt cannot take moves yet, None if it can."""
@@ -220,8 +220,8 @@ class RobotState:
             )
             return Reason(Code.CONTENT, sentence)
         # excluding the belt offset
-        stands = self._task.state['tcp' if self._task.tracking is None else 'planned'][0]
-        away = float(sum((order.plan.start_m() - stands) ** 2)) ** 0.5
+        position = self._task.state['tcp' if self._task.tracking is None else 'planned'][0]
+        away = float(sum((order.plan.start_m() - position) ** 2)) ** 0.5
         if away > STANDING_M:
             return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from the position of the robot')
         try:
@@ -414,27 +414,27 @@ class RobotState:
 
     def _update_belt(self, cycle: int) -> None:
         """Locate the robot when it no longer follows a belt."""
-        beside = self._task.tracking is not None and not self._task.tracking.free
-        if self._was_on_belt and not beside and self.motion is MotionState.IDLE:
+        on_belt = self._task.tracking is not None and not self._task.tracking.free
+        if self._was_on_belt and not on_belt and self.motion is MotionState.IDLE:
             self.locate(self._task.state['tcp'][0], cycle)
-        self._was_on_belt = beside
+        self._was_on_belt = on_belt
 
     def answered(self, cycle: int) -> None:
         """End a program with its last feedback, and read the currents from the drives."""
         self.finished = True
         self._end(Event.END, cycle)
         asked = (PEAK_CURRENT, self._task.current_peak), (RMS_CURRENT, self._task.current_rms)
-        for access, told in asked:
-            take = partial(self._take_current, told)
+        for access, currents in asked:
+            take = partial(self._take_current, currents)
             self.actions.extend(
                 robot_actions.AccessRequested(index, access, take) for index in range(len(DRIVES))
             )
 
     @staticmethod
-    def _take_current(told: list[float | None], index: int, answer: Answer) -> None:
+    def _take_current(currents: list[float | None], index: int, answer: Answer) -> None:
         """Store a current read from a drive; each program has separate lists."""
         if not answer.error:
-            told[index] = answer.value
+            currents[index] = answer.value
 
     def _clear_program(self) -> None:
         self._aborting = False
@@ -485,9 +485,9 @@ class RobotState:
     def _take_number(self, index: int, answer: Answer) -> None:
         """Add the diagnostic message number read from a drive to the fault."""
         number = 0 if answer.error else int(answer.value)
-        told = FAULT_OF_NUMBER.get(number)
-        if told and self.fault and index == self._reporting:
-            sentence = f'{self.fault}: {fault_text(told)}'
+        known = FAULT_OF_NUMBER.get(number)
+        if known and self.fault and index == self._reporting:
+            sentence = f'{self.fault}: {fault_text(known)}'
             self.fault = replace(self.fault, sentence=sentence, number=number)
             self.actions.append(robot_actions.Logged(sentence, error=True))
 

@@ -355,12 +355,12 @@ class SimulatedOperation:
         for changes, word in zip(self.drive_status, status, strict=False):
             if not changes or changes[-1][1] != word:
                 changes.append([cycle, word])
-        told: list[Sequence[float]] = answers.T.tolist()
+        feedback: list[Sequence[float]] = answers.T.tolist()
         if self._robot.tool is not None:
-            told.append(self._robot.tool.answer)
+            feedback.append(self._robot.tool.answer)
         received = [
             None if self._schedule.telegram(AT_LOSSES, axis, cycle) else (values, word)
-            for axis, values, word in zip(self._names, told, status, strict=True)
+            for axis, values, word in zip(self._names, feedback, status, strict=True)
         ]
         if self._must_succeed and cycle >= self._start and not self.stopped:
             self._require_torque(status, cycle)

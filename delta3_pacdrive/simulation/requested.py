@@ -63,9 +63,9 @@ class OptionalSignals:
     def note_end(self, task: Transformation, axes: AxisMonitor) -> None:
         """Record the state of the task after a bus cycle; without a clock nothing is late."""
         if self._of_cell and self._world is not None:
-            told = self._world.signals()
+            signals = self._world.signals()
             for name, rows in self._of_cell.items():
-                rows.append(told[name])
+                rows.append(signals[name])
         for name, rows in self._task.items():
             if name == 'payload':
                 rows.append([task.payload])

@@ -70,10 +70,10 @@ def compile_kernels(parameters: Parameters | None = None, show: Show = lambda do
         _compile_together(parameters, lambda: show(compiled() - before, 0))
 
 
-def _compile_together(parameters: Parameters, tell: Callable[[], None]) -> None:
+def _compile_together(parameters: Parameters, show: Callable[[], None]) -> None:
     """Compile the kernels of a robot, unless another process has done so meanwhile."""
-    tell()
-    with alone(tell), watched(tell):
+    show()
+    with alone(show), watched(show):
         if not all_compiled(parameters.kind):
             _compile(parameters)
             mark_compiled(parameters.kind)
