@@ -69,7 +69,7 @@ def test_an_estimation_does_not_go_on_with_other_inputs(bus, tmp_path):
         Study.resumed(tmp_path, 'test', quiet)
 
 
-def test_the_command_writes_what_repeats_it(bus, tmp_path, capsys):
+def test_the_command_writes_what_repeats_it(bus, tmp_path, capsys, drawn):
     trace, folder = tmp_path / 'measured.csv', tmp_path / 'out'
     trace_csv.write(bus, trace)
     arguments = [str(trace), '--group', 'geometry', '--start-off', '0.3', '--output', str(folder), '--json']
