@@ -29,7 +29,7 @@ class IndexPage:
 
     def add_file(self, path: Path) -> None:
         """Add a file; raises ReportError."""
-        self._sections.append(f'<p>{offered(path)}</p>')
+        self._sections.append(f'<p>{download_link(path)}</p>')
 
     def add_table(self, path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         """Add a table that was written to a file; raises ReportError."""
@@ -39,7 +39,7 @@ class IndexPage:
         )
         shown = '' if len(rows) <= ROWS_SHOWN else f'the first {ROWS_SHOWN} of '
         self._sections.append(
-            f'<details><summary>{escape(path.name)}</summary>\n<p>{shown}{len(rows)} rows; {offered(path)}</p>\n'
+            f'<details><summary>{escape(path.name)}</summary>\n<p>{shown}{len(rows)} rows; {download_link(path)}</p>\n'
             f'<div class="wide"><table>\n<tr>{heads}</tr>\n{lines}</table></div></details>'
         )
 
@@ -69,7 +69,7 @@ class IndexPage:
         return PAGE.format(title=escape(title), body=body)
 
 
-def offered(path: Path, content: bytes | None = None) -> str:
+def download_link(path: Path, content: bytes | None = None) -> str:
     """Return the HTML link to a file: an embedded download, or for a large file a link; raises ReportError.
 
     ``content`` is the content of a file that is not written yet; None: read the file.

@@ -42,7 +42,7 @@ def program_name(text: str) -> str:
     return f'experiment{text}' if text in ('1', '2', '3') else text
 
 
-def noted(inputs: Iterable[str]) -> list[str]:
+def with_digests(inputs: Iterable[str]) -> list[str]:
     """Return each input with the digest of its file or folder; raises ReportError or ProgramError."""
     return [
         f'{text} {digest(Path(text) if is_recording(text) else programs.find(program_name(text)))}'

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from delta3_pacdrive import whole_file
 from delta3_pacdrive.analysis.figure_style import add_foot, save
-from delta3_pacdrive.analysis.index_page import IndexPage, offered
+from delta3_pacdrive.analysis.index_page import IndexPage, download_link
 from delta3_pacdrive.analysis.provenance import (
     Provenance,
     json_text,
@@ -136,7 +136,7 @@ class ReportFolder:
         path = self.path / SUMMARY
         origin = {'ok': True, 'provenance': self.provenance.lines()}
         document = origin | document | {'files': [str(path), *self.files]}
-        self.page(title, text, offered(path, json_text(document).encode()))
+        self.page(title, text, download_link(path, json_text(document).encode()))
         write_json(document, path)  # last: its presence means that the folder is complete
         return document
 

@@ -9,7 +9,7 @@ from typing import Any
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis import bag_cell, bag_events, cell_story, derived_signals, measured, run_signals
 from delta3_pacdrive.analysis.cell_story import CellStory
-from delta3_pacdrive.analysis.inputs import is_recording, is_table, noted
+from delta3_pacdrive.analysis.inputs import is_recording, is_table, with_digests
 from delta3_pacdrive.analysis.planning.evaluation import study
 from delta3_pacdrive.analysis.planning.report import limited_text
 from delta3_pacdrive.errors import ParameterError, TraceError, sources_of
@@ -158,7 +158,7 @@ def load(
         raise TraceError(f'{text}: the data of its moves, outputs, faults or notes cannot be read') from None
     title = str(trace.meta.get('program') or Path(text).name)
     outputs = tuple(story.get('outputs', ()))
-    (origin,) = noted([text])
+    (origin,) = with_digests([text])
     return Run(
         name=text,
         title=title,

@@ -80,7 +80,7 @@ def _model(options: Options) -> int:
 
 def _trace(options: Options) -> int:
     from delta3_pacdrive.analysis import trace_export
-    from delta3_pacdrive.analysis.inputs import noted
+    from delta3_pacdrive.analysis.inputs import with_digests
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.runs import notes_of
     from delta3_pacdrive.errors import TraceError
@@ -95,7 +95,7 @@ def _trace(options: Options) -> int:
         trace_export.require_known(options.signals)
     trace = files.load(name)
     notes = notes_of(trace)
-    origin = Provenance.of(options.command_line, inputs=noted([name]))
+    origin = Provenance.of(options.command_line, inputs=with_digests([name]))
     trace = trace_export.completed(trace, options.signals, Path(name) if is_bag(Path(name)) else None)
     trace = trace_export.chosen(trace, options.signals, name)
     trace = trace_export.thinned(trace_export.part(trace, options.from_s, options.to_s), options.every)

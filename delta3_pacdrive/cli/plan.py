@@ -59,7 +59,7 @@ class Options(JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.inputs import noted
+    from delta3_pacdrive.analysis.inputs import with_digests
     from delta3_pacdrive.analysis.planning import evaluation, report
     from delta3_pacdrive.analysis.report_folder import require_writable_folder
     from delta3_pacdrive.analysis.residual_vibration import predicted_swings
@@ -79,7 +79,7 @@ def run(options: Options) -> int:
     cell, more = _cell_of(options)
     outputs = OWN if cell is None else cell.output_names
     program = rest_of(program_file.load(options.program, robot.motion, outputs), options.first, robot)
-    inputs = [*noted([options.program]), *more]
+    inputs = [*with_digests([options.program]), *more]
     require_writable_folder(options.output)
     with Progress(quiet=options.json) as progress:
         found = evaluation.of_program(program, robot, progress.show)
@@ -100,13 +100,13 @@ def run(options: Options) -> int:
 
 def _run_script(options: Options, robot: 'Parameters') -> int:
     """Dry-run a script; return the exit status."""
-    from delta3_pacdrive.analysis.inputs import noted
+    from delta3_pacdrive.analysis.inputs import with_digests
     from delta3_pacdrive.cell import dry_run, script
     from delta3_pacdrive.errors import RunError
 
     with stdout_reserved(options.json):
         read = script.load(options.program)
-    inputs = noted([options.program])
+    inputs = with_digests([options.program])
     cell, more = _cell_of(options)
     inputs += more
     with stdout_reserved(options.json):

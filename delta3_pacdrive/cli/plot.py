@@ -63,7 +63,7 @@ class Options(WindowOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive.analysis import derived_signals, run_figures, run_signals, runs, trace_export
-    from delta3_pacdrive.analysis.inputs import noted
+    from delta3_pacdrive.analysis.inputs import with_digests
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_folder import ReportFolder
     from delta3_pacdrive.recording import trace_csv, trace_file
@@ -91,7 +91,7 @@ def run(options: Options) -> int:
         edges = (None if edge is None else edge - origin_s for edge in (options.from_s, options.to_s))
         trace = run_signals.windowed(trace, *edges)
     # a recording contains its parameters
-    origin = Provenance.of(options.command_line, inputs=noted([options.recording]))
+    origin = Provenance.of(options.command_line, inputs=with_digests([options.recording]))
     origin = replace(origin, parameters=str(trace.meta.get('checksum', 'unknown')))
     folder = ReportFolder(Path(options.output), origin)
     run_figures.draw(trace, folder, options.signals)

@@ -30,7 +30,7 @@ class Options(RunOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.inputs import noted
+    from delta3_pacdrive.analysis.inputs import with_digests
     from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.analysis.report_page import page
     from delta3_pacdrive.analysis.run_comparison import driven_currents
@@ -42,7 +42,7 @@ def run(options: Options) -> int:
     files = options.scope.split(',') if options.scope else []
     records = [record_file.read(name) for name in files]
     runs = options.runs()
-    inputs = [*(one.origin for one in runs), *noted(files)]
+    inputs = [*(one.origin for one in runs), *with_digests(files)]
     origin = Provenance.of(options.command_line, runs[0].robot, runs[0].parameter_source, inputs)
     page.write(path, runs, origin, options.align, records)
     warnings = {

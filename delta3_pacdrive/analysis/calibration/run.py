@@ -21,7 +21,7 @@ from delta3_pacdrive.analysis.calibration import (
 )
 from delta3_pacdrive.analysis.calibration.data import Measurements, Method, Poses, Residual
 from delta3_pacdrive.analysis.calibration.study import Result, Settings
-from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.inputs import with_digests
 from delta3_pacdrive.analysis.provenance import Provenance, os_errors_as
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.errors import CalibrationError
@@ -99,7 +99,7 @@ class Study(studies.Study):
         s = self.settings
         source = s.parameters or s.simulate
         origin = Provenance.of(
-            self.command, self.robot, source, noted(inputs), s.seed if s.simulate else None
+            self.command, self.robot, source, with_digests(inputs), s.seed if s.simulate else None
         )
         return ReportFolder(self.folder, origin)
 
@@ -181,7 +181,7 @@ class Study(studies.Study):
 
     def _off(self, places: Floats, robot: Parameters) -> Floats:
         poses = simulated.scattered(places, [True] * len(places))
-        off = simulated.standing(poses, robot)[1] - places
+        off = simulated.tcp_at_rest(poses, robot)[1] - places
         if self.settings.requirements.method in planning.PLACED:
             return np.asarray(off)
         return estimation.unplaced(off.reshape(-1, 1), places).reshape(-1, 3)

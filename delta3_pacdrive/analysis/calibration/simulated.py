@@ -44,7 +44,7 @@ def _line(point: Floats, **limits: float) -> dict[str, Any]:
     return {'move_l': {'to_m': [round(float(value), 6) + 0.0 for value in point], **limits}}
 
 
-def driven(poses: Poses, robot: Parameters) -> Trace:
+def simulated_trace(poses: Poses, robot: Parameters) -> Trace:
     """Return the trace of the measuring program; raises CalibrationError."""
     document = program(poses, 'calibration')
     trace = run(program_file.parse(document, robot.motion), robot)
@@ -53,7 +53,7 @@ def driven(poses: Poses, robot: Parameters) -> Trace:
     return trace
 
 
-def stands(trace: Trace, kind: str) -> list[tuple[int, int]]:
+def cycles_of_moves(trace: Trace, kind: str) -> list[tuple[int, int]]:
     """Return first and last bus cycle of each move of a kind."""
     begin, period = trace.meta['start_cycle'], trace.meta['cycle_time_s']
     return [
@@ -63,11 +63,11 @@ def stands(trace: Trace, kind: str) -> list[tuple[int, int]]:
     ]
 
 
-def standing(poses: Poses, robot: Parameters) -> tuple[Floats, Floats]:
+def tcp_at_rest(poses: Poses, robot: Parameters) -> tuple[Floats, Floats]:
     """Return arm angles of the controller [rad] and the true TCP [m] at rest at poses, shapes (n, 3)."""
-    trace = driven(poses, robot)
+    trace = simulated_trace(poses, robot)
     count = round(AVERAGED_S / robot.bus.cycle_time_s)
-    ends = [end for _, end in stands(trace, 'dwell')]
+    ends = [end for _, end in cycles_of_moves(trace, 'dwell')]
     if len(ends) != len(poses.points_m):
         raise CalibrationError('the robot did not stop at every pose')
     angles = trace['motor_position'] / robot.dynamics.gear_ratio
@@ -80,7 +80,7 @@ def standing(poses: Poses, robot: Parameters) -> tuple[Floats, Floats]:
 def points(poses: Poses, robot: Parameters, method: Method, noise_m: float, seed: int) -> Measurements:
     """Measure points at poses."""
     random = np.random.default_rng(seed)
-    angles, seen = standing(poses, robot)
+    angles, seen = tcp_at_rest(poses, robot)
     seen = seen + noise_m * random.standard_normal(seen.shape)
     if method == Method.FRAME:
         turn = Rotation.from_rotvec(TURN_RAD * random.standard_normal(3))
@@ -100,11 +100,11 @@ def touches(
 ) -> Measurements:
     """Touch the objects of poses; with ``height_m`` all of them are one level plane at exactly this height."""
     random = np.random.default_rng(seed)
-    trace = driven(poses, robot)
+    trace = simulated_trace(poses, robot)
     angles = trace['motor_position'] / robot.dynamics.gear_ratio
     places = {name: _place(name, poses, random, height_m) for name in sorted(set(poses.objects))}
     found = []
-    creeps = stands(trace, 'line')[1::3]
+    creeps = cycles_of_moves(trace, 'line')[1::3]
     for (begin, end), name, noise in zip(
         creeps, poses.objects, noise_m * random.standard_normal(len(creeps)), strict=True
     ):

@@ -39,7 +39,7 @@ TEXTS = {
 
 
 @dataclass(frozen=True)
-class Lacking:
+class MissingEffect:
     """Missing effect, and the rms of the residuals without it [sensor noise]."""
 
     effect: str
@@ -52,14 +52,14 @@ class Lacking:
 
 
 @dataclass(frozen=True)
-class Better:
+class BetterModel:
     """Model with the missing effects."""
 
     robot: Parameters  # parameters with the estimated values
     problem: Problem
     fit: Fit
     check: ModelCheck
-    lacking: tuple[Lacking, ...]  # missing effects, the most important first
+    lacking: tuple[MissingEffect, ...]  # missing effects, the most important first
     rms_plain: float  # rms of the residuals without the effects [sensor noise]
     rms: float  # the same with the effects
 
@@ -82,7 +82,7 @@ def search(
     known: Sequence[str],
     on_progress: OnProgress,
     on_iterate: OnIterate,
-) -> Better | None:
+) -> BetterModel | None:
     """Fit the effects that may be missing; None if there are none, or if they explain no more.
 
     ``first`` are the free quantities and their estimates without the effects.
@@ -119,9 +119,9 @@ def search(
     plain = _sum([array for model in build(robot) for array in model.residuals(
         values_of(robot) | {q.symbol: float(v) for q, v in zip(first[0], first[1], strict=True)})], problem,
         build(robot))  # fmt: skip
-    lacking = [Lacking(effect, float(np.sqrt(without[effect] / count))) for effect in effects]
+    lacking = [MissingEffect(effect, float(np.sqrt(without[effect] / count))) for effect in effects]
     values = {q.symbol: float(v) for q, v in zip(problem.quantities, found.x, strict=True)}
-    return Better(
+    return BetterModel(
         robot=with_values(built, values),
         problem=problem,
         fit=found,

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import Any
 
 from delta3_pacdrive.analysis.estimation.identifiability import Identifiability, Verdict
-from delta3_pacdrive.analysis.estimation.missing import Better
+from delta3_pacdrive.analysis.estimation.missing import BetterModel
 from delta3_pacdrive.analysis.estimation.model_check import ModelCheck
 from delta3_pacdrive.analysis.estimation.problem import Problem
 from delta3_pacdrive.analysis.estimation.quantities import COMBINATIONS, TABLE, values_of
@@ -113,7 +113,7 @@ def fit_summary(fit: Fit, problem: Problem, parameters: Parameters, truth_known:
 def judged(
     document: dict[str, Any],
     verdict: ModelCheck,
-    better: Better | None,
+    better: BetterModel | None,
     parameters: Parameters,
     truth_known: bool,
 ) -> dict[str, Any]:

@@ -42,7 +42,7 @@ from delta3_pacdrive.analysis.estimation.quantities import (
 from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
 from delta3_pacdrive.analysis.estimation.solver import Fit, Iterate
 from delta3_pacdrive.analysis.estimation.study import Settings
-from delta3_pacdrive.analysis.inputs import is_recording, noted
+from delta3_pacdrive.analysis.inputs import is_recording, with_digests
 from delta3_pacdrive.analysis.provenance import Provenance, os_errors_as, write_json
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.runs import notes_of
@@ -251,7 +251,7 @@ class Study(studies.Study):
         drawings = figures.of_thesis(study) | figures.of_fit(found, problem, document['estimates'])
         return folder.results('Estimation: thesis', document, report.text(document), tables, drawings)
 
-    def _search(self, traces: Sequence[Trace], found: Fit) -> missing.Better | None:
+    def _search(self, traces: Sequence[Trace], found: Fit) -> missing.BetterModel | None:
         """Search for missing effects if the signals allow it."""
         group = GROUPS[self.settings.group]
         if group.name != 'geometry' and not all(self._can_replay(trace) for trace in traces):
@@ -283,7 +283,7 @@ class Study(studies.Study):
         problem: Problem,
         found: Fit,
         verdict: ModelCheck,
-        better: missing.Better | None,
+        better: missing.BetterModel | None,
         start: Floats,
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Write the parameter file; return its summary and the drawing functions of its figures."""
@@ -377,7 +377,7 @@ class Study(studies.Study):
     def _provenance(self) -> Provenance:
         chosen = self.settings
         seed = chosen.seed if self._simulates else None
-        return Provenance.of(self.command, self.robot, chosen.parameters, noted(chosen.inputs), seed)
+        return Provenance.of(self.command, self.robot, chosen.parameters, with_digests(chosen.inputs), seed)
 
     def _traces(self, inputs: Sequence[str], measurement: Path | None = None) -> list[Trace]:
         settings = self.settings
@@ -413,7 +413,7 @@ class Study(studies.Study):
         self.on_progress(f'iteration {iterate.number}, cost {iterate.cost:.4g}', 0, 0)
 
     def _stamp(self) -> str:
-        digests = [note.rpartition(' ')[2] for note in noted(self.settings.inputs)]
+        digests = [note.rpartition(' ')[2] for note in with_digests(self.settings.inputs)]
         return ' '.join([self.robot.checksum, *digests])
 
 

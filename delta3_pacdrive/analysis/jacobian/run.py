@@ -5,7 +5,7 @@ from typing import Any
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis import study as studies
-from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.inputs import with_digests
 from delta3_pacdrive.analysis.jacobian import condition, figures, report
 from delta3_pacdrive.analysis.jacobian.causes import causes, courses
 from delta3_pacdrive.analysis.jacobian.mapping import inexact, joint_motion
@@ -53,7 +53,7 @@ class Study(studies.Study):
                 )
             self.on_progress(f'{motion.name}: sensitivities', 2 * number + 1, steps)
             trials.append(self._trial(motion))
-        origin = Provenance.of(self.command, self.robot, chosen.parameters, noted(chosen.inputs))
+        origin = Provenance.of(self.command, self.robot, chosen.parameters, with_digests(chosen.inputs))
         self.on_progress('poses across the workspace', steps - 1, steps)
         found = Results(trials, condition.sweep(self.robot.kinematics))
         document = report.summary(found, chosen, self.robot)

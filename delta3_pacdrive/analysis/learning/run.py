@@ -11,7 +11,7 @@ import numpy as np
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis import study as studies
-from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.inputs import with_digests
 from delta3_pacdrive.analysis.learning import figures, report
 from delta3_pacdrive.analysis.learning.lifted import AxisLearning, contraction
 from delta3_pacdrive.analysis.learning.responses import measured, with_masses
@@ -81,7 +81,7 @@ class Study(studies.Study):
         If it ends early, the torques of the best repetition so far remain in the folder.
         """
         chosen = self.settings
-        origin = Provenance.of(self.command, self.robot, chosen.parameters, noted([chosen.program]))
+        origin = Provenance.of(self.command, self.robot, chosen.parameters, with_digests([chosen.program]))
         folder = ReportFolder(self.folder, origin)
 
         def begin() -> None:

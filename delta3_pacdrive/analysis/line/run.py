@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.analysis import study as studies
-from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.inputs import with_digests
 from delta3_pacdrive.analysis.line import cycle_times, figures, parts, report, shift, specification
 from delta3_pacdrive.analysis.line.cycle_times import CycleTable, Station
 from delta3_pacdrive.analysis.line.design import Line
@@ -111,5 +111,5 @@ class Study(studies.Study):
 
     def _provenance(self) -> Provenance:
         line = self.line
-        inputs = noted([str(self.settings.specification)])
+        inputs = with_digests([str(self.settings.specification)])
         return Provenance.of(self.command, line.parameters, 'parameters of the line', inputs, line.seed)

@@ -10,7 +10,7 @@ from typing import Any
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis import study as studies
-from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.inputs import with_digests
 from delta3_pacdrive.analysis.optimisation import figures, report, specification
 from delta3_pacdrive.analysis.optimisation.design import BASE, Optimisation, Trial, Trials
 from delta3_pacdrive.analysis.optimisation.search import NEEDED, Search, base_values, trial_of
@@ -109,7 +109,7 @@ class Study(studies.Study):
 
     def _provenance(self) -> Provenance:
         sweep = self.optimisation.sweep
-        inputs = [f'optimisation {sweep.digest}', *noted([str(self.settings.specification)])]
+        inputs = [f'optimisation {sweep.digest}', *with_digests([str(self.settings.specification)])]
         return Provenance.of(
             self.command, from_flat(dict(sweep.parameters)), 'base of the optimisation', inputs, sweep.seed
         )

@@ -7,7 +7,7 @@ import numpy as np
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis import study as studies
-from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.inputs import with_digests
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.ripple import figures, report
@@ -47,7 +47,7 @@ class Study(studies.Study):
             for interpolation in chosen.interpolations
         )
         found = Results(self.program.name, chosen.axis, cases, self._shown_s(cases))
-        origin = Provenance.of(self.command, self.robot, chosen.parameters, noted([chosen.program]))
+        origin = Provenance.of(self.command, self.robot, chosen.parameters, with_digests([chosen.program]))
         folder = ReportFolder(self.folder, origin)
         folder.clear([report.TABLE, 'inside_a_cycle_*.png', figures.CURRENTS])
         document = report.summary(found, chosen)

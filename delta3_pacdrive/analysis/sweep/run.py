@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.analysis import study as studies
-from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.inputs import with_digests
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.sweep import engine, figures, report, specification, store
@@ -120,7 +120,7 @@ class Study(studies.Study):
 
     def _provenance(self) -> Provenance:
         robot = from_flat(dict(self.sweep.parameters))
-        inputs = [f'sweep {self.sweep.digest}', *noted([str(self.settings.specification)])]
+        inputs = [f'sweep {self.sweep.digest}', *with_digests([str(self.settings.specification)])]
         return Provenance.of(self.command, robot, 'base of the sweep', inputs, self.sweep.seed)
 
 

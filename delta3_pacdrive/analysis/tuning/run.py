@@ -5,7 +5,7 @@ from typing import Any
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.analysis import study as studies
-from delta3_pacdrive.analysis.inputs import noted
+from delta3_pacdrive.analysis.inputs import with_digests
 from delta3_pacdrive.analysis.provenance import Provenance
 from delta3_pacdrive.analysis.report_folder import ReportFolder
 from delta3_pacdrive.analysis.tuning import effect, figures, gains, measured_response, report, settings
@@ -69,7 +69,7 @@ class Study(studies.Study):
     def run(self) -> dict[str, Any]:
         """Run the study, write its results to the folder and return the report; raises Delta3Error."""
         chosen = self.settings
-        inputs = noted(
+        inputs = with_digests(
             name for name in (chosen.program or self._drive.usual_program, chosen.recording) if name
         )
         folder = ReportFolder(self.folder, Provenance.of(self.command, self.robot, chosen.parameters, inputs))
