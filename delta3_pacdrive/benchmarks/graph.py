@@ -32,7 +32,7 @@ TITLES = {
     'machine': 'the machine: a loop that only sleeps',
     'bare': 'bare nodes, separate processes, real time',
     'separate': 'robot, separate processes, real time',
-    'viewed': 'robot, separate processes, real time, with a page that somebody watches',
+    'viewed': 'robot, separate processes, real time, with a page in a browser',
     'scoped': 'robot, separate processes, real time, with an oscilloscope of eight channels at 16 kHz',
     'single': 'robot, one process, real time',
     'fast': 'robot, one process, as fast as possible',

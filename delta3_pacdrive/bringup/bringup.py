@@ -237,7 +237,7 @@ class Bringup:
         return monitor.progress
 
     def _replace(self, process: ManagedProcess) -> None:
-        """Restart a died process if the robot is to stay up; raises RunError if it cannot be restarted."""
+        """Restart a dead process if the robot is to stay up; raises RunError if it cannot be restarted."""
         sentence = f'{process.ending()} in bus cycle {self._monitor.progress.get("cycles", 0)}'
         self._dispose(process)
         if process.name == RECORDER and self.ready_s:
@@ -259,7 +259,7 @@ class Bringup:
 
     @property
     def _stays_up(self) -> bool:
-        """Whether the robot stays up for requests; a program or a script ends with a died process."""
+        """Whether the robot stays up for requests; a program or a script ends when a process dies."""
         return self._program is None and not self.options.script
 
     @property

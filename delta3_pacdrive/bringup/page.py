@@ -20,15 +20,7 @@ END_S = 1.0 + interrupts.END_S  # a page ends by itself within ``END_S``
 def started(place: Place, namespace: str, logs: Path) -> Iterator[ManagedProcess]:
     """Start the page as a separate command, which shares no modules with the robot's processes.
 
-    Parameters
-    ----------
-    place
-        Address of the page; handed over to its process.
-    namespace
-        Namespace of the robot.
-    logs
-        Folder for its output.
-
+    Its process takes over the ``place``; its output goes to the folder ``logs``.
     """
     arguments = ['view', '--wait', '--port', str(place.port), '--namespace', namespace]
     environment = {LISTENING: str(place.inheritable())}

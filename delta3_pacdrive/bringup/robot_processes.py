@@ -89,16 +89,7 @@ class PhaseWatch:
 
 
 class RobotProcesses:
-    """The processes of one robot.
-
-    Parameters
-    ----------
-    program
-        Name of the program for the recorder.
-    logs
-        Folder for their output.
-
-    """
+    """The processes of one robot; their output goes to the folder ``logs``."""
 
     def __init__(self, options: Options, robot: core.Parameters, program: str, logs: Path) -> None:
         self._options, self._robot, self._program, self._logs = options, robot, program, logs
@@ -232,13 +223,13 @@ class RobotProcesses:
         for name, (node, values) in nodes.items():
             arguments = [*common, '-r', f'__node:={name}']
             for key, value in values.items():
-                # learned torques are discarded after a fault, such as a died process, but not before a program
+                # learned torques are discarded after a fault, such as the death of a process, but not before a program
                 if key != 'learned' or self._options.program:
                     arguments += ['-p', f'{key}:={value}']
             self._restarts[name] = partial(respawn, name, node.__module__, arguments, self._log(name))
 
     def restart(self, process: ManagedProcess) -> bool:
-        """Restart a died process; False if it cannot be restarted, or too many have died."""
+        """Restart a dead process; False if it cannot be restarted, or too many have died."""
         now = time.monotonic()
         self._restarted = [then for then in self._restarted if now - then < RESTARTS_S]
         if process.name not in self._restarts or len(self._restarted) >= RESTARTS_MAX:

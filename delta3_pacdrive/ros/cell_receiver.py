@@ -14,13 +14,8 @@ from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
 class CellReceiver(ABC):
     """Receives one cyclic topic of the cell for the master.
 
-    Parameters
-    ----------
-    polled
-        Whether only ``poll`` reads telegrams; otherwise each is handled on arrival.
-    refuse
-        Called with the reason when a telegram is rejected.
-
+    With ``polled`` only ``poll`` reads telegrams; otherwise each is handled on arrival. ``refuse`` is called with the
+    reason when a telegram is rejected.
     """
 
     topic: ClassVar[Topic]

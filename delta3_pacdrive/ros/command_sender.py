@@ -13,16 +13,7 @@ from delta3_pacdrive.sercos.words import CONTROL_OFF, Phase
 
 
 class CommandSender:
-    """Sends the MDT of the master.
-
-    Parameters
-    ----------
-    torques
-        Whether an MDT contains torques in addition to positions.
-    requests
-        Pending requests of the service channels.
-
-    """
+    """Sends the MDT of the master; with ``torques`` they contain torques in addition to positions."""
 
     def __init__(self, node: Node, torques: bool, requests: ServiceRequests) -> None:
         self._requests = requests

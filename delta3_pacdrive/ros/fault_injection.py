@@ -114,15 +114,8 @@ def read_schedule(text: str) -> tuple[str, Any, Scheduled]:
 class Faults(Schedule):
     """The scheduled faults of one node.
 
-    Parameters
-    ----------
-    name
-        Name of the node as a target of faults.
-    cycle
-        Returns the current bus cycle of the node.
-    session
-        Returns the session of the node; without one all faults are ignored.
-
+    ``name`` is its name as a target of faults, ``cycle`` returns its bus cycle, and ``session`` its session; without a
+    session all faults are ignored.
     """
 
     def __init__(

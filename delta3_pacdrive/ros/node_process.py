@@ -44,7 +44,7 @@ def rejoins() -> int:
 
 
 def is_rejoining() -> bool:
-    """Whether nodes that are destroyed now are created anew, because the process rejoins the domain."""
+    """Whether nodes that are destroyed now are created again, because the process rejoins the domain."""
     return _current is not None and _current.rejoins
 
 

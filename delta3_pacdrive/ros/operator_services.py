@@ -31,13 +31,8 @@ NEEDS_CONTROL = frozenset({ENABLE, RESET})
 class OperatorServices:
     """Operator services of one transformation task.
 
-    Parameters
-    ----------
-    changed
-        Called after a request for a change of state, to execute the resulting actions.
-    control_changed
-        Called when control has changed hands.
-
+    ``changed`` is called after a request to execute the resulting actions, ``control_changed`` when control has changed
+    hands.
     """
 
     def __init__(

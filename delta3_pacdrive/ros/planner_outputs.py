@@ -21,16 +21,7 @@ from delta3_pacdrive.ros.planning_thread import PlanningThread
 
 
 class PlannerOutputs:
-    """Executes the actions of one planner.
-
-    Parameters
-    ----------
-    trajectories
-        The trajectory action, None if it is not offered.
-    origin
-        Returns the label of an array from its kind and the number of the order.
-
-    """
+    """Executes the actions of one planner; ``trajectories`` is None if that action is not offered."""
 
     def __init__(
         self,

@@ -34,18 +34,7 @@ from delta3_pacdrive.ros.robot_node import RobotNode
 
 
 class PlannerServices:
-    """Operator services of one planner.
-
-    Parameters
-    ----------
-    identity
-        Identity of the planner.
-    progress
-        Returns the planning progress, empty while nothing is planned.
-    changed
-        Called after each request, to execute the resulting actions.
-
-    """
+    """Operator services of one planner; ``changed`` is called after each request to execute the resulting actions."""
 
     def __init__(
         self,

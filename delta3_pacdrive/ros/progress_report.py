@@ -65,16 +65,7 @@ def read_progress(text: str) -> dict[str, Any] | None:
 
 
 class ProgressReport:
-    """Publishes progress on request, and diagnostics once a second.
-
-    Parameters
-    ----------
-    period_s
-        Time between two reports [s].
-    progress, statistics
-        Return the present state, and totals since the start.
-
-    """
+    """Publishes progress on request, with statistics at the end of a program, and diagnostics once a second."""
 
     def __init__(self, node: Node, period_s: float, progress: Facts, statistics: Facts) -> None:
         self._node, self._facts, self._statistics = node, progress, statistics

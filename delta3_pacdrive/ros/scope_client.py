@@ -41,13 +41,7 @@ NO_DRIVES, NO_ANSWER = (
 class ScopeClient:
     """A client of the drives of a robot.
 
-    Parameters
-    ----------
-    take
-        Called with each record.
-    requests
-        Publisher of the requests; consecutive clients must share it.
-
+    ``take`` is called with each record; consecutive clients must share the publisher ``requests``.
     """
 
     def __init__(

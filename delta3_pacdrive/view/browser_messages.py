@@ -95,21 +95,7 @@ def decoded(raw: bytes) -> 'Camera | Update | Hold | Start | Part':
 
 
 def checked(handle: Any, value: Any) -> Any:
-    """Return a value after validation against its control.
-
-    Parameters
-    ----------
-    handle
-        Handle of the control.
-    value
-        As sent by the browser.
-
-    Raises
-    ------
-    RejectedError
-        The value is invalid, or the control accepts none.
-
-    """
+    """Return a value after validation against its control; raises RejectedError."""
     if isinstance(handle, viser.GuiButtonHandle):
         good = value is True
     elif isinstance(handle, viser.GuiCheckboxHandle):

@@ -25,16 +25,7 @@ FAULT_S = 0.5  # default duration of an injected fault
 
 
 class Controls:
-    """Tabs with buttons in the main panel of the page.
-
-    Parameters
-    ----------
-    send
-        Called with each command.
-    drives
-        Names of the robot's drives.
-
-    """
+    """Tabs with buttons in the main panel of the page; ``send`` is called with each command."""
 
     def __init__(self, gui: Any, send: Callable[[UiCommand], None], drives: Sequence[str]) -> None:
         self._gui, self._send, self._drives = gui, send, tuple(drives)

@@ -40,13 +40,7 @@ WINDOWS_S = ('2', '5', '10', '30')  # of the plots
 class Page:
     """One page for any number of browsers.
 
-    Parameters
-    ----------
-    title
-        Heading above the readout.
-    more
-        Whether more elements are added before ``open`` admits browsers.
-
+    With ``more`` further elements are added before ``open`` admits browsers.
     """
 
     def __init__(self, parameters: Parameters, place: Place, title: str, more: bool = False) -> None:

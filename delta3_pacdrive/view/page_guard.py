@@ -143,18 +143,7 @@ class _Server(viser.ViserServer):  # type: ignore[misc]
 
 
 class Guard:
-    """The guard of one page.
-
-    Parameters
-    ----------
-    host
-        Address of the page.
-    upload_bytes
-        Size limit of an uploaded file.
-    refuse
-        Displays the reason when an upload is rejected.
-
-    """
+    """The guard of one page; ``refuse`` displays the reason when an upload is rejected."""
 
     def __init__(self, host: str, upload_bytes: int, refuse: Callable[[str], None]) -> None:
         self._host, self._names = host, own_names(host)

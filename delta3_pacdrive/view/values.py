@@ -113,24 +113,14 @@ class Facts:
 class UiCommand:
     """A command from the page.
 
-    Attributes
-    ----------
-    action
-        An action of ``delta3 move``, or ``packaged`` (name of a program), ``program`` (its text), ``step`` (a direction
-        such as +x, a distance [mm] and a speed [mm/s]), ``press`` (heartbeat of a held button: direction and speed),
-        ``jog`` (number of the press that starts a motion), ``inject`` (a fault in YAML), ``teach`` (a name),
-        ``forget``, ``input`` (a request of the service of that name), ``scope`` (the setting of an oscilloscope, see
-        ``scope_panel``) and ``end_scope``.
-    text
-        Argument of the action.
-    by_force
-        Whether control is taken over from another operator.
-    time_s
-        Time of the command on the monotonic clock.
-
+    The action is one of ``delta3 move``, or ``packaged`` (name of a program), ``program`` (its text), ``step`` (a
+    direction such as +x, a distance [mm] and a speed [mm/s]), ``press`` (heartbeat of a held button: direction and
+    speed), ``jog`` (number of the press that starts a motion), ``inject`` (a fault in YAML), ``teach`` (a name),
+    ``forget``, ``input`` (a request of the service of that name), ``scope`` (the setting of an oscilloscope, see
+    ``scope_panel``) and ``end_scope``.
     """
 
     action: str
     text: str = ''
-    by_force: bool = False
-    time_s: float = field(default_factory=time.monotonic, compare=False)
+    by_force: bool = False  # take control over from another operator
+    time_s: float = field(default_factory=time.monotonic, compare=False)  # monotonic clock

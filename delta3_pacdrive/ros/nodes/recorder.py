@@ -155,7 +155,7 @@ class RecorderNode(PollingNode):
                 self._state.publish(String(data=f'stopped: {bag.stopped}'))
                 self.get_logger().error(
                     f'stopped recording into {bag.path}: {bag.stopped}; '
-                    f'{bag.messages} messages until then are kept, the robot goes on'
+                    f'{bag.messages} messages until then are kept, the robot continues'
                 )
         elif not self._ready and self._recording.has_all_topics:
             self._ready = True
