@@ -65,14 +65,6 @@ class BusDrive:
     ----------
     parameters, index
         Parameters of the robot, and axis number: 0 to 2, or 3 for the rotary axis.
-    faults
-        Injected faults.
-    port
-        Sends messages.
-    poll_s
-        Time between polls [s].
-    now_s
-        Returns the time of a monotonic clock [s].
 
     """
 

@@ -51,17 +51,8 @@ class DriveClock:
     A command is awaited until a later one proves its loss, since telegrams of one sender keep their order; a shaft is
     awaited indefinitely. A drive that stops without its master awaits no commands.
 
-    Parameters
-    ----------
-    faults
-        Injected faults.
-
     Attributes
     ----------
-    exchange
-        Number of the present exchange period.
-    running
-        Whether bus time advances.
     late
         Number of late or duplicate commands, without repetitions while the bus is waiting.
     scope

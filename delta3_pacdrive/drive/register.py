@@ -21,8 +21,6 @@ class Register:
 
     Parameters
     ----------
-    parameters
-        Initial parameters.
     actual
         Returns a field of the drive's ``STATE`` record by name.
     on_change
@@ -32,8 +30,6 @@ class Register:
 
     Attributes
     ----------
-    parameters
-        Current parameters.
     refusal
         Diagnostic message 8503 of the last failed access; empty before the first.
 

@@ -40,14 +40,8 @@ class DriveScope:
 
     Parameters
     ----------
-    drive
-        Observed drive.
-    channels
-        Recorded channels.
     decimation
         Current-loop periods per sample.
-    parameters
-        Returns the current parameters of the drive.
     hand_over
         Receives the blocks.
 

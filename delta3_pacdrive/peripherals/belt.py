@@ -198,19 +198,11 @@ class BeltState:
 
     Parameters
     ----------
-    belt
-        Description of the belt.
-    cycle_time_s
-        Bus cycle time [s].
     start_cycle
         Bus cycle of time 0 of the belt.
-    generator
-        Source of the parts' random positions and of bounces.
 
     Attributes
     ----------
-    parts
-        Parts on the belt; they appear at its start.
     count
         Encoder count at the beginning of this bus cycle.
     latches

@@ -12,12 +12,6 @@ class BinarySignal:
     ----------
     delays
         Delays and bounce time; rounded to bus cycles.
-    cycle_time_s
-        Bus cycle time [s].
-    generator
-        Source of the random values during bounce.
-    value
-        Initial value.
 
     """
 

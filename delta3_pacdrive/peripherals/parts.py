@@ -52,12 +52,8 @@ class PartRecord:
 
     Attributes
     ----------
-    number
-        Serial number, in order of appearance.
     source
         Supply or belt of its origin.
-    reason
-        Reason of a failure.
     picked_cycle, released_cycle
         Bus cycles in which it was gripped and left the cup; -1: never.
     pick_error_m

@@ -27,10 +27,6 @@ class Totals:
 
     Attributes
     ----------
-    outcomes
-        Number of parts per outcome.
-    picked, missed
-        Number of parts gripped, and of misses.
     placed, error_max_m, error_square_m2
         Number of parts in places of boxes, the largest distance from a place, and the sum of squared distances.
     hold_uses

@@ -30,10 +30,6 @@ class World:
 
     Attributes
     ----------
-    inputs
-        Values of the inputs by name.
-    forced
-        Overridden inputs by name.
     records
         Records of all parts in order of appearance, since ``clear_history``.
     changed

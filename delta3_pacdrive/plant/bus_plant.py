@@ -49,24 +49,7 @@ class PlantPort(Protocol):
 
 
 class BusPlant:
-    """The plant on the bus.
-
-    Parameters
-    ----------
-    parameters
-        Parameters of the robot.
-    faults
-        Injected faults.
-    port
-        Sends messages.
-    poll_s
-        Time between polls [s].
-    now_s
-        Returns the time of a monotonic clock [s].
-    around
-        Cell of the robot, if any.
-
-    """
+    """The plant on the bus."""
 
     def __init__(
         self,

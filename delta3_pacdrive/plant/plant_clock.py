@@ -49,14 +49,8 @@ class PlantClock:
 
     Parameters
     ----------
-    parameters
-        Parameters of the robot.
-    faults
-        Injected faults.
     publish
         Called with the number of an exchange and the true shafts at its start.
-    around
-        Cell of the robot, if any.
 
     Attributes
     ----------

@@ -133,15 +133,9 @@ class BusMaster:
         Settings of the master; all participants must agree with them.
     locate
         Takes the motor shaft positions [rad]; returns the reason if they are not a valid robot pose.
-    draw
-        Returns a new session.
-    drives
-        Names of the drives.
 
     Attributes
     ----------
-    names
-        Names of all participants.
     waiting
         Reason for waiting in the current phase, if any.
     missing

@@ -24,8 +24,6 @@ class ServiceRequests:
     ----------
     closed
         Returns the reason why the channels are closed, None while they are open.
-    drives
-        Names of the drives.
 
     Attributes
     ----------

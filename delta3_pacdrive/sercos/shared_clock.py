@@ -51,8 +51,6 @@ class SharedClock:
 
     Parameters
     ----------
-    path
-        File of the clock.
     member
         Number of this master, from 0 on.
 

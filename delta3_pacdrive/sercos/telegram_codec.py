@@ -76,8 +76,6 @@ class TelegramCodec:
 
     Parameters
     ----------
-    telegram
-        Layout of the telegram.
     parse
         Parses a message of another layout; raises TelegramError.
     limit
