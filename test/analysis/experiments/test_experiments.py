@@ -419,7 +419,7 @@ def test_a_bag_is_never_overwritten(tmp_path):
 
 def test_one_changed_bit_is_no_agreement(robot, short_program):
     trace = run(short_program, robot)
-    assert 'to the last bit in 17 signals' in experiment_graph.same_as(trace, trace)
+    assert 'bit-identical in 17 signals' in experiment_graph.same_as(trace, trace)
     other = {name: values.copy() for name, values in trace.signals.items()}
     other['current'][300, 1] = np.nextafter(other['current'][300, 1], np.inf)
     changed = Trace(trace.time_s, other, trace.meta)

@@ -197,4 +197,4 @@ def test_what_a_single_motor_cannot_do_is_refused_in_one_sentence(
 def test_options_of_a_single_motor_are_for_it_alone(capsys):
     with pytest.raises(SystemExit):
         main(['simulate', '--coupling', '1'])
-    assert '--coupling is for --one-motor' in capsys.readouterr().err
+    assert '--coupling requires --one-motor' in capsys.readouterr().err
