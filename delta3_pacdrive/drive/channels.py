@@ -61,8 +61,6 @@ class Channel:
 
     Attributes
     ----------
-    sources
-        Fields of the drive's ``STATE`` record.
     formula
         Computes the value from parameters, the drive's ``CONSTANTS`` and the sources, each a column of samples.
 
@@ -71,7 +69,7 @@ class Channel:
     name: str
     unit: str
     what: str
-    sources: tuple[str, ...]
+    sources: tuple[str, ...]  # fields of the drive's ``STATE`` record
     formula: Formula = _is
 
 

@@ -72,8 +72,6 @@ class OperationData:
     ----------
     sources
         Parameters (with a dot: ``drive.velocity_feedforward``), fields of the drive's ``STATE`` record, or ``PHASE``.
-    formula
-        Computes the value from the sources, in order.
     writable_in
         Phases in which the value may be changed; writable data has one parameter as its source and no formula.
 
@@ -84,7 +82,7 @@ class OperationData:
     unit: str
     group: Group
     sources: tuple[str, ...]
-    formula: Callable[..., float] = float
+    formula: Callable[..., float] = float  # computes the value from the sources, in order
     writable_in: frozenset[Phase] = READ_ONLY
 
     @property

@@ -43,31 +43,16 @@ ITSELF, EVERYBODY = 'itself', 'everybody'
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of fault.
-
-    Attributes
-    ----------
-    value
-        Key of its parameter, empty without one.
-    low, high
-        Limits of the parameter.
-    telegram
-        Affected telegrams, 'mdt' or 'at', for faults that last ``cycles`` instead of ``for_s``.
-    once
-        Whether it is an event without an end.
-    injected_by
-        Node that executes it: a name, ``ITSELF`` for the target, or ``EVERYBODY``.
-
-    """
+    """One kind of fault."""
 
     target: Target
     text: str
-    value: str = ''
-    low: float = 0.0
+    value: str = ''  # key of its parameter, empty without one
+    low: float = 0.0  # limits of the parameter: low and high
     high: float = 0.0
-    telegram: str = ''
-    once: bool = False
-    injected_by: str = ITSELF
+    telegram: str = ''  # 'mdt' or 'at' if it affects telegrams: it lasts ``cycles`` instead of ``for_s``
+    once: bool = False  # whether it is an event without an end
+    injected_by: str = ITSELF  # node that executes it: a name, ``ITSELF`` for the target, or ``EVERYBODY``
 
 
 _AXIS, _NODE, _ROBOT = Target.AXIS, Target.NODE, Target.ROBOT
@@ -115,31 +100,14 @@ _PLACES = ('', *NODES, TOOL_DRIVE)  # numbered in messages
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault with its time.
+    """A fault with its time."""
 
-    Attributes
-    ----------
-    kind
-        One of ``KINDS``.
-    target
-        Axis or node, empty for the robot.
-    value
-        Parameter of the kind.
-    after_s
-        Bus time from program start, or from the request, to the fault [s].
-    for_s
-        Duration [s], infinite: until cleared; for telegrams see ``cycles``.
-    cycles
-        Number of affected telegrams.
-
-    """
-
-    kind: str
-    target: str = ''
-    value: float = 0.0
-    after_s: float = 0.0
-    for_s: float = math.inf
-    cycles: int = 1
+    kind: str  # one of ``KINDS``
+    target: str = ''  # axis or node, empty for the robot
+    value: float = 0.0  # parameter of the kind
+    after_s: float = 0.0  # bus time from program start, or from the request, to the fault
+    for_s: float = math.inf  # duration, infinite: until cleared; for telegrams see ``cycles``
+    cycles: int = 1  # number of affected telegrams
 
     @property
     def text(self) -> str:

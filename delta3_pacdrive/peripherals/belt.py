@@ -39,51 +39,25 @@ class Stream:
 
 @dataclass(frozen=True)
 class LightBarrier:
-    """A light barrier across the belt, which latches the encoder count when the middle of a part passes.
+    """A light barrier across the belt, which latches the encoder count when the middle of a part passes."""
 
-    Attributes
-    ----------
-    at_m
-        Distance from the start of the belt [m].
-    delay_s
-        From passing to latching [s]; the latched count is that of the later instant.
-    bounce_s
-        Period after a part in which up to ``BOUNCES_MAX`` false latches occur [s].
-
-    """
-
-    at_m: float
-    delay_s: float = 0.0
-    bounce_s: float = 0.0
+    at_m: float  # distance from the start of the belt
+    delay_s: float = 0.0  # from passing to latching; the latched count is that of the later instant
+    bounce_s: float = 0.0  # period after a part in which up to ``BOUNCES_MAX`` false latches occur
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera that takes a picture each time the belt has moved a certain distance.
+    """A camera that takes a picture each time the belt has moved a certain distance."""
 
-    Attributes
-    ----------
-    at_m, length_m
-        Centre and length of the field of view along the belt [m].
-    every_m
-        Belt travel between pictures [m].
-    latency_s
-        From exposure to result [s].
-    noise_m, noise_rad
-        Standard deviations of measured positions, along and across [m], and angles [rad].
-    missed_share, doubled_share
-        Probabilities that a visible part is not reported, or reported twice.
-
-    """
-
-    at_m: float
-    length_m: float
-    every_m: float
-    latency_s: float = 0.0
-    noise_m: float = 0.0
-    noise_rad: float = 0.0
-    missed_share: float = 0.0
-    doubled_share: float = 0.0
+    at_m: float  # centre of the field of view along the belt
+    length_m: float  # of the field of view
+    every_m: float  # belt travel between pictures
+    latency_s: float = 0.0  # from exposure to result
+    noise_m: float = 0.0  # standard deviation of measured positions, along and across
+    noise_rad: float = 0.0  # standard deviation of measured angles
+    missed_share: float = 0.0  # probability that a visible part is not reported
+    doubled_share: float = 0.0  # probability that a visible part is reported twice
 
 
 @dataclass(frozen=True)
@@ -92,30 +66,20 @@ class Belt:
 
     Attributes
     ----------
-    origin_m
-        Middle of the surface at the start of the belt [m].
-    direction_rad
-        Direction of travel about the vertical, 0 along x [rad].
-    speed
-        Speed changes in order of time; the belt is at rest before the first one.
-    jitter_m_s, jitter_hz
-        Amplitude [m/s] and frequency [Hz] of a sinusoidal speed error.
-    slip
-        Fraction of the shaft's travel by which the surface lags.
     window_m
         Begin and end of the section in which a robot may work [m]; None: no section.
 
     """
 
     name: str
-    origin_m: Place
-    direction_rad: float
+    origin_m: Place  # middle of the surface at the start of the belt
+    direction_rad: float  # direction of travel about the vertical, 0 along x
     length_m: float
     increments_per_m: float
-    speed: tuple[SpeedChange, ...] = ()
-    jitter_m_s: float = 0.0
-    jitter_hz: float = 0.0
-    slip: float = 0.0
+    speed: tuple[SpeedChange, ...] = ()  # in order of time; the belt is at rest before the first change
+    jitter_m_s: float = 0.0  # amplitude of a sinusoidal speed error
+    jitter_hz: float = 0.0  # its frequency
+    slip: float = 0.0  # fraction of the shaft's travel by which the surface lags
     stream: Stream | None = None
     barrier: LightBarrier | None = None
     camera: Camera | None = None

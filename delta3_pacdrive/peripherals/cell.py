@@ -81,33 +81,21 @@ class Cup:
 
     Attributes
     ----------
-    output
-        Output of the robot that opens the valve.
-    diameter_m
-        Diameter of the effective area [m].
-    vacuum_pa
-        Vacuum that the pump reaches with the cup closed, relative to ambient pressure [Pa].
-    open_share
-        Fraction of that vacuum reached without a part.
-    build_up_s, decay_s
-        Time constants of the vacuum [s].
     height_tolerance_m, lateral_tolerance_m
         Largest vertical and horizontal distance between cup and top centre of a part at which the cup seals [m].
-    offset_m
-        From the TCP to the centre of the cup [m].
 
     """
 
-    output: str
-    diameter_m: float
-    vacuum_pa: float
+    output: str  # output of the robot that opens the valve
+    diameter_m: float  # diameter of the effective area
+    vacuum_pa: float  # vacuum that the pump reaches with the cup closed, relative to ambient pressure
     valve: Delays = Delays()
-    open_share: float = 0.1
-    build_up_s: float = 0.0
-    decay_s: float = 0.0
+    open_share: float = 0.1  # fraction of that vacuum reached without a part
+    build_up_s: float = 0.0  # time constant of the build-up
+    decay_s: float = 0.0  # time constant of the decay
     height_tolerance_m: float = 0.0015
     lateral_tolerance_m: float = 0.005
-    offset_m: Place = (0.0, 0.0, 0.0)
+    offset_m: Place = (0.0, 0.0, 0.0)  # from the TCP to the centre of the cup
     switch: VacuumSwitch | None = None
 
     @property

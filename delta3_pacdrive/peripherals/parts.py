@@ -52,38 +52,26 @@ class PartRecord:
 
     Attributes
     ----------
-    source
-        Supply or belt of its origin.
-    picked_cycle, released_cycle
-        Bus cycles in which it was gripped and left the cup; -1: never.
-    pick_error_m
-        From the middle of its top to the cup when gripped [m].
-    hold_use
-        Largest share of the holding force required while it was carried.
     hold_needed_n, hold_force_n, hold_cycle
         Required and available force [N] and bus cycle at that moment.
-    where, place
-        Box, and number of the place in it: layer by layer, along x first; -1 without a box.
-    place_error_m
-        Distance from that place in x and y, and height of fall [m].
 
     """
 
     number: int
     type: str
-    source: str
+    source: str  # supply or belt of its origin
     outcome: Outcome = Outcome.WAITING
     reason: str = ''
-    picked_cycle: int = -1
-    pick_error_m: Place = (0.0, 0.0, 0.0)
-    hold_use: float = 0.0
+    picked_cycle: int = -1  # bus cycle in which it was gripped; -1: never
+    pick_error_m: Place = (0.0, 0.0, 0.0)  # from the middle of its top to the cup when gripped
+    hold_use: float = 0.0  # largest share of the holding force required while it was carried
     hold_needed_n: float = 0.0
     hold_force_n: float = 0.0
     hold_cycle: int = -1
-    released_cycle: int = -1
-    where: str = ''
-    place: int = -1
-    place_error_m: Place = (0.0, 0.0, 0.0)
+    released_cycle: int = -1  # bus cycle in which it left the cup; -1: never
+    where: str = ''  # box
+    place: int = -1  # number of the place in the box: layer by layer, along x first; -1 without a box
+    place_error_m: Place = (0.0, 0.0, 0.0)  # distance from that place in x and y, and height of fall
     size_m: Place = (0.0, 0.0, 0.0)
     stays: list[Stay] = field(default_factory=list)
 

@@ -29,8 +29,6 @@ class Totals:
     ----------
     placed, error_max_m, error_square_m2
         Number of parts in places of boxes, the largest distance from a place, and the sum of squared distances.
-    hold_uses
-        Largest used share of the holding force; empty if no part was gripped.
 
     """
 
@@ -40,7 +38,7 @@ class Totals:
     placed: int = 0
     error_max_m: float = 0.0
     error_square_m2: float = 0.0
-    hold_uses: tuple[float, ...] = ()
+    hold_uses: tuple[float, ...] = ()  # largest used share of the holding force; empty if no part was gripped
 
     def with_more(
         self, about: Mapping[str, Any], parts: Sequence[dict[str, Any]], misses: Sequence[dict[str, Any]]

@@ -25,19 +25,10 @@ from delta3_pacdrive.scene.parts import ARMS, NAMES, RODS, TURNING_NAMES, Sizes
 
 
 class Poses(NamedTuple):
-    """Poses of all parts in the frame ``base``.
+    """Poses of all parts in the frame ``base``."""
 
-    Attributes
-    ----------
-    position
-        [m], shape (..., parts, 3), in the order of ``parts.names_of``.
-    quaternion
-        Unit quaternions x, y, z, w, shape (..., parts, 4); w is not negative.
-
-    """
-
-    position: Floats
-    quaternion: Floats
+    position: Floats  # [m], shape (..., parts, 3), in the order of ``parts.names_of``
+    quaternion: Floats  # unit quaternions x, y, z, w, shape (..., parts, 4); w is not negative
 
     def of(self, name: str) -> tuple[Floats, Floats]:
         """Return position [m] and quaternion of the part ``name``, shapes (..., 3) and (..., 4)."""

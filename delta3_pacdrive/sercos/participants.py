@@ -22,32 +22,17 @@ class Occasion(StrEnum):
 
 @dataclass(frozen=True)
 class Announcement:
-    """Announcement of a participant.
-
-    Attributes
-    ----------
-    instance
-        Unique identity of its process.
-    links
-        Partners from which it has received data in this session.
-    bus_cycle
-        First bus cycle that it has not processed.
-    inputs
-        Names of the inputs that it provides.
-    belts
-        Description of its belts: JSON, as in ``controller/belt_axes.py``.
-
-    """
+    """Announcement of a participant."""
 
     name: str
-    instance: str
+    instance: str  # unique identity of its process
     session: str
     occasion: Occasion
     identity: Identity
-    links: tuple[str, ...] = ()
-    bus_cycle: int = 0
-    inputs: tuple[str, ...] = ()
-    belts: str = '[]'
+    links: tuple[str, ...] = ()  # partners from which it has received data in this session
+    bus_cycle: int = 0  # first bus cycle that it has not processed
+    inputs: tuple[str, ...] = ()  # names of the inputs that it provides
+    belts: str = '[]'  # description of its belts: JSON, as in ``controller/belt_axes.py``
 
 
 class Participants:

@@ -61,23 +61,17 @@ class CycleScheduler:
 
     Attributes
     ----------
-    period_s
-        Wall-clock time per cycle [s]; 0 = as fast as possible.
-    shared
-        Clock shared with other robots, if any.
     catches_up
         Whether late cycles are caught up; otherwise the schedule slips when it lags by more than one.
-    late_s
-        Delay of the last cycle's start after its due time [s]; 0 without a clock.
 
     """
 
-    period_s: float
+    period_s: float  # wall-clock time per cycle; 0 = as fast as possible
     outstanding_max: int
-    shared: SharedClock | None = None
+    shared: SharedClock | None = None  # clock shared with other robots, if any
     overruns: int = 0
     slip_s: float = 0.0
-    late_s: float = 0.0
+    late_s: float = 0.0  # delay of the last cycle's start after its due time; 0 without a clock
     catches_up: bool = True
     _origin_s: float | None = None
     _held: bool = False

@@ -111,20 +111,11 @@ ERROR_TEXTS = {
 
 @dataclass(frozen=True)
 class Access:
-    """Access of the controller to an operation datum of a drive.
+    """Access of the controller to an operation datum of a drive."""
 
-    Attributes
-    ----------
-    idn
-        Identification number in 16 bits: S-0-0104 is 104, P-0-0012 is 0x8000 | 12.
-    value
-        Value to write, in the unit of the IDN.
-
-    """
-
-    idn: int
+    idn: int  # identification number in 16 bits: S-0-0104 is 104, P-0-0012 is 0x8000 | 12
     operation: Operation
-    value: float = 0.0
+    value: float = 0.0  # value to write, in the unit of the IDN
 
 
 @dataclass(frozen=True)
