@@ -12,8 +12,7 @@ the equations, the parameters or the programs; a commit that changes them says w
 
 import hashlib
 import json
-import platform
-from importlib import metadata
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 
 FILE = Path(__file__).parent / 'figures.json'
 COMMAND = 'python test/golden/make.py'
+maker = runpy.run_path(str(Path(__file__).with_name('maker.py')))['maker']
 DIGITS = 9
 SHORT = 16  # hexadecimal digits of a digest that only has to differ
 LINE = {
@@ -113,24 +113,6 @@ CASES = {
         None,
     ),
 }
-
-
-def maker():
-    """Return a short digest of what the bits depend on beside the sources."""
-    import llvmlite.binding as llvm
-
-    packages = [
-        f'{name} {metadata.version(name)}' for name in ('numba', 'llvmlite', 'numpy', 'scipy', 'ruckig')
-    ]
-    facts = [
-        platform.python_version(),
-        platform.machine(),
-        *platform.libc_ver(),
-        llvm.get_host_cpu_name(),
-        llvm.get_host_cpu_features().flatten(),
-        *packages,
-    ]
-    return hashlib.sha256(' '.join(facts).encode()).hexdigest()[:SHORT]
 
 
 def _rounded(values):

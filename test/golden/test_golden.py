@@ -37,7 +37,8 @@ def made(tmp_path_factory):
     root = tmp_path_factory.mktemp('sources')
     copy = root / 'test' / 'golden'
     copy.mkdir(parents=True)
-    shutil.copy2(GOLDEN / 'make.py', copy)
+    for name in ('make.py', 'maker.py'):
+        shutil.copy2(GOLDEN / name, copy)
     program, *arguments = make.COMMAND.split()
     assert program == 'python'
     subprocess.run([sys.executable, *arguments], cwd=root, check=True)
