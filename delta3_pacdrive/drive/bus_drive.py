@@ -36,7 +36,7 @@ class DrivePort(Protocol):
     def announce(self, session: bytes, occasion: Occasion) -> None:
         """Announce the drive in a session."""
 
-    def forget(self) -> None:
+    def clear_frames(self) -> None:
         """Clear the frames of the previous session."""
 
     def send_answer(self, cycle: int, status: int) -> None:
@@ -129,7 +129,7 @@ class BusDrive:
                 case slave.Report(session):
                     self._port.announce(session, Occasion.STARTED)
                 case slave.Adopt():
-                    self._port.forget()
+                    self._port.clear_frames()
                 case slave.Join(start):
                     self._master.received(self._now_s())
                     self.clock.begin(start)
@@ -141,7 +141,7 @@ class BusDrive:
                     self.clock.leave()
                     self._link.clear()
                     self._resting_position = None
-                    self._port.forget()
+                    self._port.clear_frames()
 
     # telegrams --------------------------------------------------------------------------------------------------------
 

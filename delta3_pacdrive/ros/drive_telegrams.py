@@ -65,7 +65,7 @@ class DriveTelegrams:
         greeted, self._greeted = self._greeted, False
         return greeted
 
-    def forget(self) -> None:
+    def clear_frames(self) -> None:
         """Clear the cached frames of the previous session."""
         self._frame = self._newest_current = b''
         self._current_frames.clear()

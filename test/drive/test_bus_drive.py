@@ -47,7 +47,7 @@ class Rig:
     def announce(self, session: bytes, occasion: Occasion) -> None:
         self.announced.append((session, occasion))
 
-    def forget(self) -> None:
+    def clear_frames(self) -> None:
         """Keep no frames."""
 
     def changed(self, *_: Any) -> None:

@@ -56,7 +56,7 @@ class MC4DriveNode(RobotNode):
         # direct references: one call less in every cycle
         self.send_answer, self.send_current = telegrams.send_answer, telegrams.send_current
         self.repeat_current = telegrams.repeat_current
-        self.forget, self.refuse = telegrams.forget, telegrams.refuse
+        self.clear_frames, self.refuse = telegrams.clear_frames, telegrams.refuse
         faults = Faults(self, axis, lambda: bus_drive.clock.cycle, lambda: bus_drive.slave.session)
         self._bus_drive = bus_drive = BusDrive(
             parameters=parameters,
