@@ -166,18 +166,18 @@ def _study(options: Options, show: OnProgress) -> Any:
         return run.Study.resumed(Path(options.resume), options.command_line, show)
     program = 'experiment1' if options.group == 'thesis' else 'excitation'
     settings = Settings(
-        options.group,
-        tuple(options.inputs) or (program,),
-        options.parameters,
-        options.sampling,
-        options.method,
-        options.noise,
-        options.seed,
-        options.start_off,
-        _symbols(options.free),
-        _symbols(options.known),
-        _symbols(options.validate),
-        options.apply,
+        group=options.group,
+        inputs=tuple(options.inputs) or (program,),
+        parameters=options.parameters,
+        sampling=options.sampling,
+        method=options.method,
+        noise=options.noise,
+        seed=options.seed,
+        start_off=options.start_off,
+        free=_symbols(options.free),
+        known=_symbols(options.known),
+        validate=_symbols(options.validate),
+        apply=options.apply,
     )
     return run.Study(settings, Path(options.output), options.command_line, show)
 

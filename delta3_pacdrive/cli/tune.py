@@ -143,20 +143,20 @@ def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> int
     from delta3_pacdrive.recording import trace_file
 
     settings = Settings(
-        options.parameters,
-        (options.pose[0], options.pose[1], options.pose[2]) if options.pose else None,
-        options.payload,
-        options.axis,
-        options.speed,
-        options.amplitude,
-        tuple(options.changes or ()),
-        options.sweep,
-        options.program,
-        options.recording,
-        options.exchange_period,
-        options.propose,
-        options.phase_margin,
-        options.gain_margin,
+        parameters=options.parameters,
+        pose_m=(options.pose[0], options.pose[1], options.pose[2]) if options.pose else None,
+        payload_kg=options.payload,
+        axis=options.axis,
+        speed_rad_s=options.speed,
+        amplitude=options.amplitude,
+        changes=tuple(options.changes or ()),
+        sweep=options.sweep,
+        program=options.program,
+        recording=options.recording,
+        exchange_period_s=options.exchange_period,
+        auto=options.propose,
+        phase_margin_deg=options.phase_margin,
+        gain_margin_db=options.gain_margin,
     )
     if path := options.excite:
         trace_file.require_writable_trace(path)
