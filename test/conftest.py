@@ -30,13 +30,20 @@ gc.set_threshold(50_000, 10, 10)
 
 # Files whose tests take longest. They begin first, so that several workers come to their end together.
 FIRST = (
+    'system/test_identical.py',
+    'system/test_up.py',
+    'system/test_run.py',
+    'system/test_scripts.py',
+    'ros/test_verification.py',
     'guides/test_pages.py',
+    'guides/test_executables.py',
     'docs/test_pages.py',
     'docs/test_long_pages.py',
-    'guides/test_executables.py',
+    'examples/test_examples.py',
+    'ros/test_rephasing.py',
     'numerics/test_kernel.py',
+    'test_surroundings.py',
     'test_interrupts.py',
-    'analysis/estimation/test_built_robot.py',
     'view/test_page.py',
     'analysis/report_page/test_in_browser.py',
     'docs/test_screenshots.py',
