@@ -100,7 +100,7 @@ setup(
     package_dir={f'{PACKAGE}.config': 'config'},  # data only: importlib.resources.files(PACKAGE) / 'config'
     package_data={
         PACKAGE: ['py.typed'],
-        f'{PACKAGE}.analysis.report_page': ['assets/*'],
+        f'{PACKAGE}.studies.report_page': ['assets/*'],
         f'{PACKAGE}.config': ['*.yaml', '*.xml', 'programs/*.yaml', 'layouts/*'],
     },
     data_files=[

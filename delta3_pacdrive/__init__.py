@@ -17,14 +17,16 @@ from importlib import import_module
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
+from delta3_pacdrive import renamed_modules
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from delta3_pacdrive import dynamics, kinematics
-    from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.cell.cell import Cell
     from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.peripherals.cell import Cell
+    from delta3_pacdrive.planning.program.model import Program
     from delta3_pacdrive.recording.trace import Trace
 
 __all__ = [
@@ -43,7 +45,7 @@ __all__ = [
 # imported on first access: numerical libraries take half a second
 _LAZY = {
     'Parameters': 'delta3_pacdrive.parameters',
-    'Program': 'delta3_pacdrive.motion.program',
+    'Program': 'delta3_pacdrive.planning.program.model',
     'Trace': 'delta3_pacdrive.recording.trace',
 }
 
@@ -102,9 +104,9 @@ def load_program(
         The same for the cell.
 
     """
-    from delta3_pacdrive.motion import program_file
-    from delta3_pacdrive.motion.output_names import OWN
-    from delta3_pacdrive.peripherals.cell_file import cell_of
+    from delta3_pacdrive.cell.cell_file import cell_of
+    from delta3_pacdrive.planning.program import file_reader as program_file
+    from delta3_pacdrive.planning.program.output_names import OWN
 
     around = cell_of(cell)
     outputs = OWN if around is None else around.output_names
@@ -176,9 +178,9 @@ def simulate(
         A signal is unknown.
 
     """
-    from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.cell.cell_file import cell_of
     from delta3_pacdrive.parameters import of_run
-    from delta3_pacdrive.peripherals.cell_file import cell_of
+    from delta3_pacdrive.planning.program.model import Program
     from delta3_pacdrive.simulation import run
 
     if parameters is None:
@@ -188,7 +190,7 @@ def simulate(
     around = cell_of(cell)
     if not signals:
         return run(read, parameters, cell=around)
-    from delta3_pacdrive.analysis import trace_export
+    from delta3_pacdrive.studies.runs import trace_export
 
     trace_export.require_known(signals)
     return trace_export.completed(
@@ -210,3 +212,6 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return __all__
+
+
+renamed_modules.install()

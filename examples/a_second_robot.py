@@ -5,7 +5,7 @@ from geometry_msgs.msg import PointStamped
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from delta3_pacdrive.ros.discovery import keep_to_this_machine
+from delta3_pacdrive.ros.wire.discovery import keep_to_this_machine
 
 PROGRAM = 'moves: [move_l: {{to_m: [{}, 0.0, -0.8]}}]'
 keep_to_this_machine()

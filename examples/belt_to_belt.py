@@ -3,7 +3,7 @@
 from itertools import pairwise
 from pathlib import Path
 
-from delta3_pacdrive import cell
+from delta3_pacdrive import scripting
 
 QUICK = {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
 PITCH_M, COUNT = 0.15, 6
@@ -27,7 +27,7 @@ def main(robot):
 
 
 if __name__ == '__main__':
-    with cell.simulate(
+    with scripting.simulate(
         'model', cell=Path(__file__).with_name('two_belts.yaml'), signals=['cell_belts']
     ) as simulated:
         main(simulated)

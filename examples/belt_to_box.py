@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from delta3_pacdrive import cell
-from delta3_pacdrive.motion.frames import Frame
-from delta3_pacdrive.motion.patterns import Grid, Layers
+from delta3_pacdrive import scripting
+from delta3_pacdrive.planning.program.frames import Frame
+from delta3_pacdrive.planning.program.patterns import Grid, Layers
 
 QUICK = {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
 BOX = Frame((-0.065, -0.07, -0.89), name='carton')  # the first place
@@ -26,7 +26,7 @@ def main(robot):
 
 
 if __name__ == '__main__':
-    with cell.simulate('model', cell=Path(__file__).with_name('two_belts.yaml')) as simulated:
+    with scripting.simulate('model', cell=Path(__file__).with_name('two_belts.yaml')) as simulated:
         main(simulated)
     found = simulated.trace.meta['cell']
     far = [

@@ -3,8 +3,8 @@
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.calibration import estimation, model, planning, simulated
-from delta3_pacdrive.analysis.calibration.data import Method, Requirements
+from delta3_pacdrive.studies.calibration import estimation, model, planning, simulated
+from delta3_pacdrive.studies.calibration.data import Method, Requirements
 
 NOISE_M = 2e-5  # of each measured coordinate
 

@@ -3,9 +3,9 @@
 import sys
 from pathlib import Path
 
-from delta3_pacdrive.analysis import run_comparison, runs
-from delta3_pacdrive.analysis.provenance import Provenance
-from delta3_pacdrive.analysis.report_page import page
+from delta3_pacdrive.studies.framework.provenance import Provenance
+from delta3_pacdrive.studies.report_page import page
+from delta3_pacdrive.studies.runs import run_comparison, runs
 
 output = Path(sys.argv[1] if len(sys.argv) > 1 else 'nominal_and_built.html')
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.motion.frames import Frame, Tool
-from delta3_pacdrive.motion.patterns import Grid, Layers
+from delta3_pacdrive.planning.program.frames import Frame, Tool
+from delta3_pacdrive.planning.program.patterns import Grid, Layers
 
 TAUGHT_MM = [[100, -60, -900], [180, -40, -900], [80, 20, -900]]  # origin, on the x axis, in the xy plane
 ROWS, COLUMNS, PITCH_MM, LAYERS, HEIGHT_MM = 2, 2, [40, 50], 2, 20

@@ -5,10 +5,10 @@ from tempfile import TemporaryDirectory
 
 import delta3_pacdrive as d3
 from delta3_pacdrive import simulation
-from delta3_pacdrive.analysis.learning.run import Study
-from delta3_pacdrive.analysis.learning.study import Settings
-from delta3_pacdrive.analysis.study import silent
-from delta3_pacdrive.motion import learned
+from delta3_pacdrive.planning import learned_torques as learned
+from delta3_pacdrive.studies.framework.study import silent
+from delta3_pacdrive.studies.learning.run import Study
+from delta3_pacdrive.studies.learning.study import Settings
 
 settings = Settings('packaging', 'model', None, repetitions=10, bandwidth_hz=80.0)
 with TemporaryDirectory() as folder:

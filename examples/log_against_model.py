@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis import runs
-from delta3_pacdrive.analysis.experiments.run import compared
-from delta3_pacdrive.analysis.experiments.study import Pair
+from delta3_pacdrive.studies.runs import runs
+from delta3_pacdrive.studies.thesis.experiments.run import compared
+from delta3_pacdrive.studies.thesis.experiments.study import Pair
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else '.')
 

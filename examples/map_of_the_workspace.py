@@ -3,8 +3,8 @@
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.planning import evaluation
-from delta3_pacdrive.motion.capability import capability
+from delta3_pacdrive.planning.limits.capability import capability
+from delta3_pacdrive.studies.places.planning import evaluation
 
 robot = d3.load_parameters()
 side = np.linspace(-0.6, 0.6, 61)

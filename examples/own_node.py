@@ -6,7 +6,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from delta3_pacdrive.ros.discovery import keep_to_this_machine
+from delta3_pacdrive.ros.wire.discovery import keep_to_this_machine
 
 CORNERS_M = [(0.15, 0.0, -0.80), (0.0, 0.15, -0.80), (-0.15, 0.0, -0.80), (0.0, 0.0, -0.80)]
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 import delta3_pacdrive as d3
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.poses import poses
-from delta3_pacdrive.sercos.telegrams import JOINTS
 
 robot = d3.load_parameters()
 trace = d3.simulate('packaging', robot)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from delta3_pacdrive import cell
-from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive import scripting
+from delta3_pacdrive.cell import cell_file
 
 PARTS, QUICK = 3, {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
 line = {'origin_mm': [-700, 100, -870], 'length_mm': 1500, 'encoder': {'bits': 14, 'circumference_mm': 200}}
@@ -17,7 +17,7 @@ around = {
 }
 for speed in (0.5, 1.0, 1.5):
     belts = {'line': line | {'speed': [{'after_s': 0.0, 'speed_m_s': speed}]}}
-    with cell.simulate(
+    with scripting.simulate(
         'model', cell=cell_file.parse(around | {'belts': belts}), signals=['cell_belts']
     ) as robot:
         for n in range(PARTS):
@@ -30,7 +30,7 @@ for speed in (0.5, 1.0, 1.5):
                     robot.move_l(to_mm=[0, 0, 40], **QUICK)
                 robot.arch(to_mm=[0, -200, -850], up_mm=20, down_mm=20, **QUICK)
                 robot.output('gripper', False, payload_kg=0.0)
-            except cell.ScriptError as error:
+            except scripting.ScriptError as error:
                 print(f'  part {n}: {error.code}: {error}')
     tcp, way = robot.trace.signals['tcp_true'], robot.trace.signals['cell_belts'][:, 0]
     tops = [np.stack([way - 0.7 - 0.45 * n, 0 * way + 0.1, 0 * way - 0.85], 1) for n in range(PARTS)]

@@ -1,7 +1,7 @@
 """Propose gains of velocity and position loop for margins of 50 degrees and 8 dB, and apply them to experiment 1."""
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.tuning.proposal import Targets, propose
+from delta3_pacdrive.studies.drives.tuning.proposal import Targets, propose
 
 robot = d3.load_parameters()
 found = propose(robot, Targets(phase_deg=50.0, gain_db=8.0), speed_rad_s=10.0)

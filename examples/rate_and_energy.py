@@ -1,7 +1,7 @@
 """Run pick-and-place arches at increasing speed, and report cycle rate, energy, current and TCP error."""
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.run_energy import energy_of_round
+from delta3_pacdrive.studies.runs.run_signals import energy_of_round
 
 ROUNDS = 3
 PICK, PLACE = [-0.1525, 0.0, -0.85], [0.1525, 0.0, -0.85]

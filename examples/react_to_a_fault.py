@@ -1,6 +1,6 @@
 """Recover a robot from a fault and continue its path; in another terminal: delta3 up."""
 
-from delta3_pacdrive.ros.robot_client import operating
+from delta3_pacdrive.ros.clients.robot_client import operating
 
 PROGRAM = 'moves: [move_l: {to_m: [0.2, 0.0, -0.8], speed_m_s: 0.2}, move_l: {to_m: [0.0, 0.0, -0.75]}]'
 # a drive stops after two consecutive lost telegrams

@@ -1,6 +1,6 @@
 """Wait for parts, pick each one, and place the good ones on a grid: a script with decisions by inputs."""
 
-from delta3_pacdrive import cell
+from delta3_pacdrive import scripting
 
 PICK_MM, REJECT_MM = [150, 0, -850], [0, -150, -850]
 PLACES_MM = [[-150 + 60 * column, 60 * row, -850] for row in range(2) for column in range(2)]
@@ -30,7 +30,7 @@ def main(robot):
 
 if __name__ == '__main__':
     parts = {'part': [(0.2, True)], 'good': [(0.0, True), (2.5, False), (4.5, True)]}
-    with cell.simulate(inputs=parts) as robot:
+    with scripting.simulate(inputs=parts) as robot:
         main(robot)
     outputs = [one['time_s'] for one in robot.trace.meta['outputs']]
     print(f'{len(outputs) // 2} parts, the gripper closed first after {outputs[0]:.3f} s')

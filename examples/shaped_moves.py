@@ -3,7 +3,7 @@
 import math
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.residual_vibration import after_stop, swing_m
+from delta3_pacdrive.studies.framework.residual_vibration import after_stop, swing_m
 
 STANDS_S = 0.4
 robot = d3.load_parameters('built+model')

@@ -6,8 +6,8 @@ import json
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis import trace_export
 from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.studies.runs import trace_export
 
 NAMES = ['payload', 'outputs', 'drive_current_reference', 'tcp_speed']
 

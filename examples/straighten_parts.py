@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from delta3_pacdrive import cell
+from delta3_pacdrive import scripting
 
 QUICK = {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
 
@@ -28,7 +28,7 @@ def main(robot, count=6):
 
 
 if __name__ == '__main__':
-    with cell.simulate('model+rotary', cell=Path(__file__).with_name('skewed_parts.yaml')) as simulated:
+    with scripting.simulate('model+rotary', cell=Path(__file__).with_name('skewed_parts.yaml')) as simulated:
         main(simulated)
     put = [one['stays'] for one in simulated.trace.meta['cell']['parts'] if one['where'] == 'out']
     for name, stay, along in (('before', 0, 0.0), ('after', -1, math.pi)):

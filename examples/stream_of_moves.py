@@ -7,7 +7,7 @@ from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.node import Node
 from std_msgs.msg import String
 
-from delta3_pacdrive.ros.discovery import keep_to_this_machine
+from delta3_pacdrive.ros.wire.discovery import keep_to_this_machine
 
 CORNERS_M = [(0.15, 0.0), (0.0, 0.15), (-0.15, 0.0), (0.0, -0.15)]
 keep_to_this_machine()  # the robot is at 127.0.0.1

@@ -7,7 +7,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from delta3_pacdrive.ros.discovery import keep_to_this_machine
+from delta3_pacdrive.ros.wire.discovery import keep_to_this_machine
 
 AXES = ['axis1', 'axis2', 'axis3']
 SWINGS_RAD = [(0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2), (0.0, 0.0, 0.0)]  # relative

@@ -3,7 +3,7 @@
 from collections import Counter
 from pathlib import Path
 
-from delta3_pacdrive import cell
+from delta3_pacdrive import scripting
 
 QUICK = {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
 TRAYS_MM = {'bar': [-150, -20, -850], 'disc': [150, -20, -850]}
@@ -21,7 +21,7 @@ def main(robot, count=10):
                 robot.output('gripper', True, payload_kg=MASSES_KG[part.type])
                 robot.dwell(0.04)
                 robot.move_l(to_mm=[0, 0, 40], **QUICK)
-        except cell.ScriptError as error:
+        except scripting.ScriptError as error:
             print(f'left: {error}')
             continue
         robot.arch(to_mm=TRAYS_MM[part.type], up_mm=20, down_mm=20, **QUICK)
@@ -30,7 +30,7 @@ def main(robot, count=10):
 
 
 if __name__ == '__main__':
-    with cell.simulate('model', cell=Path(__file__).with_name('two_belts.yaml')) as simulated:
+    with scripting.simulate('model', cell=Path(__file__).with_name('two_belts.yaml')) as simulated:
         main(simulated)
     parts = simulated.trace.meta['cell']['parts']
     put = Counter((one['type'], one['where']) for one in parts if one['outcome'] == 'placed')

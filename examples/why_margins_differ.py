@@ -1,9 +1,9 @@
 """Explain the difference between the gain margin of the velocity loop and of its continuous approximation."""
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.tuning.analysis import OperatingPoint
-from delta3_pacdrive.analysis.tuning.approximation import steps
-from delta3_pacdrive.analysis.tuning.load import extremes
+from delta3_pacdrive.studies.drives.loops.analysis import OperatingPoint
+from delta3_pacdrive.studies.drives.loops.approximation import steps
+from delta3_pacdrive.studies.drives.loops.load import extremes
 
 robot = d3.load_parameters()
 for load in extremes(robot):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.mjcf import mjcf
 from delta3_pacdrive.scene.parts import RODS
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.telegrams import JOINTS
 
 SEED = 20090418
 PRINTED = 1e-9  # the reference values have nine decimals

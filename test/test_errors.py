@@ -5,7 +5,7 @@ import json
 import pytest
 
 from delta3_pacdrive import memory
-from delta3_pacdrive.controller.messages import Reply
+from delta3_pacdrive.control.messages import Reply
 from delta3_pacdrive.errors import (
     Code,
     FaultCode,

@@ -8,13 +8,14 @@ import zipfile
 import numpy as np
 import pytest
 
-from delta3_pacdrive import memory, whole_file
-from delta3_pacdrive.analysis.provenance import digest
-from delta3_pacdrive.analysis.sweep.specification import document_of
+from delta3_pacdrive import atomic_file as whole_file
+from delta3_pacdrive import memory
 from delta3_pacdrive.cli import main
 from delta3_pacdrive.errors import Delta3Error
-from delta3_pacdrive.motion import learned
+from delta3_pacdrive.planning import learned_torques as learned
 from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.studies.fleet.sweep.specification import document_of
+from delta3_pacdrive.studies.framework.provenance import digest
 from delta3_pacdrive.view.workspace import Volume
 
 LIMIT = 1 << 20  # instead of 2 GiB, for these tests

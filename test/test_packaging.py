@@ -240,7 +240,7 @@ def ways_to_ros(graph, start):
 
 ROS_ROOMS = ('ros', 'bringup', 'verification', 'benchmarks', 'cli')
 DOORS = (
-    f'{PACKAGE}.cell.connected',
+    f'{PACKAGE}.scripting.connected_link',
 )  # scripts reach a robot that is up through ``connect``, which loads ROS then
 
 
@@ -327,7 +327,7 @@ def test_a_node_loads_no_generator_of_messages(distribution, tmp_path):
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
     program = (
         'import sys\n'
-        'from delta3_pacdrive.ros.robot_client import OperatorNode\n'
+        'from delta3_pacdrive.ros.clients.robot_client import OperatorNode\n'
         'import rclpy\n'
         'rclpy.init()\n'
         'OperatorNode(lambda seconds: None)\n'
@@ -354,7 +354,7 @@ def test_no_kernel_depends_on_a_command_a_node_or_a_study():
     above = (
         'ros',
         'cli',
-        'analysis',
+        'studies',
         'bringup',
         'verification',
         'benchmarks',

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import dynamics, kinematics, parameters
-from delta3_pacdrive.analysis.tuning.run import robot_of
-from delta3_pacdrive.analysis.tuning.study import Settings
 from delta3_pacdrive.errors import ParameterError, ProgramError, TelegramError, TuningError
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.move import Move
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
-from delta3_pacdrive.sercos import telegrams, words
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.paths.move import Move
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.robot.sercos import telegrams, words
+from delta3_pacdrive.studies.drives.tuning.run import robot_of
+from delta3_pacdrive.studies.drives.tuning.study import Settings
 
 TOO_HEAVY_KG = PAYLOAD_MAX_KG + 1e-3
 RESERVE = 2.0  # of what is held at rest, over the limit

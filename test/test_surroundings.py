@@ -13,8 +13,8 @@ import pytest
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.cli import main
-from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.numerics.kernel import CACHE_DIRECTORY
+from delta3_pacdrive.planning.program import file_reader as programs
 from thoroughness import EVERYTHING
 
 pytestmark = pytest.mark.timeout(600)

@@ -68,7 +68,7 @@ def test_no_test_reaches_into_what_is_private(path):
     [
         ('node._drive.fault', ['_drive']),
         ('self._task.run()._x', ['_x']),
-        ('from delta3_pacdrive.motion import _rest, plan', ['_rest']),
+        ('from delta3_pacdrive.planning import _rest, plan', ['_rest']),
         ("monkeypatch.setattr(solver, '_once', x)", ['_once']),
         ("monkeypatch.setattr('solver._once', x)", ['_once']),
         ('getattr(node, name)', []),

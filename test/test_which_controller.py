@@ -8,10 +8,10 @@ import pytest
 
 import delta3_pacdrive as d3
 from delta3_pacdrive import parameters
-from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.configuration.packaged import THESIS_PROGRAMS
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.studies.runs import runs
 
 THESIS = 'torque of one inertia per axis, linear set points (of the thesis)'
 MODEL = 'torque of the whole model, cubic set points'

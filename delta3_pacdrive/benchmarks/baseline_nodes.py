@@ -15,9 +15,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
-from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.scheduler import CycleScheduler, Histogram
+from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS, Clock
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.scheduler import CycleScheduler, Histogram
 
 PERIOD_S = 1e-3
 OUTSTANDING_MAX = 8

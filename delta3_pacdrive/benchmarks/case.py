@@ -17,8 +17,8 @@ def program_file(seconds: float, folder: str) -> Path:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.configuration import yaml_file
     from delta3_pacdrive.errors import ProgramError
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.motion import program_planner
+    from delta3_pacdrive.planning import program_planner
+    from delta3_pacdrive.planning.program import file_reader as programs
 
     robot = core.load()
     source = programs.find('experiment1')

@@ -11,20 +11,20 @@ import numpy as np
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
-from delta3_pacdrive.analysis.learning.responses import with_masses
-from delta3_pacdrive.analysis.learning.run import Study
-from delta3_pacdrive.analysis.learning.study import Settings
-from delta3_pacdrive.analysis.run_energy import energy_of_round
-from delta3_pacdrive.analysis.study import silent
-from delta3_pacdrive.analysis.tuning.proposal import Kept, margins_kept, spread
-from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
+from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.errors import Delta3Error
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion.learned import Learned
-from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.motion.program_planner import Planned
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.learned_torques import Learned
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.planning.program.model import Program
+from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.studies.drives.tuning.proposal import Kept, margins_kept, spread
+from delta3_pacdrive.studies.framework.study import silent
+from delta3_pacdrive.studies.learning.responses import with_masses
+from delta3_pacdrive.studies.learning.run import Study
+from delta3_pacdrive.studies.learning.study import Settings
+from delta3_pacdrive.studies.runs.run_signals import energy_of_round
 
 PACKAGING, FAST = 'packaging', 'packaging_fast'
 ROUNDS = 3

@@ -12,17 +12,17 @@ import numpy as np
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
-from delta3_pacdrive.analysis.estimation.identifiability import WEAK, Z_95, Verdict, analyse
-from delta3_pacdrive.analysis.estimation.measurement import simulate, with_noise
-from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, WindingModel
-from delta3_pacdrive.analysis.estimation.problem import Problem
-from delta3_pacdrive.analysis.estimation.quantities import GROUPS, start_values, values_of
-from delta3_pacdrive.analysis.estimation.replay_model import ReplayModel
-from delta3_pacdrive.analysis.estimation.solver import fit, half_widths, whiteness_of
-from delta3_pacdrive.analysis.study import OnProgress, silent
-from delta3_pacdrive.motion import program_file as programs
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.studies.estimation.identifiability import WEAK, Z_95, Verdict, analyse
+from delta3_pacdrive.studies.estimation.measurement import simulate, with_noise
+from delta3_pacdrive.studies.estimation.motor_models import TorqueModel, WindingModel
+from delta3_pacdrive.studies.estimation.problem import Problem
+from delta3_pacdrive.studies.estimation.quantities import GROUPS, start_values, values_of
+from delta3_pacdrive.studies.estimation.replay_model import ReplayModel
+from delta3_pacdrive.studies.estimation.solver import fit, half_widths, whiteness_of
+from delta3_pacdrive.studies.framework.study import OnProgress, silent
 
 SEEDS = 200
 FIRST_SEED = 1000

@@ -8,15 +8,18 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from importlib import metadata
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from delta3_pacdrive.benchmarks.case import in_child, program_file, times_text
-from delta3_pacdrive.benchmarks.page_watcher import PageWatcher
 from delta3_pacdrive.bringup.scheduling import (
     NOT_PERMITTED,
     SLICE_S,
@@ -27,6 +30,82 @@ from delta3_pacdrive.bringup.scheduling import (
 )
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.view import serving
+
+APPEAR_S = 30.0  # timeout for the page
+LOOK_S, TRY_S, SETTLE_S = 0.5, 0.2, 2.0
+CAMERA = {
+    'type': 'ViewerCameraMessage',
+    'wxyz': (1.0, 0.0, 0.0, 0.0),
+    'position': (1.0, -1.5, 0.0),
+    'fov': 0.8,
+    'near': 0.01,
+    'far': 1000.0,
+    'image_height': 800,
+    'image_width': 1280,
+    'look_at': (0.0, 0.0, -0.5),
+    'up_direction': (0.0, 0.0, 1.0),
+}
+
+
+class PageWatcher:
+    """A thread that opens a page and receives everything it sends; ``pid`` is the process that serves it."""
+
+    def __init__(self, host: str, port: int, pid: int) -> None:
+        self._pid, self.cores = pid, 0.0  # cores: load of the page while it is watched, without its start-up
+        self._address = f'ws://{host}:{port}'
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self.received_bytes, self.watched_s = 0, 0.0
+        self.pictures_s: list[float] = []  # arrival times; all changes of a picture arrive together
+        self._thread.start()
+
+    def _watch(self) -> None:
+        import msgspec
+        from websockets.exceptions import WebSocketException
+        from websockets.sync.client import connect
+        from websockets.typing import Subprotocol
+
+        protocol = Subprotocol(f'viser-v{metadata.version("viser")}')
+        deadline = time.monotonic() + APPEAR_S
+        while not self._stop.is_set() and time.monotonic() < deadline:
+            with suppress(OSError, WebSocketException):
+                options = {'subprotocols': [protocol], 'compression': None, 'max_size': None}
+                with connect(self._address, **options) as socket:
+                    socket.send(msgspec.msgpack.encode(CAMERA))
+                    self._stop.wait(SETTLE_S)
+                    start, spent_s = time.monotonic(), self._spent_s()
+                    while not self._stop.is_set():
+                        with suppress(TimeoutError):
+                            self._take(socket.recv(timeout=LOOK_S))
+                        self.watched_s = max(time.monotonic() - start, 1e-3)
+                        if (now_s := self._spent_s()) > spent_s:
+                            self.cores = (now_s - spent_s) / self.watched_s
+            self._stop.wait(TRY_S)
+
+    def _take(self, data: bytes | str) -> None:
+        self.received_bytes += len(data)
+        self.pictures_s.append(time.monotonic())
+
+    @property
+    def pictures_hz(self) -> float:
+        """Rate of the pictures while the robot moves, from the median of their periods."""
+        between = [b - a for a, b in pairwise(self.pictures_s)]
+        return 1.0 / max(median(between), 1e-3) if between else 0.0
+
+    def _spent_s(self) -> float:
+        import psutil
+
+        try:
+            times = psutil.Process(self._pid).cpu_times()
+        except psutil.NoSuchProcess:  # robot and page have ended
+            return 0.0
+        return float(times.user + times.system)
+
+    def close(self) -> None:
+        """Close the page."""
+        self._stop.set()
+        self._thread.join()
+
 
 TITLES = {
     'machine': 'the machine: a loop that only sleeps',
@@ -114,7 +193,7 @@ def _measure(case: str, scheduling: str, seconds: float) -> dict[str, Any]:
 
 def _measure_machine(seconds: float) -> dict[str, Any]:
     """Measure the lateness of a loop that only sleeps until the next millisecond, in real time if permitted."""
-    from delta3_pacdrive.sercos.scheduler import Histogram
+    from delta3_pacdrive.robot.sercos.scheduler import Histogram
 
     prefer(Schedule.REAL_TIME)
     lateness = Histogram()
@@ -199,8 +278,9 @@ def _end_oscilloscope(process: subprocess.Popen[str]) -> tuple[int, int]:
 def _measure_baseline(seconds: float) -> dict[str, Any]:
     from delta3_pacdrive.benchmarks import baseline_nodes
     from delta3_pacdrive.bringup.processes import end_all, spawn
-    from delta3_pacdrive.ros import discovery, node_process
-    from delta3_pacdrive.sercos.configuration_check import DRIVES
+    from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+    from delta3_pacdrive.ros import node_process
+    from delta3_pacdrive.ros.wire import discovery
 
     discovery.keep_to_this_machine()
     with tempfile.TemporaryDirectory(prefix='delta3_bench_') as folder:

@@ -11,15 +11,15 @@ import numpy as np
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.benchmarks.case import in_child, times_text
-from delta3_pacdrive.benchmarks.random_picks import LIMITS, random_pick
-from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.curves import Curve
-from delta3_pacdrive.motion.limits import Limits
-from delta3_pacdrive.motion.move_planner import MovePlanner
-from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.plan import sample_plan
+from delta3_pacdrive.benchmarks.planning_load import LIMITS, random_pick
+from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.limits.limits import Limits
+from delta3_pacdrive.planning.paths.curves import Curve
+from delta3_pacdrive.planning.paths.path import sample_path
+from delta3_pacdrive.planning.plan import sample_plan
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.planning.timing.move_planner import MovePlanner
 
 ROUNDS = 40
 PICKS, PICK_ROUNDS = 100, 3  # random picks, and repetitions of each planning

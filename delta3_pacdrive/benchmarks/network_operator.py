@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.errors import Delta3Error, RunError
-from delta3_pacdrive.ros.robot_client import OperatorNode, operating
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode, operating
 
 APPEAR_S = 120.0  # timeout for the robot
 RUN_S = 300.0  # timeout of a program

@@ -1,17 +1,18 @@
-"""A robot at rest that receives plans, for the motion benchmark: their effect on the cycle."""
+"""Load of the motion benchmark: random picks, and a robot at rest that receives plans."""
 
 import json
 import time
 from typing import Any
 
+import numpy as np
 from std_msgs.msg import String
 
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.options import Options
-from delta3_pacdrive.controller.messages import Origin, Status
-from delta3_pacdrive.motion.plan import Plan
-from delta3_pacdrive.ros.interfaces import DIAGNOSTICS, MOTION_PLAN, STATUS
-from delta3_pacdrive.ros.numbers import numbers
+from delta3_pacdrive.control.messages import Origin, Status
+from delta3_pacdrive.planning.plan import Plan
+from delta3_pacdrive.ros.wire.interfaces import DIAGNOSTICS, MOTION_PLAN, STATUS
+from delta3_pacdrive.ros.wire.numbers import numbers
 
 FIRST = 10**9  # number of the first order
 
@@ -63,4 +64,33 @@ def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
         'overruns': result['overruns'],
         'lateness_ms': json.loads(facts['lateness_ms']),
         'mdt_to_last_at_ms': json.loads(facts['mdt_to_last_at_ms']),
+    }
+
+
+LOW_M, HIGH_M = (-0.25, -0.25, -0.9), (0.25, 0.25, -0.8)
+APART_M = 0.1  # minimum horizontal distance of the two points
+UP_M, PAYLOAD_KG, BLEND_M = (0.05, 0.08), (0.0, 2.0), 0.02
+COOLING_S = 60.0  # after a pick, so that motor temperatures do not limit it
+LIMITS = ({'jerk_m_s3': 20000.0}, {'torque_rate_n_m_s': 1000.0})
+
+
+def random_pick(number: int) -> dict[str, Any]:
+    """Return a pick as a program document; even numbers limit the TCP jerk, odd ones the torque rate."""
+    random = np.random.default_rng(number)
+    pick, place = random.uniform(LOW_M, HIGH_M), random.uniform(LOW_M, HIGH_M)
+    while np.linalg.norm((place - pick)[:2]) < APART_M:
+        place = random.uniform(LOW_M, HIGH_M)
+    height, payload_kg = random.uniform(*UP_M), random.uniform(*PAYLOAD_KG)
+    up = np.array([0.0, 0.0, height])
+    return {
+        'start_m': pick.tolist(),
+        'payload_kg': payload_kg,
+        'time_optimal': True,
+        'limits': LIMITS[number % len(LIMITS)],
+        'moves': [
+            {'move_l': {'to_m': (pick + up).tolist(), 'blend_m': BLEND_M}},
+            {'move_l': {'to_m': (place + up).tolist(), 'blend_m': BLEND_M}},
+            {'move_l': {'to_m': place.tolist()}},
+            {'dwell': {'time_s': COOLING_S}},
+        ],
     }

@@ -8,10 +8,10 @@ import numpy as np
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
-from delta3_pacdrive.analysis.residual_vibration import swing_after
-from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import RATED_PAYLOAD_KG, Parameters
+from delta3_pacdrive.planning.program import file_reader as program_file
+from delta3_pacdrive.studies.framework.residual_vibration import swing_after
 
 MOVES, SEED = 100, 1
 SHORTEST_M = 0.05

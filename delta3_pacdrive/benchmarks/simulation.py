@@ -15,11 +15,11 @@ import numpy as np
 from delta3_pacdrive import dynamics, kinematics, simulation
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.benchmarks.case import program_file
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion.capability import capability
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.planning.limits.capability import capability
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.robot.plant.plant import Plant
 from delta3_pacdrive.scene.mjcf import mjcf
 
 if TYPE_CHECKING:

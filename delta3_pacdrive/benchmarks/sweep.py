@@ -12,14 +12,14 @@ import numpy as np
 import psutil
 
 from delta3_pacdrive import simulation
-from delta3_pacdrive.analysis.sweep import engine, specification
-from delta3_pacdrive.analysis.sweep.design import Sweep
-from delta3_pacdrive.analysis.sweep.run import require_engine
-from delta3_pacdrive.analysis.sweep.sampling import values_of
-from delta3_pacdrive.analysis.sweep.single_run import Row, Runner
 from delta3_pacdrive.parameters import from_flat
-from delta3_pacdrive.sercos.words import CONTROL_ON
+from delta3_pacdrive.robot.sercos.words import CONTROL_ON
 from delta3_pacdrive.simulation.robot import Robot
+from delta3_pacdrive.studies.fleet.sweep import engine, specification
+from delta3_pacdrive.studies.fleet.sweep.design import Sweep
+from delta3_pacdrive.studies.fleet.sweep.run import require_engine
+from delta3_pacdrive.studies.fleet.sweep.sampling import values_of
+from delta3_pacdrive.studies.fleet.sweep.single_run import Row, Runner
 
 RUNS = 300  # default, for each number of workers
 LOOPED = 60  # runs of a loop in one process

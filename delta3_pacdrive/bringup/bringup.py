@@ -14,7 +14,6 @@ from diagnostic_msgs.srv import AddDiagnostics
 from rclpy.node import Node
 
 from delta3_pacdrive import interrupts, simulation
-from delta3_pacdrive.analysis.run_energy import energy_of_round
 from delta3_pacdrive.bringup.braking import STOP_WALL_S, brake
 from delta3_pacdrive.bringup.environment import log_folder, only_one
 from delta3_pacdrive.bringup.monitor import LOOK_S, RobotMonitor
@@ -31,13 +30,15 @@ from delta3_pacdrive.bringup.robot_processes import (
 )
 from delta3_pacdrive.bringup.scheduling import Schedule, prefer
 from delta3_pacdrive.errors import RunError, RunInterruptedError, TraceError
-from delta3_pacdrive.motion.execution import Timeline
-from delta3_pacdrive.motion.program_planner import Planned
-from delta3_pacdrive.recording import bag_trace
-from delta3_pacdrive.ros import discovery, domain, interfaces, node_process
-from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import drives_of
-from delta3_pacdrive.sercos.watchdog import BOUND_S, Watchdog
+from delta3_pacdrive.planning.execution import Timeline
+from delta3_pacdrive.planning.program_planner import Planned
+from delta3_pacdrive.recording.bags import bag_trace
+from delta3_pacdrive.robot.sercos.bus_time import NEVER
+from delta3_pacdrive.robot.sercos.configuration_check import drives_of
+from delta3_pacdrive.robot.sercos.watchdog import BOUND_S, Watchdog
+from delta3_pacdrive.ros import node_process
+from delta3_pacdrive.ros.wire import discovery, domain, interfaces
+from delta3_pacdrive.studies.runs.run_signals import energy_of_round
 
 ENERGY_CYCLES_MAX = 600_000  # of a recording that is evaluated for its energy
 

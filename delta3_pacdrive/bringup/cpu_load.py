@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
 
 LOOK_S = 2.0
 SHARE = 0.85  # of the cores; more real-time work would starve all other processes

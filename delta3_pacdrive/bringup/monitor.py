@@ -10,12 +10,12 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from delta3_pacdrive.bringup.processes import ManagedProcess
-from delta3_pacdrive.controller.messages import QueueReport
+from delta3_pacdrive.cell.parts_report import PartsLog
+from delta3_pacdrive.control.messages import QueueReport
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.peripherals.parts_report import PartsLog
-from delta3_pacdrive.ros import domain, interfaces
 from delta3_pacdrive.ros.present_robot import PresentRobot
-from delta3_pacdrive.ros.progress_report import read_progress
+from delta3_pacdrive.ros.task.progress_report import read_progress
+from delta3_pacdrive.ros.wire import domain, interfaces
 
 LOOK_S = 0.05
 

@@ -6,16 +6,17 @@ from pathlib import Path
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive import simulation
 from delta3_pacdrive.bringup.processes import ManagedProcess
-from delta3_pacdrive.controller.script_gate import first_decision
+from delta3_pacdrive.cell import cell_file
+from delta3_pacdrive.control.operation.script_gate import first_decision
 from delta3_pacdrive.errors import ParameterError, RunError
-from delta3_pacdrive.motion import learned, program_planner
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion.adapted_program import rest_of
-from delta3_pacdrive.motion.output_names import OWN
-from delta3_pacdrive.motion.program import Program
-from delta3_pacdrive.peripherals import cell_file
-from delta3_pacdrive.plant.decoupled import require_stable
-from delta3_pacdrive.ros import domain
+from delta3_pacdrive.planning import learned_torques as learned
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.adapted_program import rest_of
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.planning.program.model import Program
+from delta3_pacdrive.planning.program.output_names import OWN
+from delta3_pacdrive.robot.plant.decoupled import require_stable
+from delta3_pacdrive.ros.wire import domain
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,11 @@ from delta3_pacdrive.bringup.cpu_load import CpuLoadMonitor, cores_of_robot, in_
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
-from delta3_pacdrive.controller.script_gate import first_decision
-from delta3_pacdrive.faults.fault import TASK, UNIT_ROBOT
-from delta3_pacdrive.ros import discovery, node_process, preload
-from delta3_pacdrive.ros.interfaces import VISUALIZATION
+from delta3_pacdrive.control.operation.script_gate import first_decision
+from delta3_pacdrive.robot.faults.fault import TASK, UNIT_ROBOT
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, PLANT, drives_of
+from delta3_pacdrive.robot.sercos.watchdog import Watchdog
+from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
@@ -27,8 +28,8 @@ from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.parameters import overrides
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, PLANT, drives_of
-from delta3_pacdrive.sercos.watchdog import Watchdog
+from delta3_pacdrive.ros.wire import discovery, preload
+from delta3_pacdrive.ros.wire.interfaces import VISUALIZATION
 
 RESTARTS_MAX, RESTARTS_S = 20, 60.0  # maximum number of restarts within a time
 STUCK_S, STUCK_MAX_S = (

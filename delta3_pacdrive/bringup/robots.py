@@ -25,8 +25,8 @@ from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.page import started
 from delta3_pacdrive.bringup.processes import ManagedProcess, spawn
 from delta3_pacdrive.errors import Delta3Error, RunError, RunInterruptedError
-from delta3_pacdrive.sercos.configuration_check import drives_of
-from delta3_pacdrive.sercos.shared_clock import SharedClock, create
+from delta3_pacdrive.robot.sercos.configuration_check import drives_of
+from delta3_pacdrive.robot.sercos.shared_clock import SharedClock, create
 from delta3_pacdrive.view import serving
 
 LOOK_S = 0.1

@@ -1,21 +1,15 @@
-"""Scripting API: Python programs that move a robot, wait for inputs and make decisions.
+"""The cell around the robot: inputs, valves, vacuum cup, parts, boxes, belts and camera."""
 
-    from delta3_pacdrive import cell
+import warnings
+from importlib import import_module
+from typing import Any
 
-    with cell.simulate(inputs={'part': [(0.4, True)]}) as robot:
-        robot.move_l(to_mm=[100, 0, -800])
-        robot.wait_input('part')
-        robot.move_l(to_mm=[100, 0, -850])
-        robot.output('gripper', True)
+_SCRIPTING = {'Robot', 'ScriptError', 'Simulation', 'State', 'WaitTimeoutError', 'connect', 'simulate'}
 
-Use ``cell.connect()`` instead of ``cell.simulate(...)`` for a running robot. ``delta3 simulate FILE.py`` and
-``delta3 run FILE.py`` execute the same calls in a function ``main(robot)`` of a file.
-"""
 
-from delta3_pacdrive.cell.connected import connect
-from delta3_pacdrive.cell.robot import Robot
-from delta3_pacdrive.cell.simulation import Simulation, simulate
-from delta3_pacdrive.cell.state import State
-from delta3_pacdrive.errors import ScriptError, WaitTimeoutError
-
-__all__ = ['Robot', 'ScriptError', 'Simulation', 'State', 'WaitTimeoutError', 'connect', 'simulate']
+def __getattr__(name: str) -> Any:
+    if name not in _SCRIPTING:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    text = f'{name} of delta3_pacdrive.cell is now in delta3_pacdrive.scripting; the old name ends with release 0.3'
+    warnings.warn(text, FutureWarning, 2)
+    return getattr(import_module('delta3_pacdrive.scripting'), name)

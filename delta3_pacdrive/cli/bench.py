@@ -141,9 +141,9 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
 def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
     from pathlib import Path
 
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_folder import ReportFolder, require_writable_folder
-    from delta3_pacdrive.cell import belt_bench
+    from delta3_pacdrive.benchmarks import belts as belt_bench
+    from delta3_pacdrive.studies.framework.provenance import Provenance
+    from delta3_pacdrive.studies.framework.report_folder import ReportFolder, require_writable_folder
 
     require_writable_folder(options.output)
     with Progress() as progress:

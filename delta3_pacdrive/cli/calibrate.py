@@ -11,7 +11,7 @@ from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
 from delta3_pacdrive.cli.studies import run_study
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.study import OnProgress
+    from delta3_pacdrive.studies.framework.study import OnProgress
 
 PLAN, FIT, HOME = 'plan', 'fit', 'home'
 ACTIONS = {
@@ -119,8 +119,8 @@ class Options(JsonOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.calibration import report
-    from delta3_pacdrive.analysis.report_folder import require_writable_folder
+    from delta3_pacdrive.studies.calibration import report
+    from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
 
     require_writable_folder(options.output)
     text = report.plan_text if options.action == PLAN else report.text
@@ -130,9 +130,9 @@ def run(options: Options) -> int:
 
 
 def _work(options: Options, show: OnProgress) -> dict[str, Any]:
-    from delta3_pacdrive.analysis.calibration.data import Method, Requirements
-    from delta3_pacdrive.analysis.calibration.run import Study
-    from delta3_pacdrive.analysis.calibration.study import Settings
+    from delta3_pacdrive.studies.calibration.data import Method, Requirements
+    from delta3_pacdrive.studies.calibration.run import Study
+    from delta3_pacdrive.studies.calibration.study import Settings
 
     method = 'level' if options.action == HOME else options.method
     requirements = Requirements(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive import whole_file
+from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import Delta3Error, ParameterError, ProgramError
@@ -45,8 +45,8 @@ class Options(JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.motion.output_names import OWN
-    from delta3_pacdrive.peripherals import cell_file
+    from delta3_pacdrive.cell import cell_file
+    from delta3_pacdrive.planning.program.output_names import OWN
 
     robot = core.load(options.parameters)
     outputs = OWN if options.cell is None else cell_file.load(options.cell).output_names
@@ -76,9 +76,9 @@ def _result(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
 def _content(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
     """Return the content of a file; its keys determine its kind."""
     from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.cell import cell_file
     from delta3_pacdrive.configuration import yaml_file
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.peripherals import cell_file
+    from delta3_pacdrive.planning.program import file_reader as programs
 
     path = programs.find(name)
     if path == Path(name) and not path.exists():
@@ -110,7 +110,7 @@ def _parameters(robot: Any, name: str) -> dict[str, Any]:
 
 def _inertias(robot: Any, name: str) -> tuple[dict[str, float], list[str]]:
     """Return the inertias derived from the arms, and warnings on those that do not match."""
-    from delta3_pacdrive.analysis.derived_inertias import CLOSE, derived_inertias
+    from delta3_pacdrive.studies.estimation.derived_inertias import CLOSE, derived_inertias
 
     try:
         derived = derived_inertias(robot)
@@ -128,7 +128,7 @@ def _inertias(robot: Any, name: str) -> tuple[dict[str, float], list[str]]:
 def _derived(name: str, kind: str, path: Path, overwrite: bool) -> dict[str, Any]:
     """Write a parameter file with the inertias derived from the arms; raises ParameterError."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.derived_inertias import derived_inertias, write
+    from delta3_pacdrive.studies.estimation.derived_inertias import derived_inertias, write
 
     if kind != 'parameters':
         raise ParameterError(f'--derive requires a parameter file, but {name} is a {kind} file')
@@ -151,9 +151,9 @@ def _cell(cell: Any) -> dict[str, Any]:
 
 
 def _faults(document: Any) -> list[str]:
-    from delta3_pacdrive.configuration.checked import Errors
-    from delta3_pacdrive.configuration.located import numbered
-    from delta3_pacdrive.faults.fault import read_fault
+    from delta3_pacdrive.configuration.source_positions import numbered
+    from delta3_pacdrive.configuration.strict_reader import Errors
+    from delta3_pacdrive.robot.faults.fault import read_fault
 
     source = document.source
     if isinstance(document, dict):
@@ -175,9 +175,9 @@ def _fault_text(fault: Any) -> str:
 
 
 def _planned(program: Any, robot: Any) -> dict[str, Any]:
-    from delta3_pacdrive.analysis.planning.evaluation import statement_rows
-    from delta3_pacdrive.analysis.planning.report import statement_documents
-    from delta3_pacdrive.motion import program_planner
+    from delta3_pacdrive.planning import program_planner
+    from delta3_pacdrive.studies.places.planning.evaluation import statement_rows
+    from delta3_pacdrive.studies.places.planning.report import statement_documents
 
     start = robot.motion.home_m if program.start_m is None else program.start_m
     planned = program_planner.plan(program, start, robot)
@@ -204,10 +204,10 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
 
 
 def _print(result: dict[str, Any]) -> None:
-    from delta3_pacdrive.analysis.planning.report import limit_text_of, part_text
-    from delta3_pacdrive.controller.motion_state import percent_allowed
-    from delta3_pacdrive.motion.move import MoveKind
-    from delta3_pacdrive.motion.plan_times import WITHOUT_LENGTH
+    from delta3_pacdrive.control.motion_state import percent_allowed
+    from delta3_pacdrive.planning.paths.move import MoveKind
+    from delta3_pacdrive.planning.plan_times import WITHOUT_LENGTH
+    from delta3_pacdrive.studies.places.planning.report import limit_text_of, part_text
 
     if not result['ok']:
         for error in result['errors']:

@@ -36,13 +36,13 @@ class Options(RunOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.experiments import report
-    from delta3_pacdrive.analysis.experiments.run import PairStudy, compared
-    from delta3_pacdrive.analysis.experiments.study import Pair
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_folder import require_writable_folder
-    from delta3_pacdrive.analysis.run_comparison import compare, to_document
-    from delta3_pacdrive.analysis.runs import named
+    from delta3_pacdrive.studies.framework.provenance import Provenance
+    from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
+    from delta3_pacdrive.studies.runs.run_comparison import compare, to_document
+    from delta3_pacdrive.studies.runs.runs import named
+    from delta3_pacdrive.studies.thesis.experiments import report
+    from delta3_pacdrive.studies.thesis.experiments.run import PairStudy, compared
+    from delta3_pacdrive.studies.thesis.experiments.study import Pair
 
     require_writable_folder(options.output)
     first, second = options.runs()

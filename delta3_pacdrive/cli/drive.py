@@ -10,7 +10,7 @@ from delta3_pacdrive.cli.output import print_answer
 
 
 def _axis(text: str) -> str:
-    from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
+    from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
 
     numbers = [str(number) for number in range(1, len(ALL_DRIVES) + 1)]
     axis = dict(zip(numbers, ALL_DRIVES, strict=True)).get(text, text)
@@ -42,8 +42,8 @@ def run(options: Options) -> int:
 
 
 def _list(as_json: bool) -> int:
-    from delta3_pacdrive.drive.operation_data import BITS, EXECUTABLE_IN, TABLE
-    from delta3_pacdrive.sercos.service_channel import format_idn
+    from delta3_pacdrive.robot.drive.operation_data import BITS, EXECUTABLE_IN, TABLE
+    from delta3_pacdrive.robot.sercos.service_channel import format_idn
 
     rows: list[dict[str, Any]] = [
         {
@@ -70,7 +70,7 @@ def _list(as_json: bool) -> int:
 
 
 def _ask(options: Options) -> int:
-    from delta3_pacdrive.ros.robot_client import operating
+    from delta3_pacdrive.ros.clients.robot_client import operating
 
     axis, idn, value = options.axis, options.idn, options.value
     action = 'read' if value is None else 'command' if value == 'command' else 'write'

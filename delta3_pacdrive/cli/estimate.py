@@ -13,7 +13,7 @@ from delta3_pacdrive.cli.option_types import NOISE, SEED, number_within, program
 from delta3_pacdrive.cli.studies import run_study
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.study import OnProgress
+    from delta3_pacdrive.studies.framework.study import OnProgress
 
 
 @dataclass
@@ -83,8 +83,8 @@ class Options(JsonOptions):
 
 def _require_effective(options: Options) -> None:
     """Raise EstimationError for options without effect in this combination."""
-    from delta3_pacdrive.analysis.inputs import is_recording
     from delta3_pacdrive.errors import EstimationError
+    from delta3_pacdrive.studies.runs.inputs import is_recording
 
     models = ('--sampling', '--method')
     quantities, more = ('--free', '--known'), ('--validate', '--apply')
@@ -123,8 +123,8 @@ def _require_effective(options: Options) -> None:
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.estimation import report
     from delta3_pacdrive.recording import trace_file
+    from delta3_pacdrive.studies.estimation import report
 
     _require_effective(options)
     if path := options.design:
@@ -159,8 +159,8 @@ def run(options: Options) -> int:
 
 
 def _study(options: Options, show: OnProgress) -> Any:
-    from delta3_pacdrive.analysis.estimation import run
-    from delta3_pacdrive.analysis.estimation.study import Settings
+    from delta3_pacdrive.studies.estimation import run
+    from delta3_pacdrive.studies.estimation.study import Settings
 
     if options.resume:
         return run.Study.resumed(Path(options.resume), options.command_line, show)
@@ -190,8 +190,8 @@ def _design(options: Options, path: str, show: OnProgress) -> dict[str, Any]:
     import yaml
 
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.estimation import excitation
-    from delta3_pacdrive.analysis.provenance import versions, write_text
+    from delta3_pacdrive.studies.estimation import excitation
+    from delta3_pacdrive.studies.framework.provenance import versions, write_text
 
     robot = core.load(options.parameters)
     group = 'geometry' if options.group == 'geometry' else 'masses'

@@ -38,8 +38,8 @@ class Options(JsonOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.experiments import report, run, study
     from delta3_pacdrive.cli import experiment_graph
+    from delta3_pacdrive.studies.thesis.experiments import report, run, study
 
     settings = study.Settings(
         options.number,

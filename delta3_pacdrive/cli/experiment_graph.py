@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from delta3_pacdrive.analysis.study import OnProgress
     from delta3_pacdrive.recording.trace import Trace
+    from delta3_pacdrive.studies.framework.study import OnProgress
 
 
 def bag_of(who: str, folder: Path) -> Path:

@@ -65,9 +65,9 @@ def run(options: Options) -> int:
 
 def _model(options: Options) -> int:
     from delta3_pacdrive import parameters
-    from delta3_pacdrive.analysis.provenance import write_text
     from delta3_pacdrive.scene.mjcf import mjcf
     from delta3_pacdrive.scene.urdf import urdf
+    from delta3_pacdrive.studies.framework.provenance import write_text
 
     robot = parameters.load(options.parameters)
     text = {'urdf': urdf, 'mjcf': mjcf}[options.format](robot)
@@ -79,13 +79,13 @@ def _model(options: Options) -> int:
 
 
 def _trace(options: Options) -> int:
-    from delta3_pacdrive.analysis import trace_export
-    from delta3_pacdrive.analysis.inputs import with_digests
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.runs import notes_of
     from delta3_pacdrive.errors import TraceError
     from delta3_pacdrive.recording import trace_file as files
     from delta3_pacdrive.recording.trace import is_bag
+    from delta3_pacdrive.studies.framework.provenance import Provenance
+    from delta3_pacdrive.studies.runs import trace_export
+    from delta3_pacdrive.studies.runs.inputs import with_digests
+    from delta3_pacdrive.studies.runs.runs import notes_of
 
     name, output = str(options.recording), Path(str(options.output))
     files.require_writable_trace(output)

@@ -14,8 +14,8 @@ from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.cell.fault_cases import CellCase
     from delta3_pacdrive.verification.fault_catalogue.cases import Case
+    from delta3_pacdrive.verification.fault_catalogue.cell_cases import CellCase
 
 ACTIONS = {
     'run': 'test every fault in every state on a separate robot without a clock, and the faults of simulated cells',
@@ -53,7 +53,7 @@ class Options(JsonOptions):
 
 
 def _list(options: Options) -> int:
-    from delta3_pacdrive.faults.fault import KINDS
+    from delta3_pacdrive.robot.faults.fault import KINDS
 
     if options.json:
         print(json.dumps({name: vars(kind) for name, kind in KINDS.items()}))
@@ -66,7 +66,7 @@ def _list(options: Options) -> int:
 
 
 def _inject(options: Options) -> int:
-    from delta3_pacdrive.ros.robot_client import operating
+    from delta3_pacdrive.ros.clients.robot_client import operating
 
     with operating(options.namespace) as operator:
         return print_answer(operator.inject(options.fault), options)
@@ -103,7 +103,7 @@ def _chosen(options: Options, rotary: bool) -> 'tuple[list[Case], list[CellCase]
 
     ``rotary``: whether the robot has a rotary axis.
     """
-    from delta3_pacdrive.cell import fault_catalogue as of_cells
+    from delta3_pacdrive.verification.fault_catalogue import cell_runner as of_cells
     from delta3_pacdrive.verification.fault_catalogue.cases import cases
 
     only = options.only or ''
@@ -118,8 +118,8 @@ def _chosen(options: Options, rotary: bool) -> 'tuple[list[Case], list[CellCase]
 
 def _run_catalogue(options: Options) -> int:
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.provenance import Provenance, write_table
-    from delta3_pacdrive.cell import fault_catalogue as of_cells
+    from delta3_pacdrive.studies.framework.provenance import Provenance, write_table
+    from delta3_pacdrive.verification.fault_catalogue import cell_runner as of_cells
     from delta3_pacdrive.verification.fault_catalogue.cases import Outcome
     from delta3_pacdrive.verification.fault_catalogue.runner import run_catalogue
 

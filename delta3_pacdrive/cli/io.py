@@ -22,7 +22,7 @@ class Options(NodeOptions, JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive.errors import ProgramError, shown
-    from delta3_pacdrive.ros.robot_client import operating
+    from delta3_pacdrive.ros.clients.robot_client import operating
 
     with operating(options.namespace) as operator:
         if options.name is not None and options.value is not None:

@@ -64,9 +64,9 @@ class Options(JsonOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.jacobian import report, run, study
-    from delta3_pacdrive.analysis.jacobian.mapping import Pose
-    from delta3_pacdrive.analysis.jacobian.motion import Signals
+    from delta3_pacdrive.studies.thesis.jacobian import report, run, study
+    from delta3_pacdrive.studies.thesis.jacobian.mapping import Pose
+    from delta3_pacdrive.studies.thesis.jacobian.motion import Signals
 
     settings = study.Settings(
         tuple(options.inputs),

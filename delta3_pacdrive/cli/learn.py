@@ -10,7 +10,7 @@ from delta3_pacdrive.cli.studies import run_study
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.study import OnProgress
+    from delta3_pacdrive.studies.framework.study import OnProgress
 
 
 @dataclass
@@ -39,7 +39,7 @@ class Options(JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.learning import report, run, study
+    from delta3_pacdrive.studies.learning import report, run, study
 
     options.parameters = core.of_run(options.parameters, options.program)
     if options.plant is not None:

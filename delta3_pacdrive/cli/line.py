@@ -13,7 +13,7 @@ from delta3_pacdrive.cli.studies import run_study
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from delta3_pacdrive.analysis.study import OnProgress
+    from delta3_pacdrive.studies.framework.study import OnProgress
 
 MINUTE_S = 60.0
 RULES = ('first come', 'nearest', 'balanced', 'optimal')  # as ``analysis.line.design`` has them
@@ -46,9 +46,9 @@ class Options(JsonOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.line import report, run, specification, study
-    from delta3_pacdrive.analysis.line.design import Rule
     from delta3_pacdrive.errors import LineError
+    from delta3_pacdrive.studies.fleet.line import report, run, specification, study
+    from delta3_pacdrive.studies.fleet.line.design import Rule
 
     settings = study.Settings(
         specification.find(options.specification),
@@ -67,7 +67,7 @@ def run(options: Options) -> int:
             return made.run()
         made.require_robot(options.replay, options.minute)
         summary = made.run()
-        from delta3_pacdrive.cell import line_replay
+        from delta3_pacdrive.benchmarks import line_replay
 
         show(f'{options.replay} again', 0, 0)
         belt = made.belt_of(options.replay)
@@ -77,7 +77,7 @@ def run(options: Options) -> int:
     def text(summary: dict[str, Any]) -> Iterable[str]:
         yield from report.text(summary)
         if 'replay' in summary:
-            from delta3_pacdrive.cell import line_replay
+            from delta3_pacdrive.benchmarks import line_replay
 
             yield from ['', *line_replay.text(summary['replay'])]
 

@@ -221,7 +221,7 @@ def _check_surroundings(command: str, rest: list[str]) -> None:
     for_a_robot = _is_for_a_robot(command, rest)
     memory.require(for_a_robot)
     if for_a_robot:
-        from delta3_pacdrive.ros import domain
+        from delta3_pacdrive.ros.wire import domain
 
         domain.check()
 

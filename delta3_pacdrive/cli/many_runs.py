@@ -13,8 +13,8 @@ from delta3_pacdrive.cli.studies import run_study
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from delta3_pacdrive.analysis.study import OnProgress
-    from delta3_pacdrive.analysis.sweep.study import Settings
+    from delta3_pacdrive.studies.fleet.sweep.study import Settings
+    from delta3_pacdrive.studies.framework.study import OnProgress
 
 
 @dataclass
@@ -37,8 +37,8 @@ class ManyRunsOptions(JsonOptions):
 
 def settings_of(options: Any) -> Settings:
     """Return the settings of the study; raises SweepError if both workers and scheduler are given."""
-    from delta3_pacdrive.analysis.sweep.study import Settings
     from delta3_pacdrive.errors import SweepError
+    from delta3_pacdrive.studies.fleet.sweep.study import Settings
 
     if options.workers and options.scheduler:
         raise SweepError('--workers (local processes) and --scheduler (cluster) exclude each other')

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive import whole_file
+from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.cli.command import (
     Command,
     JsonOptions,
@@ -20,13 +20,13 @@ from delta3_pacdrive.cli.command import (
     option,
 )
 from delta3_pacdrive.cli.option_types import finite_number
-from delta3_pacdrive.controller.messages import STOPS
-from delta3_pacdrive.controller.motion_state import UNDER_WAY, at_percent
+from delta3_pacdrive.control.messages import STOPS
+from delta3_pacdrive.control.motion_state import UNDER_WAY, at_percent
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
 from delta3_pacdrive.numerics.units import millimetres
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.motion.adaptation import Adaptation
+    from delta3_pacdrive.planning.program.adaptation import Adaptation
 
 ACTIONS = {
     'l': 'straight line to X Y Z [m]',
@@ -145,7 +145,7 @@ def _document(options: Options) -> str:
 
 
 def _program_text(values: list[str]) -> str:
-    from delta3_pacdrive.motion import program_file as programs
+    from delta3_pacdrive.planning.program import file_reader as programs
 
     if len(values) != 1:
         raise ProgramError(f'move program takes one file, not {len(values)}')
@@ -161,7 +161,7 @@ def _program_text(values: list[str]) -> str:
 
 def _adaptation(options: Options) -> 'Adaptation':
     """Return the changes of a program by options; the text of single moves includes theirs."""
-    from delta3_pacdrive.motion.adaptation import APPROACH_M_S, AS_IT_IS, Adaptation
+    from delta3_pacdrive.planning.program.adaptation import APPROACH_M_S, AS_IT_IS, Adaptation
 
     if options.action != 'program':
         return AS_IT_IS
@@ -176,7 +176,7 @@ def run(options: Options) -> int:
     percent = _numbers(options.values, 'move override')[0] if options.action == 'override' else 0.0
     if options.all:
         return _run_all(options)
-    from delta3_pacdrive.ros.robot_client import operating
+    from delta3_pacdrive.ros.clients.robot_client import operating
 
     facts: dict[str, Any] = {}
     with operating(options.namespace) as operator:
@@ -192,7 +192,7 @@ def run(options: Options) -> int:
 
 def _run_all(options: Options) -> int:
     """Perform the action on all robots; return the exit status."""
-    from delta3_pacdrive.ros.robots_client import ask_all
+    from delta3_pacdrive.ros.clients.robots_client import ask_all
 
     def act(operator: Any) -> dict[str, Any]:
         if options.action == 'state':
@@ -302,7 +302,7 @@ STATE_FACTS = (
 
 
 def _state_text(facts: dict[str, Any]) -> str:
-    from delta3_pacdrive.configuration.checked import counted
+    from delta3_pacdrive.configuration.strict_reader import counted
 
     enabled = 'enabled' if facts['enabled'] else 'not enabled'
     parts = [
@@ -330,7 +330,7 @@ def _state_text(facts: dict[str, Any]) -> str:
     parts.append(f'outputs on: {" ".join(outputs) or "none"}')
     parts.append(f'payload {facts["payload_kg"]:g} kg')
     if facts['learned_torques']:
-        from delta3_pacdrive.motion.learned import followed_text
+        from delta3_pacdrive.planning.learned_torques import followed_text
 
         parts.append(followed_text(facts['unlearned']))
     if facts['operator']:
@@ -372,12 +372,12 @@ def _run_motion(
         operator.wait_until(lambda: operator.progress.get('fault'), 'fault message')
         raise RunError(operator.progress['fault'])
     if operator.progress.get('learned_torques'):
-        from delta3_pacdrive.motion.learned import followed_text
+        from delta3_pacdrive.planning.learned_torques import followed_text
 
         seen = operator.progress
         operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
         report(followed_text(operator.progress['unlearned']))
-    from delta3_pacdrive.controller.motion_state import sentence as motion_sentence
+    from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 
     report('the robot is at rest' if operator.state == 'idle' else motion_sentence(operator.state))
 

@@ -17,7 +17,7 @@ class Options(ManyRunsOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.optimisation import report, run
+    from delta3_pacdrive.studies.fleet.optimisation import report, run
 
     return run_many(options, run.Study, report.text)
 

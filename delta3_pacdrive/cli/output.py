@@ -108,7 +108,7 @@ def print_json(
     seed: int | None = None,
 ) -> None:
     """Print a result with its provenance as JSON."""
-    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.studies.framework.provenance import Provenance
 
     source = getattr(options, 'parameters', None)
     origin = Provenance.of(options.command_line, robot, source, inputs, seed)
@@ -143,7 +143,7 @@ def print_answer(sentence: str, options: Any) -> int:
 
 def currents_used(result: dict[str, Any], robot: Any) -> dict[str, Any]:
     """Return the current limits of the motors [A], the share that a run used, and a warning for each exceeded one."""
-    from delta3_pacdrive.motor import thermal_warnings
+    from delta3_pacdrive.robot.motor import thermal_warnings
 
     used: dict[str, Any] = {
         'warnings': thermal_warnings(result['current_rms_a'], robot.motor.nominal_current_a)
@@ -163,7 +163,7 @@ def currents_used(result: dict[str, Any], robot: Any) -> dict[str, Any]:
 
 
 def _amperes(of_axes: Sequence[float | None], limit: float | None = None, name: str = '') -> str:
-    from delta3_pacdrive.motor import share_text
+    from delta3_pacdrive.robot.motor import share_text
 
     share = '' if limit is None else f', {share_text(of_axes, limit, name)}'
     return ' / '.join('-' if value is None else f'{value:.2f}' for value in of_axes) + f' A{share}'
@@ -221,7 +221,7 @@ def print_figures(result: dict[str, Any]) -> None:
         rounds = 60.0 * result['repeat'] / result['program_s']
         rows.append(('rounds', f'{result["repeat"]} in {result["program_s"]:.3f} s: {rounds:.1f} per minute'))
     if 'energy' in result:
-        from delta3_pacdrive.motion.energy import Energy
+        from delta3_pacdrive.planning.limits.energy import Energy
 
         rows.append(('energy', Energy(**result['energy']).text(result.get('repeat', 1))))
     if 'from_exact' in result:

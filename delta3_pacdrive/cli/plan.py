@@ -17,9 +17,9 @@ from delta3_pacdrive.cli.output import print_json, stdout_reserved
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.planning.study import PlanStudy
+    from delta3_pacdrive.cell.cell import Cell
     from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.peripherals.cell import Cell
+    from delta3_pacdrive.studies.places.planning.study import PlanStudy
 
 
 @dataclass
@@ -59,15 +59,15 @@ class Options(JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.inputs import with_digests
-    from delta3_pacdrive.analysis.planning import evaluation, report
-    from delta3_pacdrive.analysis.report_folder import require_writable_folder
-    from delta3_pacdrive.analysis.residual_vibration import predicted_swings
     from delta3_pacdrive.cli.progress import Progress
     from delta3_pacdrive.errors import ParameterError
-    from delta3_pacdrive.motion import program_file
-    from delta3_pacdrive.motion.adapted_program import rest_of
-    from delta3_pacdrive.motion.output_names import OWN
+    from delta3_pacdrive.planning.adapted_program import rest_of
+    from delta3_pacdrive.planning.program import file_reader as program_file
+    from delta3_pacdrive.planning.program.output_names import OWN
+    from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
+    from delta3_pacdrive.studies.framework.residual_vibration import predicted_swings
+    from delta3_pacdrive.studies.places.planning import evaluation, report
+    from delta3_pacdrive.studies.runs.inputs import with_digests
 
     robot = core.load(options.parameters)
     if options.vibration and robot.control.shaping == core.UNSHAPED:
@@ -100,9 +100,9 @@ def run(options: Options) -> int:
 
 def _run_script(options: Options, robot: 'Parameters') -> int:
     """Dry-run a script; return the exit status."""
-    from delta3_pacdrive.analysis.inputs import with_digests
-    from delta3_pacdrive.cell import dry_run, script
     from delta3_pacdrive.errors import RunError
+    from delta3_pacdrive.scripting import dry_run, script
+    from delta3_pacdrive.studies.runs.inputs import with_digests
 
     with stdout_reserved(options.json):
         read = script.load(options.program)
@@ -124,8 +124,8 @@ def _cell_of(options: Options) -> 'tuple[Cell | None, list[str]]':
     """Return the cell, and its file name with digest; raises CellError."""
     if options.cell is None:
         return None, []
-    from delta3_pacdrive.analysis.provenance import digest
-    from delta3_pacdrive.peripherals import cell_file
+    from delta3_pacdrive.cell import cell_file
+    from delta3_pacdrive.studies.framework.provenance import digest
 
     found = cell_file.load(options.cell)
     return found, [f'{options.cell} {digest(cell_file.find(options.cell))}']
@@ -137,9 +137,9 @@ def _written(
     """Write figures, tables and page; return the file names."""
     from pathlib import Path
 
-    from delta3_pacdrive.analysis.planning import figures, report
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_folder import ReportFolder
+    from delta3_pacdrive.studies.framework.provenance import Provenance
+    from delta3_pacdrive.studies.framework.report_folder import ReportFolder
+    from delta3_pacdrive.studies.places.planning import figures, report
 
     origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
     folder = ReportFolder(Path(options.output or '.'), origin)

@@ -62,12 +62,12 @@ class Options(WindowOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis import derived_signals, run_figures, run_signals, runs, trace_export
-    from delta3_pacdrive.analysis.inputs import with_digests
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_folder import ReportFolder
     from delta3_pacdrive.recording import trace_csv, trace_file
     from delta3_pacdrive.recording.trace import is_bag
+    from delta3_pacdrive.studies.framework.provenance import Provenance
+    from delta3_pacdrive.studies.framework.report_folder import ReportFolder
+    from delta3_pacdrive.studies.runs import derived_signals, run_figures, run_signals, runs, trace_export
+    from delta3_pacdrive.studies.runs.inputs import with_digests
 
     recording = Path(options.recording)
     trace, kind, _, assumed = runs.recorded(options.recording, options.parameters, options.columns)
@@ -112,7 +112,7 @@ def run(options: Options) -> int:
 
 def _written(trace: 'Trace', windowed: bool, signals: Sequence[str] | None) -> 'Trace':
     """Return the data of the figures in bus time: all signals, or the selected ones."""
-    from delta3_pacdrive.analysis import run_signals
+    from delta3_pacdrive.studies.runs import run_signals
 
     rows = slice(None)
     if windowed:

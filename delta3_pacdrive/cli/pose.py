@@ -9,8 +9,8 @@ from delta3_pacdrive.cli.option_types import finite_number, number_within
 from delta3_pacdrive.cli.output import print_json
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.pose.study import Pose
     from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.studies.places.pose.study import Pose
 
 REACH_M, TURN_DEG = 10.0, 360.0
 
@@ -50,8 +50,8 @@ def run(options: Options) -> int:
     import numpy as np
 
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.pose import evaluation, report
-    from delta3_pacdrive.analysis.report_folder import require_writable_folder
+    from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
+    from delta3_pacdrive.studies.places.pose import evaluation, report
 
     robot = core.load(options.parameters)
     require_writable_folder(options.output)
@@ -78,9 +78,9 @@ def _written(options: Options, robot: 'Parameters', pose: 'Pose', lines: list[st
     """Write figures, table and page; return the file names."""
     from pathlib import Path
 
-    from delta3_pacdrive.analysis.pose import figures, report
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_folder import ReportFolder, Table
+    from delta3_pacdrive.studies.framework.provenance import Provenance
+    from delta3_pacdrive.studies.framework.report_folder import ReportFolder, Table
+    from delta3_pacdrive.studies.places.pose import figures, report
 
     origin = Provenance.of(options.command_line, robot, options.parameters)
     folder = ReportFolder(Path(options.output or '.'), origin)

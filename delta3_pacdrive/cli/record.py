@@ -30,8 +30,8 @@ def run(options: Options) -> int:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.bringup.scheduling import Schedule, prefer
     from delta3_pacdrive.errors import RunError
-    from delta3_pacdrive.ros import domain
     from delta3_pacdrive.ros.nodes.recorder import record
+    from delta3_pacdrive.ros.wire import domain
 
     folder = Path(options.bag).absolute()
     if folder.exists():
@@ -46,7 +46,7 @@ def run(options: Options) -> int:
 def _bags_of_all(folder: Path, prefix: str) -> dict[str, Path]:
     """Create the folder; return the bag folder of each running robot by namespace. Raises RunError."""
     from delta3_pacdrive.errors import RunError
-    from delta3_pacdrive.ros.robots_client import find_all
+    from delta3_pacdrive.ros.clients.robots_client import find_all
 
     robots = find_all(prefix)
     try:

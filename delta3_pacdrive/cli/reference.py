@@ -23,8 +23,8 @@ class Chosen:
 
     def digests(self) -> list[str]:
         """Return each input with the digest of its content; raises ReportError."""
-        from delta3_pacdrive.analysis.provenance import digest
-        from delta3_pacdrive.motion import program_file as programs
+        from delta3_pacdrive.planning.program import file_reader as programs
+        from delta3_pacdrive.studies.framework.provenance import digest
 
         return [f'{name} {digest(programs.find(name))}' for name in self.inputs]
 
@@ -47,8 +47,8 @@ def program_of(options: ReferenceOptions) -> Iterator[Chosen]:
     import tempfile
 
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis import reference
-    from delta3_pacdrive.motion import program_file as programs
+    from delta3_pacdrive.planning.program import file_reader as programs
+    from delta3_pacdrive.studies.runs import reference
 
     robot = core.load(options.parameters)
     if options.exchange_period is not None:

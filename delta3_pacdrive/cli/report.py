@@ -21,7 +21,7 @@ class Options(RunOptions):
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
         if len(self.inputs) > 1:
-            from delta3_pacdrive.analysis.report_page.page import RUNS_MAX
+            from delta3_pacdrive.studies.report_page.page import RUNS_MAX
 
             if len(self.inputs) > RUNS_MAX:
                 return f'a report takes at most {RUNS_MAX} runs, not {len(self.inputs)}'
@@ -30,12 +30,12 @@ class Options(RunOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.inputs import with_digests
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_page import page
-    from delta3_pacdrive.analysis.run_comparison import driven_currents
-    from delta3_pacdrive.motor import thermal_warnings
     from delta3_pacdrive.recording import record_file
+    from delta3_pacdrive.robot.motor import thermal_warnings
+    from delta3_pacdrive.studies.framework.provenance import Provenance
+    from delta3_pacdrive.studies.report_page import page
+    from delta3_pacdrive.studies.runs.inputs import with_digests
+    from delta3_pacdrive.studies.runs.run_comparison import driven_currents
 
     path = Path(options.output)
     page.require_writable_page(path)

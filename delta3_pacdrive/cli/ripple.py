@@ -43,7 +43,7 @@ class Options(JsonOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.ripple import report, run, study
+    from delta3_pacdrive.studies.drives.ripple import report, run, study
 
     times = dict.fromkeys(options.cycle_time or CYCLE_TIMES_MS)
     settings = study.Settings(

@@ -106,7 +106,7 @@ def bring_up(
     started_s = time.monotonic()
     from delta3_pacdrive.bringup.environment import log_folder, only_one
     from delta3_pacdrive.bringup.page import started
-    from delta3_pacdrive.ros import domain
+    from delta3_pacdrive.ros.wire import domain
 
     namespace = domain.namespace(options.namespace)
     with only_one(namespace):  # reject a second robot before slow imports
@@ -132,8 +132,8 @@ def bring_up(
 def asked_for(options: GraphOptions, program: str | None = None, script: bool = False) -> 'BringupOptions':
     """Return the options of the bring-up, except namespace, logs and page."""
     from delta3_pacdrive.bringup.options import Options as BringupOptions
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.peripherals import cell_file
+    from delta3_pacdrive.cell import cell_file
+    from delta3_pacdrive.planning.program import file_reader as programs
 
     return BringupOptions(
         program=programs.find(program).absolute() if program is not None else None,
@@ -177,16 +177,16 @@ def _inputs(options: Options, chosen: Chosen) -> list[str]:
     """Return the input files of the run with their digests."""
     if not options.cell:
         return chosen.digests()
-    from delta3_pacdrive.analysis.provenance import digest
-    from delta3_pacdrive.peripherals import cell_file
+    from delta3_pacdrive.cell import cell_file
+    from delta3_pacdrive.studies.framework.provenance import digest
 
     return [*chosen.digests(), f'{options.cell} {digest(cell_file.find(options.cell))}']
 
 
 def _run_script(options: Options, chosen: Chosen) -> int:
     """Start a robot and run a script on it; return the exit status."""
-    from delta3_pacdrive.cell import script
     from delta3_pacdrive.cli.script_run import ScriptRun, held_text, text
+    from delta3_pacdrive.scripting import script
 
     if options.learned:
         raise ProgramError('--learned requires a program: the path of a script is not known in advance')

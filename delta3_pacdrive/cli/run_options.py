@@ -65,7 +65,7 @@ class RunOptions(WindowOptions):
 
     def __post_init__(self) -> None:
         """Replace a folder of several robots by the bags in it."""
-        from delta3_pacdrive.analysis.inputs import bags_in
+        from delta3_pacdrive.studies.runs.inputs import bags_in
 
         self.inputs = [run for text in self.inputs for run in bags_in(text)]
 
@@ -91,7 +91,7 @@ class RunOptions(WindowOptions):
 
     def column_files(self) -> list[str | None]:
         """Return the column file of each run; a single file applies to all tables."""
-        from delta3_pacdrive.analysis.inputs import is_table
+        from delta3_pacdrive.studies.runs.inputs import is_table
 
         named = self._each(self.columns)
         if ',' in (self.columns or '') or not any(map(is_table, self.inputs)):
@@ -100,8 +100,8 @@ class RunOptions(WindowOptions):
 
     def runs(self) -> list[Any]:
         """Load the runs; raises Delta3Error."""
-        from delta3_pacdrive.analysis import runs
-        from delta3_pacdrive.analysis.inputs import is_recording
+        from delta3_pacdrive.studies.runs import runs
+        from delta3_pacdrive.studies.runs.inputs import is_recording
 
         sources = self.sources()
         for text, source in zip(self.inputs, sources, strict=True):

@@ -48,7 +48,7 @@ def run(options: Options) -> int:
 
 
 def _list(as_json: bool) -> int:
-    from delta3_pacdrive.drive.channels import CHANNELS
+    from delta3_pacdrive.robot.drive.channels import CHANNELS
 
     rows = [{'channel': row.name, 'unit': row.unit, 'what': row.what} for row in CHANNELS.values()]
     if as_json:
@@ -61,13 +61,13 @@ def _list(as_json: bool) -> int:
 
 def _record(options: Options) -> int:
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.provenance import Provenance
+    from delta3_pacdrive.studies.framework.provenance import Provenance
 
     setting = options.setting(options.names(), core.load())
     origin = Provenance.of(options.command_line)
     records = Records(options, options.output, origin)
-    from delta3_pacdrive.ros.robot_client import operating
-    from delta3_pacdrive.ros.scope_client import ScopeClient
+    from delta3_pacdrive.ros.clients.robot_client import operating
+    from delta3_pacdrive.ros.clients.scope_client import ScopeClient
 
     with operating(options.namespace) as operator:
         client = ScopeClient(operator, setting, records.take)

@@ -14,9 +14,9 @@ from delta3_pacdrive.cli.option_types import finite_number, integer_within, non_
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from delta3_pacdrive.analysis.provenance import Provenance
     from delta3_pacdrive.parameters import Parameters
     from delta3_pacdrive.recording.acquisition import Record, Setting
+    from delta3_pacdrive.studies.framework.provenance import Provenance
 
 EDGES, MODES = ('rising', 'falling', 'both', 'change'), ('single', 'normal', 'rolling')
 DURATION_S = 1.0
@@ -25,7 +25,7 @@ TIME_S = number_within(0.0, 1e6, 's')
 
 def record_file(text: str) -> str:
     """Read the name of a record to write; the suffix selects the format."""
-    from delta3_pacdrive.recording.column_table import suffix_refusal
+    from delta3_pacdrive.recording.tables.column_table import suffix_refusal
 
     if refusal := suffix_refusal(non_empty(text)):
         raise argparse.ArgumentTypeError(f'cannot write {text}: {refusal}')
@@ -129,7 +129,7 @@ class Records:
 
     def __init__(self, options: ScopeOptions, output: str, origin: Provenance) -> None:
         from delta3_pacdrive.errors import TraceError
-        from delta3_pacdrive.recording import column_table
+        from delta3_pacdrive.recording.tables import column_table
 
         self._options, self._output, self._origin = options, output, origin
         self._several = options.mode == 'normal'
@@ -155,7 +155,7 @@ class Records:
         meta = {'provenance': self._origin.lines()}
         files = [str(records.write(record, path, meta))]
         if self._options.plot:
-            from delta3_pacdrive.analysis.scope_figure import draw
+            from delta3_pacdrive.studies.runs.scope_figure import draw
 
             files.append(str(draw(record, self._named(self._options.plot, number), self._origin)))
         self.written.append(records.metadata(record) | {'files': files})

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from typing import Any
 
 from delta3_pacdrive.bringup.scheduling import Schedule, prefer
-from delta3_pacdrive.cell.connected import connected
-from delta3_pacdrive.cell.place import ScriptPlace
-from delta3_pacdrive.cell.robot import Robot
-from delta3_pacdrive.cell.script import Script
 from delta3_pacdrive.cli.output import parts_rows
 from delta3_pacdrive.errors import Delta3Error, Reason, ScriptError
+from delta3_pacdrive.scripting.connected_link import connected
+from delta3_pacdrive.scripting.robot import Robot
+from delta3_pacdrive.scripting.script import Script
+from delta3_pacdrive.scripting.source_position import ScriptPlace
 
 ASKED_S = 0.1  # polling period for a stop by the operator
 HOLD_S = 5.0  # timeout of an interrupted script to stop the robot on its path
@@ -48,7 +48,7 @@ class ScriptRun:
     def show(self, progress: dict[str, Any]) -> None:
         """Show the progress; the first call starts the script."""
         if self._thread is None:
-            from delta3_pacdrive.ros.script_client import ScriptNode
+            from delta3_pacdrive.ros.clients.script_client import ScriptNode
 
             self._node = ScriptNode(namespace=self._bringup.options.namespace)
             self._bringup.add(self._node)

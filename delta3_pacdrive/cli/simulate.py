@@ -16,14 +16,14 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording.signals import OF_CELLS
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.cell.script import Script
-    from delta3_pacdrive.motion.learned import Learned
-    from delta3_pacdrive.motion.program import Program
+    from delta3_pacdrive.cell.cell import Cell
     from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.peripherals.cell import Cell
+    from delta3_pacdrive.planning.learned_torques import Learned
+    from delta3_pacdrive.planning.program.model import Program
     from delta3_pacdrive.recording.acquisition import Acquisition
     from delta3_pacdrive.recording.trace import Trace
+    from delta3_pacdrive.scripting.script import Script
+    from delta3_pacdrive.studies.framework.provenance import Provenance
 
 
 def _channels(text: str) -> list[str]:
@@ -134,13 +134,13 @@ def run(options: Options) -> int:
     if options.one_motor:
         return _run_one_motor(options)
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis import trace_export
-    from delta3_pacdrive.analysis.provenance import Provenance, digest
-    from delta3_pacdrive.analysis.report_folder import ReportFolder, require_writable_folder
-    from delta3_pacdrive.analysis.run_energy import energy_of_round
-    from delta3_pacdrive.analysis.runs import note_limits
-    from delta3_pacdrive.cell.script import Script
     from delta3_pacdrive.recording import trace_file
+    from delta3_pacdrive.scripting.script import Script
+    from delta3_pacdrive.studies.framework.provenance import Provenance, digest
+    from delta3_pacdrive.studies.framework.report_folder import ReportFolder, require_writable_folder
+    from delta3_pacdrive.studies.runs import trace_export
+    from delta3_pacdrive.studies.runs.run_signals import energy_of_round
+    from delta3_pacdrive.studies.runs.runs import note_limits
 
     if options.trace:
         trace_file.require_writable_trace(options.trace)
@@ -174,7 +174,7 @@ def run(options: Options) -> int:
         trace_file.save(trace_export.chosen(whole, options.signals, program.name), options.trace)
     stopped = trace.meta['stopped']
     if folder is not None:
-        from delta3_pacdrive.analysis import run_report
+        from delta3_pacdrive.studies.runs import run_report
 
         lines = [*([stopped] if stopped else []), *(records.sentences() if records else ())]
         run_report.write(folder, trace, records.taken if records else (), lines)
@@ -198,10 +198,10 @@ def run(options: Options) -> int:
 def _read(options: Options, cell: 'Cell | None') -> 'tuple[Chosen, Parameters, Program | Script]':
     """Return the selection, the robot, and the program or script; raises Delta3Error."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.cell import script
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.motion.adapted_program import rest_of
-    from delta3_pacdrive.motion.output_names import OWN
+    from delta3_pacdrive.planning.adapted_program import rest_of
+    from delta3_pacdrive.planning.program import file_reader as programs
+    from delta3_pacdrive.planning.program.output_names import OWN
+    from delta3_pacdrive.scripting import script
 
     announce_compilation(options.parameters)
     with program_of(options) as chosen:
@@ -218,7 +218,7 @@ def _read(options: Options, cell: 'Cell | None') -> 'tuple[Chosen, Parameters, P
 def _learned(path: str, program: 'Program', robot: 'Parameters') -> 'Learned':
     """Return the learned torques of a program; raises Delta3Error if they belong to another program."""
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.motion import learned
+    from delta3_pacdrive.planning import learned_torques as learned
 
     torques, placed = learned.load(path), simulation.placed(robot, program)
     torques.require(simulation.plan_of(program, placed).plan, placed, path)
@@ -231,7 +231,7 @@ def _from_exact(
     """Return the deviation of decoupled from coupled arms; None for a robot with coupled arms."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis import run_comparison
+    from delta3_pacdrive.studies.runs import run_comparison
 
     if robot.dynamics.arm_coupling != core.DECOUPLED:
         return None
@@ -260,7 +260,7 @@ def _cell_of(options: Options) -> 'Cell | None':
     """Return the cell of the options; raises CellError."""
     if options.cell is None:
         return None
-    from delta3_pacdrive.peripherals import cell_file
+    from delta3_pacdrive.cell import cell_file
 
     return cell_file.load(options.cell)
 
@@ -269,8 +269,8 @@ def _cell_digest(options: Options) -> list[str]:
     """Return the cell file of the options with its digest."""
     if options.cell is None:
         return []
-    from delta3_pacdrive.analysis.provenance import digest
-    from delta3_pacdrive.peripherals import cell_file
+    from delta3_pacdrive.cell import cell_file
+    from delta3_pacdrive.studies.framework.provenance import digest
 
     return [f'{options.cell} {digest(cell_file.find(options.cell))}']
 
@@ -284,7 +284,7 @@ def _simulated(
     cell: 'Cell | None',
 ) -> 'tuple[Trace, Records | None]':
     """Run a program, with oscilloscopes in the drives if requested; raises Delta3Error."""
-    from delta3_pacdrive.analysis import trace_export
+    from delta3_pacdrive.studies.runs import trace_export
 
     asked = trace_export.on_request(options.signals or ())
     if options.scope is None:
@@ -315,8 +315,8 @@ def _driven(
     around: 'Cell | None',
 ) -> 'Trace':
     """Return the trace of a program or of a script, which may have been aborted; raises Delta3Error."""
-    from delta3_pacdrive import cell, simulation
-    from delta3_pacdrive.cell.script import Script
+    from delta3_pacdrive import scripting, simulation
+    from delta3_pacdrive.scripting.script import Script
 
     if not isinstance(program, Script):
         if around is not None:
@@ -325,11 +325,11 @@ def _driven(
         return simulation.run(program, robot, *more)
     simulated = None
     try:
-        with cell.simulate(
+        with scripting.simulate(
             robot, cell=around, name=program.name, signals=asked, acquisition=acquisition
         ) as simulated:
             program.run(simulated)
-    except cell.ScriptError:
+    except scripting.ScriptError:
         if simulated is None:
             raise
     return simulated.trace
@@ -338,11 +338,11 @@ def _driven(
 def _run_one_motor(options: Options) -> int:
     """Run the study of a single motor; return the exit status."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.one_motor import report, run, study
     from delta3_pacdrive.cli.studies import run_study
-    from delta3_pacdrive.motion import program_file as programs
-    from delta3_pacdrive.motion.adapted_program import rest_of
+    from delta3_pacdrive.planning.adapted_program import rest_of
+    from delta3_pacdrive.planning.program import file_reader as programs
     from delta3_pacdrive.recording import trace_file
+    from delta3_pacdrive.studies.drives.one_motor import report, run, study
 
     if options.exchange_period is not None:
         raise RunError('--exchange-period is not for --one-motor: drive and motor exchange every 125e-6 s')

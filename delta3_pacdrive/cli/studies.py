@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from pathlib import Path
 
-    from delta3_pacdrive.analysis.study import OnProgress
+    from delta3_pacdrive.studies.framework.study import OnProgress
 
 
 def run_study(
@@ -45,7 +45,7 @@ def run_study(
     """
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive import simulation
-    from delta3_pacdrive.analysis.report_folder import require_writable_folder
+    from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
 
     require_writable_folder(writes)
     announce_compilation(options.parameters)

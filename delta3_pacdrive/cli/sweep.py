@@ -24,10 +24,10 @@ class Options(ManyRunsOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.study import silent
-    from delta3_pacdrive.analysis.sweep import report, run
     from delta3_pacdrive.cli.progress import announce_compilation
     from delta3_pacdrive.errors import SweepError
+    from delta3_pacdrive.studies.fleet.sweep import report, run
+    from delta3_pacdrive.studies.framework.study import silent
 
     if (options.run is None) != (options.trace is None):
         raise SweepError('--run and --trace must be given together')

@@ -13,7 +13,7 @@ from delta3_pacdrive.cli.studies import run_study
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from delta3_pacdrive.analysis.study import OnProgress
+    from delta3_pacdrive.studies.framework.study import OnProgress
 
 
 ROBOT = 'robot'  # in place of a file: the running robot
@@ -138,9 +138,9 @@ def run(options: Options) -> int:
 
 
 def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> int:
-    from delta3_pacdrive.analysis.tuning import report, run
-    from delta3_pacdrive.analysis.tuning.study import Settings
     from delta3_pacdrive.recording import trace_file
+    from delta3_pacdrive.studies.drives.tuning import report, run
+    from delta3_pacdrive.studies.drives.tuning.study import Settings
 
     settings = Settings(
         parameters=options.parameters,
@@ -172,8 +172,8 @@ def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> int
 
 def _require_target(options: Options) -> None:
     """Check the target of ``--apply`` before gains are computed."""
-    from delta3_pacdrive.analysis.tuning import applied
     from delta3_pacdrive.configuration import parameter_file
+    from delta3_pacdrive.studies.drives.tuning import drive_gains as applied
 
     if options.apply == ROBOT:
         applied.require_same_robot(options.namespace, Path(options.output))
@@ -182,7 +182,9 @@ def _require_target(options: Options) -> None:
 
 
 def _apply(options: Options) -> str:
-    from delta3_pacdrive.analysis.tuning import applied, gains, gains_in_file
+    from delta3_pacdrive.studies.drives.tuning import drive_gains as applied
+    from delta3_pacdrive.studies.drives.tuning import file_gains as gains_in_file
+    from delta3_pacdrive.studies.drives.tuning import gains
 
     folder, target = Path(options.output), str(options.apply)
     values = gains.read(folder)
@@ -199,7 +201,8 @@ def _apply(options: Options) -> str:
 
 
 def _undo(options: Options) -> int:
-    from delta3_pacdrive.analysis.tuning import applied, gains_in_file
+    from delta3_pacdrive.studies.drives.tuning import drive_gains as applied
+    from delta3_pacdrive.studies.drives.tuning import file_gains as gains_in_file
 
     if options.undo != ROBOT:
         gains_in_file.undo(Path(str(options.undo)))
@@ -212,8 +215,8 @@ def _undo(options: Options) -> int:
 
 @contextmanager
 def _drives(namespace: str) -> 'Iterator[Any]':
-    from delta3_pacdrive.ros.drive_values import DriveValues
-    from delta3_pacdrive.ros.robot_client import operating
+    from delta3_pacdrive.ros.clients.robot_client import operating
+    from delta3_pacdrive.ros.drive.drive_report import DriveValues
 
     with operating(namespace) as operator:
         yield DriveValues(operator)
@@ -224,12 +227,12 @@ def _excitation_text(result: dict[str, Any]) -> list[str]:
 
 
 def _excite(options: Options, path: str, settings: Any, show: 'OnProgress') -> dict[str, Any]:
-    from delta3_pacdrive.analysis.estimation import measurement
-    from delta3_pacdrive.analysis.tuning.axis_excitation import SPEED_SHARE, Excitation, record
-    from delta3_pacdrive.analysis.tuning.bench import Place
-    from delta3_pacdrive.analysis.tuning.run import robot_of
     from delta3_pacdrive.errors import TraceError
     from delta3_pacdrive.recording import trace_file
+    from delta3_pacdrive.studies.drives.loops.axis_excitation import SPEED_SHARE, Excitation, record
+    from delta3_pacdrive.studies.drives.loops.bench import Place
+    from delta3_pacdrive.studies.drives.tuning.run import robot_of
+    from delta3_pacdrive.studies.estimation import measurement
 
     folder = Path(path).parent
     if not folder.is_dir():

@@ -40,7 +40,7 @@ class Options(JsonOptions):
 
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
-    from delta3_pacdrive.analysis.two_link_arm.kinematics import Branch, TwoLinkArm
+    from delta3_pacdrive.studies.thesis.two_link_arm.kinematics import Branch, TwoLinkArm
 
     arm = TwoLinkArm(*options.lengths)
     result: dict[str, Any] = {
@@ -55,9 +55,9 @@ def run(options: Options) -> int:
     if options.figures is not None:
         from pathlib import Path
 
-        from delta3_pacdrive.analysis.provenance import Provenance
-        from delta3_pacdrive.analysis.report_folder import ReportFolder
-        from delta3_pacdrive.analysis.two_link_arm import figures
+        from delta3_pacdrive.studies.framework.provenance import Provenance
+        from delta3_pacdrive.studies.framework.report_folder import ReportFolder
+        from delta3_pacdrive.studies.thesis.two_link_arm import figures
 
         folder = ReportFolder(Path(options.figures), Provenance.of(options.command_line))
         folder.figures(figures.by_name(arm, options.point))
@@ -72,7 +72,7 @@ def run(options: Options) -> int:
 
 
 def _solution(options: Options, arm: Any, branch: Any) -> dict[str, Any]:
-    from delta3_pacdrive.analysis.two_link_arm import kinematics as core
+    from delta3_pacdrive.studies.thesis.two_link_arm import kinematics as core
 
     theta = core.inverse(options.point, arm, branch)
     singular = bool(core.is_singular(theta))

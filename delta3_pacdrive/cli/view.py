@@ -49,7 +49,7 @@ class Options(NodeOptions):
         if refusal := serving.refusal('--port', self.port):
             return refusal
         if self.run is not None:
-            from delta3_pacdrive.analysis.inputs import is_table
+            from delta3_pacdrive.studies.runs.inputs import is_table
 
             for name, given in (
                 ('--control', self.control),
@@ -83,7 +83,7 @@ def _watch(options: Options, place: serving.Place) -> int:
     import os
 
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.ros import domain
+    from delta3_pacdrive.ros.wire import domain
 
     namespace = domain.namespace(options.namespace)
     _announce(options, place)
@@ -96,7 +96,7 @@ def _watch(options: Options, place: serving.Place) -> int:
             page.note('This page is read-only: `--control` permits operation from other machines.')
         page.add_scope()
         page.open()
-        from delta3_pacdrive.ros import live_view
+        from delta3_pacdrive.ros.clients import live_view
 
         os.nice(NICENESS)  # only now, to show the first picture quickly
         timeout_s = float('inf') if options.wait else live_view.APPEAR_S
@@ -106,8 +106,8 @@ def _watch(options: Options, place: serving.Place) -> int:
 
 def _play(options: Options, name: str, place: serving.Place) -> int:
     """Show a run."""
-    from delta3_pacdrive.analysis import runs
-    from delta3_pacdrive.analysis.inputs import is_recording
+    from delta3_pacdrive.studies.runs import runs
+    from delta3_pacdrive.studies.runs.inputs import is_recording
     from delta3_pacdrive.view import workspace
 
     if workspace.Volume.is_one(Path(name)):

@@ -11,8 +11,8 @@ from delta3_pacdrive.cli.option_types import finite_number, number_within
 from delta3_pacdrive.cli.output import print_json
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.analysis.workspace.study import Results, Settings
     from delta3_pacdrive.parameters import Parameters
+    from delta3_pacdrive.studies.places.workspace.study import Results, Settings
 
 REACH_M = 10.0
 SLICES_MAX = 9
@@ -75,10 +75,10 @@ class Options(JsonOptions):
 def run(options: Options) -> int:
     """Run the command; return the exit status."""
     from delta3_pacdrive import parameters as core
-    from delta3_pacdrive.analysis.report_folder import require_writable_folder
-    from delta3_pacdrive.analysis.workspace import evaluation, report
-    from delta3_pacdrive.analysis.workspace.study import Settings, Slice
     from delta3_pacdrive.cli.progress import Progress, announce_compilation
+    from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
+    from delta3_pacdrive.studies.places.workspace import evaluation, report
+    from delta3_pacdrive.studies.places.workspace.study import Settings, Slice
 
     robot = core.load(options.parameters)
     if options.payload is not None:
@@ -109,9 +109,9 @@ def run(options: Options) -> int:
 
 def _written(options: Options, settings: 'Settings', found: 'Results', robot: 'Parameters') -> list[str]:
     """Write figures, tables and volume; return the file names."""
-    from delta3_pacdrive.analysis.provenance import Provenance
-    from delta3_pacdrive.analysis.report_folder import ReportFolder
-    from delta3_pacdrive.analysis.workspace import figures, report
+    from delta3_pacdrive.studies.framework.provenance import Provenance
+    from delta3_pacdrive.studies.framework.report_folder import ReportFolder
+    from delta3_pacdrive.studies.places.workspace import figures, report
 
     origin = Provenance.of(options.command_line, robot, options.parameters)
     files: list[str] = []
@@ -127,8 +127,8 @@ def _written(options: Options, settings: 'Settings', found: 'Results', robot: 'P
 
 
 def _volume(path: Path, found: 'Results', origin: Any) -> Path:
-    from delta3_pacdrive.analysis.provenance import write_table
-    from delta3_pacdrive.analysis.workspace import report
+    from delta3_pacdrive.studies.framework.provenance import write_table
+    from delta3_pacdrive.studies.places.workspace import report
 
     if path.suffix.lower() == '.npz':
         return report.save_volume(found.volume, path, origin.lines())

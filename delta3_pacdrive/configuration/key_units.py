@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from delta3_pacdrive.configuration.located import Items
+from delta3_pacdrive.configuration.source_positions import Items
 
 _KEY = re.compile(r'(?P<name>.+)_(?P<unit>mm|deg)(?P<per>(_s[23]?)?)')
 _BASE = {'mm': 'm', 'deg': 'rad'}

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.configuration.checked import Errors, nearest_of, refuse
-from delta3_pacdrive.configuration.located import Place, place_in, place_of_key
+from delta3_pacdrive.configuration.source_positions import Place, place_in, place_of_key
+from delta3_pacdrive.configuration.strict_reader import Errors, nearest_of, refuse
 from delta3_pacdrive.errors import ParameterError, shown
 
 Tree = dict[str, Any]

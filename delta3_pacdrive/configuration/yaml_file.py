@@ -10,8 +10,8 @@ from typing import Any
 import yaml
 from yaml.reader import ReaderError
 
-from delta3_pacdrive import whole_file
-from delta3_pacdrive.configuration.located import Fields, Items, Place
+from delta3_pacdrive import atomic_file as whole_file
+from delta3_pacdrive.configuration.source_positions import Fields, Items, Place
 from delta3_pacdrive.errors import Delta3Error, shown
 
 SIZE_MAX_BYTES = 4 * 1024 * 1024

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from delta3_pacdrive.configuration import parameter_file
-from delta3_pacdrive.configuration.checked import Errors, refuse
+from delta3_pacdrive.configuration.strict_reader import Errors, refuse
 from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters.geometry import Kinematics
 from delta3_pacdrive.parameters.notch import notches

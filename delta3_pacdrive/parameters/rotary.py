@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.parameters.declared import quantity
+from delta3_pacdrive.parameters.field_types import quantity
 
 SMALLEST = math.nextafter(0.0, 1.0)
 ANGLE_MAX_DEG = 36_000.0  # a hundred turns

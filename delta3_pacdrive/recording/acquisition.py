@@ -11,12 +11,12 @@ from enum import StrEnum
 
 import numpy as np
 
-from delta3_pacdrive.drive.channels import FAULT, PROGRAM, Channel, chosen, full_name
-from delta3_pacdrive.drive.scope import Block, decimation_of
 from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
+from delta3_pacdrive.robot.drive.channels import FAULT, PROGRAM, Channel, chosen, full_name
+from delta3_pacdrive.robot.drive.scope import Block, decimation_of
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
 
 SAMPLES_MAX = 1_000_000  # per record: one minute at 16 kHz
 RATE_MAX_HZ, RATE_MIN_HZ = 16_000.0, 1.0

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive import whole_file
-from delta3_pacdrive.drive.channels import chosen
+from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import ParameterError, TraceError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording import column_table, quantities, table_csv, table_parquet
 from delta3_pacdrive.recording.acquisition import Record
-from delta3_pacdrive.recording.column_table import ONE, ColumnTable
-from delta3_pacdrive.recording.table import Table
+from delta3_pacdrive.recording.tables import column_table, quantities, table_csv, table_parquet
+from delta3_pacdrive.recording.tables.column_table import ONE, ColumnTable
+from delta3_pacdrive.recording.tables.table import Table
 from delta3_pacdrive.recording.trace import os_errors_as_trace_error, reason
+from delta3_pacdrive.robot.drive.channels import chosen
 
 KIND = 'record'
 TIME = 'time [s]'

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive import whole_file
-from delta3_pacdrive.drive.channels import is_full_name
+from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import columns_of
+from delta3_pacdrive.robot.drive.channels import is_full_name
 
 PACKED = '.zstd'  # suffix of a file compressed by rosbag2
 BAG_FILES = ('.mcap', '.db3', f'.mcap{PACKED}', f'.db3{PACKED}')

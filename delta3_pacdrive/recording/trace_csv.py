@@ -23,15 +23,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive import whole_file
+from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import quantities, table_csv
-from delta3_pacdrive.recording.table import trace_of
+from delta3_pacdrive.recording.tables import quantities, table_csv
+from delta3_pacdrive.recording.tables.table import trace_of
 from delta3_pacdrive.recording.trace import Trace, os_errors_as_trace_error, reason
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.recording.column_file import Form
-    from delta3_pacdrive.recording.table import Table
+    from delta3_pacdrive.recording.tables.column_file import Form
+    from delta3_pacdrive.recording.tables.table import Table
 
 # keys of the comment, if known
 OF_COMMENT = (

@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from delta3_pacdrive import memory, whole_file
+from delta3_pacdrive import atomic_file as whole_file
+from delta3_pacdrive import memory
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import column_table, quantities, table_mat, table_parquet, trace_csv
-from delta3_pacdrive.recording.bag_trace import read_bag
-from delta3_pacdrive.recording.column_file import ColumnFile
-from delta3_pacdrive.recording.table import Table, trace_of
+from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording.bags.bag_trace import read_bag
+from delta3_pacdrive.recording.tables import column_table, quantities, table_mat, table_parquet
+from delta3_pacdrive.recording.tables.column_file import ColumnFile
+from delta3_pacdrive.recording.tables.table import Table, trace_of
 from delta3_pacdrive.recording.trace import Trace, is_bag, os_errors_as_trace_error
 
 SUFFIXES = ('.npz', '.csv', '.parquet')  # of written trace files

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from scipy.spatial.transform import Rotation
 from visualization_msgs.msg import Marker
 
-from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
+from delta3_pacdrive.cell.cell_scene import Kind, Thing
 from delta3_pacdrive.ros.robot_markers import marker_of, point_of
 from delta3_pacdrive.scene.parts import Colour
 from delta3_pacdrive.view.values import CellInstant

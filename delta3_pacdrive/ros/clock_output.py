@@ -6,7 +6,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
-from delta3_pacdrive.ros.interfaces import CLOCK, VISUALIZATION
+from delta3_pacdrive.ros.wire.interfaces import CLOCK, VISUALIZATION
 
 SILENT_S = 1.0  # without bus time: another robot may then publish the clock
 

@@ -20,17 +20,17 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.controller.messages import Numbering
-from delta3_pacdrive.controller.robot_controller import RobotController
-from delta3_pacdrive.controller.service_texts import split_mark
+from delta3_pacdrive.control.messages import Numbering
+from delta3_pacdrive.control.operation.robot_controller import RobotController
+from delta3_pacdrive.control.operation.service_texts import split_mark
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
-from delta3_pacdrive.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse, require_axes
-from delta3_pacdrive.faults.schedule import Schedule, Scheduled
+from delta3_pacdrive.robot.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse, require_axes
+from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
+from delta3_pacdrive.robot.sercos.configuration_check import TOOL_DRIVE
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.ros import node_process
-from delta3_pacdrive.ros.interfaces import FAULT_SCHEDULE, INJECT_FAULT
 from delta3_pacdrive.ros.robot_node import RobotNode
-from delta3_pacdrive.sercos.configuration_check import TOOL_DRIVE
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.ros.wire.interfaces import FAULT_SCHEDULE, INJECT_FAULT
 
 LEAD_CYCLES = 60  # from acceptance to the earliest effect: by then every node has received the fault
 REQUEST_MAX = 10_000  # characters

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.ros.interfaces import SERVICES, TOPICS
 from delta3_pacdrive.ros.parameters import OWN, PLANT, shows
+from delta3_pacdrive.ros.wire.interfaces import SERVICES, TOPICS
 
 ABOUT = {
     'unit_robot': 'The planner: receives moves and programs, plans, checks and starts them.',

@@ -21,8 +21,8 @@ from rclpy.utilities import remove_ros_args
 
 from delta3_pacdrive import interrupts, memory
 from delta3_pacdrive.errors import Delta3Error, RunError, shown
-from delta3_pacdrive.ros import domain, preload
-from delta3_pacdrive.sercos.watchdog import Watchdog
+from delta3_pacdrive.robot.sercos.watchdog import Watchdog
+from delta3_pacdrive.ros.wire import domain, preload
 
 REJOIN_S, REJOIN_MAX_S = (
     20.0,
@@ -262,7 +262,7 @@ def run_single(factory: Callable[[], Node]) -> int:
     # imported here because an operator's process does not need the core
     from delta3_pacdrive import parameters, simulation
     from delta3_pacdrive.numerics.kernel import Lines
-    from delta3_pacdrive.ros import discovery
+    from delta3_pacdrive.ros.wire import discovery
 
     # installed before compiling: an exception in a compiler callback would be lost
     interrupts.install()

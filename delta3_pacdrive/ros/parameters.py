@@ -13,8 +13,8 @@ from rclpy.parameter import Parameter
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.motion.move import MOVES_MAX
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.planning.paths.move import MOVES_MAX
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
 
 GEAR = ('dynamics.gear_in', 'dynamics.gear_out')
 SHOWN = {

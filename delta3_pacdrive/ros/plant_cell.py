@@ -18,26 +18,36 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from delta3_pacdrive.belts.image import belts_text
+from delta3_pacdrive.belts.tracking import BeltReading
+from delta3_pacdrive.cell import cell_file
+from delta3_pacdrive.cell.bus_world import BusWorld
+from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.controller.belt_axes import belts_text
-from delta3_pacdrive.controller.belt_tracking import BeltReading
-from delta3_pacdrive.controller.messages import Status
-from delta3_pacdrive.controller.task_status import TaskStatus
+from delta3_pacdrive.control.messages import Status
+from delta3_pacdrive.control.queue.task_status import TaskStatus
 from delta3_pacdrive.errors import Delta3Error, ProgramError, Reason, RefusedError, TelegramError, shown
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.peripherals import cell_file
-from delta3_pacdrive.peripherals.bus_world import BusWorld
-from delta3_pacdrive.peripherals.world import World
-from delta3_pacdrive.plant.bus_plant import BusPlant
-from delta3_pacdrive.ros import cdr
-from delta3_pacdrive.ros.belt_receiver import parts_of
-from delta3_pacdrive.ros.interfaces import BELTS, INPUT, INPUTS, MDT, PARTS, SCENE, SEEN, SET_INPUT, STATUS
-from delta3_pacdrive.ros.publishers import Output
+from delta3_pacdrive.robot.plant.bus_plant import BusPlant
+from delta3_pacdrive.robot.sercos import telegrams
+from delta3_pacdrive.robot.sercos.bus_time import Clock
+from delta3_pacdrive.robot.sercos.configuration_check import drives_of
+from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, NO_SESSION
 from delta3_pacdrive.ros.robot_node import RobotNode
-from delta3_pacdrive.sercos import telegrams
-from delta3_pacdrive.sercos.bus_time import Clock
-from delta3_pacdrive.sercos.configuration_check import drives_of
-from delta3_pacdrive.sercos.telegrams import BASE_FRAME, NO_SESSION
+from delta3_pacdrive.ros.task.belt_receiver import parts_of
+from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.ros.wire.interfaces import (
+    BELTS,
+    INPUT,
+    INPUTS,
+    MDT,
+    PARTS,
+    SCENE,
+    SEEN,
+    SET_INPUT,
+    STATUS,
+)
+from delta3_pacdrive.ros.wire.publishers import Output
 from delta3_pacdrive.simulation.belts import axes_of, readings
 
 REQUEST_MAX = 10_000  # characters

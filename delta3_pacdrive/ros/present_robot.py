@@ -12,10 +12,11 @@ from typing import Any
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from delta3_pacdrive.controller.task_status import MASTER_SILENT_S
-from delta3_pacdrive.ros import interfaces, node_process
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
-from delta3_pacdrive.sercos.words import Phase
+from delta3_pacdrive.control.queue.task_status import MASTER_SILENT_S
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.robot.sercos.words import Phase
+from delta3_pacdrive.ros import node_process
+from delta3_pacdrive.ros.wire import interfaces
 
 
 class PresentRobot:

@@ -16,10 +16,10 @@ from visualization_msgs.msg import Marker
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME
 from delta3_pacdrive.scene.parts import TURNING_NAMES, Colour, Part, parts
 from delta3_pacdrive.scene.poses import poses
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
-from delta3_pacdrive.sercos.telegrams import BASE_FRAME
 
 PLANNED: Colour = (0.25, 0.55, 0.90, 0.9)
 TRAVELLED: Colour = (0.15, 0.70, 0.35, 0.9)

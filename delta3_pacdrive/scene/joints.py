@@ -38,7 +38,7 @@ from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import combine, triple
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.sercos.telegrams import JOINTS
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 
 PITCH, SWING = slice(3, 15, 4), slice(4, 15, 4)  # of rods 1a, 2a, 3a
 

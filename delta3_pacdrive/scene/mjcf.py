@@ -16,14 +16,14 @@ from scipy.spatial.transform import Rotation
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.dynamics import rotor_inertia
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.masses import Inertia, masses
 from delta3_pacdrive.scene.parts import ARMS, RODS, Part, Sizes, arm_of, parts
 from delta3_pacdrive.scene.poses import frames
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
-from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
-from delta3_pacdrive.sercos.telegrams import JOINTS
 
 
 def mjcf(parameters: Parameters, *, rods: bool | None = None, step_s: float | None = None) -> str:

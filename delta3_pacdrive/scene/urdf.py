@@ -16,12 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from delta3_pacdrive.dynamics import rotor_inertia
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
 from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.masses import TINY_KG, Inertia, masses
 from delta3_pacdrive.scene.parts import ARMS, Part, Sizes, parts
 from delta3_pacdrive.scene.poses import frames
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
-from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE
 
 Y, Z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _PASSIVE_SPEED_RAD_S, _PASSIVE_EFFORT_N_M = 100.0, 0.0  # URDF requires limits of passive joints, too

@@ -1,10 +1,10 @@
 """Belts of a simulated cell on the bus: their description for the controller, and their readings in the AT."""
 
-from delta3_pacdrive.controller.belt_tracking import BeltReading, Sighted
-from delta3_pacdrive.motion.belt_meeting import BeltAxes
-from delta3_pacdrive.motion.belt_synchronization import TrackWindow
-from delta3_pacdrive.peripherals.cell import Cell
-from delta3_pacdrive.peripherals.world import World
+from delta3_pacdrive.belts.meeting import BeltAxes
+from delta3_pacdrive.belts.synchronization import TrackWindow
+from delta3_pacdrive.belts.tracking import BeltReading, Sighted
+from delta3_pacdrive.cell.cell import Cell
+from delta3_pacdrive.cell.world import World
 
 
 def axes_of(cell: Cell) -> tuple[BeltAxes, ...]:

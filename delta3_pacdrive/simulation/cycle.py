@@ -25,28 +25,28 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.controller.cycle import ControllerCycle, Stop, emergency_stop
-from delta3_pacdrive.controller.task_cycle import answer_cycle, command_cycle
-from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.drive.diagnostics import fault_text
-from delta3_pacdrive.drive.mc4 import MC4
+from delta3_pacdrive.cell.world import World
+from delta3_pacdrive.control.cycle.cycle import ControllerCycle, Stop, emergency_stop
+from delta3_pacdrive.control.cycle.task_cycle import answer_cycle, command_cycle
+from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import FaultCode, RunError
-from delta3_pacdrive.faults.effects import apply_to_drive, apply_to_motors, apply_to_plant
-from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
-from delta3_pacdrive.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.numerics.vector3 import triple
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.peripherals.world import World
-from delta3_pacdrive.plant.plant import true_tcp
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
-from delta3_pacdrive.sercos.axis_monitor import AxisMonitor
-from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import DRIVES, TOOL_DRIVE, drives_of
-from delta3_pacdrive.sercos.words import in_torque
+from delta3_pacdrive.robot.drive.diagnostics import fault_text
+from delta3_pacdrive.robot.drive.mc4 import MC4
+from delta3_pacdrive.robot.faults.effects import apply_to_drive, apply_to_motors, apply_to_plant
+from delta3_pacdrive.robot.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS, Fault
+from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
+from delta3_pacdrive.robot.plant.plant import true_tcp
+from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
+from delta3_pacdrive.robot.sercos.bus_time import NEVER
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE, drives_of
+from delta3_pacdrive.robot.sercos.words import in_torque
 from delta3_pacdrive.simulation.belts import readings
-from delta3_pacdrive.simulation.requested import OptionalSignals
+from delta3_pacdrive.simulation.optional_signals import OptionalSignals
 from delta3_pacdrive.simulation.robot import Robot, robot_cycle
 from delta3_pacdrive.simulation.tool_axis import NAMES as TURN_NAMES
 from delta3_pacdrive.simulation.tool_axis import answer_tool, command_tool, note_turn, note_turn_command

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from delta3_pacdrive.drive.arrays import DRIVE, drive_constants
-from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.plant.arrays import PLANT
-from delta3_pacdrive.plant.plant import Plant, advance
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.words import payload_on_grid
+from delta3_pacdrive.robot.drive.arrays import DRIVE, drive_constants
+from delta3_pacdrive.robot.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
+from delta3_pacdrive.robot.plant.arrays import PLANT
+from delta3_pacdrive.robot.plant.plant import Plant, advance
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.words import payload_on_grid
 from delta3_pacdrive.simulation.tool_axis import ToolDrive
 
 ROBOT = np.dtype(

@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive.cell.cell import Cell
+from delta3_pacdrive.cell.world import World
+from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motion import plan_times, program_planner
-from delta3_pacdrive.motion.learned import Learned
-from delta3_pacdrive.motion.program import Program
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters, flat_document
-from delta3_pacdrive.peripherals.cell import Cell
-from delta3_pacdrive.peripherals.world import World
-from delta3_pacdrive.plant.decoupled import require_stable
+from delta3_pacdrive.planning import plan_times, program_planner
+from delta3_pacdrive.planning.learned_torques import Learned
+from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.recording.acquisition import Acquisition
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.plant.decoupled import require_stable
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.simulation.scoped import ScopedRobot

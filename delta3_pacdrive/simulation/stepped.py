@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Sequence
 
-from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.controller.wait_condition import Commanded, WaitCondition
+from delta3_pacdrive.cell.world import World
+from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.control.operation.wait_condition import Commanded, WaitCondition
 from delta3_pacdrive.errors import RefusedError, RunError
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.peripherals.world import World
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
 

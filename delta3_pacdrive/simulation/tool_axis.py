@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive.controller.turning import answer_turn, command_turn, error_at_places
-from delta3_pacdrive.drive.arrays import DRIVE
-from delta3_pacdrive.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
+from delta3_pacdrive.control.cycle.rotary_axis import answer_turn, command_turn, error_at_places
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters, of_tool_axis
-from delta3_pacdrive.plant.tool_axis import TOOL_PLANT, ToolAxis, advance_tool
 from delta3_pacdrive.recording.signals import TURN_SIGNALS
+from delta3_pacdrive.robot.drive.arrays import DRIVE
+from delta3_pacdrive.robot.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
+from delta3_pacdrive.robot.plant.tool_axis import TOOL_PLANT, ToolAxis, advance_tool
 
 TOOL = np.dtype(
     [

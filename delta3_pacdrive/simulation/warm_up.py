@@ -10,14 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.drive.channels import CHANNELS
-from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.drive.scope import DriveScope
+from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.kinematics import geometry
-from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.limits import Limits, check_speed
-from delta3_pacdrive.motion.program import Dwell, MoveC, MoveL, Program, Target
 from delta3_pacdrive.numerics.kernel import (
     all_compiled,
     alone,
@@ -27,10 +21,16 @@ from delta3_pacdrive.numerics.kernel import (
     watched,
 )
 from delta3_pacdrive.parameters import Parameters, flat_document
-from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.limits.limits import Limits, check_speed
+from delta3_pacdrive.planning.program.model import Dwell, MoveC, MoveL, Program, Target
+from delta3_pacdrive.robot.drive.channels import CHANNELS
+from delta3_pacdrive.robot.drive.mc4 import MC4
+from delta3_pacdrive.robot.drive.scope import DriveScope
+from delta3_pacdrive.robot.plant.plant import Plant
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
+from delta3_pacdrive.robot.sercos.words import CONTROL_ON
 from delta3_pacdrive.scene.joints import tree_joints
-from delta3_pacdrive.sercos.telegrams import JOINTS
-from delta3_pacdrive.sercos.words import CONTROL_ON
 from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.simulation.run import run
 

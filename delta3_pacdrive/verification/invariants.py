@@ -9,8 +9,8 @@ from scipy import special
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive.drive.arrays import IMPLAUSIBLE_SPEED, SHORT_CIRCUIT
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.robot.drive.arrays import IMPLAUSIBLE_SPEED, SHORT_CIRCUIT
 from delta3_pacdrive.verification.fault_catalogue.signatures import TORQUE
 from delta3_pacdrive.verification.telegram_log import AT, CODECS, MDT, SHAFTS, Telegrams
 

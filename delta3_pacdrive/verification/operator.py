@@ -9,8 +9,8 @@ from typing import Any
 
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, RefusedError, RobotFault, RunError
-from delta3_pacdrive.ros.robot_client import OperatorNode
-from delta3_pacdrive.sercos.configuration_check import PLANT
+from delta3_pacdrive.robot.sercos.configuration_check import PLANT
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 
 # wall-clock timeout of every wait, also on a busy machine
 PATIENCE_S = 60.0

@@ -12,15 +12,15 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.ros import cdr, interfaces
-from delta3_pacdrive.ros.interfaces import MOTOR_SHAFTS
-from delta3_pacdrive.ros.polling import PollingNode, Taken
-from delta3_pacdrive.ros.qos import WATCHER
-from delta3_pacdrive.sercos.bus_time import NEVER, Clock
-from delta3_pacdrive.sercos.configuration_check import DRIVES, drives_of
-from delta3_pacdrive.sercos.telegram_codec import TelegramCodec
-from delta3_pacdrive.sercos.telegrams import NO_SESSION, at, mdt, parse_mdt_frame, shafts
-from delta3_pacdrive.sercos.words import Control
+from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, drives_of
+from delta3_pacdrive.robot.sercos.telegram_codec import TelegramCodec
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION, at, mdt, parse_mdt_frame, shafts
+from delta3_pacdrive.robot.sercos.words import Control
+from delta3_pacdrive.ros.wire import cdr, interfaces
+from delta3_pacdrive.ros.wire.interfaces import MOTOR_SHAFTS
+from delta3_pacdrive.ros.wire.polling import PollingNode, Taken
+from delta3_pacdrive.ros.wire.qos import WATCHER
 
 SHAFTS, MDT = MOTOR_SHAFTS.name, interfaces.MDT.name
 AT = interfaces.AT.names

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.cell.cell_scene import Kind, Thing
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
 from delta3_pacdrive.scene.shapes import Cylinder
 from delta3_pacdrive.view.figure import about_zy, mesh_of
 from delta3_pacdrive.view.values import PARTS_MAX, CellInstant, PartPlace

@@ -1,4 +1,4 @@
-"""The robot in 3D: meshes of its parts in a viser scene, and their poses."""
+"""The robot in 3D: meshes of its parts in a viser scene, their poses, and a ghost of the commanded pose."""
 
 import math
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.parts import ARMS, Part, Sizes, parts
 from delta3_pacdrive.scene.poses import frames, poses
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
+from delta3_pacdrive.view.values import Instant
 
 SECTIONS, SUBDIVISIONS = 24, 2  # of cylinders and spheres
 RING_POINTS = 96
@@ -308,3 +309,43 @@ class Figure:
             height = 0.7 * self._parameters.kinematics.upper_arm_length_m
             self._sentence.position = (float(place[0]), float(place[1]), float(place[2]) + height)
             self._sentence.text = sentence
+
+
+FAR_M, FAR_RAD = 0.4, 1.5  # maximum displacement, whatever the magnification
+NEAR_M, NEAR_RAD = 5e-4, 0.02  # minimum displacement: a nearer ghost would only tint the robot
+COMMAND, TRUE = 'command', 'true'
+KINDS = (COMMAND, TRUE, 'none')
+
+
+def ghost_of(
+    instant: Instant, tcp_m: Floats, error_m: Floats, kind: str, magnification: float
+) -> tuple[Floats, float] | None:
+    """Return TCP [m], shape (3,), and tool angle [rad] of the ghost; None without a visible error.
+
+    Parameters
+    ----------
+    instant
+        State of the robot.
+    tcp_m, error_m
+        Its TCP, and the TCP error, command minus actual [m], shape (3,).
+    kind
+        One of ``KINDS``: the pose that the ghost shows.
+    magnification
+        Factor of the error.
+
+    """
+    away, turn, off = None, instant.turn, 0.0
+    if kind == COMMAND:
+        away, off = error_m, 0.0 if turn is None else turn.error_rad
+    elif kind == TRUE and instant.true_m is not None:
+        away = instant.true_m - tcp_m
+        if turn is not None and turn.true_rad is not None:
+            off = turn.true_rad - turn.angle_rad
+    if away is None or not np.isfinite(away).all():
+        return None
+    away, off = magnification * away, max(-FAR_RAD, min(magnification * off, FAR_RAD))
+    length = float(np.linalg.norm(away))
+    if length < NEAR_M and abs(off) < NEAR_RAD:
+        return None
+    share = min(1.0, FAR_M / length) if length > 0.0 else 0.0
+    return np.asarray(tcp_m + away * share), off + (0.0 if turn is None else turn.angle_rad)

@@ -13,17 +13,15 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.cell.cell_scene import Thing
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.peripherals.cell_scene import Thing
-from delta3_pacdrive.sercos.configuration_check import drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import drives_of
 from delta3_pacdrive.view import readout, thread_safe_events
 from delta3_pacdrive.view.cell_figure import CellFigure
 from delta3_pacdrive.view.controls import PROGRAM_BYTES_MAX, Controls
-from delta3_pacdrive.view.figure import BLUE, Figure, segments
-from delta3_pacdrive.view.ghost import KINDS, ghost_of
-from delta3_pacdrive.view.history import History
-from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, Plots, rows_of
+from delta3_pacdrive.view.figure import BLUE, KINDS, Figure, ghost_of, segments
+from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, History, Plots, rows_of
 from delta3_pacdrive.view.scope_panel import ScopePanel
 from delta3_pacdrive.view.serving import Place
 from delta3_pacdrive.view.values import Facts, Instant, UiCommand

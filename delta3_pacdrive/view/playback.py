@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive import interrupts, kinematics
-from delta3_pacdrive.analysis.runs import FAULT, Mark, Run
-from delta3_pacdrive.drive.state_machine import overload_after
+from delta3_pacdrive.cell.cell_scene import Thing, brings_parts
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.motion.move import OUTPUTS
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.peripherals.cell_scene import Thing, brings_parts
-from delta3_pacdrive.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
+from delta3_pacdrive.planning.paths.move import OUTPUTS
+from delta3_pacdrive.robot.drive.state_machine import overload_after
+from delta3_pacdrive.robot.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
+from delta3_pacdrive.studies.runs.runs import FAULT, Mark, Run
 from delta3_pacdrive.view.page import PICTURES_HZ, Page
 from delta3_pacdrive.view.plots import rows_of
 from delta3_pacdrive.view.values import (

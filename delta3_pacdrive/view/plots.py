@@ -1,4 +1,4 @@
-"""Plots over time, in a panel below the picture."""
+"""Plots over time in a panel below the scene, and their history."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 
 COLOURS = ('#3a86ff', '#f5821e', '#2f9e5b', '#c2255c', '#7048e8', '#0b7285', '#a86b00', '#5c677d')
 LINE = '#868e96'  # axes and grids: visible on white and on black
@@ -120,3 +120,36 @@ def chart(gui: Any, names: Sequence[str], title: str, time: str = 't [s]') -> An
         axes=(axis, axis | {'label': title, 'labelSize': 18, 'size': 52, 'space': TICKS}),
         height=HEIGHT,
     )
+
+
+class History:
+    """Rows of numbers with their times; the oldest of ``rows`` are discarded."""
+
+    def __init__(self, rows: int, columns: int) -> None:
+        # twice the required length, so that rows are moved only occasionally
+        self._values = np.empty((2 * rows, 1 + columns))
+        self._rows, self._count = rows, 0
+
+    def add(self, time_s: float, values: Floats) -> None:
+        """Append a row; if time runs backwards, restart."""
+        if self._count and time_s <= self._values[self._count - 1, 0]:
+            if time_s == self._values[self._count - 1, 0]:
+                return
+            self._count = 0
+        if self._count == len(self._values):
+            self._values[: self._rows] = self._values[-self._rows :]
+            self._count = self._rows
+        self._values[self._count, 0] = time_s
+        self._values[self._count, 1:] = values
+        self._count += 1
+
+    def clear(self) -> None:
+        """Discard all rows."""
+        self._count = 0
+
+    def last(self, seconds: float = np.inf) -> Floats:
+        """Return the rows of the last seconds, time first, shape (n, 1 + columns)."""
+        rows = self._values[max(0, self._count - self._rows) : self._count]
+        if not len(rows):
+            return rows
+        return rows[np.searchsorted(rows[:, 0], rows[-1, 0] - seconds) :]

@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from delta3_pacdrive.controller.motion_state import UNDER_WAY
+from delta3_pacdrive.control.motion_state import UNDER_WAY
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant, TurnInstant

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.drive.channels import CHANNELS
 from delta3_pacdrive.errors import ParameterError, shown
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.acquisition import (
@@ -23,7 +22,8 @@ from delta3_pacdrive.recording.acquisition import (
     Setting,
     setting,
 )
-from delta3_pacdrive.recording.column_table import ONE
+from delta3_pacdrive.recording.tables.column_table import ONE
+from delta3_pacdrive.robot.drive.channels import CHANNELS
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.plots import HEIGHT, chart
 from delta3_pacdrive.view.values import UiCommand

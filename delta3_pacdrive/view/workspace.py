@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive import interrupts, kinematics, whole_file
+from delta3_pacdrive import atomic_file as whole_file
+from delta3_pacdrive import interrupts, kinematics
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.motion.capability import REACHED
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.planning.limits.capability import REACHED
 from delta3_pacdrive.view.page import Page
 from delta3_pacdrive.view.values import Facts, Instant
 

@@ -23,8 +23,8 @@ Rows = Iterable[Sequence[object]]
 
 def idns() -> Rows:
     """Return the operation data of a drive."""
-    from delta3_pacdrive.drive.operation_data import EXECUTABLE_IN, TABLE
-    from delta3_pacdrive.sercos.service_channel import format_idn
+    from delta3_pacdrive.robot.drive.operation_data import EXECUTABLE_IN, TABLE
+    from delta3_pacdrive.robot.sercos.service_channel import format_idn
 
     yield 'IDN', 'name', 'unit', 'group', 'written or executed in'
     for row in TABLE.values():
@@ -41,7 +41,7 @@ def idns() -> Rows:
 
 def channels() -> Rows:
     """Return the channels of a drive's oscilloscope."""
-    from delta3_pacdrive.drive.channels import CHANNELS
+    from delta3_pacdrive.robot.drive.channels import CHANNELS
 
     yield 'channel', 'unit', 'what'
     for row in CHANNELS.values():
@@ -60,7 +60,7 @@ def signals() -> Rows:
 
 def diagnostics() -> Rows:
     """Return the messages of a drive."""
-    from delta3_pacdrive.drive.diagnostics import FAULTS, WARNINGS
+    from delta3_pacdrive.robot.drive.diagnostics import FAULTS, WARNINGS
 
     yield 'message', 'text', 'class', 'reaction', 'bit'
     for word, table in (('S-0-0011', FAULTS), ('S-0-0012', WARNINGS)):
@@ -71,7 +71,7 @@ def diagnostics() -> Rows:
 
 def fault_kinds() -> Rows:
     """Return the faults that can be injected."""
-    from delta3_pacdrive.faults.fault import KINDS
+    from delta3_pacdrive.robot.faults.fault import KINDS
 
     yield 'fault', 'what', 'happens to', 'value', 'lasts'
     for name, kind in KINDS.items():
@@ -105,7 +105,7 @@ def bound(value: float) -> str:
 
 def topics() -> Rows:
     """Return the topics of a robot."""
-    from delta3_pacdrive.ros.interfaces import TOPICS
+    from delta3_pacdrive.ros.wire.interfaces import TOPICS
 
     yield 'topic', 'type', 'from → to', 'when', 'delivery', 'content'
     for topic in TOPICS:
@@ -116,7 +116,7 @@ def topics() -> Rows:
 
 def content(topic: Any) -> str:
     """Return what a message says, with its layout."""
-    from delta3_pacdrive.ros.interfaces import EVERY_AXIS
+    from delta3_pacdrive.ros.wire.interfaces import EVERY_AXIS
 
     parts = [topic.content]
     for telegram in topic.telegrams[:1]:
@@ -133,7 +133,7 @@ def content(topic: Any) -> str:
 
 def services() -> Rows:
     """Return the services of a robot."""
-    from delta3_pacdrive.ros.interfaces import SERVICES
+    from delta3_pacdrive.ros.wire.interfaces import SERVICES
 
     yield 'service', 'type', 'node', 'needs control', 'what it does'
     for item in SERVICES:
@@ -148,7 +148,7 @@ def services() -> Rows:
 
 def deliveries() -> Rows:
     """Return the ways in which messages are delivered."""
-    from delta3_pacdrive.ros.interfaces import DELIVERIES
+    from delta3_pacdrive.ros.wire.interfaces import DELIVERIES
 
     yield 'delivery', 'writers offer', 'the robot asks for', 'why'
     for item in DELIVERIES:
@@ -177,7 +177,7 @@ def first_sentence(path: Path) -> str:
     return (ast.get_docstring(ast.parse(path.read_text(encoding='utf-8'))) or '').partition('\n')[0]
 
 
-def rooms() -> Rows:
+def packages() -> Rows:
     """Return the rooms of the package, from top to bottom."""
     yield 'room', 'what it holds'
     for names in reversed(layers()):
@@ -248,7 +248,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
         topics,
         services,
         deliveries,
-        rooms,
+        packages,
         modules,
     ):
         app.add_directive(rows.__name__, type(rows.__name__, (Table,), {'rows': staticmethod(rows)}))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from delta3_pacdrive import cell
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, dress, empty_figure
-from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive import scripting
+from delta3_pacdrive.cell import cell_file
+from delta3_pacdrive.studies.framework.figure_style import AXIS_COLOURS, dress, empty_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +75,7 @@ def make() -> Figure:
 
 def _picked() -> Trace:
     """Return the trace of a script that picks one part from the belt."""
-    with cell.simulate(cell=cell_file.parse(AROUND), signals=['cell_belts']) as robot:
+    with scripting.simulate(cell=cell_file.parse(AROUND), signals=['cell_belts']) as robot:
         with robot.track('line', timeout_s=5.0, **QUICK):
             robot.move_l(to_mm=[0, 0, 40], **QUICK)
             robot.move_l(to_mm=[0, 0, 20], **QUICK)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from delta3_pacdrive.analysis.calibration import figures
-from delta3_pacdrive.analysis.calibration.data import Method, Requirements
-from delta3_pacdrive.analysis.calibration.run import Study
-from delta3_pacdrive.analysis.calibration.study import Settings
-from delta3_pacdrive.analysis.study import silent
+from delta3_pacdrive.studies.calibration import figures
+from delta3_pacdrive.studies.calibration.data import Method, Requirements
+from delta3_pacdrive.studies.calibration.run import Study
+from delta3_pacdrive.studies.calibration.study import Settings
+from delta3_pacdrive.studies.framework.study import silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

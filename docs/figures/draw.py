@@ -19,7 +19,7 @@ import timing  # noqa: E402
 import workspace  # noqa: E402
 
 import belts  # noqa: E402
-from delta3_pacdrive.analysis.figure_style import save  # noqa: E402
+from delta3_pacdrive.studies.framework.figure_style import save  # noqa: E402
 
 PICTURES = {
     'robot.png': robot.make,

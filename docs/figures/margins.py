@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, dress, empty_figure
-from delta3_pacdrive.analysis.tuning.analysis import OperatingPoint
-from delta3_pacdrive.analysis.tuning.approximation import steps
-from delta3_pacdrive.analysis.tuning.load import extremes
+from delta3_pacdrive.studies.drives.loops.analysis import OperatingPoint
+from delta3_pacdrive.studies.drives.loops.approximation import steps
+from delta3_pacdrive.studies.drives.loops.load import extremes
+from delta3_pacdrive.studies.framework.figure_style import AXIS_COLOURS, dress, empty_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

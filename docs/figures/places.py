@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.planning import evaluation as plans
-from delta3_pacdrive.analysis.planning import figures as plan_figures
-from delta3_pacdrive.analysis.pose import evaluation, figures
-from delta3_pacdrive.analysis.workspace import evaluation as maps
-from delta3_pacdrive.analysis.workspace import figures as map_figures
-from delta3_pacdrive.analysis.workspace.study import Settings
+from delta3_pacdrive.studies.places.planning import evaluation as plans
+from delta3_pacdrive.studies.places.planning import figures as plan_figures
+from delta3_pacdrive.studies.places.pose import evaluation, figures
+from delta3_pacdrive.studies.places.workspace import evaluation as maps
+from delta3_pacdrive.studies.places.workspace import figures as map_figures
+from delta3_pacdrive.studies.places.workspace.study import Settings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

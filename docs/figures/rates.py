@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, dress, empty_figure
-from delta3_pacdrive.analysis.run_energy import energy_of_round
-from delta3_pacdrive.motion.energy import Energy
-from delta3_pacdrive.motion.program import Aim, Arch
+from delta3_pacdrive.planning.limits.energy import Energy
+from delta3_pacdrive.planning.program.model import Aim, Arch
+from delta3_pacdrive.studies.framework.figure_style import AXIS_COLOURS, dress, empty_figure
+from delta3_pacdrive.studies.runs.run_signals import energy_of_round
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, DPI
+from delta3_pacdrive.studies.framework.figure_style import AXIS_COLOURS, DPI
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, dress, empty_figure
-from delta3_pacdrive.analysis.residual_vibration import after_stop
+from delta3_pacdrive.studies.framework.figure_style import AXIS_COLOURS, dress, empty_figure
+from delta3_pacdrive.studies.framework.residual_vibration import after_stop
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty_figure
-from delta3_pacdrive.analysis.ripple import cases, figures
-from delta3_pacdrive.analysis.ripple.study import Results
-from delta3_pacdrive.analysis.study import silent
+from delta3_pacdrive.studies.drives.ripple import cases, figures
+from delta3_pacdrive.studies.drives.ripple.study import Results
+from delta3_pacdrive.studies.framework.figure_style import AXIS_COLOURS, NORM_COLOUR, dress, empty_figure
+from delta3_pacdrive.studies.framework.study import silent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import delta3_pacdrive as d3
-from delta3_pacdrive.analysis.figure_style import empty_figure
+from delta3_pacdrive.studies.framework.figure_style import empty_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,8 +14,8 @@ from delta3_pacdrive.benchmarks.case import in_child, program_file
 from delta3_pacdrive.bringup import scheduling
 from delta3_pacdrive.cli import bench
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.program import file_reader as programs
 
 
 def run(capsys, *arguments):

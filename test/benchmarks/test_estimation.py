@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from delta3_pacdrive.analysis.estimation.identifiability import Verdict
-from delta3_pacdrive.analysis.estimation.quantities import values_of
-from delta3_pacdrive.analysis.estimation.solver import Estimate
 from delta3_pacdrive.benchmarks import estimation
 from delta3_pacdrive.cli import bench
+from delta3_pacdrive.studies.estimation.identifiability import Verdict
+from delta3_pacdrive.studies.estimation.quantities import values_of
+from delta3_pacdrive.studies.estimation.solver import Estimate
 
 SEEDS = 2
 MOTOR = {'R', 'L', 'K_m', 'F_v', 'F_s', 'I_m'}

@@ -5,8 +5,8 @@ import os
 import pytest
 
 pytest.importorskip('distributed', reason='sweeps need the extra "sweep"')
-from delta3_pacdrive.analysis.sweep import engine
 from delta3_pacdrive.benchmarks import sweep
+from delta3_pacdrive.studies.fleet.sweep import engine
 
 
 class Here:

@@ -2,7 +2,7 @@
 # Mutation test of one module: runs tests against each mutant that cosmic-ray makes, in a copy of the package.
 #
 #   pip install cosmic-ray
-#   test/breaks/mutate.sh motion/blending.py test/motion/test_blending.py [LINE-LINE]
+#   test/breaks/mutate.sh planning/timing/blending.py test/planning/timing/test_blending.py [LINE-LINE]
 #
 # With a range of lines, only mutants of these lines are run. The list of survivors is printed at the end.
 set -euo pipefail

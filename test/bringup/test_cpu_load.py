@@ -28,7 +28,7 @@ from delta3_pacdrive.bringup.cpu_load import (
     lack_of_room,
     measured_slowness,
 )
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
 
 TICKS = os.sysconf('SC_CLK_TCK')
 CORES = len(os.sched_getaffinity(0))

@@ -22,7 +22,7 @@ from delta3_pacdrive.bringup.environment import bag_of, namespaces
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.robots import RobotNow, Robots, require_room
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.sercos.shared_clock import SharedClock
+from delta3_pacdrive.robot.sercos.shared_clock import SharedClock
 
 LOOKS = 4  # at two robots that live on, before they are asked to end
 REPORT = {

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from delta3_pacdrive.cli import calibrate
-from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.planning.program import file_reader as program_file
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from delta3_pacdrive.cli import check, completion
 from delta3_pacdrive.cli.main import COMMANDS, load_command, main
 from delta3_pacdrive.cli.output import print_figures
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
 
 FIGURES = {
     'bus_time_s': 2.5,

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.analysis.estimation import measurement
-from delta3_pacdrive.analysis.estimation import run as estimation_run
-from delta3_pacdrive.analysis.jacobian import run as jacobian_run
-from delta3_pacdrive.analysis.learning import run as learning_run
-from delta3_pacdrive.analysis.one_motor import run as one_motor_run
-from delta3_pacdrive.analysis.ripple import run as ripple_run
-from delta3_pacdrive.analysis.tuning import axis_excitation
-from delta3_pacdrive.analysis.tuning import run as tuning_run
-from delta3_pacdrive.analysis.tuning.bench import Place
 from delta3_pacdrive.cli import estimate, experiment, jacobian, learn, move, ripple, simulate, tune
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.motion.adaptation import Adaptation
+from delta3_pacdrive.planning.program.adaptation import Adaptation
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.studies.drives.loops import axis_excitation
+from delta3_pacdrive.studies.drives.loops.bench import Place
+from delta3_pacdrive.studies.drives.one_motor import run as one_motor_run
+from delta3_pacdrive.studies.drives.ripple import run as ripple_run
+from delta3_pacdrive.studies.drives.tuning import run as tuning_run
+from delta3_pacdrive.studies.estimation import measurement
+from delta3_pacdrive.studies.estimation import run as estimation_run
+from delta3_pacdrive.studies.learning import run as learning_run
+from delta3_pacdrive.studies.thesis.jacobian import run as jacobian_run
 
 REPORT = {'ok': True}
 
@@ -43,7 +43,7 @@ ABRUPT = ['--jerk', '35']
 @pytest.fixture
 def sent(monkeypatch):
     """Return what ``move`` sends to a robot at rest: the statement or program, and how it is adapted."""
-    client = pytest.importorskip('delta3_pacdrive.ros.robot_client', exc_type=ImportError)
+    client = pytest.importorskip('delta3_pacdrive.ros.clients.robot_client', exc_type=ImportError)
     found = []
     operator = SimpleNamespace(
         state='idle',

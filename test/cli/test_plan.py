@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from delta3_pacdrive.analysis.planning import evaluation
 from delta3_pacdrive.cli import check, plan
+from delta3_pacdrive.studies.places.planning import evaluation
 
 LINE = 'start_m: [0, 0, -0.8]\nmoves: [{move_l: {to_m: [0.1, 0, -0.8]}}, {dwell: {time_s: 0.25}}]\n'
 CORNER = """

@@ -7,8 +7,8 @@ import pytest
 pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
 
 from delta3_pacdrive.cli.main import main
-from delta3_pacdrive.faults.fault import KINDS
-from delta3_pacdrive.ros import robots_client
+from delta3_pacdrive.robot.faults.fault import KINDS
+from delta3_pacdrive.ros.clients import robots_client
 
 
 @pytest.fixture(autouse=True)

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import pytest
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.analysis import reference
-from delta3_pacdrive.analysis.line import run as line_run
-from delta3_pacdrive.analysis.line.design import Rule
-from delta3_pacdrive.cell import line_replay
+from delta3_pacdrive.benchmarks import line_replay
 from delta3_pacdrive.cli import line, run, script_run
+from delta3_pacdrive.studies.fleet.line import run as line_run
+from delta3_pacdrive.studies.fleet.line.design import Rule
+from delta3_pacdrive.studies.runs import reference
 
 FOLDER = parameters.config_directory()
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.cli.main import main
-from delta3_pacdrive.drive.channels import CHANNELS
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.drive.channels import CHANNELS
 from pictures import undrawn
 
 

@@ -12,7 +12,7 @@ import pytest
 from delta3_pacdrive.cli import script_run
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.cli.script_run import ScriptRun
-from delta3_pacdrive.ros import script_client
+from delta3_pacdrive.ros.clients import script_client
 
 PATIENCE_S = 10.0
 

@@ -52,7 +52,7 @@ class _Found:
 
 def test_gains_that_are_looked_for_and_applied_are_told_in_one_document(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr('delta3_pacdrive.simulation.load_kernels', lambda *_: None)
-    monkeypatch.setattr('delta3_pacdrive.analysis.tuning.run.Study', _Found)
+    monkeypatch.setattr('delta3_pacdrive.studies.drives.tuning.run.Study', _Found)
     file, output = tmp_path / 'mine.yaml', str(tmp_path / 'tuning')
     shutil.copy(parameters.config_directory() / parameters.DEFAULT_FILE, file)
     assert main(['tune', '--propose', '--apply', str(file), '--output', output, '--json']) == 0
@@ -65,7 +65,7 @@ def test_a_file_that_gains_cannot_go_into_is_refused_before_they_are_looked_for(
     tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setattr('delta3_pacdrive.simulation.load_kernels', lambda *_: None)
-    monkeypatch.setattr('delta3_pacdrive.analysis.tuning.run.Study', _Found)
+    monkeypatch.setattr('delta3_pacdrive.studies.drives.tuning.run.Study', _Found)
     output = tmp_path / 'tuning'
     assert main(['tune', '--propose', '--apply', str(tmp_path / 'no.yaml'), '--output', str(output)]) == 1
     assert 'no.yaml' in capsys.readouterr().err

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import simulation
-from delta3_pacdrive.analysis.estimation import run as estimation_run
-from delta3_pacdrive.analysis.experiments import run as experiment_run
-from delta3_pacdrive.analysis.jacobian import run as jacobian_run
-from delta3_pacdrive.analysis.provenance import Provenance, digest, write_json, write_table
-from delta3_pacdrive.analysis.tuning import run as tuning_run
 from delta3_pacdrive.cli import estimate, experiment, jacobian, output, simulate, tune
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.numerics.units import millimetres
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.studies.drives.tuning import run as tuning_run
+from delta3_pacdrive.studies.estimation import run as estimation_run
+from delta3_pacdrive.studies.framework.provenance import Provenance, digest, write_json, write_table
+from delta3_pacdrive.studies.thesis.experiments import run as experiment_run
+from delta3_pacdrive.studies.thesis.jacobian import run as jacobian_run
 
 # every number is another one, so that none can stand for another
 FIGURES = {

@@ -190,7 +190,7 @@ def test_the_page_is_opened_in_the_browser_of_the_desktop_only_if_that_is_asked_
 
 def test_a_robot_is_waited_for_as_long_as_it_takes_only_if_that_is_asked_for(monkeypatch, capsys, own_ports):
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
-    from delta3_pacdrive.ros import live_view
+    from delta3_pacdrive.ros.clients import live_view
 
     waits = []
     monkeypatch.setattr(os, 'nice', lambda _: 0)  # the tests go on

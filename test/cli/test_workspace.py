@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.analysis.workspace import evaluation
 from delta3_pacdrive.cli import workspace
+from delta3_pacdrive.studies.places.workspace import evaluation
 
 
 def test_extremes_are_told_in_si_with_their_places(capsys):

@@ -7,10 +7,10 @@ import pytest
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.configuration.checked import ERRORS_MAX, counted
+from delta3_pacdrive.configuration.strict_reader import ERRORS_MAX, counted
 from delta3_pacdrive.errors import Delta3Error, ProgramError
-from delta3_pacdrive.faults import fault as faults
-from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.planning.program import file_reader as program_file
+from delta3_pacdrive.robot.faults import fault as faults
 
 PROGRAM = """\
 points: {above: [0.0, 0.0, -0.7]}

@@ -40,7 +40,7 @@ def test_every_command_shows_its_help(html):
 
 
 def test_every_topic_and_service_has_a_row_and_every_row_as_many_cells_as_its_head(html):
-    from delta3_pacdrive.ros.interfaces import DELIVERIES, SERVICES, TOPICS
+    from delta3_pacdrive.ros.wire.interfaces import DELIVERIES, SERVICES, TOPICS
 
     tables = [
         [

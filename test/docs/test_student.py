@@ -132,8 +132,8 @@ def test_every_test_of_the_map_exists():
 
 
 def test_every_idn_of_the_glossary_is_one_of_the_drives():
-    from delta3_pacdrive.drive.operation_data import TABLE
-    from delta3_pacdrive.sercos.service_channel import format_idn
+    from delta3_pacdrive.robot.drive.operation_data import TABLE
+    from delta3_pacdrive.robot.sercos.service_channel import format_idn
 
     known = {format_idn(idn) for idn in TABLE}
     named_here = {name for row in glossary() for name in re.findall(r'[SP]-0-\d{4}', row[3])}
@@ -141,7 +141,7 @@ def test_every_idn_of_the_glossary_is_one_of_the_drives():
 
 
 def test_every_topic_and_service_of_the_glossary_is_one_of_the_robot():
-    interfaces = pytest.importorskip('delta3_pacdrive.ros.interfaces', reason='the topics need ROS')
+    interfaces = pytest.importorskip('delta3_pacdrive.ros.wire.interfaces', reason='the topics need ROS')
     known = {item.name for item in (*interfaces.TOPICS, *interfaces.SERVICES)}
     named_here = {name for row in glossary() for name in re.findall(r'`([^`]+)`', row[2])}
     assert named_here - known == set()

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS
 
 FILE = Path(__file__).parent / 'figures.json'

@@ -13,7 +13,7 @@ import pytest
 from std_msgs.msg import String
 
 import pages
-from delta3_pacdrive.ros.qos import LATCHED, REPORT
+from delta3_pacdrive.ros.wire.qos import LATCHED, REPORT
 
 END_S = 120.0  # beside robots in real time that leave the others little
 

@@ -103,10 +103,10 @@ def test_a_second_copy_of_the_sources_finds_what_the_first_has_compiled(copy, fi
 
 def test_a_changed_formula_is_compiled_again_and_a_changed_report_is_not(copy, first, tmp_path):
     for name in (
-        'analysis/run_figures.py',
+        'studies/runs/run_figures.py',
         'cli/plot.py',
-        'analysis/tuning/report.py',
-        'motion/program_planner.py',
+        'studies/drives/tuning/report.py',
+        'planning/program_planner.py',
         'ros/nodes/plant.py',
     ):
         with (copy / PACKAGE.name / name).open('a') as file:
@@ -129,7 +129,7 @@ def test_a_kernel_of_another_module_is_not_kept_because_nobody_knows_what_it_cal
 PRODUCT = """
 import json, sys
 import numpy as np
-from delta3_pacdrive.analysis import run_comparison
+from delta3_pacdrive.studies.runs import run_comparison
 from delta3_pacdrive.numerics import kernel
 kernel.row_at(1.0, np.eye(3), 0, 2)
 idle = [name for name in ('scipy.linalg', 'scipy.signal', 'scipy.stats') if name in sys.modules]

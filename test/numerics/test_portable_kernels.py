@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numba.cuda.dispatcher
 from numba import cuda, from_dtype, types
 from numba.core.registry import CPUDispatcher
-from delta3_pacdrive.plant.built_robot import BUILT
+from delta3_pacdrive.robot.plant.built_robot import BUILT
 from delta3_pacdrive.simulation import robot
 
 numba.cuda.dispatcher.get_current_device = lambda: SimpleNamespace(compute_capability=(7, 5))  # there is none here

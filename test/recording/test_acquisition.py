@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from delta3_pacdrive.drive.scope import Block
 from delta3_pacdrive.errors import ParameterError, RunError
 from delta3_pacdrive.recording.acquisition import Acquisition, setting
+from delta3_pacdrive.robot.drive.scope import Block
 
 STEP_S = 62.5e-6
 

@@ -21,8 +21,9 @@ from bags import (
     refusal,
 )
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import bag_trace, trace_file
-from delta3_pacdrive.recording.bag_writer import BagWriter
+from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording.bags import bag_trace
+from delta3_pacdrive.recording.bags.bag_writer import BagWriter
 from delta3_pacdrive.recording.signals import SIGNALS
 from thoroughness import examples
 

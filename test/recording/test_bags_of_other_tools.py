@@ -27,14 +27,16 @@ from bags import (
     record,
     refusal,
 )
-from delta3_pacdrive import simulation, whole_file
+from delta3_pacdrive import atomic_file as whole_file
+from delta3_pacdrive import simulation
 from delta3_pacdrive.cli import compare, export, plot, report
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.recording import bag_trace, trace_file
-from delta3_pacdrive.recording.bag_files import zstd
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording.bags import bag_trace
+from delta3_pacdrive.recording.bags.bag_files import zstd
 from delta3_pacdrive.recording.signals import SIGNALS
-from delta3_pacdrive.sercos.bus_time import NANOSECONDS
+from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
 
 MCAP, SQLITE = StoragePlugin.MCAP, StoragePlugin.SQLITE3
 HALF = CYCLES // 2

@@ -8,7 +8,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import column_file, trace_file
+from delta3_pacdrive.recording import trace_file
+from delta3_pacdrive.recording.tables import column_file
 from thoroughness import examples
 
 ROWS = ''.join(f'{n},{n * 0.1:.3f},{-n},{n % 7}\n' for n in range(20))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import quantities, trace_csv
+from delta3_pacdrive.recording import trace_csv
+from delta3_pacdrive.recording.tables import quantities
 from delta3_pacdrive.recording.trace import Trace
 
 # unit in the file: (a signal of that quantity, its axis names, SI value of 1.5 of it)

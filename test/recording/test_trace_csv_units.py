@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording import quantities, trace_csv
+from delta3_pacdrive.recording import trace_csv
 from delta3_pacdrive.recording.signals import columns_of
+from delta3_pacdrive.recording.tables import quantities
 
 
 def test_units_in_the_header_are_turned_into_si(tmp_path):

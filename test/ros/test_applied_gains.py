@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 
-from delta3_pacdrive.analysis.tuning import applied
 from delta3_pacdrive.cli.main import main
 from delta3_pacdrive.errors import ProgramError, TuningError
-from delta3_pacdrive.ros.drive_values import DriveValues
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
+from delta3_pacdrive.ros.drive.drive_report import DriveValues
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.studies.drives.tuning import drive_gains as applied
 
 GAINS = {'position_gain_rad_s_rad': 49.77, 'velocity_gain_a_s_rad': 0.3946, 'notch_1_frequency_hz': 232.0}
 DEFAULT = {'position_gain_rad_s_rad': 60.0, 'velocity_gain_a_s_rad': 0.35, 'notch_1_frequency_hz': 0.0}
@@ -71,7 +71,7 @@ def test_the_command_applies_what_auto_has_left_and_takes_it_back(
     rows = ', '.join(f'{name}: {value}' for name, value in GAINS.items())
     (tmp_path / 'gains.yaml').write_text(f'/**:\n  ros__parameters:\n    drive: {{{rows}}}\n')
     monkeypatch.setattr(
-        'delta3_pacdrive.ros.robot_client.operating', lambda _: contextlib.nullcontext(cell.operator)
+        'delta3_pacdrive.ros.clients.robot_client.operating', lambda _: contextlib.nullcontext(cell.operator)
     )
     assert main(['tune', '--apply', '--output', str(tmp_path)]) == 0
     assert 'position_gain_rad_s_rad = 49.77' in capsys.readouterr().out

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from visualization_msgs.msg import Marker
 
-from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
+from delta3_pacdrive.cell.cell_scene import Kind, Thing
 from delta3_pacdrive.ros.cell_markers import PARTS_MAX, SLAB_M, CellMarkers
 from delta3_pacdrive.view.values import CellInstant, PartPlace
 

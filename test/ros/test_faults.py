@@ -14,11 +14,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from delta3_pacdrive.drive.arrays import DriveState
+from delta3_pacdrive.robot.drive.arrays import DriveState
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, REPORT
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, FAULTS, REPORT
 
 LINE = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]'
 

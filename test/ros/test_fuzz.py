@@ -15,12 +15,12 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.controller.messages import ORDER
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.control.messages import ORDER
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.numbers import numbers
-from delta3_pacdrive.ros.qos import LATCHED, PLAN, REQUEST
+from delta3_pacdrive.ros.wire.numbers import numbers
+from delta3_pacdrive.ros.wire.qos import LATCHED, PLAN, REQUEST
 from trajectories import AXES, message
 
 HOME = (0.0, 0.0, -0.75)
@@ -246,7 +246,7 @@ def test_no_plan_or_motion_profile_of_a_stranger_kills_the_task_or_moves_the_rob
 @pytest.mark.parametrize('kind', GOOD)
 def test_the_good_plan_would_be_taken_where_it_starts(kind: str) -> None:
     """The fuzzed rows differ from something that is accepted."""
-    from delta3_pacdrive.motion.move import Move
+    from delta3_pacdrive.planning.paths.move import Move
 
     move, number, count = Move.from_array(GOOD[kind], parameters.load().kinematics)
     assert (number, count) == (0, 1)

@@ -9,9 +9,9 @@ from xml.etree import ElementTree as ET
 import pytest
 import yaml
 
-from delta3_pacdrive.ros.interfaces import JOINT_STATES, LATCHED, TOPICS, Topic
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.telegrams import JOINTS
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
+from delta3_pacdrive.ros.wire.interfaces import JOINT_STATES, LATCHED, TOPICS, Topic
 
 FOLDER = Path(__file__).parents[2] / 'config' / 'layouts'
 BY_NAME = {name if name.startswith('/') else f'/{name}': topic for topic in TOPICS for name in topic.names}

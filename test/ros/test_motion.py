@@ -15,14 +15,14 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.controller.messages import ORDER
+from delta3_pacdrive.control.messages import ORDER
 from delta3_pacdrive.errors import ProgramError, RunError
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.numbers import numbers
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, PLAN, PLAN_LATECOMER, REQUEST
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire.numbers import numbers
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED, PLAN, PLAN_LATECOMER, REQUEST
 
 CYCLE_S = 1e-3
 ALONG = 0.2  # m

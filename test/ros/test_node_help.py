@@ -14,9 +14,10 @@ from rclpy.validate_namespace import validate_namespace
 
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.parameters import flatten, load
-from delta3_pacdrive.ros import domain, node_help, node_process
-from delta3_pacdrive.ros.interfaces import SERVICES, TOPICS
+from delta3_pacdrive.ros import node_help, node_process
 from delta3_pacdrive.ros.parameters import OWN, shows
+from delta3_pacdrive.ros.wire import domain
+from delta3_pacdrive.ros.wire.interfaces import SERVICES, TOPICS
 
 KINDS = list(node_help.ABOUT)
 NODE = Path(sysconfig.get_path('scripts')).parent / 'lib' / 'delta3_pacdrive'
@@ -135,19 +136,19 @@ def test_a_namespace_is_valid_where_ros_2_takes_it(text: str) -> None:
 
 
 def _operate() -> Any:
-    from delta3_pacdrive.ros.robot_client import operating
+    from delta3_pacdrive.ros.clients.robot_client import operating
 
     return operating('2cell').__enter__()
 
 
 def _script() -> Any:
-    from delta3_pacdrive import cell
+    from delta3_pacdrive import scripting
 
-    return cell.connect('2cell').__enter__()
+    return scripting.connect('2cell').__enter__()
 
 
 def _find() -> Any:
-    from delta3_pacdrive.ros.robots_client import find_all
+    from delta3_pacdrive.ros.clients.robots_client import find_all
 
     return find_all('2cell')
 

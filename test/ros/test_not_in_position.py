@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.robot_client import OperatorNode
 
 NARROW_RAD = 1e-6  # of a shaft: less than an increment of its encoder
 PATIENCE_S = 0.05
@@ -24,7 +24,7 @@ def test_a_move_that_does_not_arrive_fails_with_its_sentence(
     operator = graph.add(OperatorNode, graph.spin_for)
     graph.spin_until(lambda: task.progress()['in_torque'] and operator.queue, 'torque, and a planner')
     monkeypatch.setattr(
-        'delta3_pacdrive.ros.robot_client.operating', lambda _: contextlib.nullcontext(operator)
+        'delta3_pacdrive.ros.clients.robot_client.operating', lambda _: contextlib.nullcontext(operator)
     )
     program = tmp_path / 'short.yaml'
     program.write_text('in_position: true\nmoves:\n- move_l: {to_m: {by_m: [0.01, 0.0, -0.01]}}\n')

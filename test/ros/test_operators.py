@@ -13,12 +13,12 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool, Trigger
 
-from delta3_pacdrive.controller.messages import DISABLE, HOLD, QueueReport, Reply, Request, refuse_recording
+from delta3_pacdrive.control.messages import DISABLE, HOLD, QueueReport, Reply, Request, refuse_recording
 from delta3_pacdrive.errors import Code, RefusedError
-from delta3_pacdrive.motion.adaptation import Adaptation
+from delta3_pacdrive.planning.program.adaptation import Adaptation
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
 
 STOPS_MAX = 10  # until every word of one is heard
 ON_REQUEST = {'motion__start_cycle': -1}

@@ -13,10 +13,10 @@ from geometry_msgs.msg import PoseArray
 from std_msgs.msg import String
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.controller.messages import Status
-from delta3_pacdrive.ros import interfaces
+from delta3_pacdrive.control.messages import Status
 from delta3_pacdrive.ros.plant_cell import InputRequests, PlantCell
 from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.ros.wire import interfaces
 
 CELL = """
 inputs: {start: {}, part: {}}

@@ -9,11 +9,12 @@ from rclpy.node import Node
 from std_msgs.msg import Header, String
 
 from delta3_pacdrive.bringup.monitor import RobotMonitor
-from delta3_pacdrive.controller.messages import QueueReport
-from delta3_pacdrive.controller.task_status import MASTER_SILENT_S
-from delta3_pacdrive.ros import interfaces, present_robot
+from delta3_pacdrive.control.messages import QueueReport
+from delta3_pacdrive.control.queue.task_status import MASTER_SILENT_S
+from delta3_pacdrive.ros import present_robot
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.present_robot import PresentRobot, RobotWatch
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire import interfaces
 from planner_client import progress_text
 
 LIVE, PLAYED = 'aaaa', 'bbbb'

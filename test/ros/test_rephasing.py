@@ -11,17 +11,17 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from delta3_pacdrive.drive.arrays import DriveState
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.ros.interfaces import second_writer
+from delta3_pacdrive.robot.drive.arrays import DriveState
+from delta3_pacdrive.robot.sercos.watchdog import BOUND_S
+from delta3_pacdrive.robot.sercos.words import Phase
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
-from delta3_pacdrive.ros.robot_client import OperatorNode
-from delta3_pacdrive.sercos.watchdog import BOUND_S
-from delta3_pacdrive.sercos.words import Phase
+from delta3_pacdrive.ros.wire.interfaces import second_writer
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED
 from thoroughness import some
 
 LINE = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]'

@@ -14,15 +14,15 @@ from std_msgs.msg import Float64, Header, String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.cell import cell_file
 from delta3_pacdrive.parameters import load
-from delta3_pacdrive.peripherals import cell_file
-from delta3_pacdrive.ros import interfaces
-from delta3_pacdrive.ros.interfaces import MOTION_CHANGE, RECORDED
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REPORT, REQUEST
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire.interfaces import MOTION_CHANGE, RECORDED
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED, REPORT, REQUEST
 from robots import Graph
 from thoroughness import EVERYTHING
 

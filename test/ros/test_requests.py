@@ -12,14 +12,15 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from delta3_pacdrive.controller.messages import HOLD, QueueReport, Reply, Request
+from delta3_pacdrive.control.messages import HOLD, QueueReport, Reply, Request
 from delta3_pacdrive.errors import RunError, RunInterruptedError
-from delta3_pacdrive.ros import interfaces, robot_client
+from delta3_pacdrive.ros.clients import robot_client
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REQUEST
-from delta3_pacdrive.ros.request_server import RequestServer
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED, REQUEST
+from delta3_pacdrive.ros.wire.request_server import RequestServer
 
 LINE = 'move_l: {to_m: [0.05, 0.0, -0.75], speed_m_s: 0.5}'
 

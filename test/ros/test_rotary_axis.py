@@ -13,15 +13,15 @@ from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS, mdt_form
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
+from delta3_pacdrive.ros.clients.robot_reader import RobotReader
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.progress_report import read_progress
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
-from delta3_pacdrive.ros.robot_client import OperatorNode
-from delta3_pacdrive.ros.robot_reader import RobotReader
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
-from delta3_pacdrive.sercos.telegrams import JOINTS, mdt_form
+from delta3_pacdrive.ros.task.progress_report import read_progress
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER
 
 ROBOT = parameters.load().replace(rotary__present=True)
 RATIO = ROBOT.rotary.gear_ratio

@@ -9,14 +9,15 @@ from std_msgs.msg import String
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.errors import ProgramError, RunError
-from delta3_pacdrive.motion.program import Dwell, Program
+from delta3_pacdrive.planning.program.model import Dwell, Program
 from delta3_pacdrive.recording.acquisition import Acquisition, Record, setting
-from delta3_pacdrive.ros import drive_scope, scope_client
+from delta3_pacdrive.ros.clients import scope_client
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
+from delta3_pacdrive.ros.clients.scope_client import ScopeClient
+from delta3_pacdrive.ros.drive import drive_scope
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
-from delta3_pacdrive.ros.qos import REQUEST
-from delta3_pacdrive.ros.robot_client import OperatorNode
-from delta3_pacdrive.ros.scope_client import ScopeClient
+from delta3_pacdrive.ros.wire.qos import REQUEST
 
 PATIENCE_S = 30.0
 CHANNELS = [

@@ -8,9 +8,9 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive.errors import Delta3Error
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import REQUEST
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire.qos import REQUEST
 
 LENGTH = 50
 ON_REQUEST = {'motion__start_cycle': -1}

@@ -14,11 +14,11 @@ from std_msgs.msg import String
 
 from delta3_pacdrive.cli import drive as drive_command
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.ros.drive_parameters import WRITABLE
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
+from delta3_pacdrive.ros.drive.drive_parameters import WRITABLE
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, REQUEST
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, REQUEST
 
 
 class Cell:
@@ -318,7 +318,7 @@ def test_the_command_line_asks_the_drive(
     asked: list[str] = []
     operator = SimpleNamespace(drive=lambda text: asked.append(' '.join(text.split())) or 'done')
     monkeypatch.setattr(
-        'delta3_pacdrive.ros.robot_client.operating', lambda _: contextlib.nullcontext(operator)
+        'delta3_pacdrive.ros.clients.robot_client.operating', lambda _: contextlib.nullcontext(operator)
     )
     assert drive_command.main(arguments) == 0
     assert asked == [request_]

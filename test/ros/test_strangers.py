@@ -14,19 +14,19 @@ from std_msgs.msg import Float64MultiArray, Header, String
 from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.controller.messages import ORDER
-from delta3_pacdrive.drive.arrays import DriveState
+from delta3_pacdrive.control.messages import ORDER
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.robot.drive.arrays import DriveState
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, Identity
+from delta3_pacdrive.robot.sercos.participants import Occasion
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.numbers import numbers
-from delta3_pacdrive.ros.progress_report import read_progress
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, PLAN, REPORT, REQUEST
-from delta3_pacdrive.ros.robot_client import OperatorNode
-from delta3_pacdrive.sercos.configuration_check import DRIVES, Identity
-from delta3_pacdrive.sercos.participants import Occasion
+from delta3_pacdrive.ros.task.progress_report import read_progress
+from delta3_pacdrive.ros.wire.numbers import numbers
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, PLAN, REPORT, REQUEST
 
 HOME = (0.0, 0.0, -0.75)
 ON_REQUEST = {'motion__start_cycle': -1}
@@ -298,7 +298,7 @@ def test_orders_out_of_range_are_refused(cell: Cell) -> None:
 def test_a_plan_that_turns_a_motor_too_fast_is_refused_by_the_task_itself(cell: Cell) -> None:
     from dataclasses import replace
 
-    from delta3_pacdrive.motion.move import Move
+    from delta3_pacdrive.planning.paths.move import Move
 
     move, _, _ = Move.from_array(np.array(good_plan()))
     fast = move.master.copy()

@@ -13,16 +13,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.ros import interfaces
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.progress_report import read_progress
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, LATCHED_FROM_MANY, REPORT
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.task.progress_report import read_progress
+from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED, LATCHED_FROM_MANY, REPORT
 from delta3_pacdrive.scene.joints import joint_motion
 from delta3_pacdrive.scene.parts import RODS
 from delta3_pacdrive.scene.urdf import urdf
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.telegrams import JOINTS
 
 ROBOT = parameters.load()
 RATIO = ROBOT.dynamics.gear_ratio

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.drive import drive_clock
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.plant import plant_clock
+from delta3_pacdrive.robot.drive import drive_clock
+from delta3_pacdrive.robot.plant import plant_clock
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State
 from delta3_pacdrive.verification.fault_catalogue.runner import Catalogue
 from delta3_pacdrive.verification.soak import runner as soak

@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import UnreachableError
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.scene.joints import joint_motion, joints
 from delta3_pacdrive.scene.parts import ARMS, RODS, Sizes
 from delta3_pacdrive.scene.poses import frames, poses
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.telegrams import JOINTS
 from scenes import SEED, rods, workspace
 
 CLOSED = 1e-9  # [m], as promised; 1e-15 seen

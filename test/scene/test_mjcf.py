@@ -5,14 +5,14 @@ import pytest
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import UnreachableError
-from delta3_pacdrive.plant.plant import Plant
-from delta3_pacdrive.plant.tool_axis import ToolAxis
+from delta3_pacdrive.robot.plant.plant import Plant
+from delta3_pacdrive.robot.plant.tool_axis import ToolAxis
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.mjcf import mjcf
 from delta3_pacdrive.scene.parts import FIXED, NAMES, RODS, payload_edge
 from delta3_pacdrive.scene.poses import poses
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.telegrams import JOINTS
 
 mujoco = pytest.importorskip('mujoco', reason='the second engine, MuJoCo, is not installed')
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, drives_of
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS, joints_of
 from delta3_pacdrive.scene import parts
 from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.parts import FIXED, NAMES, RODS
 from delta3_pacdrive.scene.poses import poses
 from delta3_pacdrive.scene.urdf import urdf
-from delta3_pacdrive.sercos.configuration_check import DRIVES, drives_of
-from delta3_pacdrive.sercos.telegrams import JOINTS, joints_of
 
 yourdfpy = pytest.importorskip('yourdfpy', reason='the reader of URDF, yourdfpy, is not installed')
 

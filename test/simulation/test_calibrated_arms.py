@@ -5,7 +5,7 @@ import pytest
 
 from built_plant import with_only
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.simulation import run
 from delta3_pacdrive.simulation.robot import Robot
 

@@ -5,12 +5,12 @@ import pytest
 
 import delta3_pacdrive as d3
 from delta3_pacdrive import simulation
+from delta3_pacdrive.cell import cell_file
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.dynamics import gravity
 from delta3_pacdrive.errors import CellError
-from delta3_pacdrive.motion import program_file
 from delta3_pacdrive.parameters import config_directory
-from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.recording.signals import REQUESTED_SIGNALS
 
 OF_CELL = ('cell_inputs', 'cell_vacuum', 'cell_payload', 'cell_belts', 'cell_force')

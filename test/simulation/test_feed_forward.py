@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters
-from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.simulation import placed, run
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot

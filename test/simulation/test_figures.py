@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics, parameters, simulation
-from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
-from delta3_pacdrive.controller.transformation import Transformation
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
+from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
+from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.program import file_reader as programs
 
 GEAR = 32.0
 CYCLE_S = 1e-3

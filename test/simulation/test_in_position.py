@@ -8,9 +8,9 @@ import pytest
 
 from delta3_pacdrive import simulation
 from delta3_pacdrive.cli.main import main
-from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
+from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
 from planned import dwell, output, parse, plan, refusal, to
 
 # where the motors hold least

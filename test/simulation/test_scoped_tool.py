@@ -5,7 +5,7 @@ import pytest
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording.acquisition import Acquisition, setting
 
 CHANNELS = [

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.analysis.residual_vibration import (
+from delta3_pacdrive.benchmarks import shaping
+from delta3_pacdrive.cli import plan as plan_command
+from delta3_pacdrive.errors import TraceError
+from delta3_pacdrive.studies.framework.residual_vibration import (
     ARRIVES_S,
     after_stop,
     predicted_swings,
     swing_m,
 )
-from delta3_pacdrive.benchmarks import shaping
-from delta3_pacdrive.cli import plan as plan_command
-from delta3_pacdrive.errors import TraceError
 from planned import dwell, parse, to
 
 START = (-0.1525, 0.0, -0.85)

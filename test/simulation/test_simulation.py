@@ -8,12 +8,12 @@ import pytest
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.cli.main import main
-from delta3_pacdrive.controller.task_arrays import SETTLE_CYCLES
+from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.errors import ProgramError, RunError, TraceError
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.sercos.words import CONTROL_ENABLE
+from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation import run
 from delta3_pacdrive.simulation.robot import Robot
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.motion.limits import phase_voltage_max
-from delta3_pacdrive.motion.program_file import load
+from delta3_pacdrive.planning.limits.limits import phase_voltage_max
+from delta3_pacdrive.planning.program.file_reader import load
 
 OVER = 1.01  # of a limit: what the loops add to the commanded torque
 HEIGHT_M = 0.045

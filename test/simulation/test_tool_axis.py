@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from delta3_pacdrive import cell, parameters, simulation
-from delta3_pacdrive.controller.transformation import Transformation
+from delta3_pacdrive import parameters, scripting, simulation
+from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import ProgramError, RunError
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.resume import resume
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.planning.resume import resume
 from delta3_pacdrive.recording.signals import TURN_SIGNALS
 from delta3_pacdrive.simulation.cycle import SimulatedOperation
 from delta3_pacdrive.simulation.robot import Robot
@@ -337,7 +337,7 @@ def test_a_plan_from_where_the_tool_does_not_stand_is_not_loaded(machine):
 
 
 def test_a_script_turns_the_tool_with_the_same_calls(machine):
-    with cell.simulate(machine, name='turning') as robot:
+    with scripting.simulate(machine, name='turning') as robot:
         robot.turn(to_deg=30)
         robot.move_l(to_mm=[50, 0, -800], turn_deg=90, blend_mm=10)
         robot.move_l(to_mm=[50, 50, -800], turn_deg={'by_deg': 45})

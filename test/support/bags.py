@@ -11,9 +11,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from delta3_pacdrive.errors import Delta3Error, TraceError
 from delta3_pacdrive.recording import trace_file
-from delta3_pacdrive.recording.bag_files import zstd
+from delta3_pacdrive.recording.bags.bag_files import zstd
 from delta3_pacdrive.recording.signals import SIGNALS
-from delta3_pacdrive.sercos.bus_time import NANOSECONDS, Clock
+from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS, Clock
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JOINT_STATE, POINT, VECTOR = (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive.cell import cell_file
 
 QUICK = {'speed_m_s': 4.0, 'acceleration_m_s2': 40.0, 'jerk_m_s3': 4000.0}
 ON_IT_M = 2e-5  # above the top of a part: the robot stands on it

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from delta3_pacdrive.plant.plant import Plant
+from delta3_pacdrive.robot.plant.plant import Plant
 
 GEAR, K_M, BRAKE_N_M = 32.0, 0.78, 3.0
 STEP_S = 62.5e-6

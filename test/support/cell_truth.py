@@ -9,8 +9,8 @@ import pytest
 import belts
 import delta3_pacdrive as d3
 from bags import CLOCK, JOINT_STATE, META, STORE, TYPES, message, numbers, record
-from delta3_pacdrive import cell
-from delta3_pacdrive.peripherals import world
+from delta3_pacdrive import scripting
+from delta3_pacdrive.cell import world
 
 TEXT = 'std_msgs/msg/String'
 CELL_TYPES = {'cell/scene': TEXT, 'cell/parts': TEXT, 'sercos/at/belts': JOINT_STATE}
@@ -82,7 +82,7 @@ def picks_from_a_belt(**of_belt):
     """Simulate a script that takes two of three parts from a belt; return trace and truth."""
     with (
         witnessed() as truth,
-        cell.simulate('model', cell=belts.around([belts.speed_of(0.5)], 3, **of_belt)) as robot,
+        scripting.simulate('model', cell=belts.around([belts.speed_of(0.5)], 3, **of_belt)) as robot,
     ):
         for _ in range(2):
             belts.pick(robot)

@@ -10,9 +10,15 @@ import math
 
 import numpy as np
 
-from delta3_pacdrive.motion.path import sample_path
-from delta3_pacdrive.motion.path_dynamics import CENTRIFUGAL, INERTIAL, RATE, WEIGHT, path_coefficients
-from delta3_pacdrive.motion.virtual_master import sample_master
+from delta3_pacdrive.planning.paths.path import sample_path
+from delta3_pacdrive.planning.paths.path_dynamics import (
+    CENTRIFUGAL,
+    INERTIAL,
+    RATE,
+    WEIGHT,
+    path_coefficients,
+)
+from delta3_pacdrive.planning.paths.virtual_master import sample_master
 
 ITERATIONS_MAX = 300
 SEARCHES = ({'mu_init': 1e-4}, {'mu_init': 1e-2}, {'mu_strategy': 'adaptive'})  # how IPOPT begins, in turn

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from delta3_pacdrive.drive.arrays import DriveState
-from delta3_pacdrive.drive.diagnostics import DriveFault
-from delta3_pacdrive.drive.mc4 import MC4
-from delta3_pacdrive.sercos.words import CONTROL_ENABLE, Status, in_torque
+from delta3_pacdrive.robot.drive.arrays import DriveState
+from delta3_pacdrive.robot.drive.diagnostics import DriveFault
+from delta3_pacdrive.robot.drive.mc4 import MC4
+from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE, Status, in_torque
 from delta3_pacdrive.simulation.robot import Robot
 
 INCREMENT_RAD = math.tau / 2**19

@@ -1,17 +1,11 @@
 """Estimations of the default robot from its own signals."""
 
-from delta3_pacdrive.analysis.estimation.geometry_model import GeometryModel
-from delta3_pacdrive.analysis.estimation.identifiability import Verdict
-from delta3_pacdrive.analysis.estimation.motor_models import TorqueModel, WindingModel
-from delta3_pacdrive.analysis.estimation.problem import Problem
-from delta3_pacdrive.analysis.estimation.quantities import (
-    COMBINATIONS,
-    GROUPS,
-    TABLE,
-    start_values,
-    values_of,
-)
-from delta3_pacdrive.analysis.estimation.solver import fit
+from delta3_pacdrive.studies.estimation.geometry_model import GeometryModel
+from delta3_pacdrive.studies.estimation.identifiability import Verdict
+from delta3_pacdrive.studies.estimation.motor_models import TorqueModel, WindingModel
+from delta3_pacdrive.studies.estimation.problem import Problem
+from delta3_pacdrive.studies.estimation.quantities import COMBINATIONS, GROUPS, TABLE, start_values, values_of
+from delta3_pacdrive.studies.estimation.solver import fit
 
 EXACT = 1e-3  # relative, without noise; the issue asks for 1e-2
 THROUGH = [[0.0, 0.25, -0.86], [-0.3, 0.1, -0.74], [-0.1, -0.3, -0.9], [0.25, -0.2, -0.75], [0.2, 0.0, -0.8]]

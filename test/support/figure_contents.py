@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
-from delta3_pacdrive.analysis.run_signals import ZOOM_S, busiest, derivatives, program_part, slope
-from delta3_pacdrive.recording import quantities
 from delta3_pacdrive.recording.signals import columns_of
+from delta3_pacdrive.recording.tables import quantities
+from delta3_pacdrive.studies.runs.run_signals import ZOOM_S, busiest, derivatives, program_part, slope
 from figures_read import Panel, band, bars, level, line, mark
 
 START = 'time from program start'
@@ -179,7 +179,7 @@ def oscilloscope(record):
 
 
 def compared(comparison, title, name, symbol, shown=None, marked=None):
-    from delta3_pacdrive.analysis.experiments.compared_signals import QUANTITIES
+    from delta3_pacdrive.studies.thesis.experiments.compared_signals import QUANTITIES
 
     begin, end = shown or (-math.inf, math.inf)
     rows = (comparison.time_s >= begin) & (comparison.time_s <= end)
@@ -240,7 +240,7 @@ def compared_errors(comparison, title):
 
 
 def attributed(attribution, title):
-    from delta3_pacdrive.analysis.experiments.compared_signals import QUANTITIES
+    from delta3_pacdrive.studies.thesis.experiments.compared_signals import QUANTITIES
 
     names = [name for name in ('tcp_error_norm', 'current', 'arm_angle', 'tcp_error_norm_true')
              if (name, 'deviation') in attribution.outcomes]  # fmt: skip

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from delta3_pacdrive.analysis.figure_style import UNITS_OF_KEYS
+from delta3_pacdrive.studies.framework.figure_style import UNITS_OF_KEYS
 
 RAD = math.degrees(1.0)
 # drawn value = factor x value in SI units
@@ -249,4 +249,4 @@ def function_of(draw):
 
 def name_of(function):
     """Return the name of a drawing function: its module within the analysis, and its own."""
-    return f'{function.__module__.removeprefix("delta3_pacdrive.analysis.")}.{function.__name__}'
+    return f'{function.__module__.removeprefix("delta3_pacdrive.studies.")}.{function.__name__}'

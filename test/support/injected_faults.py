@@ -1,8 +1,8 @@
 """Faults that tests inject: one of each kind, and a program that they happen to."""
 
 from delta3_pacdrive import simulation
-from delta3_pacdrive.faults.fault import KINDS, Target
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.robot.faults.fault import KINDS, Target
 
 HOME = [0.0, 0.0, -0.78]
 LINE = {'start_m': HOME, 'moves': [{'move_l': {'to_m': [0.2, 0.0, -0.78], 'speed_m_s': 0.4}}]}

@@ -9,10 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from delta3_pacdrive.analysis.line import parts, shift, specification
-from delta3_pacdrive.analysis.line.cycle_times import CycleTable, Station
-from delta3_pacdrive.analysis.line.design import Line
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.studies.fleet.line import shift, specification
+from delta3_pacdrive.studies.fleet.line import shift as parts
+from delta3_pacdrive.studies.fleet.line.cycle_times import CycleTable, Station
+from delta3_pacdrive.studies.fleet.line.design import Line
 
 ROBOT = {'belt': 'infeed', 'middle_mm': [0, 100, -870], 'window_mm': [-250, 300], 'place_mm': [0, -200, -830]}
 STEP_M = 1.2

@@ -5,8 +5,8 @@ import functools
 import numpy as np
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.analysis.calibration import estimation, model, planning
-from delta3_pacdrive.analysis.calibration.data import Measurements, Method, Requirements
+from delta3_pacdrive.studies.calibration import estimation, model, planning
+from delta3_pacdrive.studies.calibration.data import Measurements, Method, Requirements
 
 TRUTH = np.concatenate(
     [

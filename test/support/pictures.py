@@ -11,7 +11,7 @@ from matplotlib.text import Text
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from delta3_pacdrive.analysis import report_folder
+from delta3_pacdrive.studies.framework import report_folder
 from thoroughness import EVERYTHING
 
 

@@ -5,9 +5,9 @@ import pytest
 
 from delta3_pacdrive import dynamics, kinematics
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion import program_planner
-from delta3_pacdrive.motion.plan import Plan, sample_plan
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.plan import Plan, sample_plan
+from delta3_pacdrive.planning.program import file_reader as programs
 
 HOME = (0.0, 0.0, -0.75)
 EXACT = 1e-12

@@ -4,12 +4,12 @@ import json
 from dataclasses import replace
 from typing import Any
 
-from delta3_pacdrive.controller.messages import Origin, Request, Status, Verdict
-from delta3_pacdrive.controller.planner import Planner
-from delta3_pacdrive.controller.planner_actions import Ordered, Replied, Working
-from delta3_pacdrive.controller.planning_job import work
-from delta3_pacdrive.motion.execution import MotionProfile, Timeline
-from delta3_pacdrive.motion.plan import Plan
+from delta3_pacdrive.control.messages import Origin, Request, Status, Verdict
+from delta3_pacdrive.control.queue.planner import Planner
+from delta3_pacdrive.control.queue.planner_actions import Ordered, Replied, Working
+from delta3_pacdrive.control.queue.planning_job import work
+from delta3_pacdrive.planning.execution import MotionProfile, Timeline
+from delta3_pacdrive.planning.plan import Plan
 
 LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.2}}]'
 HOME = (0.0, 0.0, -0.75)

@@ -3,7 +3,7 @@
 import pytest
 
 from delta3_pacdrive.errors import ProgramError
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
 
 SENTENCE_MAX = 500  # of one error
 

@@ -2,7 +2,7 @@
 
 import math
 
-from delta3_pacdrive.analysis.estimation.thesis_setup import FACTORS
+from delta3_pacdrive.studies.estimation.thesis_setup import FACTORS
 
 MM, UM, MS, PERCENT, DEG, RPM = 1e3, 1e6, 1e3, 100.0, math.degrees(1.0), 60.0 / math.tau
 

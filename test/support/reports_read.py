@@ -13,7 +13,7 @@ from unittest import mock
 
 import numpy as np
 
-from delta3_pacdrive.analysis.report_folder import ReportFolder
+from delta3_pacdrive.studies.framework.report_folder import ReportFolder
 from figures_read import function_of, name_of, read_figure
 from place_figures import CONTENTS
 from report_contents import TABLES

@@ -24,11 +24,11 @@ from std_msgs.msg import String
 
 import commands
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.controller.messages import Origin, Status
+from delta3_pacdrive.control.messages import Origin, Status
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
-from delta3_pacdrive.ros.qos import LATCHED
+from delta3_pacdrive.ros.wire.qos import LATCHED
 
 DEADLINE_S = (
     30.0  # longest motion that is waited for: 2,000 bus cycles, at 110 a second on a busy slow machine
@@ -74,7 +74,7 @@ def own_domain() -> Iterator[None]:
             'FASTDDS_DEFAULT_PROFILES_FILE',
         ):
             patch.delenv(name, raising=False)
-        from delta3_pacdrive.ros import discovery
+        from delta3_pacdrive.ros.wire import discovery
 
         discovery.keep_to_this_machine()
         yield

@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.cell.link import Snapshot
-from delta3_pacdrive.controller.belt_axes import belts_text
-from delta3_pacdrive.controller.control import Operator
-from delta3_pacdrive.controller.cyclic_operation import Timing
-from delta3_pacdrive.controller.messages import EXACT, EXTEND, ORDER, PROFILE, Origin, Request
-from delta3_pacdrive.controller.plan_intake import MoreMoves, Order
-from delta3_pacdrive.controller.robot_actions import AccessRequested, Replied
-from delta3_pacdrive.controller.robot_controller import RobotController
-from delta3_pacdrive.controller.script_gate import GateState
-from delta3_pacdrive.controller.script_service import (
+from delta3_pacdrive.belts.image import belts_text
+from delta3_pacdrive.cell.world import World
+from delta3_pacdrive.control.cycle.plan_intake import MoreMoves, Order
+from delta3_pacdrive.control.messages import EXACT, EXTEND, ORDER, PROFILE, Origin, Request
+from delta3_pacdrive.control.operation.control import Operator
+from delta3_pacdrive.control.operation.cyclic_operation import Timing
+from delta3_pacdrive.control.operation.robot_actions import AccessRequested, Replied
+from delta3_pacdrive.control.operation.robot_controller import RobotController
+from delta3_pacdrive.control.operation.script_gate import GateState
+from delta3_pacdrive.control.operation.script_service import (
     ABANDON,
     ATTACH,
     GET_ON,
@@ -25,15 +25,15 @@ from delta3_pacdrive.controller.script_service import (
     WAIT,
     condition_text,
 )
-from delta3_pacdrive.controller.wait_condition import WaitCondition
+from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
-from delta3_pacdrive.faults.schedule import Schedule
-from delta3_pacdrive.motion.extension import Row
-from delta3_pacdrive.motion.output_names import OWN
-from delta3_pacdrive.peripherals.world import World
-from delta3_pacdrive.sercos.configuration_check import DRIVES, PARTICIPANTS, Identity
-from delta3_pacdrive.sercos.participants import Announcement, Occasion
-from delta3_pacdrive.sercos.service_channel import Answer
+from delta3_pacdrive.planning.extension import Row
+from delta3_pacdrive.planning.program.output_names import OWN
+from delta3_pacdrive.robot.faults.schedule import Schedule
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PARTICIPANTS, Identity
+from delta3_pacdrive.robot.sercos.participants import Announcement, Occasion
+from delta3_pacdrive.robot.sercos.service_channel import Answer
+from delta3_pacdrive.scripting.link import Snapshot
 from delta3_pacdrive.simulation.belts import axes_of, readings
 from delta3_pacdrive.simulation.robot import Robot
 

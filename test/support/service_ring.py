@@ -4,9 +4,8 @@ from collections import deque
 
 from hypothesis import strategies as st
 
-from delta3_pacdrive.sercos.service_channel import IDLE, Access, Answer, Operation, parse_idn
-from delta3_pacdrive.sercos.service_master import ANSWER_CYCLES_MAX, ServiceMaster
-from delta3_pacdrive.sercos.service_slave import ServiceSlave
+from delta3_pacdrive.robot.sercos.service_channel import IDLE, Access, Answer, Operation, parse_idn
+from delta3_pacdrive.robot.sercos.service_endpoints import ANSWER_CYCLES_MAX, ServiceMaster, ServiceSlave
 
 KV, K_I, MASS_OBSERVER, SPEED, UNKNOWN = (
     parse_idn(text) for text in ('S-0-0104', 'P-0-0011', 'P-0-0022', 'S-0-0040', 'S-0-4000')

@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 import figure_contents as runs
-from delta3_pacdrive.analysis.figure_style import label_of_key
-from delta3_pacdrive.analysis.jacobian import condition
-from delta3_pacdrive.analysis.jacobian.mapping import LENGTHS, Pose
-from delta3_pacdrive.analysis.line.report import by_minute
-from delta3_pacdrive.analysis.sweep.effects import effects as effects_of
-from delta3_pacdrive.analysis.tuning.response import decibels, degrees
-from delta3_pacdrive.analysis.workspace.evaluation import LIMITS
-from delta3_pacdrive.motion.capability import REACHED
+from delta3_pacdrive.planning.limits.capability import REACHED
+from delta3_pacdrive.studies.drives.loops.response import decibels, degrees
+from delta3_pacdrive.studies.fleet.line.report import by_minute
+from delta3_pacdrive.studies.fleet.sweep.effects import effects as effects_of
+from delta3_pacdrive.studies.framework.figure_style import label_of_key
+from delta3_pacdrive.studies.places.workspace.evaluation import LIMITS
+from delta3_pacdrive.studies.thesis.jacobian import condition
+from delta3_pacdrive.studies.thesis.jacobian.mapping import LENGTHS, Pose
 from figures_read import FACTORS, RAD, Panel, band, bars, dots, level, line, mark
 
 PERCENT = 1e-2

@@ -10,9 +10,9 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REQUEST
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED, REQUEST
 
 AXES = ['axis1', 'axis2', 'axis3']
 GEAR = 32.0

@@ -15,9 +15,9 @@ from std_msgs.msg import String
 from delta3_pacdrive.cli import faults
 from delta3_pacdrive.cli.output import INTERRUPTED
 from delta3_pacdrive.errors import FaultCode, RobotFault
-from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS
-from delta3_pacdrive.ros.qos import LATCHED
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.faults.fault import KINDS, PROCESS_FAULTS
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.ros.wire.qos import LATCHED
 from delta3_pacdrive.verification.fault_catalogue import cases
 from robots import read_until
 

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.motion import program_file as programs
+from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording import trace_file
 from thoroughness import some
 

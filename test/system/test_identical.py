@@ -16,20 +16,20 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.analysis import derived_signals, runs, trace_export
-from delta3_pacdrive.analysis.run_energy import energy_of_round
-from delta3_pacdrive.motion import learned as learned_torques
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion.learned import Learned, Origin
-from delta3_pacdrive.peripherals import cell_file
+from delta3_pacdrive.cell import cell_file
+from delta3_pacdrive.planning import learned_torques
+from delta3_pacdrive.planning.learned_torques import Learned, Origin
+from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.recording import trace_file
-from delta3_pacdrive.recording.bag_reader import open_bag
+from delta3_pacdrive.recording.bags.bag_reader import open_bag
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, JOINT_MOTION, TURN_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.sercos.bus_time import Clock
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER
-from delta3_pacdrive.sercos.bus_time import Clock
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER
+from delta3_pacdrive.studies.runs import derived_signals, runs, trace_export
+from delta3_pacdrive.studies.runs.run_signals import energy_of_round
 from thoroughness import some
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]

@@ -16,9 +16,9 @@ Runner = Callable[..., subprocess.CompletedProcess[str]]
 
 AROUND = 'name: one input\ninputs: {start: {}}\n'
 WORKS = """
-from delta3_pacdrive import cell
+from delta3_pacdrive import scripting
 
-with cell.connect() as robot:
+with scripting.connect() as robot:
     print('works', flush=True)
     while True:
         robot.move_l(to_mm=[100, 0, -800], speed_m_s=0.2)

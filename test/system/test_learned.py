@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import parameters, simulation
-from delta3_pacdrive.motion import learned as learned_torques
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion.learned import Learned, Origin
+from delta3_pacdrive.planning import learned_torques
+from delta3_pacdrive.planning.learned_torques import Learned, Origin
+from delta3_pacdrive.planning.program import file_reader as programs
 from robots import nothing_is_left, read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]

@@ -13,8 +13,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
-from delta3_pacdrive.sercos.telegrams import JOINTS
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED
 from robots import PACE
 
 READY_S = 30.0

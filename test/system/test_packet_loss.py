@@ -18,7 +18,7 @@ import pytest
 
 from delta3_pacdrive.benchmarks import two_hosts
 from delta3_pacdrive.bringup.robot_processes import STUCK_MAX_S, STUCK_S
-from delta3_pacdrive.ros.domain import DISCOVERY_PORT, DOMAIN_PORTS
+from delta3_pacdrive.ros.wire.domain import DISCOVERY_PORT, DOMAIN_PORTS
 from robots import DOMAIN
 from thoroughness import some
 
@@ -41,7 +41,7 @@ BACK_S = (
 OPERATOR = f"""
 import json, sys, time
 from delta3_pacdrive.errors import RefusedError
-from delta3_pacdrive.ros.robot_client import operating
+from delta3_pacdrive.ros.clients.robot_client import operating
 
 def is_reset():
     if operator.progress['fault']:

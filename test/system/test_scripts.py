@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from delta3_pacdrive import cell, parameters
-from delta3_pacdrive.cell import script as scripts
+from delta3_pacdrive import parameters, scripting
 from delta3_pacdrive.recording import trace_file
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
+from delta3_pacdrive.scripting import script as scripts
 from robots import PACE, nothing_is_left, read_until
 
 Runner = Callable[..., subprocess.CompletedProcess[str]]
@@ -63,7 +63,7 @@ def test_a_script_has_the_bits_of_the_simulation_on_a_graph_without_a_clock(
     decides.write_text(DECIDES)
     sensor.write_text(SENSOR)
     robot = parameters.load(parameters.of_run(None, str(decides)))
-    with cell.simulate(robot, cell=sensor) as simulated:
+    with scripting.simulate(robot, cell=sensor) as simulated:
         scripts.load(decides).run(simulated)
     trace = simulated.trace
     options = ['--single-process', '--real-time-factor', '0', '--bag', bag, '--json']
@@ -136,7 +136,7 @@ def test_a_script_on_a_belt_has_the_bits_of_the_simulation_on_a_graph_without_a_
 ) -> None:
     script, around = belt
     robot = parameters.load(parameters.of_run(None, str(script)))
-    with cell.simulate(robot, cell=around) as simulated:
+    with scripting.simulate(robot, cell=around) as simulated:
         scripts.load(script).run(simulated)
     trace, bag = simulated.trace, tmp_path / 'bag'
     done = delta3(
@@ -181,16 +181,16 @@ def test_a_script_that_dies_ends_the_run_with_its_line(
 
 
 TWO = """
-from delta3_pacdrive import cell
+from delta3_pacdrive import scripting
 
-with cell.connect() as robot:
+with scripting.connect() as robot:
     try:
-        with cell.connect():
+        with scripting.connect():
             print('two at a time')
-    except cell.ScriptError as error:
+    except scripting.ScriptError as error:
         print(error)
     print(robot.state().motion)
-with cell.connect(name='another') as robot:
+with scripting.connect(name='another') as robot:
     print(robot.state().motion)
 """
 
@@ -198,9 +198,9 @@ with cell.connect(name='another') as robot:
 # a robot that is up -------------------------------------------------------------------------------------------------
 
 SLOW = """
-from delta3_pacdrive import cell
+from delta3_pacdrive import scripting
 
-with cell.connect() as robot:
+with scripting.connect() as robot:
     robot.move_l(to_mm=[SIDE, 0, -800], speed_m_s=0.05)
     robot.wait_time(0.3)
     print(robot.state().motion, flush=True)

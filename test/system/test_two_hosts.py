@@ -12,7 +12,7 @@ import pages
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.benchmarks import network
 from delta3_pacdrive.benchmarks.two_hosts import Conditions, Host, Link, end, lack, two_hosts
-from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(bool(LACK), reason=f'there cannot be two hosts h
 
 MESSAGES, PORT = 400, 5555
 AWAIT_END = """
-from delta3_pacdrive.ros.robot_client import operating
+from delta3_pacdrive.ros.clients.robot_client import operating
 with operating('/') as operator:
     operator.wait_until(lambda: operator.progress.get('finished'), 'end of the program', 200.0)
     print(operator.progress['lost_telegrams'], operator.progress['fault'])

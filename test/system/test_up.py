@@ -17,8 +17,8 @@ import pytest
 from delta3_pacdrive import parameters
 from delta3_pacdrive.bringup.scheduling import PREFERRED_NICENESS, real_time_is_permitted
 from delta3_pacdrive.errors import RefusedError
-from delta3_pacdrive.recording.bag_reader import open_bag
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.recording.bags.bag_reader import open_bag
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from robots import PACE, nothing_is_left, read_until
 from thoroughness import some
 

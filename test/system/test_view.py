@@ -18,7 +18,7 @@ import pytest
 
 from browser import Visit
 from delta3_pacdrive.recording import trace_file
-from delta3_pacdrive.ros import discovery
+from delta3_pacdrive.ros.wire import discovery
 from delta3_pacdrive.view.jog import JOG_JERK_M_S3
 from thoroughness import some
 

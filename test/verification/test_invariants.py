@@ -11,13 +11,13 @@ import pytest
 pytest.importorskip('sensor_msgs', reason='what a soak reads are ROS messages')
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, parse
-from delta3_pacdrive.motion import program_file
-from delta3_pacdrive.ros.polling import Taken
-from delta3_pacdrive.sercos.bus_time import NEVER, Clock
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES
-from delta3_pacdrive.sercos.telegrams import mdt_form, mdt_frame
-from delta3_pacdrive.sercos.words import CONTROL_ENABLE, CONTROL_ON, Phase
+from delta3_pacdrive.planning.program import file_reader as program_file
+from delta3_pacdrive.robot.faults.fault import AT_LOSSES, KINDS, MDT_LOSSES, parse
+from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import mdt_form, mdt_frame
+from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE, CONTROL_ON, Phase
+from delta3_pacdrive.ros.wire.polling import Taken
 from delta3_pacdrive.verification import invariants
 from delta3_pacdrive.verification.soak import programs as soak_programs
 from delta3_pacdrive.verification.soak.runner import memory_mb

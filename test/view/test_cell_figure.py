@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
+from delta3_pacdrive.cell.cell_scene import Kind, Thing
 from delta3_pacdrive.view.cell_figure import MARKS_M, THINGS_MAX, CellFigure
 from delta3_pacdrive.view.values import PARTS_MAX, CellInstant, PartPlace
 

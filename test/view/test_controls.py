@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.configuration.packaged import program_names
-from delta3_pacdrive.faults.fault import KINDS, parse
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.robot.faults.fault import KINDS, parse
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
 from delta3_pacdrive.view import playback
 from delta3_pacdrive.view.controls import PROGRAM_BYTES_MAX, Controls
 from delta3_pacdrive.view.jog import DIRECTIONS

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from delta3_pacdrive.view.ghost import FAR_M, FAR_RAD, ghost_of
+from delta3_pacdrive.view.figure import FAR_M, FAR_RAD, ghost_of
 from delta3_pacdrive.view.values import Instant, TurnInstant
 
 TCP, ERROR = np.array([0.1, 0.0, -0.8]), np.array([1e-4, 0.0, -2e-4])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from delta3_pacdrive.view.history import History
+from delta3_pacdrive.view.plots import History
 
 
 def filled(count, rows=50):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.peripherals import cell_file
-from delta3_pacdrive.peripherals.cell_scene import things_of
+from delta3_pacdrive.cell import cell_file
+from delta3_pacdrive.cell.cell_scene import things_of
 from delta3_pacdrive.view.serving import HOST, held
 from delta3_pacdrive.view.values import Instant
 

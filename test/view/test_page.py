@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from browser import Visit
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.peripherals.cell_scene import Kind, Thing
+from delta3_pacdrive.cell.cell_scene import Kind, Thing
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.jog import HEARTBEAT_HZ, SILENT_S
 from delta3_pacdrive.view.values import CellInstant, DriveFacts, Facts, InputFacts, Instant, PartPlace

@@ -10,10 +10,10 @@ import pytest
 import delta3_pacdrive as d3
 from cell_truth import picks_from_a_belt
 from delta3_pacdrive import kinematics, simulation
-from delta3_pacdrive.analysis import runs
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.motion import program_file
+from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.studies.runs import runs
 from delta3_pacdrive.view.playback import SPEEDS, Clock, Film, Player, overload_of
 from delta3_pacdrive.view.values import TurnInstant
 

@@ -9,7 +9,7 @@ import pytest
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.view import readout
-from delta3_pacdrive.view.input_rows import InputRows
+from delta3_pacdrive.view.controls import InputRows
 from delta3_pacdrive.view.plots import PLOTS, rows_of
 from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant, TurnInstant
 

@@ -10,7 +10,7 @@ from browser import Visit
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.recording.acquisition import Mode, Record, setting
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
 from delta3_pacdrive.view.scope_panel import ScopePanel, setting_of
 from delta3_pacdrive.view.serving import HOST, held
 

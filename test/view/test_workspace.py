@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from browser import Visit
-from delta3_pacdrive.analysis.workspace import evaluation, report
-from delta3_pacdrive.analysis.workspace.study import Settings
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.motion.capability import REACHED
+from delta3_pacdrive.planning.limits.capability import REACHED
+from delta3_pacdrive.studies.places.workspace import evaluation, report
+from delta3_pacdrive.studies.places.workspace.study import Settings
 from delta3_pacdrive.view.serving import HOST, held
 
 pytest.importorskip('viser', reason='the page needs the extra "view"')

@@ -11,25 +11,26 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
-from delta3_pacdrive.drive.bus_drive import BusDrive
 from delta3_pacdrive.errors import ParameterError, Reason
-from delta3_pacdrive.faults.fault import TASK
 from delta3_pacdrive.parameters import Parameters, of_tool_axis
-from delta3_pacdrive.ros import cdr, node_process
-from delta3_pacdrive.ros.announcements import Participant
-from delta3_pacdrive.ros.drive_parameters import WRITABLE, DriveParameters
-from delta3_pacdrive.ros.drive_report import DriveReport
-from delta3_pacdrive.ros.drive_scope import DriveScopeServer
-from delta3_pacdrive.ros.drive_telegrams import DriveTelegrams
+from delta3_pacdrive.robot.drive.bus_drive import BusDrive
+from delta3_pacdrive.robot.faults.fault import TASK
+from delta3_pacdrive.robot.sercos.bus_time import Clock
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT, drives_of
+from delta3_pacdrive.robot.sercos.participants import Occasion
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.robot.sercos.words import Phase
+from delta3_pacdrive.ros import node_process
+from delta3_pacdrive.ros.drive.drive_parameters import WRITABLE, DriveParameters
+from delta3_pacdrive.ros.drive.drive_report import DriveReport
+from delta3_pacdrive.ros.drive.drive_scope import DriveScopeServer
+from delta3_pacdrive.ros.drive.drive_telegrams import DriveTelegrams
 from delta3_pacdrive.ros.fault_injection import Faults
-from delta3_pacdrive.ros.interfaces import PHASE
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.robot_node import RobotNode
-from delta3_pacdrive.sercos.bus_time import Clock
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT, drives_of
-from delta3_pacdrive.sercos.participants import Occasion
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
-from delta3_pacdrive.sercos.words import Phase
+from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.ros.wire.announcements import Participant
+from delta3_pacdrive.ros.wire.interfaces import PHASE
 
 KIND = 'mc4_drive'
 HOUSEKEEPING_S = 0.25

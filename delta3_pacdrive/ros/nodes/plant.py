@@ -11,22 +11,23 @@ from typing import Any
 
 from std_msgs.msg import Header
 
-from delta3_pacdrive.drive.bus_drive import own_parameters
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.faults.fault import TASK
-from delta3_pacdrive.plant.bus_plant import BusPlant, current_max_a
-from delta3_pacdrive.ros import cdr, node_process
-from delta3_pacdrive.ros.announcements import Participant
+from delta3_pacdrive.robot.drive.bus_drive import own_parameters
+from delta3_pacdrive.robot.faults.fault import TASK
+from delta3_pacdrive.robot.plant.bus_plant import BusPlant, current_max_a
+from delta3_pacdrive.robot.sercos import telegrams
+from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PLANT, drives_of
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.robot.sercos.words import Phase
+from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.fault_injection import Faults
-from delta3_pacdrive.ros.interfaces import MOTOR_CURRENT, MOTOR_SHAFTS, PHASE
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
 from delta3_pacdrive.ros.plant_cell import InputRequests, PlantCell
 from delta3_pacdrive.ros.robot_node import RobotNode
-from delta3_pacdrive.sercos import telegrams
-from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, drives_of
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
-from delta3_pacdrive.sercos.words import Phase
+from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.ros.wire.announcements import Participant
+from delta3_pacdrive.ros.wire.interfaces import MOTOR_CURRENT, MOTOR_SHAFTS, PHASE
 
 KIND = 'plant'
 GREETING_S = 0.02

@@ -18,14 +18,15 @@ from std_msgs.msg import String
 
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.recording.bag_writer import FLUSH_S
-from delta3_pacdrive.recording.recording import Recording, Write
-from delta3_pacdrive.ros import discovery, node_process
-from delta3_pacdrive.ros.interfaces import PHASE, PLAN, PROGRESS, RECORDED, RECORDER_STATE, Topic
+from delta3_pacdrive.recording.bag_recording import Recording, Write
+from delta3_pacdrive.recording.bags.bag_writer import FLUSH_S
+from delta3_pacdrive.ros import node_process
+from delta3_pacdrive.ros.clients.remote_parameters import RemoteParameters
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot, overrides
-from delta3_pacdrive.ros.polling import PollingNode
 from delta3_pacdrive.ros.present_robot import RobotWatch
-from delta3_pacdrive.ros.told_parameters import RemoteParameters
+from delta3_pacdrive.ros.wire import discovery
+from delta3_pacdrive.ros.wire.interfaces import PHASE, PLAN, PROGRESS, RECORDED, RECORDER_STATE, Topic
+from delta3_pacdrive.ros.wire.polling import PollingNode
 
 DRAIN_S = 0.02
 QUIET_S = 0.2  # without a message: everything published has arrived

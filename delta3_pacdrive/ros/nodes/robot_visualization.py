@@ -17,15 +17,24 @@ from std_msgs.msg import Float64MultiArray, String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.controller.messages import Status
-from delta3_pacdrive.controller.planned_path import PlannedPath
+from delta3_pacdrive.control.cycle.planned_path import PlannedPath
+from delta3_pacdrive.control.messages import Status
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
-from delta3_pacdrive.ros import cdr, node_process
+from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
+from delta3_pacdrive.robot.sercos.configuration_check import drives_of
+from delta3_pacdrive.robot.sercos.telegram_codec import Decoded
+from delta3_pacdrive.robot.sercos.telegrams import Telegram, joint_states
+from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.cell_markers import CellMarkers
-from delta3_pacdrive.ros.cell_reader import CellReader
+from delta3_pacdrive.ros.clients.cell_reader import CellReader
 from delta3_pacdrive.ros.clock_output import ClockOutput
-from delta3_pacdrive.ros.interfaces import (
+from delta3_pacdrive.ros.parameters import declare_own, declare_robot
+from delta3_pacdrive.ros.present_robot import RobotWatch
+from delta3_pacdrive.ros.robot_markers import RobotMarkers
+from delta3_pacdrive.ros.task.planner_link import ROW_BYTES_MAX
+from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.ros.wire.interfaces import (
     JOINT_STATES,
     MARKERS,
     MOTION_PLAN,
@@ -37,18 +46,10 @@ from delta3_pacdrive.ros.interfaces import (
     TURN,
     Topic,
 )
-from delta3_pacdrive.ros.numbers import row_of
-from delta3_pacdrive.ros.parameters import declare_own, declare_robot
-from delta3_pacdrive.ros.planner_link import ROW_BYTES_MAX
-from delta3_pacdrive.ros.polling import PollingNode
-from delta3_pacdrive.ros.present_robot import RobotWatch
-from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import NEWEST
-from delta3_pacdrive.ros.robot_markers import RobotMarkers
-from delta3_pacdrive.sercos.bus_time import NANOSECONDS
-from delta3_pacdrive.sercos.configuration_check import drives_of
-from delta3_pacdrive.sercos.telegram_codec import Decoded
-from delta3_pacdrive.sercos.telegrams import Telegram, joint_states
+from delta3_pacdrive.ros.wire.numbers import row_of
+from delta3_pacdrive.ros.wire.polling import PollingNode
+from delta3_pacdrive.ros.wire.publishers import Output
+from delta3_pacdrive.ros.wire.qos import NEWEST
 
 KIND = 'robot_visualization'
 LOOK_S = 0.25  # between two checks for subscribers

@@ -9,7 +9,7 @@ import sys
 
 from delta3_pacdrive import interrupts, memory
 from delta3_pacdrive.errors import RunError, loading_failure
-from delta3_pacdrive.ros import domain
+from delta3_pacdrive.ros.wire import domain
 
 
 def unit_robot() -> int:

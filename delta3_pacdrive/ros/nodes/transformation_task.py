@@ -12,34 +12,32 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from delta3_pacdrive.controller.cycle import Command
-from delta3_pacdrive.controller.cyclic_operation import Timing
-from delta3_pacdrive.controller.robot_controller import RobotController
+from delta3_pacdrive.control.cycle.cycle import Command
+from delta3_pacdrive.control.operation.cyclic_operation import Timing
+from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.faults.fault import TASK, Fault
-from delta3_pacdrive.motion import learned
-from delta3_pacdrive.ros import cdr, node_process
-from delta3_pacdrive.ros.announcements import receive_announcements
-from delta3_pacdrive.ros.at_receiver import AtReceiver
-from delta3_pacdrive.ros.belt_receiver import BeltReceiver
-from delta3_pacdrive.ros.command_sender import CommandSender
+from delta3_pacdrive.planning import learned_torques as learned
+from delta3_pacdrive.robot.faults.fault import TASK, Fault
+from delta3_pacdrive.robot.sercos import master
+from delta3_pacdrive.robot.sercos.bus_time import Clock
+from delta3_pacdrive.robot.sercos.shared_clock import SharedClock
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.robot.sercos.words import Phase
+from delta3_pacdrive.ros import node_process
+from delta3_pacdrive.ros.clients.operator_services import OperatorServices
 from delta3_pacdrive.ros.fault_injection import FaultInjection, Faults
-from delta3_pacdrive.ros.input_receiver import InputReceiver
-from delta3_pacdrive.ros.interfaces import PHASE, second_writer
-from delta3_pacdrive.ros.operator_services import OperatorServices
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
-from delta3_pacdrive.ros.planner_link import PlannerLink
-from delta3_pacdrive.ros.polling import PollingNode
-from delta3_pacdrive.ros.progress_report import ProgressReport
-from delta3_pacdrive.ros.robot_outputs import RobotOutputs
-from delta3_pacdrive.ros.script_requests import ScriptRequests
-from delta3_pacdrive.ros.service_requests import offer_service_requests
-from delta3_pacdrive.ros.task_outputs import TaskOutputs
-from delta3_pacdrive.sercos import master
-from delta3_pacdrive.sercos.bus_time import Clock
-from delta3_pacdrive.sercos.shared_clock import SharedClock
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
-from delta3_pacdrive.sercos.words import Phase
+from delta3_pacdrive.ros.task.belt_receiver import BeltReceiver
+from delta3_pacdrive.ros.task.command_sender import CommandSender
+from delta3_pacdrive.ros.task.outputs import RobotOutputs, TaskOutputs
+from delta3_pacdrive.ros.task.planner_link import PlannerLink
+from delta3_pacdrive.ros.task.progress_report import ProgressReport
+from delta3_pacdrive.ros.task.receivers import AtReceiver, InputReceiver
+from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.ros.wire.announcements import receive_announcements
+from delta3_pacdrive.ros.wire.interfaces import PHASE, second_writer
+from delta3_pacdrive.ros.wire.polling import PollingNode
+from delta3_pacdrive.ros.wire.service_requests import ScriptRequests, offer_service_requests
 
 KIND = 'transformation_task'
 STARTUP_S = 0.02

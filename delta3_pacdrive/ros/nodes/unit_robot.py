@@ -12,30 +12,31 @@ from typing import Any
 
 from std_msgs.msg import Float64MultiArray, Header, String
 
-from delta3_pacdrive.controller.messages import Origin, Status, Verdict
-from delta3_pacdrive.controller.planner import Planner
-from delta3_pacdrive.controller.tolerances import Tolerances
-from delta3_pacdrive.faults.fault import TASK, UNIT_ROBOT
-from delta3_pacdrive.motion import program_file as programs
-from delta3_pacdrive.motion.adapted_program import rest_of
-from delta3_pacdrive.motion.output_names import OWN
-from delta3_pacdrive.peripherals import cell_file
-from delta3_pacdrive.ros import interfaces, node_process
-from delta3_pacdrive.ros.announcements import Participant
+from delta3_pacdrive.cell import cell_file
+from delta3_pacdrive.control.messages import Origin, Status, Verdict
+from delta3_pacdrive.control.queue.planner import Planner
+from delta3_pacdrive.control.queue.tolerances import Tolerances
+from delta3_pacdrive.planning.adapted_program import rest_of
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.planning.program.output_names import OWN
+from delta3_pacdrive.robot.faults.fault import TASK, UNIT_ROBOT
+from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.fault_injection import Faults
-from delta3_pacdrive.ros.follow_joint_trajectory import FollowJointTrajectory, action_type
-from delta3_pacdrive.ros.newest_cycle import NewestCycle
-from delta3_pacdrive.ros.numbers import row_of
 from delta3_pacdrive.ros.parameters import declare_own, declare_robot
-from delta3_pacdrive.ros.planner_link import ROW_BYTES_MAX
-from delta3_pacdrive.ros.planner_outputs import PlannerOutputs
-from delta3_pacdrive.ros.planner_services import PlannerServices
-from delta3_pacdrive.ros.planning_thread import PlanningThread
-from delta3_pacdrive.ros.polling import PollingNode
-from delta3_pacdrive.ros.tolerance_monitor import ToleranceMonitor, tolerances_of
+from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory, action_type
+from delta3_pacdrive.ros.planner.planner_outputs import PlannerOutputs
+from delta3_pacdrive.ros.planner.planner_services import PlannerServices
+from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
+from delta3_pacdrive.ros.planner.tolerance_monitor import ToleranceMonitor, tolerances_of
+from delta3_pacdrive.ros.task.planner_link import ROW_BYTES_MAX
+from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire.announcements import Participant
+from delta3_pacdrive.ros.wire.newest_cycle import NewestCycle
+from delta3_pacdrive.ros.wire.numbers import row_of
+from delta3_pacdrive.ros.wire.polling import PollingNode
 from delta3_pacdrive.scene.urdf import urdf
-from delta3_pacdrive.sercos.bus_time import NEVER, Clock
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
 
 KIND = 'unit_robot'
 LOOK_S = 0.05  # period of the checks of timeouts and injected faults

@@ -4,10 +4,10 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from delta3_pacdrive.drive.diagnostics import FAULT_OF_NUMBER, FAULTS
 from delta3_pacdrive.errors import FaultCode, RobotFault, RunError
-from delta3_pacdrive.faults.fault import KINDS, NODES, PROCESS_FAULTS, TASK, UNIT_ROBOT
-from delta3_pacdrive.sercos.configuration_check import DRIVES, PLANT, TOOL_DRIVE
+from delta3_pacdrive.robot.drive.diagnostics import FAULT_OF_NUMBER, FAULTS
+from delta3_pacdrive.robot.faults.fault import KINDS, NODES, PROCESS_FAULTS, TASK, UNIT_ROBOT
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PLANT, TOOL_DRIVE
 
 
 class State(StrEnum):

@@ -11,14 +11,14 @@ from delta3_pacdrive import parameters as core
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.bringup.robot_processes import PROCESS_OF
-from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES
-from delta3_pacdrive.motion.execution import MotionProfile
+from delta3_pacdrive.planning.execution import MotionProfile
+from delta3_pacdrive.robot.faults.fault import AT_LOSSES, MDT_LOSSES
+from delta3_pacdrive.robot.sercos.bus_time import NEVER
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, drives_of
 from delta3_pacdrive.ros.fault_injection import read_schedule
-from delta3_pacdrive.ros.interfaces import DIAGNOSTICS, FAULT_SCHEDULE, PROFILE
-from delta3_pacdrive.ros.numbers import row_of
-from delta3_pacdrive.ros.qos import REPORT
-from delta3_pacdrive.sercos.bus_time import NEVER
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, drives_of
+from delta3_pacdrive.ros.wire.interfaces import DIAGNOSTICS, FAULT_SCHEDULE, PROFILE
+from delta3_pacdrive.ros.wire.numbers import row_of
+from delta3_pacdrive.ros.wire.qos import REPORT
 from delta3_pacdrive.verification.fault_catalogue.cases import Case
 from delta3_pacdrive.verification.operator import AutomatedOperator
 from delta3_pacdrive.verification.telegram_log import MDT, SHAFTS, TelegramLog, enabled_from

@@ -14,9 +14,9 @@ from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.scheduling import Schedule
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RobotFault, RunError
-from delta3_pacdrive.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, PLANT
+from delta3_pacdrive.robot.faults.fault import KINDS, PROCESS_FAULTS, UNIT_ROBOT
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, PLANT
 from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State
 from delta3_pacdrive.verification.fault_catalogue.observer import FaultObserver
 from delta3_pacdrive.verification.fault_catalogue.signatures import OF_AXIS, AxisRecord, coupling_of_arms

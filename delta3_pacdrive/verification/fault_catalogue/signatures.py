@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.sercos.configuration_check import ALL_DRIVES, DRIVES
-from delta3_pacdrive.sercos.telegrams import at
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import at
 from delta3_pacdrive.verification.telegram_log import SHAFTS, Telegrams
 
 ENCODER_RAD = 1e-4  # ten times the resolution of the encoder

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from delta3_pacdrive.faults.fault import KINDS, NODES, Target
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.faults.fault import KINDS, NODES, Target
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 
 RADIUS_M, TOP_M, BOTTOM_M = 0.35, -0.74, -0.92
 MOVES_MAX = 5

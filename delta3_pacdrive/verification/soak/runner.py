@@ -13,8 +13,8 @@ from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.scheduling import Schedule
 from delta3_pacdrive.errors import Delta3Error, ProgramError, RobotFault
-from delta3_pacdrive.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.faults.fault import AT_LOSSES, MDT_LOSSES, PROCESS_FAULTS
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.verification.invariants import Growth, Invariants, growth_of
 from delta3_pacdrive.verification.operator import AutomatedOperator, run_operated
 from delta3_pacdrive.verification.soak.programs import Drawn, draw

@@ -10,15 +10,15 @@ from std_msgs.msg import Header
 
 from delta3_pacdrive import dynamics, parameters
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.plant.plant_clock import REST_S
-from delta3_pacdrive.ros import cdr
+from delta3_pacdrive.robot.plant.plant_clock import REST_S
+from delta3_pacdrive.robot.sercos import telegrams
+from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.words import Phase, Status
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, REPORT
-from delta3_pacdrive.sercos import telegrams
-from delta3_pacdrive.sercos.bus_time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.sercos.configuration_check import DRIVES
-from delta3_pacdrive.sercos.words import Phase, Status
+from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED, REPORT
 
 ROBOT = parameters.load()
 CLOCK = Clock(ROBOT.bus.cycle_time_s)

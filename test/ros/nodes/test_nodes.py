@@ -18,17 +18,17 @@ from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import load_program
 from delta3_pacdrive.errors import ParameterError
-from delta3_pacdrive.motion.adapted_program import rest_of
 from delta3_pacdrive.parameters import flatten, load
-from delta3_pacdrive.ros.drive_parameters import WRITABLE
+from delta3_pacdrive.planning.adapted_program import rest_of
+from delta3_pacdrive.ros.drive.drive_parameters import WRITABLE
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.parameters import SHOWN, shows
-from delta3_pacdrive.ros.qos import LATCHED
 from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.ros.wire.qos import LATCHED
 
 
 @pytest.mark.parametrize(

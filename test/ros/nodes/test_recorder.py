@@ -22,12 +22,12 @@ from delta3_pacdrive import parameters
 from delta3_pacdrive.bringup import scheduling
 from delta3_pacdrive.cli import record
 from delta3_pacdrive.errors import RunError
-from delta3_pacdrive.recording.bag_recovery import recover
+from delta3_pacdrive.recording.bags.bag_recovery import recover
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.ros import node_process
-from delta3_pacdrive.ros.interfaces import RECORDED
 from delta3_pacdrive.ros.nodes.recorder import RecorderNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED, PLAN_WRITER
-from delta3_pacdrive.sercos.configuration_check import DRIVES
+from delta3_pacdrive.ros.wire.interfaces import RECORDED
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED, PLAN_WRITER
 
 TMPFS_BYTES = 1 << 20
 SOON_S = 1.0  # for a recorder that has nothing else to do

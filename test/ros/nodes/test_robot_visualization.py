@@ -13,14 +13,14 @@ from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.ros.interfaces import JOINT_STATES, PARTS, SCENE, TCP_COMMAND, TCP_ERROR
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, LATCHED
-from delta3_pacdrive.ros.robot_client import OperatorNode
+from delta3_pacdrive.ros.wire.interfaces import JOINT_STATES, PARTS, SCENE, TCP_COMMAND, TCP_ERROR
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED
 from delta3_pacdrive.scene.parts import parts
 from delta3_pacdrive.scene.poses import poses
-from delta3_pacdrive.sercos.telegrams import JOINTS
 
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}

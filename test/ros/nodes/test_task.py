@@ -14,23 +14,23 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, RobotFault
-from delta3_pacdrive.faults.fault import TASK, parse
-from delta3_pacdrive.faults.schedule import Scheduled
-from delta3_pacdrive.ros import cdr, interfaces
-from delta3_pacdrive.ros.at_receiver import AtReceiver
+from delta3_pacdrive.robot.faults.fault import TASK, parse
+from delta3_pacdrive.robot.faults.schedule import Scheduled
+from delta3_pacdrive.robot.sercos import telegrams
+from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
+from delta3_pacdrive.robot.sercos.scheduler import BusStatistics
+from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.deferred_service import create_deferred_service
 from delta3_pacdrive.ros.fault_injection import LEAD_CYCLES, Faults
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.polling import PollingNode
-from delta3_pacdrive.ros.publishers import Output
-from delta3_pacdrive.ros.qos import CYCLIC_PUBLISHER, REPORT
-from delta3_pacdrive.ros.robot_client import OperatorNode
 from delta3_pacdrive.ros.robot_node import RobotNode
-from delta3_pacdrive.sercos import telegrams
-from delta3_pacdrive.sercos.bus_time import NEVER, Clock
-from delta3_pacdrive.sercos.statistics import BusStatistics
-from delta3_pacdrive.sercos.telegrams import NO_SESSION
+from delta3_pacdrive.ros.task.receivers import AtReceiver
+from delta3_pacdrive.ros.wire import cdr, interfaces
+from delta3_pacdrive.ros.wire.polling import PollingNode
+from delta3_pacdrive.ros.wire.publishers import Output
+from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, REPORT
 
 ROBOT = parameters.load()
 ON_REQUEST = {'motion__start_cycle': -1}

@@ -1,0 +1,76 @@
+"""Readers of single values, for ``Section.read``: each takes a value and its name and rejects invalid values."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from delta3_pacdrive.configuration.strict_reader import nearest_of, refuse
+from delta3_pacdrive.errors import shown
+
+
+def number(value: Any, where: str) -> float:
+    """Read a number; infinity is allowed."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        refuse(f'{where} must be a number, not {shown(value)}')
+    try:
+        read = float(value)
+    except OverflowError:
+        refuse(f'{where} is too large a number')
+    if math.isnan(read):
+        refuse(f'{where} must be a number, not nan')
+    return read
+
+
+def number_between(low: float, high: float) -> Callable[[Any, str], float]:
+    """Return a reader of numbers from ``low`` to ``high``."""
+
+    def read(value: Any, where: str) -> float:
+        found = number(value, where)
+        if not low <= found <= high:
+            refuse(f'{where} is {found:g}, but must be between {low:g} and {high:g}')
+        return found
+
+    return read
+
+
+def whole_number_between(low: int, high: int) -> Callable[[Any, str], int]:
+    """Return a reader of integers from ``low`` to ``high``."""
+
+    def read(value: Any, where: str) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            refuse(f'{where} is {shown(value)}, but must be a whole number between {low} and {high}')
+        return value
+
+    return read
+
+
+def one_of(names: Sequence[str]) -> Callable[[Any, str], str]:
+    """Return a reader of one of ``names``; the error suggests the closest."""
+
+    def read(value: Any, where: str) -> str:
+        if value not in names:
+            nearest = nearest_of(value, names)
+            refuse(f'{where} is {shown(value)}, but must be one of {", ".join(names)}{nearest}')
+        return str(value)
+
+    return read
+
+
+def flag(value: Any, where: str) -> bool:
+    """Read true or false."""
+    if not isinstance(value, bool):
+        refuse(f'{where} must be true or false, not {shown(value)}')
+    return value
+
+
+def line_of_text(characters_max: int) -> Callable[[Any, str], str]:
+    """Return a reader of one line of at most ``characters_max`` characters."""
+
+    def read(value: Any, where: str) -> str:
+        if not isinstance(value, str):
+            refuse(f'{where} must be a text, not {shown(value)}')
+        if len(value) > characters_max or not value.isprintable():
+            refuse(f'{where} must be one line of at most {characters_max} characters, not {shown(value)}')
+        return value
+
+    return read

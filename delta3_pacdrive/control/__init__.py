@@ -1,0 +1,1 @@
+"""The controller as pure state machines: no ROS, no clock, no thread; events in, actions out."""

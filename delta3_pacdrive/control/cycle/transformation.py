@@ -1,0 +1,556 @@
+"""The transformation task: computes the motor commands of each bus cycle and evaluates the drives' feedback.
+
+Each cycle evaluates the plan for the TCP position, the inverse kinematics for the arm angles and the gear ratio for the
+motor shafts (thesis 6, 7). Feedback is used only for the following error and supervision, never for the next command,
+because several cycles may be outstanding.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from delta3_pacdrive import kinematics
+from delta3_pacdrive.belts.meeting import BeltAxes
+from delta3_pacdrive.belts.tracking import BeltTracking
+from delta3_pacdrive.control.cycle.learned_torques import FAULT, LearnedTorques
+from delta3_pacdrive.control.cycle.position_wait import PositionWait
+from delta3_pacdrive.control.cycle.rotary_axis import TurnFigures, Turning, require_turns
+from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES, TASK, initialize_history, task_constants
+from delta3_pacdrive.control.cycle.task_cycle import answer_cycle, command_cycle, give
+from delta3_pacdrive.dynamics import gravity, inertia
+from delta3_pacdrive.errors import ProgramError, RobotFault, RunError
+from delta3_pacdrive.kinematics import geometry
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.execution import MasterState, MotionProfile, Timeline
+from delta3_pacdrive.planning.learned_torques import Learned
+from delta3_pacdrive.planning.paths.curves import point
+from delta3_pacdrive.planning.paths.move import TRACK_BIT, Move, MoveKind
+from delta3_pacdrive.planning.paths.virtual_master import rest
+from delta3_pacdrive.planning.plan import Plan
+from delta3_pacdrive.robot.motor import motor
+from delta3_pacdrive.robot.sercos.bus_time import NEVER
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.words import (
+    CONTROL_ENABLE,
+    CONTROL_MEASURE,
+    CONTROL_ON,
+    CONTROL_PROGRAM,
+    payload_on_grid,
+)
+
+# reset at the start of a program
+MEASURED = (
+    'measured_cycles', 'error_max', 'error_square_sum', 'following_error_max', 'current_peak', 'current_square_sum'
+)  # fmt: skip
+# each iteration reduces the error about a thousandfold, as gravity torque hardly changes within the twist
+TWIST_ITERATIONS = 4
+TOOL = len(DRIVES)  # index of the rotary axis, after the arms
+DISABLE_CYCLES = 40  # from standstill of the set points to disabling, for drives to detect their standstill
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Results of a program: TCP errors, set-point delay removed, and currents by axis.
+
+    ``current_peak_a`` and ``current_rms_a`` cover all samples of the current loops; None until read from the drives.
+    ``at_current_peak_a`` and ``at_current_rms_a`` cover the one sample per bus cycle in the AT.
+    """
+
+    measured_cycles: int
+    tcp_error_max_m: float
+    tcp_error_rms_m: float
+    following_error_max_rad: float
+    final_tcp_m: list[float]
+    current_peak_a: list[float | None]
+    current_rms_a: list[float | None]
+    at_current_peak_a: list[float]
+    at_current_rms_a: list[float]
+    turn: TurnFigures | None = None  # of the rotary axis, if present
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures under their names in run results."""
+        turn = {} if self.turn is None else self.turn.to_dict()
+        return {name: value for name, value in vars(self).items() if name != 'turn'} | turn
+        of_tool = {} if self.turn is None else self.turn.to_dict()
+        return {name: value for name, value in vars(self).items() if name != 'turn'} | of_tool
+
+
+class Transformation:
+    """Cyclic calculations of the controller, in bus cycles, without clock or messages.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the robot.
+    learned
+        Torques commanded in addition to the model's, only with the plan they were learned for.
+
+    """
+
+    def __init__(self, parameters: Parameters, learned: Learned | None = None) -> None:
+        self._parameters = parameters
+        # arrays of the compiled code: one record TASK, its state, commands [rad] and [N m], and ANSWER of the last AT
+        self.record = record = np.zeros(1, TASK)
+        record['constants'], record['geometry'] = task_constants(parameters), geometry(parameters.kinematics)
+        record['inertia'], record['motor'] = inertia(parameters), motor(parameters)
+        self.state: NDArray[Any] = record['state']
+        self.motors: Floats = record['motors'][0]
+        self.torques: Floats = record['torques'][0]
+        self.answer: np.void = record['answer'][0]
+        self.state['start_cycle'] = self.state['end_cycle'] = NEVER
+        self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
+        self.timeline = Timeline(_NO_PLAN, parameters.bus.cycle_time_s)
+        self._pending_profile: MotionProfile | None = None
+        # extended plan that takes effect at its profile's cycle, and the number of leading moves it omits
+        self._pending_plan: tuple[Timeline, int] | None = None
+        self.learned = LearnedTorques(parameters, learned, _NO_PLAN, self.state)
+        self.next_cycle = 0
+        self.loaded = False
+        self.extensions = 0  # plan extensions so far
+        self._wait = PositionWait(parameters)
+        self.tracking: BeltTracking | None = None
+        self.turning = Turning(parameters) if parameters.rotary.present else None
+        if self.turning is not None:
+            self.turning.precompile(record, self.timeline)
+        self.own_profile: MotionProfile | None = None  # the last one that the task generated itself
+        self.enable_cycle = self.disable_cycle = (
+            NEVER  # drives are enabled from the first to before the second
+        )
+        self._stop_cycle = NEVER
+        self._stop_hard = False
+        # first cycle that counts for the figures of the program, and the first after those
+        self._measured = NEVER, NEVER
+        # motor currents of the program [A] by axis over all samples; None until read from the drives
+        self.current_peak: list[float | None] = [None] * 3
+        self.current_rms: list[float | None] = [None] * 3
+
+    def follow_belts(self, belts: Sequence[BeltAxes]) -> None:
+        """Use these belts from now on and discard all earlier belt state."""
+        self.clear_belt()
+        self.tracking = BeltTracking(self._parameters, belts) if belts else None
+
+    def locate(self, motor_positions_rad: ArrayLike) -> Floats:
+        """Set the commanded position from the motor shafts by forward kinematics (6); return the TCP [m].
+
+        ``motor_positions_rad`` are those of the arms, followed by the rotary axis if known.
+        """
+        theta, twist, tcp = self._place(motor_positions_rad)
+        initialize_history(theta, twist, tcp, self.state[0])
+        self.locate_tool(motor_positions_rad)
+        return tcp
+
+    def locate_tool(self, motor_positions_rad: ArrayLike) -> None:
+        """Set the commanded tool angle from its shaft, unless that is within the position window."""
+        if self.tool_off_rad(motor_positions_rad) > 0.0 and self.turning is not None:
+            self.turning.set_position(float(np.asarray(motor_positions_rad)[TOOL]))
+
+    def tool_off_rad(self, motor_positions_rad: ArrayLike) -> float:
+        """Return the deviation of the tool from its command [rad]; 0 within the position window of its drive."""
+        shafts = np.asarray(motor_positions_rad, dtype=np.float64)
+        if self.turning is None or len(shafts) <= TOOL:
+            return 0.0
+        return self.turning.off_rad(float(shafts[TOOL]))
+
+    def distance_m(self, motor_positions_rad: ArrayLike) -> float:
+        """Return the distance of the TCP from its commanded position [m]; raises UnreachableError."""
+        _, _, tcp = self._place(motor_positions_rad)
+        return float(np.linalg.norm(tcp - self.state['tcp'][0]))
+
+    def _place(self, motor_positions_rad: ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Return arm angles and gear twists [rad], and the TCP [m], of a robot at rest."""
+        parameters = self._parameters
+        shaft = np.asarray(motor_positions_rad, dtype=np.float64)[:TOOL] / parameters.dynamics.gear_ratio
+        theta, twist = shaft, np.zeros(3)
+        if parameters.gear_gives:
+            compliance, half = parameters.gear_compliance_rad_n_m, 0.5 * parameters.control.gear_backlash_rad
+            loaded = parameters.replace(dynamics__payload_mass_kg=self.payload)
+            for _ in range(TWIST_ITERATIONS):
+                weight = gravity(theta, loaded).tolist()
+                twist = np.array([give(torque, compliance, half) for torque in weight])
+                theta = shaft - twist
+        return theta, twist, kinematics.forward(theta, parameters.kinematics)
+
+    def load(self, plan: Plan) -> None:
+        """Load a program, to be started by ``start``; raises ProgramError if its tool starts at another angle."""
+        self.require_turns(plan)
+        self.timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
+        if self.turning is not None:
+            self.turning.follow(plan)
+        self.state['end_cycle'] = self.timeline.end_cycle
+        self._clear_pending()
+        self.learned.load(plan)
+        self.loaded = True
+        state = self.state[0]
+        state['start_cycle'] = NEVER
+        state['move'] = state['event'] = 0
+        self._mark_measured()
+
+    def require_turns(self, plan: Plan) -> None:
+        """Raise ProgramError if the plan starts at another tool angle, or turns a tool that does not exist."""
+        require_turns(self.turning, plan)
+
+    def start(self, cycle: int, override: float = 1.0) -> int:
+        """Start the loaded program at a future cycle; return the first cycle in which the TCP is at its end."""
+        if not self.loaded:
+            raise RunError('no program is loaded')
+        if cycle < self.next_cycle:
+            raise RunError(f'bus cycle {cycle} is over, the next one is {self.next_cycle}')
+        self.timeline.start(cycle, override)
+        self.state['end_cycle'] = self.timeline.end_cycle
+        state = self.state[0]
+        state['start_cycle'], state['move'], state['event'] = cycle, 0, 0
+        state['payload'] = payload_on_grid(self.timeline.plan.move(0).payload_kg)
+        for name in MEASURED:
+            state[name] = 0
+        if self.turning is not None:
+            self.turning.begin()
+        self.current_peak, self.current_rms = [None] * 3, [None] * 3
+        self._mark_measured()
+        self._wait.begin(self.timeline)
+        self.learned.start(cycle, override)
+        return self.end_cycle
+
+    def hold(self, acceleration_m_s2: float = 0.0) -> MotionProfile:
+        """Stop the master on its path from the next cycle on; return the motion profile of the stop.
+
+        The deceleration is that of the move, or ``acceleration_m_s2`` if larger.
+        """
+        cycle = max(self.next_cycle, self.timeline.start_cycle)
+        self._switch_to_pending_plan(cycle)
+        self._clear_pending()
+        profile = self.timeline.stop(cycle, acceleration_m_s2)
+        self._follow(profile)
+        self._halt(hard=acceleration_m_s2 > 0.0)
+        return profile
+
+    def _halt(self, hard: bool) -> None:
+        """Bring the belt offset to rest from the next cycle on."""
+        if self.tracking is not None:
+            self.tracking.halt(self.next_cycle, hard)
+            if self.loaded:
+                self.state['end_cycle'] = max(self.end_cycle, self.tracking.rest_cycle)
+
+    def stop_at(self, cycle: int, hard: bool = False) -> None:
+        """Stop on the path from a future cycle on, then disable the drives.
+
+        A hard stop uses ``motion.fault_stop_acceleration_m_s2`` where the move allows less: while one axis does not
+        follow, the TCP leaves its path the more, the longer the other axes move.
+        """
+        self._stop_cycle = min(self._stop_cycle, max(cycle, self.next_cycle))
+        self._stop_hard = self._stop_hard or hard
+
+    def enable(self, cycle: int) -> None:
+        """Enable the drives from a future cycle on."""
+        self.enable_cycle = cycle
+
+    def disable(self) -> None:
+        """Disable the drives from the next cycle on."""
+        self.enable_cycle = NEVER
+
+    def clear(self) -> None:
+        """Clear program, pending stop and enabling, because cyclic operation has ended."""
+        self.clear_program()
+        self.clear_belt()
+        self.learned.fade_out(self.next_cycle, FAULT, for_good=True)
+        self._stop_cycle = self.enable_cycle = self.disable_cycle = NEVER
+        self._stop_hard = False
+
+    def _stop(self, cycle: int) -> None:
+        hard, self._stop_hard = self._stop_hard, False
+        self._stop_cycle = NEVER
+        self._clear_pending()  # a robot at rest stays at rest
+        self.learned.fade_out(cycle, FAULT, for_good=True)
+        if self.enable_cycle > cycle:
+            self.enable_cycle = NEVER
+        if self.loaded and cycle < int(self.state['start_cycle'][0]):
+            self.clear_program()
+        if self.loaded and (not self.held or (hard and cycle < self.end_cycle)):
+            self.hold(self._parameters.motion.fault_stop_acceleration_m_s2 if hard else 0.0)
+        self._halt(hard)
+        rest_cycle = max(self.end_cycle, cycle) if self.loaded else cycle
+        if self.tracking is not None:
+            rest_cycle = max(rest_cycle, self.tracking.rest_cycle)
+        self.disable_cycle = min(self.disable_cycle, rest_cycle + DISABLE_CYCLES)
+
+    def change(self, profile: MotionProfile) -> None:
+        """Switch to another motion profile at its cycle, which must be in the future; raises ProgramError."""
+        if profile.cycle < self.next_cycle:
+            raise ProgramError(f'bus cycle {profile.cycle} is over, the next one is {self.next_cycle}')
+        self.timeline.check(profile)
+        self._pending_profile = profile
+
+    def extend(self, first: int, kept: int, more: Plan, profile: MotionProfile) -> None:
+        """Switch to an extended plan at its profile's cycle, which must be in the future; raises ProgramError."""
+        timeline = self.timeline
+        if self._pending_profile is not None:
+            timeline = timeline.copy()
+            timeline.change(self._pending_profile)
+        if first != timeline.at(profile.cycle - 1).number:
+            raise ProgramError(f'move {first} is not the one that is driven in bus cycle {profile.cycle - 1}')
+        longer = timeline.plan.extended(first, kept, more)
+        if timeline.plan.turns is None:
+            self.require_turns(longer)
+        self._pending_plan = timeline.extended(longer, profile), first
+
+    @property
+    def extending(self) -> bool:
+        """Whether an extended plan is pending."""
+        return self._pending_plan is not None
+
+    def _switch_to_pending_plan(self, cycle: int) -> None:
+        """Activate the pending plan once its cycle is reached."""
+        if self._pending_plan is None or cycle < self._pending_plan[0].start_cycle:
+            return
+        self.timeline, left_out = self._pending_plan
+        self._pending_plan = None
+        if self.turning is not None:
+            self.turning.follow(self.timeline.plan)
+        self.state['move'] -= left_out
+        self.state['end_cycle'] = self.timeline.end_cycle
+        self._mark_measured()
+        self._wait.lengthen(self.timeline, left_out)
+        self.learned.fade_out(cycle, 'moves were appended to the program')
+        self.extensions += 1
+
+    def _clear_pending(self) -> None:
+        self._pending_profile = self._pending_plan = None
+
+    @property
+    def pending_last_cycle(self) -> int:
+        """``last_cycle`` once the pending profile or plan takes effect."""
+        if self._pending_plan is not None:
+            return self._pending_plan[0].end_cycle + SETTLE_CYCLES - 1
+        if self._pending_profile is None:
+            return self.last_cycle
+        return self.timeline.end_cycle_of(self._pending_profile) + SETTLE_CYCLES - 1
+
+    def _follow(
+        self, profile: MotionProfile, unlearned: str = 'the program is not executed as planned'
+    ) -> None:
+        self.timeline.change(profile)
+        self.learned.fade_out(profile.cycle, unlearned)
+        self.state['end_cycle'] = self.timeline.end_cycle
+        self._wait.follow(self.timeline)
+        self._mark_measured()
+
+    def _mark_measured(self) -> None:
+        """Set the range of cycles that count for the figures of the program."""
+        self._measured = int(self.state['start_cycle'][0]), self.last_cycle + 1
+
+    def clear_program(self) -> None:
+        """Clear the program; the TCP stays at its commanded position."""
+        over = self.next_cycle >= self.end_cycle
+        self.learned.fade_out(self.next_cycle, '' if over else 'the program was aborted')
+        self._wait.clear()
+        self._clear_pending()
+        self.loaded = False
+        self.state['start_cycle'] = self.state['end_cycle'] = NEVER
+        self._mark_measured()
+
+    @property
+    def profile(self) -> MotionProfile | None:
+        """The active motion profile, None before a start."""
+        return self.timeline.profile
+
+    @property
+    def held(self) -> bool:
+        """Whether the master is stopping or at rest on its path."""
+        return self.profile is not None and self.profile.held
+
+    def master(self, cycle: int) -> MasterState:
+        """Return the state of the master in a cycle of the active motion profile."""
+        return self.timeline.at(cycle)
+
+    @property
+    def moves(self) -> int:
+        """Number of moves of the program loaded last."""
+        return len(self.timeline.plan) if self.timeline.plan is not _NO_PLAN else 0
+
+    @property
+    def outputs(self) -> int:
+        """Outputs as bits, bit n for output n."""
+        return int(self.state['outputs'][0]) & (TRACK_BIT - 1)
+
+    @property
+    def payload(self) -> float:
+        """Gripped payload [kg]."""
+        return float(self.state['payload'][0])
+
+    @property
+    def end_cycle(self) -> int:
+        """First cycle in which the set points are at rest at the end of the program, or of a stop."""
+        return int(self.state['end_cycle'][0])
+
+    @property
+    def last_cycle(self) -> int:
+        """Last cycle that counts for the figures of the program."""
+        return self.end_cycle + SETTLE_CYCLES - 1
+
+    def control(self, cycle: int) -> int:
+        """Return the control word S-0-0134 of a cycle, the same for all drives."""
+        word = CONTROL_ENABLE if self.enable_cycle <= cycle < self.disable_cycle else CONTROL_ON
+        first, end = self._measured
+        if cycle < first:
+            return word
+        return word | (CONTROL_MEASURE if cycle < end else CONTROL_PROGRAM)
+
+    def command(self, cycle: int) -> Floats:
+        """Return the motor shaft commands [rad] of a cycle, on the increment grid; call once per cycle, in order."""
+        if self._pending_profile is not None and cycle >= self._pending_profile.cycle:
+            profile, self._pending_profile = self._pending_profile, None
+            self._follow(profile)
+        if self._pending_plan is not None:
+            self._switch_to_pending_plan(cycle)
+        if cycle >= self._stop_cycle:
+            self._stop(cycle)
+        if cycle >= self._wait.first_cycle:
+            self._begin_wait(cycle)
+        if cycle >= self.disable_cycle:
+            self.enable_cycle = self.disable_cycle = NEVER
+        if self.tracking is not None:
+            self._track(cycle, self.tracking)
+        command_cycle(cycle, self.record, self.timeline.arrays, self.learned.torques)
+        if self.tracking is not None:
+            self.tracking.watch_speed(cycle, self.timeline if self.loaded else None)
+        if self.turning is not None:
+            self.turning.command(cycle, self.record, self.timeline)
+        self.next_cycle = cycle + 1
+        return self.motors
+
+    def _track(self, cycle: int, tracking: BeltTracking) -> None:
+        """Add the belt offset to the command of a cycle; hold the plan if the robot cannot stay on its belt."""
+        state = self.state[0]
+        if tracking.lost is not None:
+            if self.loaded and not self.held:
+                self.own_profile = self.hold()
+            self._halt(hard=False)
+        if tracking.step(cycle, bool(state['outputs'] & TRACK_BIT)):
+            state['tracks'], state['offset'] = 1, tracking.offset
+        elif state['tracks']:
+            state['tracks'], state['tcp'] = 0, state['planned']
+        if tracking.clears_at_rest and not self.loaded and cycle > tracking.rest_cycle:
+            self.clear_belt()
+
+    @property
+    def has_lost_belt(self) -> bool:
+        """Whether the robot has lost its belt and the loss has not been cleared."""
+        return self.tracking is not None and self.tracking.lost is not None
+
+    def cancel_tracking(self) -> None:
+        """Stop the belt offset from the next cycle on, and clear belt and program once it is at rest."""
+        if self.tracking is not None and not self.tracking.free:
+            self._halt(hard=False)
+            self.tracking.clears_at_rest = True
+
+    def clear_belt(self) -> None:
+        """Clear belt and program of a robot at rest; the belt offset becomes part of its position."""
+        if self.tracking is None:
+            return
+        state = self.state[0]
+        if self.loaded:
+            self.clear_program()
+        self.tracking.clear()
+        state['outputs'] &= TRACK_BIT - 1
+        state['tracks'], state['planned'] = 0, state['tcp']
+
+    def next_event(self, cycle: int) -> int:
+        """Return the first cycle from a cycle on in which more happens than continuing the motion profile."""
+        coming = NEVER if self._pending_profile is None else self._pending_profile.cycle
+        longer = NEVER if self._pending_plan is None else self._pending_plan[0].start_cycle
+        # the control word changes at both ends of the measured range
+        edge = next((edge for edge in self._measured if edge > cycle), NEVER)
+        due = min(coming, longer, edge, self._stop_cycle, self.disable_cycle, self._wait.first_cycle)
+        return max(cycle, due if self.enable_cycle < cycle else min(due, self.enable_cycle))
+
+    def _begin_wait(self, cycle: int) -> None:
+        self.own_profile = self._wait.rest_at(cycle, self.timeline)
+        self._follow(self.own_profile, 'the program waits at an exact stop, for a time unknown in advance')
+
+    def settling(self, cycle: int) -> bool:
+        """Whether the program waits, after the feedback of a cycle, for the robot at an exact stop or at its end."""
+        if not self.loaded or self.held or cycle < int(self.state['start_cycle'][0]):
+            return False
+        return self._wait.waits or cycle >= self.end_cycle
+
+    def in_position(self, cycle: int) -> bool:
+        """Whether every drive has been within its position window for long enough, by the feedback of a cycle.
+
+        The count starts at the cycle in which the set points came to rest: earlier feedback may still arrive.
+        """
+        stood = cycle + 1 - (self._wait.since if self._wait.waits else self.end_cycle)
+        return self._wait.is_long_enough(min(self.within, stood))
+
+    @property
+    def within(self) -> int:
+        """Number of consecutive bus cycles for which every drive has been within its position window."""
+        within = int(self.state['within'][0])
+        return within if self.turning is None else min(within, self.turning.within)
+
+    def settle(self, cycle: int) -> RobotFault | None:
+        """Leave an exact stop once the feedback of a cycle shows the robot in position.
+
+        Returns a fault if the robot did not settle in time, at an exact stop or at the end of its program.
+        """
+        if not self.settling(cycle):
+            return None
+        wait, end = self._wait, self.end_cycle
+        if self.in_position(cycle):
+            if wait.waits and self._pending_profile is None and self._pending_plan is None:
+                self._pending_profile = self.own_profile = wait.departure(cycle, self.timeline)
+            return None
+        if wait.waits:
+            return wait.fault(
+                cycle, wait.since, f'at the end of move {wait.number}', self.state[0], self._tool
+            )
+        if cycle < self.last_cycle:
+            return None
+        return wait.fault(cycle, end, 'at the end of the program', self.state[0], self._tool)
+
+    @property
+    def _tool(self) -> np.void | None:
+        return None if self.turning is None else self.turning.state[0]
+
+    def commanded_to(self, cycle: int) -> None:
+        """Set the next cycle, after compiled code has commanded the cycles before it."""
+        self.next_cycle = cycle
+
+    def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> np.void:
+        """Evaluate the feedback of a cycle, in order; return it as a record ``ANSWER``.
+
+        Values of the rotary axis follow those of the arms, if known.
+        """
+        answer_cycle(cycle, positions_rad, torques_n_m, self.record)
+        if self.turning is not None and len(positions_rad) > TOOL:
+            self.turning.receive(cycle, float(positions_rad[TOOL]), float(torques_n_m[TOOL]), self.record)
+        return self.answer
+
+    def progress(self) -> tuple[int, float, float]:
+        """Return the number of the active move, master position [m] and speed [m/s]."""
+        state = self.state[0]
+        return int(state['move']), float(state['master']), float(state['master_speed'])
+
+    def figures(self) -> Figures:
+        """Return the results so far."""
+        s = self.state[0]
+        cycles = max(int(s['measured_cycles']), 1)
+        return Figures(
+            measured_cycles=int(s['measured_cycles']),
+            tcp_error_max_m=float(s['error_max']),
+            tcp_error_rms_m=math.sqrt(float(s['error_square_sum']) / cycles),
+            following_error_max_rad=float(s['following_error_max']),
+            final_tcp_m=s['final_tcp'].tolist(),
+            current_peak_a=list(self.current_peak),
+            current_rms_a=list(self.current_rms),
+            at_current_peak_a=s['current_peak'].tolist(),
+            at_current_rms_a=np.sqrt(s['current_square_sum'] / cycles).tolist(),
+            turn=None if self.turning is None else self.turning.figures(),
+        )
+
+
+# placeholder before the first program, with the types that the compiled code expects
+_NO_PLAN = Plan.of([Move(MoveKind.DWELL, rest(1.0), point((0.0, 0.0, 0.0)).segments)])

@@ -1,0 +1,1 @@
+"""State of the robot: enabling, control by an operator, commands, scripts, cyclic operation."""

@@ -1,0 +1,1 @@
+"""The planner: queue of programs, requests, overrides, trajectories, appended moves."""

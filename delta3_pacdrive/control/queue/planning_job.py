@@ -1,0 +1,216 @@
+"""Jobs of the planning thread: parse a program, plan and check it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from delta3_pacdrive.configuration import yaml_file
+from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, shown
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.adapted_program import adapted
+from delta3_pacdrive.planning.extension import Splice
+from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.planning.program.adaptation import Adaptation
+from delta3_pacdrive.planning.program.model import Cubic, Dwell, Joints, Output, Program, Statement, Turn
+from delta3_pacdrive.planning.program.output_names import OWN, OutputNames
+from delta3_pacdrive.planning.program_planner import Planned
+from delta3_pacdrive.planning.thermal_load import ThermalLoad
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A program to be planned."""
+
+    number: int
+    queue: Program | None  # moves before the text, or all moves without a text
+    text: str  # statements in YAML or the name of a packaged program; may be empty
+    adaptation: Adaptation  # requested changes to the text
+    start_m: Point  # position of the robot
+    wrapped: bool = False  # whether the text may be a statement or a list, and may have the key start
+    append_to: 'AppendPoint | None' = None  # None: the text is queued
+    turn_rad: float | None = None  # angle of the rotary axis before the first move, if present
+
+
+@dataclass(frozen=True)
+class AppendPoint:
+    """Point at which moves are appended to the running program."""
+
+    splice: Splice  # start of planning
+    end_m: Point  # end of the running program
+    load: ThermalLoad | None  # thermal load of the moves that remain, if any
+    room: int  # number of statements that may be appended
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result of a job: a program and its plan, or the reason of failure."""
+
+    number: int  # of the job
+    program: Program | None  # including the text
+    planned: Planned | None
+    reason: Reason | None = None
+    statements: int = 0  # in the text
+    starts: bool = False  # whether the text starts automatically
+
+
+# limit of appended statements, and of statements in a sequence of rounded corners with appended ones
+FOLLOWING_MAX = 100
+UNROUNDED = Reason(Code.LATE, 'the corner to the moves that follow is not rounded')
+
+
+def begins_at_rest(statements: Sequence[Statement]) -> bool:
+    """Whether the corner before these statements cannot be rounded."""
+    first = next((statement for statement in statements if not isinstance(statement, Output)), None)
+    return isinstance(first, Dwell | Cubic | Joints | Turn)
+
+
+def unrounded(before: Sequence[Statement], statements: Sequence[Statement]) -> str:
+    """Return why a sequence of rounded corners cannot continue with these statements, empty if it can."""
+    if begins_at_rest(statements):
+        return 'they begin at rest'
+    if len(before) + len(statements) > FOLLOWING_MAX:
+        return f'a sequence has at most {FOLLOWING_MAX} statements'
+    return ''
+
+
+class CancelledError(ProgramError):
+    """The job was cancelled."""
+
+
+def work(
+    job: Job, robot: Parameters, progress: Callable[[int, int], None], outputs: OutputNames = OWN
+) -> Result:
+    """Run a job; ``progress`` is called with done and total statements, and raises CancelledError to cancel.
+
+    ``outputs`` are the output names allowed in the text.
+    """
+    try:
+        program, statements, starts = job.queue, 0, False
+        if job.text:
+            more, starts = _read(job, robot, outputs)
+            if job.append_to is not None:
+                return _follow(job, job.append_to, more, robot, progress)
+            program, statements = _appended(job.queue, more), len(more.statements)
+        if program is None:
+            raise ProgramError('no moves are in the queue')
+        planned = program_planner.plan(
+            program,
+            job.start_m,
+            robot,
+            returning=True,
+            open_end=True,
+            progress=progress,
+            turn_rad=job.turn_rad,
+        )
+        if job.text and job.queue is not None:
+            program_planner.require_start(more, _end_m(planned, len(job.queue.statements), job.start_m))
+        return Result(job.number, program, planned, statements=statements, starts=starts)
+    except CancelledError as error:
+        return Result(job.number, None, None, Reason(Code.WITHDRAWN, str(error)))
+    except Delta3Error as error:
+        return Result(job.number, None, None, Reason.of(error))
+
+
+def _follow(
+    job: Job, append_to: AppendPoint, more: Program, robot: Parameters, progress: Callable[[int, int], None]
+) -> Result:
+    """Plan moves to append to the running program; raises ProgramError."""
+    statements, splice = more.statements * more.repeat, append_to.splice
+    if more.faults or more.payload_kg is not None:
+        raise ProgramError(
+            'faults and payload_kg of a program count from its start: none while the robot moves'
+        )
+    if len(statements) > append_to.room:
+        raise ProgramError(
+            f'{len(statements)} statements cannot follow while the robot moves: {append_to.room} of '
+            f'{FOLLOWING_MAX} are free'
+        )
+    program_planner.require_start(more, append_to.end_m)
+    if splice.again and unrounded(splice.again, statements):
+        return Result(job.number, None, None, UNROUNDED)
+    count = len(splice.again)
+    places = (None,) * count + more.places if more.places and more.repeat == 1 else ()
+    names = ('',) * count + more.names if more.repeat == 1 else ()
+    program = replace(
+        more,
+        statements=splice.again + statements,
+        start_m=None,
+        repeat=1,
+        payload_kg=splice.payload_kg,
+        places=places,
+        names=names,
+    )
+    planned = program_planner.plan(
+        program,
+        splice.start_m,
+        robot,
+        open_end=True,
+        progress=progress,
+        before=append_to.load,
+        turn_rad=job.turn_rad if splice.turn_rad is None else splice.turn_rad,
+    )
+    return Result(job.number, program, planned, statements=len(statements))
+
+
+def _read(job: Job, robot: Parameters, outputs: OutputNames) -> tuple[Program, bool]:
+    """Return the program of the text, and whether it starts automatically."""
+    starts = job.wrapped
+    if job.text in programs.packaged_names():
+        document = yaml_file.read(programs.find(job.text), 'program file', ProgramError)
+    else:
+        document = yaml_file.parse(job.text, 'the program', ProgramError)
+        if job.wrapped:
+            document, starts = _unwrapped(document)
+    program = programs.parse(document, robot.motion, outputs=outputs)
+    return adapted(program, job.adaptation, robot), starts
+
+
+def _unwrapped(document: Any) -> tuple[Any, bool]:
+    """Convert a statement, a list of statements or a program to a program; also return whether it starts."""
+    if isinstance(document, list):
+        return {'moves': document}, True
+    if isinstance(document, str):
+        names = ', '.join(programs.packaged_names())
+        raise ProgramError(
+            f'{shown(document)} is not a packaged program, expected one of {names}, or moves in YAML'
+        )
+    if not isinstance(document, dict):
+        return document, True
+    starts = document.pop('start', True)
+    if not isinstance(starts, bool):
+        raise ProgramError(f'start is {shown(starts)}, but must be true or false')
+    if 'program' in document:
+        if len(document) > 1 or document['program'] not in programs.packaged_names():
+            names = ', '.join(programs.packaged_names())
+            raise ProgramError(f'program, next to start, must be the name of a packaged program: {names}')
+        return yaml_file.read(programs.find(document['program']), 'program file', ProgramError), starts
+    if len(document) == 1 and next(iter(document)) in programs.STATEMENTS:
+        return {'moves': [document]}, starts
+    return document, starts
+
+
+def _end_m(planned: Planned, statements: int, start_m: Point) -> Point:
+    """Return the end of the first ``statements`` of a plan [m], or ``start_m`` if they do not move the robot."""
+    for end in reversed(planned.ends[:statements]):
+        if end is not None:
+            number, distance = end
+            x, y, z = planned.plan.move(number).sample([distance])[0, 0].tolist()
+            return (x, y, z)
+    return start_m
+
+
+def _appended(queue: Program | None, more: Program) -> Program:
+    """Return a queue with statements appended; raises ProgramError."""
+    if queue is None:
+        return more
+    if queue.repeat > 1 or more.repeat > 1:
+        raise ProgramError('a queue with a repeated program takes no other moves; clear it first')
+    if more.payload_kg not in (None, queue.payload_kg):
+        raise ProgramError(
+            'payload_kg of a program, and the mass of its tool, count from its start: not allowed after moves '
+            'in the queue; clear it first'
+        )
+    return replace(queue, statements=queue.statements + more.statements, faults=queue.faults + more.faults)

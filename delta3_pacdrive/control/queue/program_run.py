@@ -1,0 +1,345 @@
+"""The newest program ordered by the planner: verdict, run, fault, end, and remainder.
+
+Pure state machine; events come in, actions go out. Events that are not in the table are ignored.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from delta3_pacdrive.configuration.strict_reader import counted
+from delta3_pacdrive.control.messages import EXACT, ORDER
+from delta3_pacdrive.control.motion_state import MotionState, at_percent
+from delta3_pacdrive.control.queue.planner_actions import Ordered, Revoked
+from delta3_pacdrive.control.queue.tolerances import Tolerances
+from delta3_pacdrive.errors import Reason
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.execution import OVERRIDE_MAX, MotionProfile, Timeline
+from delta3_pacdrive.planning.plan import Plan
+from delta3_pacdrive.planning.program.model import Program
+from delta3_pacdrive.planning.program_planner import Planned
+from delta3_pacdrive.planning.resume import return_plan
+from delta3_pacdrive.robot.faults.fault import Fault
+
+# increment of order numbers after a collision with another writer, and maximum number of increments
+LEAP, LEAPS_MAX = 1000, 3
+
+
+class RunState(Enum):
+    """State of the program."""
+
+    NONE = 'no program runs'
+    ORDERED = 'the order waits for its verdict'
+    RUNNING = 'the order was accepted'
+    FAILED = 'a fault has stopped it, and the robot has not been located yet'
+
+
+class Remains(Enum):
+    """Part of the last program that can be executed again."""
+
+    NOTHING = 'nothing'
+    CUT_OFF = 'its remainder can be resumed, or all of it started again'
+    WHOLE = 'all of it can be started again'
+
+
+class RunEvent(Enum):
+    """Event of the program."""
+
+    ORDER = 'its plan is sent'
+    RENUMBER = 'the number of the order was used already'
+    ACCEPT = 'the transformation task accepts the plan'
+    REFUSE = 'the transformation task rejects the plan'
+    REVOKE = 'the order is revoked after a cancellation or a timeout'
+    END = 'the last feedback of the program has arrived'
+    FAIL = 'the motion is in the error state'
+    LOCATE = 'the robot is located, ready for a program'
+    PHASE_UP = 'the bus was phased up again'
+    CLEAR = 'the remainder is cleared'
+
+
+@dataclass(frozen=True)
+class Step:
+    """Next state, remainder (None: unchanged), and an action."""
+
+    state: RunState
+    remains: Remains | None = None
+    action: type[Ordered] | type[Revoked] | None = None
+
+
+TRANSITIONS = {
+    (RunState.NONE, RunEvent.ORDER): Step(RunState.ORDERED, action=Ordered),
+    (RunState.NONE, RunEvent.CLEAR): Step(RunState.NONE, Remains.NOTHING),
+    (RunState.ORDERED, RunEvent.RENUMBER): Step(RunState.ORDERED, action=Ordered),
+    (RunState.ORDERED, RunEvent.ACCEPT): Step(RunState.RUNNING, Remains.NOTHING),
+    (RunState.ORDERED, RunEvent.REFUSE): Step(RunState.NONE),
+    (RunState.ORDERED, RunEvent.REVOKE): Step(RunState.NONE, action=Revoked),
+    (RunState.ORDERED, RunEvent.PHASE_UP): Step(RunState.NONE),
+    (RunState.RUNNING, RunEvent.END): Step(RunState.NONE),
+    (RunState.RUNNING, RunEvent.FAIL): Step(RunState.FAILED),
+    (RunState.RUNNING, RunEvent.LOCATE): Step(RunState.NONE),
+    (RunState.RUNNING, RunEvent.PHASE_UP): Step(RunState.NONE, Remains.WHOLE),
+    (RunState.FAILED, RunEvent.LOCATE): Step(RunState.NONE, Remains.CUT_OFF),
+    (RunState.FAILED, RunEvent.PHASE_UP): Step(RunState.NONE, Remains.WHOLE),
+}
+"""Transitions; other events are ignored."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """A program to execute."""
+
+    plan: Plan
+    faults: tuple[Fault, ...]
+    start_cycle: int  # bus cycle, -1: as soon as possible
+    override: float  # at the start
+    override_max: float  # limit of the motors
+    program: Program | None  # whole program, for another start
+    sentence: str  # reply after acceptance
+    queued: Planned | None = None  # None for a program resumed after a fault
+    own: int = 0  # statements at the end that were not in the queue before
+    exact: bool = False  # whether it is rejected, not delayed, if its start cycle is too early
+    tolerances: Tolerances | None = None  # of this trajectory, None: default
+
+    @staticmethod
+    def of(
+        program: Program,
+        planned: Planned,
+        override: float,
+        start_cycle: int = -1,
+        own: int = 0,
+        exact: bool = False,
+        tolerances: Tolerances | None = None,
+    ) -> 'Order':
+        """Return the order of a planned program; the override is limited by the motors."""
+        override = min(override, planned.override_max)
+        time = f'{planned.plan.duration_s / override:.3f} s{at_percent(override)}'
+        moves = f'{counted(len(planned.plan), "move")}, {time}'
+        sentence = f'started "{planned.name}": {moves}'
+        if own:
+            sentence += ''.join(f'; {notice}' for notice in planned.notices)
+        return Order(
+            plan=planned.plan,
+            faults=program.faults,
+            start_cycle=start_cycle,
+            override=override,
+            override_max=planned.override_max,
+            program=program,
+            sentence=sentence,
+            queued=planned,
+            own=own,
+            exact=exact,
+            tolerances=tolerances,
+        )
+
+    @staticmethod
+    def back(
+        run: 'ProgramRun', cut_off: Timeline, start_m: Floats, override: float, robot: Parameters
+    ) -> 'Order':
+        """Return the order from the TCP position [m] back to a path that was cut off, and on along it.
+
+        Raises
+        ------
+        ProgramError
+            No return path exists.
+
+        """
+        plan, override = return_plan(cut_off, start_m, robot), min(override, run.override_max)
+        time = f'{plan.duration_s / override:.3f} s{at_percent(override)}'
+        sentence = f'resumed after the fault: {counted(len(plan), "move")}, {time}'
+        return Order(
+            plan=plan,
+            faults=(),
+            start_cycle=-1,
+            override=override,
+            override_max=run.override_max,
+            program=run.program,
+            sentence=sentence,
+        )
+
+
+class OrderNumbers:
+    """Increasing numbers of the orders and changes of one planner."""
+
+    def __init__(self) -> None:
+        self._newest = self._leaps = 0
+
+    def next(self) -> int:
+        """Return the next number."""
+        self._newest += 1
+        return self._newest
+
+    def leap(self) -> bool:
+        """Skip numbers used by another writer; return False after too many attempts."""
+        self._leaps += 1
+        self._newest += LEAP**self._leaps
+        return self._leaps <= LEAPS_MAX
+
+
+class ProgramRun:
+    """One program after the other."""
+
+    def __init__(self, numbers: OrderNumbers, cycle_time_s: float) -> None:
+        self._numbers, self._cycle_time_s = numbers, cycle_time_s
+        self.state, self.remains = RunState.NONE, Remains.NOTHING
+        self.number = 0  # of the last order, 0 before the first
+        self.order: Order | None = None  # newest
+        self.since_s = 0.0  # start of the timeout of the verdict
+        self._checked = 0
+        self.timeline: Timeline | None = (
+            None  # motion profiles followed by the transformation task, of a running program
+        )
+        self._before: Timeline | None = None  # before the newest motion profile
+        self.cut_off: Timeline | None = None  # of a program that can be resumed
+        # newest accepted program, and its largest override allowed by the motors
+        self.program: Program | None = None
+        self.override_max = OVERRIDE_MAX
+        self.completed = False  # whether the last program was executed to its end
+        self._pending_timeline: Timeline | None = None  # active from the cycle of its motion profile on
+
+    @property
+    def waits(self) -> bool:
+        """Whether an order waits for its verdict."""
+        return self.state is RunState.ORDERED
+
+    def send(self, order: Order, now_s: float) -> list[Ordered | Revoked]:
+        """Order a program."""
+        self.order, self.since_s, self._checked = order, now_s, 0
+        self.number = self._numbers.next()
+        return self.handle(RunEvent.ORDER)
+
+    def renumber(self) -> list[Ordered | Revoked]:
+        """Send the order again with an unused number; returns no action after too many attempts."""
+        if not self._numbers.leap():
+            return []
+        self.number = self._numbers.next()
+        return self.handle(RunEvent.RENUMBER)
+
+    def note_checked(self, rows: int, now_s: float) -> None:
+        """Record the number of checked rows; progress restarts the timeout of the verdict."""
+        if rows != self._checked:
+            self._checked, self.since_s = rows, now_s
+
+    def handle(self, event: RunEvent, cycle: int | None = None) -> list[Ordered | Revoked]:
+        """Apply an event, in a bus cycle if known; return the resulting actions."""
+        step = TRANSITIONS.get((self.state, event))
+        if step is None:
+            return []
+        if self.state is RunState.RUNNING and step.state is not RunState.RUNNING:
+            self.completed = event in (RunEvent.END, RunEvent.LOCATE) and self._is_over(cycle)
+        before, self.state = self.state, step.state
+        if step.remains is not None:
+            self.remains = step.remains
+            self.cut_off = self.timeline if step.remains is Remains.CUT_OFF else None
+        if step.state is RunState.NONE:
+            self.timeline = self._pending_timeline = None
+        elif before is RunState.NONE and self.order is not None:
+            self.timeline, self._before = Timeline(self.order.plan, self._cycle_time_s), None
+        elif event is RunEvent.ACCEPT and self.order is not None:
+            self.program, self.override_max = self.order.program, self.order.override_max
+        return [self._action(step.action)] if step.action else []
+
+    def _is_over(self, cycle: int | None) -> bool:
+        """Whether the active motion profile has ended in a bus cycle."""
+        timeline = self.timeline
+        if timeline is None or timeline.profile is None or cycle is None:
+            return True
+        return not timeline.profile.held and cycle >= timeline.end_cycle
+
+    def _action(self, kind: type[Ordered] | type[Revoked]) -> Ordered | Revoked:
+        order = self.order
+        if kind is Revoked or order is None:
+            return Revoked(self.number)
+        row = (float(order.start_cycle), order.override, *order.plan.tables.order.tolist())
+        return Ordered(self.number, order.plan.moves, order.faults, row, EXACT if order.exact else ORDER)
+
+    def follow(self, row: Any) -> None:
+        """Follow the motion profile of the transformation task, including its own stops."""
+        timeline = self.timeline
+        if timeline is None:
+            return
+        profile = MotionProfile.from_array(row)
+        longer = self._pending_timeline
+        if longer is not None and longer.profile is not None and profile.cycle >= longer.profile.cycle:
+            timeline = self._switch_to(longer)
+        if timeline.profile is None:
+            timeline.start(profile.cycle, profile.override)
+        elif (profile.cycle, profile.held) != (timeline.profile.cycle, timeline.profile.held):
+            # a program held before its start stops in its start cycle
+            if profile.cycle < timeline.profile.cycle and self._before is not None:
+                timeline = self.timeline = self._before  # the stop precedes the pending profile
+            self._before = timeline.copy()
+            timeline.change(profile)
+
+    def set_pending(self, longer: Timeline | None) -> None:
+        """Set or clear the extended timeline that is active from the cycle of its motion profile on."""
+        self._pending_timeline = longer
+
+    def accept_pending(self, program: Program | None, override_max: float) -> None:
+        """Activate the pending timeline, and set the whole program."""
+        if self._pending_timeline is not None and self.timeline is not None:
+            self._switch_to(self._pending_timeline)
+        self._pending_timeline = None
+        self.program, self.override_max = program, override_max
+
+    def _switch_to(self, longer: Timeline) -> Timeline:
+        self.timeline, self._before, self._pending_timeline = longer, None, None
+        return longer
+
+    def changes_from(self) -> int:
+        """Return the first bus cycle of the newest change of motion profile, 0 if there was none."""
+        profile = self.timeline.profile if self.timeline else None
+        changed = self._before is not None and self._before.profile is not None
+        return profile.cycle if changed and profile is not None else 0
+
+
+class StopRequest:
+    """Pending stop request, for one program after the other."""
+
+    def __init__(self) -> None:
+        self.waits = False  # whether a stop is pending
+        self.since_s = 0.0  # start of its timeout
+        self._asked_in = MotionState.IDLE
+
+    def begin(self, motion: MotionState, now_s: float) -> None:
+        """Start to wait for a stop, requested in a motion state."""
+        self.waits, self._asked_in, self.since_s = True, motion, now_s
+
+    def end(self) -> None:
+        """Stop waiting."""
+        self.waits = False
+
+    def note(self, motion: MotionState, now_s: float) -> None:
+        """Restart the timeout while the robot is stopping, which may take long."""
+        if motion == MotionState.STOPPING:
+            self.since_s = now_s
+
+    def answer(
+        self, run: RunState, motion: MotionState, completed: bool, refusal: Reason | None
+    ) -> str | None:
+        """Return the reply to the request, None while the outcome is unknown.
+
+        Parameters
+        ----------
+        run, motion
+            State of the program, and of the motion.
+        came_to_its_end
+            Whether the program was executed to its end.
+        refusal
+            Why no program could be started now.
+
+        """
+        if run is RunState.RUNNING:
+            # a robot that was stopping or stopped already shows no change before the end
+            begins = motion == MotionState.STOPPING and self._asked_in in (
+                MotionState.IDLE,
+                MotionState.MOVING,
+            )
+            return 'stops on the path' if begins else None
+        if run is RunState.FAILED:
+            return str(refusal) if refusal else 'a fault has stopped the robot'
+        if completed:
+            return 'it was at its end before it could be stopped'
+        if self._asked_in == MotionState.STOPPED:
+            return 'at rest on the path and aborted'
+        return 'stopped on the path and aborted'

@@ -1,1 +1,0 @@
-"""Motion planning: virtual master, paths, moves, programs and their checks (thesis 5, 6)."""

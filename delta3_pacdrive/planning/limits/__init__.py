@@ -1,0 +1,1 @@
+"""Limits of moves, violations of them, and the capability of the robot at a pose."""

@@ -1,0 +1,1 @@
+"""Geometry of the motion: curves, paths, moves, profiles of the virtual master (thesis 5)."""

@@ -1,0 +1,341 @@
+"""The plan that the planner sends to the transformation task, as coefficient tables.
+
+A plan is a set of different moves (``motion.move``) and their order, in continuous time: a move starts at the end time
+and position of the previous one, in general between two bus cycles.
+
+Arguments of the kernels here:
+
+``time``
+    Time since the start of the plan [s].
+``s``
+    Distance on the path of a move [m].
+``number``
+    Number of the current move, or of an earlier one.
+``tables``
+    The plan: ``Tables``.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.planning.paths.move import EVENT_COLUMNS, Move, MoveKind
+from delta3_pacdrive.planning.paths.path import SEGMENT_COLUMNS, path_at, path_motion_at
+from delta3_pacdrive.planning.paths.rotations import JOINED_RAD, TurnTables, standing, turn_tables
+from delta3_pacdrive.planning.paths.virtual_master import PHASE_COLUMNS, master_at, sample_master
+
+PLAN_MAX_S = 1e12  # keeps bus cycles countable at any override
+STANDING_M = 1e-6  # permitted distance between the TCP at rest and the start of a plan
+JOINED_M = 1e-5  # permitted distance between the end of a move and the start of the next
+# limits of a plan that is extended while it runs
+EXTENDED_MOVES_MAX, EXTENDED_NUMBERS_MAX = 1000, 1_000_000
+MOVE = np.dtype(
+    [
+        ('duration', 'f8'),
+        ('first_phase', 'i8'),
+        ('phases', 'i8'),
+        ('first_segment', 'i8'),
+        ('segments', 'i8'),
+        ('first_event', 'i8'),
+        ('events', 'i8'),
+        ('joints', 'i8'),  # whether its path is one of arm angles
+    ],
+    align=True,
+)
+
+
+class Tables(NamedTuple):
+    """Arrays of a plan for the compiled code."""
+
+    order: NDArray[np.int64]  # index into the different moves, for each executed move
+    starts: Floats  # start times [s]
+    moves: NDArray[Any]  # MOVE
+    phases: Floats
+    segments: Floats
+    events: Floats
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Different moves and the order of their execution."""
+
+    moves: tuple[Move, ...]
+    tables: Tables
+    turns: TurnTables | None = None  # tool rotation, if the plan defines it
+
+    @staticmethod
+    def of(moves: Sequence[Move], order: ArrayLike | None = None) -> 'Plan':
+        """Concatenate moves in time.
+
+        Raises
+        ------
+        ProgramError
+            There is no move, the plan takes too long, or the order names a move that does not exist.
+
+        """
+        builder = PlanBuilder()
+        for move in moves:
+            builder.add(move)
+        return builder.build(np.arange(len(moves)) if order is None else order)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the start of the first move to the end of the last [s]."""
+        return float(self.tables.starts[-1])
+
+    def __len__(self) -> int:
+        """Return the number of executed moves."""
+        return len(self.tables.order)
+
+    def extended(self, first: int, kept: int, more: 'Plan') -> 'Plan':
+        """Return the moves ``first`` to ``kept`` - 1 of this plan followed by another plan.
+
+        Raises
+        ------
+        ProgramError
+            The moves do not exist, the other plan starts elsewhere, or the result is too large to be assembled within a
+            bus cycle.
+
+        """
+        if not 0 <= first <= kept <= len(self):
+            raise ProgramError(f'moves {first} to {kept} of a plan of {len(self)} cannot be kept')
+        stays = self.tables.order[first:kept]
+        used = np.unique(stays)
+        moves = self._joined_with(more, used, kept) if len(used) else more.moves
+        numbers = sum(move.master.size + move.segments.size + move.events.size for move in moves)
+        if len(moves) > EXTENDED_MOVES_MAX or numbers > EXTENDED_NUMBERS_MAX:
+            raise ProgramError(
+                f'a running program can be extended only while at most {EXTENDED_MOVES_MAX} different moves '
+                f'with {EXTENDED_NUMBERS_MAX} numbers remain'
+            )
+        if kept > first:
+            gap = float(np.linalg.norm(more.start_m() - self.move(kept - 1).end_m()))
+            if gap > JOINED_M:
+                raise ProgramError(
+                    f'the appended moves start {gap * 1e3:.3f} mm away from the end of the previous one'
+                )
+        order = np.concatenate([np.searchsorted(used, stays), more.tables.order + len(used)])
+        durations = np.array([move.duration_s for move in moves])
+        table = np.zeros(len(moves), MOVE)
+        table['duration'] = durations
+        table['joints'] = [move.kind == MoveKind.JOINTS for move in moves]
+        rows = {
+            'phase': [move.master for move in moves],
+            'segment': [move.segments for move in moves],
+            'event': [move.events for move in moves],
+        }
+        for name, parts in rows.items():
+            counts = np.array([len(part) for part in parts])
+            table[f'{name}s'], table[f'first_{name}'] = counts, np.cumsum(counts) - counts
+        starts = _starts(durations[order])
+        phases, segments, events = (np.concatenate(parts) for parts in rows.values())
+        turns = turn_tables([move.turns for move in moves], order)
+        return Plan(
+            moves, Tables(order, starts, table, phases=phases, segments=segments, events=events), turns
+        )
+
+    def _joined_with(self, more: 'Plan', used: NDArray[np.int64], kept: int) -> tuple[Move, ...]:
+        """Return moves of both plans; if only one of them defines the tool angle, the other one keeps it constant."""
+        stay, follow = [self.moves[int(n)] for n in used], list(more.moves)
+        ends, begins = self.move(kept - 1).end_turn_rad, more.start_turn_rad
+        if ends is None and begins is not None:
+            stay = [replace(move, turns=standing(begins)) for move in stay]
+        elif begins is None and ends is not None:
+            follow = [replace(move, turns=standing(ends)) for move in follow]
+        elif ends is not None and begins is not None and not abs(begins - ends) <= JOINED_RAD:
+            raise ProgramError(
+                f'the appended moves start with the tool {math.degrees(abs(begins - ends)):.3g} deg away from its '
+                'previous angle'
+            )
+        return (*stay, *follow)
+
+    def move(self, number: int) -> Move:
+        """Return the ``number``-th executed move."""
+        return self.moves[int(self.tables.order[number])]
+
+    def start_m(self) -> Floats:
+        """First point of the plan, shape (3,)."""
+        return self.move(0).start_m()
+
+    def end_m(self) -> Floats:
+        """Last point of the plan, shape (3,)."""
+        return self.move(len(self) - 1).end_m()
+
+    @property
+    def start_turn_rad(self) -> float | None:
+        """Tool angle at the start of the plan [rad]; None if the plan does not define it."""
+        return self.move(0).start_turn_rad
+
+    @property
+    def end_turn_rad(self) -> float | None:
+        """Tool angle at the end of the plan [rad]."""
+        return self.move(len(self) - 1).end_turn_rad
+
+
+def _starts(durations_s: Floats) -> Floats:
+    """Return the start times of moves and the end of the last one [s]; raises ProgramError if the plan is too long."""
+    starts = np.concatenate([[0.0], np.cumsum(durations_s)])
+    if not starts[-1] <= PLAN_MAX_S:
+        raise ProgramError(f'the plan takes {starts[-1]:.3g} s, the limit is {PLAN_MAX_S:g} s')
+    return starts
+
+
+class _Rows:
+    """A growing table with amortized copying."""
+
+    def __init__(self, columns: int | None, dtype: Any = np.float64) -> None:
+        self._table = np.zeros(16 if columns is None else (16, columns), dtype)
+        self.count = 0
+
+    def extend(self, rows: Any) -> int:
+        """Append rows and return the index of the first one."""
+        first, self.count = self.count, self.count + len(rows)
+        if self.count > len(self._table):
+            larger = np.zeros((2 * self.count, *self._table.shape[1:]), self._table.dtype)
+            larger[:first] = self._table[:first]
+            self._table = larger
+        self._table[first : self.count] = rows
+        return first
+
+    def table(self) -> Any:
+        """Return the rows."""
+        return self._table[: self.count]
+
+
+class PlanBuilder:
+    """Incremental builder of plans; the cost of a move arises when it is added."""
+
+    def __init__(self) -> None:
+        self.moves: list[Move] = []
+        self._table = _Rows(None, MOVE)
+        self._phases = _Rows(PHASE_COLUMNS)
+        self._segments = _Rows(SEGMENT_COLUMNS)
+        self._events = _Rows(EVENT_COLUMNS)
+        self._ends = _Rows(6)  # first and last point of each move [m]
+
+    def add(self, move: Move) -> None:
+        """Add a different move."""
+        self.moves.append(move)
+        self._ends.extend([[*move.start_m(), *move.end_m()]])
+        row = np.zeros(1, MOVE)
+        row['duration'] = move.duration_s
+        row['joints'] = move.kind == MoveKind.JOINTS
+        for name, table, rows in (
+            ('phase', self._phases, move.master),
+            ('segment', self._segments, move.segments),
+            ('event', self._events, move.events),
+        ):
+            row[f'first_{name}'] = table.extend(rows)
+            row[f'{name}s'] = len(rows)
+        self._table.extend(row)
+
+    @property
+    def numbers(self) -> int:
+        """Amount of numbers in the tables."""
+        return sum(t.count * t.table().shape[1] for t in (self._phases, self._segments, self._events))
+
+    def build(self, order: ArrayLike) -> Plan:
+        """Return the plan that executes the moves in an order.
+
+        Raises
+        ------
+        ProgramError
+            There is no move, or the order names a move that does not exist.
+
+        """
+        numbers = self._checked(order)
+        table = self._table.table()
+        durations = table['duration'][numbers]
+        return Plan(
+            tuple(self.moves),
+            Tables(
+                numbers,
+                _starts(durations),
+                table,
+                phases=self._phases.table(),
+                segments=self._segments.table(),
+                events=self._events.table(),
+            ),
+            turn_tables([move.turns for move in self.moves], numbers),
+        )
+
+    def require_joined(self, order: ArrayLike) -> None:
+        """Raise ProgramError unless each move starts at the end of the previous one."""
+        numbers, ends = self._checked(order), self._ends.table()
+        gaps = np.linalg.norm(ends[numbers[1:], :3] - ends[numbers[:-1], 3:], axis=1)
+        if not gaps.max(initial=0.0) <= JOINED_M:
+            number = int(np.argmax(gaps)) + 1
+            raise ProgramError(
+                f'move {number} of the plan starts {gaps.max() * 1e3:.3f} mm away from the end of the previous one'
+            )
+        self._require_turned(numbers)
+
+    def _require_turned(self, numbers: NDArray[np.int64]) -> None:
+        """Raise ProgramError if the tool angle jumps between two moves."""
+        moves = [self.moves[int(n)] for n in numbers] if any(len(move.turns) for move in self.moves) else []
+        for n, (before, after) in enumerate(pairwise(moves), start=1):
+            end, begin = before.end_turn_rad, after.start_turn_rad
+            if end is not None and begin is not None and not abs(end - begin) <= JOINED_RAD:
+                raise ProgramError(
+                    f'the tool is {math.degrees(abs(end - begin)):.3g} deg away from the start angle of move {n} '
+                    'of the plan'
+                )
+
+    def _checked(self, order: ArrayLike) -> NDArray[np.int64]:
+        numbers = np.asarray(order, dtype=np.int64)
+        if not len(self.moves) or not len(numbers):
+            raise ProgramError('a program needs at least one move')
+        if numbers.min() < 0 or numbers.max() >= len(self.moves):
+            raise ProgramError('the order of a plan names a move that does not exist')
+        return numbers
+
+
+@kernel
+def advance_number(time, number, tables):
+    """Return the number of the current move at a time since the start; ``number`` is that of an earlier time."""
+    last = tables.order.shape[0] - 1
+    while number < last and time >= tables.starts[number + 1]:
+        number += 1
+    return number
+
+
+@kernel
+def plan_master_at(time, number, tables):
+    """Master distance, speed and acceleration of move ``number`` at a time since the start of the plan."""
+    move = tables.moves[tables.order[number]]
+    return master_at(time - tables.starts[number], tables.phases, move.first_phase, move.phases)
+
+
+@kernel
+def plan_path_at(s, number, tables):
+    """Position (x, y, z), or arm angles, at a distance on move ``number``."""
+    move = tables.moves[tables.order[number]]
+    return path_at(s, tables.segments, move.first_segment, move.segments)
+
+
+@kernel
+def plan_motion_at(s, number, tables):
+    """``path.path_motion_at`` of move ``number``."""
+    move = tables.moves[tables.order[number]]
+    return path_motion_at(s, tables.segments, move.first_segment, move.segments)
+
+
+def sample_plan(plan: Plan, times_s: ArrayLike) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Return positions (n, 3), master (n, 4) and move numbers (n,) at times since the start; not for cyclic use."""
+    times = np.asarray(times_s, dtype=np.float64)
+    numbers = np.clip(np.searchsorted(plan.tables.starts, times, side='right') - 1, 0, len(plan) - 1)
+    positions, master = np.empty((len(times), 3)), np.empty((len(times), 4))
+    for number in np.unique(numbers):
+        chosen = numbers == number
+        move = plan.move(int(number))
+        master[chosen] = sample_master(times[chosen] - plan.tables.starts[number], move.master)
+        positions[chosen] = move.sample(master[chosen, 0])[:, 0]
+    return positions, master, numbers

@@ -1,0 +1,1 @@
+"""Motion programs: their statements as values, and the readers of program files."""

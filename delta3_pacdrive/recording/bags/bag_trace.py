@@ -1,0 +1,375 @@
+"""Bags read as traces: every message is assigned to the bus cycle of its stamp."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from delta3_pacdrive.errors import TelegramError, TraceError
+from delta3_pacdrive.parameters import CYCLE_TIMES_S
+from delta3_pacdrive.recording.signals import (
+    CURRENT_SIGNALS,
+    SIGNALS,
+    TELEGRAM_SIGNALS,
+    TORQUE_SIGNALS,
+    TURN_SIGNALS,
+)
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.sercos import telegrams
+from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS, Clock
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
+from delta3_pacdrive.robot.sercos.telegram_codec import Message, TelegramCodec
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+    from rosbags.typesys.store import Typestore
+
+    from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.robot.sercos.telegrams import Telegram
+
+    Table = tuple[
+        NDArray[np.int64], Floats
+    ]  # stamps [ns] or cycles, and the numbers of a message in each row
+
+FIRST = 100  # messages from which the layout of a topic is determined
+BATCH = 20_000  # undecoded messages of a topic, about 4 MB
+LAYOUTS = {
+    topic: [t for t in TELEGRAM_SIGNALS if t.topic == topic] for topic in (t.topic for t in TELEGRAM_SIGNALS)
+}
+SHAFTS = telegrams.SHAFTS.topic
+OF_TOOL = (telegrams.TOOL_AT.topic, telegrams.TURN.topic)
+UNREADABLE = -1
+_LOG = logging.getLogger(__name__)
+
+
+def missing(path: Path) -> dict[str, int]:
+    """Return the numbers of missing messages counted by the recorder, by relative name of the topic.
+
+    Raises TraceError if there is no bag of a robot.
+    """
+    return dict(_metadata(path).get('lost', {}))
+
+
+def cut(path: Path) -> str:
+    """Return a sentence on what is missing in an incomplete bag; '' for a complete one.
+
+    Raises TraceError if there is no bag of a robot.
+    """
+    return str(_metadata(path).get('cut', ''))
+
+
+def _metadata(path: Path) -> dict[str, Any]:
+    """Return the metadata of a bag without reading its messages; raises TraceError."""
+    from delta3_pacdrive.recording.bags.bag_reader import open_bag
+
+    try:
+        return open_bag(path).meta
+    except (OSError, TraceError) as error:
+        raise TraceError(f'cannot read recording {path}: {error}') from error
+
+
+def read_bag(path: str | Path) -> Trace:
+    """Read the folder of a bag of one robot in any namespace.
+
+    Every message belongs to the bus cycle of its stamp; the order in the bag does not matter. Messages from before
+    cyclic operation are ignored. Messages that the nodes would reject (other names or lengths, numbers that are not
+    finite) are counted by topic in ``meta['refused']``. Of ``plant/motor_shafts``, which may be published more often,
+    only messages at cycle starts are used.
+
+    Returns
+    -------
+    Trace
+        All bus cycles contained in every recorded cyclic topic, with the signals of the recorded topics, and
+        ``CURRENT_SIGNALS`` if the currents of all drives are recorded. ``meta`` is the metadata of the recorder,
+        without an unknown ``start_cycle`` or ``end_cycle``. For an incomplete bag ``meta['cut']`` and the log list the
+        missing parts.
+
+    Raises
+    ------
+    TraceError
+        There is no folder, it is not a bag, or nothing of it can be read; it has no cyclic topic, more than one robot
+        or more than one run; its metadata is missing or contradicts the stamps; no cycle is complete.
+
+    """
+    path = Path(path)
+    try:
+        return _read_bag(path)
+    except TraceError as error:
+        raise TraceError(f'cannot read recording {path}: {error}') from error
+    except OSError as error:
+        raise TraceError(f'cannot read recording {path}: {error.strerror}') from error
+
+
+def _read_bag(path: Path) -> Trace:
+    # imported here because only bags need these slow imports
+    from rosbags.typesys import Stores, get_typestore
+
+    from delta3_pacdrive.recording.bags.bag_reader import PHASE, PROFILE, Profiles, open_bag
+    from delta3_pacdrive.recording.bags.completeness import common_cycles
+    from delta3_pacdrive.recording.bags.current_samples import SampleColumn, of_cycles
+
+    bag = open_bag(path)
+    typestore = get_typestore(Stores.ROS2_JAZZY)
+    columns = {
+        name: _Column(layouts, typestore) for name, layouts in LAYOUTS.items() if name in bag.names.values()
+    }
+    samples = {
+        topic: SampleColumn(
+            axis,
+            lambda telegram: _Column([telegram], typestore),
+            partial(_parse, typestore, telegrams.JOINT_STATE),
+        )
+        for topic, axis in zip(bag.currents, DRIVES, strict=False)
+    }
+    profiles = Profiles(typestore)
+    add = {topic: columns[name].add for topic, name in bag.names.items()}
+    add |= {topic: column.add for topic, column in samples.items()}
+    bag.read(add | {bag.robot + PROFILE: profiles.add, bag.robot + PHASE: profiles.sessions.add})
+    meta = bag.meta
+    if 'cycle_time_s' not in meta:
+        meta['cycle_time_s'] = _cycle_time(
+            column.table()[0] for name, column in columns.items() if name != SHAFTS
+        )
+    clock = Clock(meta['cycle_time_s'])
+    tables = {}
+    for name, column in columns.items():
+        if len((table := _by_cycle(name, column.table(), clock))[0]):
+            tables[name] = table
+    if not tables:
+        raise TraceError('it contains no message of cyclic operation')
+    sampled, currents = np.empty(0, np.int64), dict[str, 'Floats']()
+    if samples:
+        sampled, currents = of_cycles([column.table() for column in samples.values()], clock.period_ns)
+    cycles, notices = common_cycles(tables, sampled, counted='lost' in meta)
+    if len(cycles) > 1 and (step := int(np.diff(cycles).min())) > 1:
+        raise TraceError(
+            f'its messages are {step * meta["cycle_time_s"]:g} s apart, '
+            f'but its metadata has cycle_time_s {meta["cycle_time_s"]:g}'
+        )
+    counted = {name: column.refused for name, column in columns.items()}
+    counted |= {topic.removeprefix(bag.robot): column.refused for topic, column in samples.items()}
+    if refused := {name: count for name, count in counted.items() if count}:
+        meta['refused'] = refused
+    status = [columns[t.topic].status_changes(clock) for t in telegrams.AT if t.topic in columns]
+    if len(status) == len(telegrams.AT):
+        meta['drive_status'] = status
+    if profiles.starts:
+        meta['starts'] = profiles.starts
+        within = [start for start in profiles.starts if start >= cycles[0]]
+        # a recorder started during a program still knows its start
+        meta['start_cycle'] = within[0] if within else profiles.starts[-1]
+    if notices:
+        meta['notices'] = notices
+        _LOG.warning('note: recording %s: %s', path, '; '.join(notices))
+    if 'cut' in meta:
+        meta['cut'] += _extent(cycles, meta['cycle_time_s'])
+        _LOG.warning('note: recording %s: %s', path, meta['cut'])
+    signals = _signals(
+        tables, cycles, {name: TELEGRAM_SIGNALS[column.telegram] for name, column in columns.items()}
+    )
+    if 'current' in signals:
+        signals['current'] /= meta['torque_constant_n_m_a']
+    _convert_to_tool(signals, meta)
+    if np.isin(cycles, sampled).all():
+        rows = np.searchsorted(sampled, cycles)
+        signals |= {name: currents[name][rows] for name in CURRENT_SIGNALS}
+    return Trace(cycles * meta['cycle_time_s'], signals, meta)
+
+
+def _extent(cycles: NDArray[np.int64], period_s: float) -> str:
+    """Return begin and end of an incomplete recording as text."""
+    begin = f'; it begins at bus time {cycles[0] * period_s:.3f} s' if cycles[0] > 0 else ''
+    return f'{begin}; it ends at bus time {cycles[-1] * period_s:.3f} s'
+
+
+def _cycle_time(stamps: Iterable[NDArray[np.int64]]) -> float:
+    """Return the smallest distance [s] of stamps [ns], assumed to be the cycle time; raises TraceError."""
+    steps = [int(step.min()) for own in stamps if len(step := np.diff(np.unique(own)))]
+    found = min(steps, default=0) / NANOSECONDS
+    if found not in CYCLE_TIMES_S:
+        raise TraceError(f'its metadata is missing, and stamps {found:g} s apart do not fit a cycle time')
+    return found
+
+
+class _Column:
+    """Decoder of the messages of one topic into stamps and numbers.
+
+    Of several layouts it uses the one that fits most of the first messages.
+    """
+
+    def __init__(self, layouts: Sequence[Telegram], typestore: Typestore) -> None:
+        self._words: list[NDArray[np.int64]] = []
+        self._codecs = {
+            telegram: TelegramCodec(telegram, partial(_parse, typestore, telegram.type))
+            for telegram in layouts
+        }
+        self._batch: list[bytes] = []
+        self._tables: list[Table] = []
+        self.refused = 0
+
+    def add(self, data: bytes) -> None:
+        """Add a message."""
+        self._batch.append(data)
+        if len(self._batch) == BATCH:
+            self._decode_batch()
+
+    def table(self) -> Table:
+        """Return stamps [ns] of the messages of cyclic operation, shape (n,), and their numbers, (n, numbers)."""
+        self._decode_batch()
+        if not self._tables:
+            return np.empty(0, np.int64), np.empty((0, sum(self.telegram.lengths)))
+        stamps, values = zip(*self._tables, strict=True)
+        return np.concatenate(stamps), np.concatenate(values)
+
+    @property
+    def telegram(self) -> Telegram:
+        """Layout of the messages."""
+        return next(iter(self._codecs))
+
+    def status_changes(self, clock: Clock) -> list[list[int]]:
+        """Return the changes of the status word S-0-0135 of an AT as pairs of bus cycle and new word."""
+        stamps, _ = self.table()
+        words = np.concatenate([np.empty(0, np.int64), *self._words])
+        if not len(words):
+            return []
+        cycles, rows = np.unique(stamps // clock.period_ns, return_index=True)
+        words = words[rows]
+        cycles, words = cycles[words != UNREADABLE], words[words != UNREADABLE]
+        changed = np.flatnonzero(np.diff(words, prepend=UNREADABLE))
+        return [[int(cycles[n]), int(words[n])] for n in changed]
+
+    def _decode_batch(self) -> None:
+        if len(self._codecs) > 1 and self._batch:
+            first = self._batch[:FIRST]
+            fitting = {
+                telegram: sum(_fits(codec, data) for data in first)
+                for telegram, codec in self._codecs.items()
+            }
+            telegram = max(fitting, key=fitting.__getitem__)
+            self._codecs = {telegram: self._codecs[telegram]}
+        codec = self._codecs[self.telegram]
+        sec, nanosec, frames, values, others = codec.decode_all(self._batch)
+        self._batch = []
+        self._append(sec, nanosec, frames, values)
+        parsed = []
+        for data in others:
+            try:
+                parsed.append(codec.decode_message(data))
+            except TelegramError:
+                self.refused += 1
+        if parsed:
+            own, rests, texts, rows = zip(*parsed, strict=True)
+            self._append(np.array(own), np.array(rests), np.array(texts), np.array(rows))
+
+    def _append(self, sec: NDArray[Any], nanosec: NDArray[Any], frames: NDArray[Any], values: Floats) -> None:
+        """Keep the valid messages of cyclic operation."""
+        cyclic = sec >= 0
+        good = cyclic & (nanosec < NANOSECONDS) & np.isfinite(values).all(axis=1)
+        self.refused += int(cyclic.sum() - good.sum())
+        stamps = sec[good].astype(np.int64) * NANOSECONDS + nanosec[good].astype(np.int64)
+        self._tables.append((stamps, values[good]))
+        if self.telegram in (*telegrams.AT, telegrams.TOOL_AT):
+            self._words.append(_status_words(frames[good]))
+
+
+def _fits(codec: TelegramCodec, data: bytes) -> bool:
+    """Return whether a codec can read a message."""
+    try:
+        return bool(codec.decode_layout(data) or codec.decode_message(data))
+    except TelegramError:
+        return False
+
+
+def _status_words(frames: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the status words in the frames of AT, ``UNREADABLE`` if there is none."""
+    texts, indices = np.unique(frames, return_inverse=True)
+    words = [UNREADABLE] * len(texts)
+    for n, text in enumerate(texts.tolist()):
+        with suppress(TelegramError):
+            session = text.rpartition(b' ')[2]
+            words[n] = telegrams.parse_at_frame(text, session)[0]
+    return np.array(words, dtype=np.int64)[indices]
+
+
+def _parse(typestore: Typestore, message_type: str, data: bytes) -> Message:
+    """Parse a message of any layout; raises TelegramError."""
+    from rosbags.serde import SerdeError
+
+    try:
+        message: Any = typestore.deserialize_cdr(data, message_type)
+    except SerdeError as error:
+        raise TelegramError(f'a telegram is not a {message_type}') from error
+    header = message.header
+    head = header.stamp.sec, header.stamp.nanosec, header.frame_id.encode()
+    if message_type == telegrams.JOINT_STATE:
+        return Message(*head, message.name, (message.position, message.velocity, message.effort))
+    vector = message.point if message_type == telegrams.POINT else message.vector
+    return Message(*head, (), ((vector.x, vector.y, vector.z),))
+
+
+def _by_cycle(name: str, table: Table, clock: Clock) -> Table:
+    """Return the bus cycles of a topic in ascending order, and the numbers of each."""
+    stamps, values = table
+    in_cycle = stamps % clock.period_ns
+    if name == SHAFTS:
+        stamps, values = stamps[in_cycle == 0], values[in_cycle == 0]
+    elif in_cycle.any():
+        first = stamps[np.flatnonzero(in_cycle)[0]]
+        raise TraceError(
+            f'{name} has a message at bus time {first / NANOSECONDS:.9f} s, '
+            f'which is not the begin of a cycle of {clock.period_ns / NANOSECONDS:g} s'
+        )
+    cycles, first_rows, rows = np.unique(stamps // clock.period_ns, return_index=True, return_inverse=True)
+    differing = np.flatnonzero((values != values[first_rows][rows]).any(axis=1))
+    if len(differing):
+        time_s = stamps[differing[0]] / NANOSECONDS
+        raise TraceError(
+            f'it contains more than one run: {name} has different messages at bus time {time_s:g} s'
+        )
+    return cycles, values[first_rows]
+
+
+def _signals(
+    tables: dict[str, Table], cycles: NDArray[np.int64], names: dict[str, tuple[str, ...]]
+) -> dict[str, Floats]:
+    """Return the signals of all topics in common cycles, in the order of ``SIGNALS``; ``names`` are those by topic."""
+    rows = {name: values[np.searchsorted(own, cycles)] for name, (own, values) in tables.items()}
+    found: dict[str, Floats] = {}
+    at_topics = [telegram.topic for telegram in telegrams.AT]
+    for topic, values in rows.items():
+        if topic not in at_topics:
+            wide = 1 if topic in OF_TOOL else values.shape[1] // len(names[topic])
+            columns = 1 if topic in OF_TOOL else 3  # the arms come first
+            for i, signal in enumerate(names[topic]):
+                if signal:
+                    found[signal] = np.ascontiguousarray(values[:, wide * i : wide * i + columns])
+    feedback = [rows[telegram.topic] for telegram in telegrams.AT if telegram.topic in rows]
+    if len(feedback) == len(telegrams.AT):
+        for i, signal in enumerate(TELEGRAM_SIGNALS[telegrams.AT[0]]):
+            found[signal] = np.stack([one[:, i] for one in feedback], axis=1)
+    return {signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS, *TURN_SIGNALS) if signal in found}
+
+
+def _convert_to_tool(signals: dict[str, Floats], meta: dict[str, Any]) -> None:
+    """Convert the signals of the rotary axis from the motor to the tool, in place."""
+    given = meta.get('parameters')
+    constants = [
+        given.get(f'rotary.{name}') if isinstance(given, dict) else None
+        for name in ('gear_ratio', 'torque_constant_n_m_a')
+    ]
+    for signal, constant in zip(
+        ('turn_position', 'turn_speed', 'turn_current'), constants[:1] + constants, strict=True
+    ):
+        if signal not in signals:
+            continue
+        if isinstance(constant, int | float) and constant > 0.0:
+            signals[signal] /= constant
+        else:
+            del signals[signal]

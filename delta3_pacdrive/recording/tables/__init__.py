@@ -1,0 +1,1 @@
+"""Tables of measurements: CSV, Parquet and MATLAB files, their columns and units."""

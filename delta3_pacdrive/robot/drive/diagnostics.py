@@ -1,0 +1,113 @@
+"""Diagnostics of the drive as one table: message number, class, reaction, bit of S-0-0011 or S-0-0012, and text.
+
+Message numbers are PacDrive's where one exists (Schneider, PD.Diagnostic); numbers 89xx are specific to this emulator.
+Class 2 is a warning; class 3 stops the drive and is latched until S-0-0099 clears it. Reactions: AD switches the torque
+off and applies the brake; BD1 brakes with maximum torque; BD2 brakes along a ramp. After BD1 and BD2 the brake is
+applied and the power switched off.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+from delta3_pacdrive.robot.sercos.words import Class1, Class2
+
+
+class Reaction(IntEnum):
+    """Reaction to a diagnostic; larger values are stronger."""
+
+    NONE = 0
+    BD2 = 1
+    BD1 = 2
+    AD = 3
+
+
+class DriveFault(IntEnum):
+    """Latched fault that stops the drive."""
+
+    NONE = 0
+    FOLLOWING_ERROR = 1
+    OVERSPEED = 2
+    OVERLOAD = 3
+    COMMAND_STEP = 4
+    COMMAND_NOT_FINITE = 5
+    TELEGRAM = 6
+    ENCODER = 7
+    OVER_CURRENT = 8
+    OVERTRAVEL = 9
+    MASTER_SILENT = 10
+    UNDER_VOLTAGE = 11
+    OVER_VOLTAGE = 12
+    BRAKE = 13
+
+
+class DriveWarning(IntFlag):
+    """Present warning, which does not stop the drive."""
+
+    NONE = 0
+    FOLLOWING_ERROR = 1
+    OVERLOAD = 2
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One row of the table; ``bit`` belongs to class 1 for faults and to class 2 for warnings."""
+
+    number: int
+    class_: int
+    reaction: Reaction
+    bit: Class1 | Class2
+    text: str
+
+
+# fmt: off
+FAULTS = {
+    DriveFault.FOLLOWING_ERROR: Diagnostic(8111, 3, Reaction.BD1, Class1.POSITION_DEVIATION,
+        'following error over eight times its limit'),
+    DriveFault.OVERSPEED: Diagnostic(8901, 3, Reaction.BD1, Class1.MANUFACTURER, 'motor overspeed'),
+    DriveFault.OVERLOAD: Diagnostic(8902, 3, Reaction.BD2, Class1.OVERLOAD, 'current over nominal for too long (I2t)'),
+    DriveFault.COMMAND_STEP: Diagnostic(8903, 3, Reaction.BD2, Class1.MANUFACTURER, 'command step too large'),
+    DriveFault.COMMAND_NOT_FINITE: Diagnostic(8904, 3, Reaction.BD2, Class1.MANUFACTURER,
+        'command is not a finite number'),
+    DriveFault.TELEGRAM: Diagnostic(8112, 3, Reaction.BD2, Class1.COMMUNICATION,
+        'telegram invalid: two lost in a row, or ten in a window'),
+    DriveFault.ENCODER: Diagnostic(8171, 3, Reaction.AD, Class1.FEEDBACK, 'encoder unreadable or jumping'),
+    DriveFault.OVER_CURRENT: Diagnostic(8905, 3, Reaction.AD, Class1.OVER_CURRENT, 'over-current in the winding'),
+    DriveFault.OVERTRAVEL: Diagnostic(8906, 3, Reaction.BD1, Class1.OVERTRAVEL, 'arm beyond its limit: end stop'),
+    DriveFault.MASTER_SILENT: Diagnostic(8506, 3, Reaction.BD2, Class1.COMMUNICATION, 'no telegram of the master'),
+    # without DC link voltage a controlled stop is impossible
+    DriveFault.UNDER_VOLTAGE: Diagnostic(8909, 3, Reaction.AD, Class1.UNDER_VOLTAGE,
+        'DC link below 75 % of its voltage'),
+    DriveFault.OVER_VOLTAGE: Diagnostic(8910, 3, Reaction.AD, Class1.OVER_VOLTAGE,
+        'DC link above 135 % of its voltage'),
+    # the torque is already off
+    DriveFault.BRAKE: Diagnostic(8911, 3, Reaction.AD, Class1.MANUFACTURER, 'holding brake does not hold the shaft'),
+}
+WARNINGS = {
+    DriveWarning.FOLLOWING_ERROR: Diagnostic(8132, 2, Reaction.NONE, Class2.MANUFACTURER,
+        'following error over its limit'),
+    DriveWarning.OVERLOAD: Diagnostic(8908, 2, Reaction.NONE, Class2.OVERLOAD, 'I2t over 80 % of its limit'),
+}
+# fmt: on
+
+# by fault number, for compiled code
+REACTIONS = tuple(int(FAULTS[fault].reaction) if fault else 0 for fault in DriveFault)
+
+FAULT_OF_NUMBER = {row.number: fault for fault, row in FAULTS.items()}
+
+
+def class_1_diagnostic(fault: DriveFault) -> int:
+    """Return S-0-0011 for a latched fault."""
+    return int(FAULTS[fault].bit) if fault else 0
+
+
+def class_2_diagnostic(warning: DriveWarning) -> int:
+    """Return S-0-0012 for the present warnings."""
+    return sum(int(row.bit) for bit, row in WARNINGS.items() if warning & bit)
+
+
+def fault_text(fault: DriveFault) -> str:
+    """Return message number, class, reaction and text of a fault."""
+    if not fault:
+        return 'no fault'
+    row = FAULTS[fault]
+    return f'{row.number} {row.text} (class {row.class_}, reaction {row.reaction.name})'

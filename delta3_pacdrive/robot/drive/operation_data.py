@@ -1,0 +1,361 @@
+"""Operation data of the drive, by identification number, as one table for the service channel.
+
+S numbers and names are those of SERCOS II (IEC 61491), P numbers are specific to this emulator. Units are SI and
+radians on the motor side, currents A rms, voltages of one phase; nothing is scaled on the bus. Where the standard
+defines an integral action time, it is read-only; a P number sets the gain.
+
+A value is one number. Lists and texts (S-0-0017, S-0-0095, S-0-0140) do not fit the channel, and data that this drive
+does not have (S-0-0110, S-0-0112, S-0-0138) are omitted: both lead to the error "no such IDN".
+"""
+
+import dataclasses
+import math
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import partial
+from typing import Any
+
+from delta3_pacdrive.errors import shown
+from delta3_pacdrive.parameters import FEED_FORWARDS, INTERPOLATIONS, groups
+from delta3_pacdrive.robot.drive.arrays import STANDSTILL_RAD_S
+from delta3_pacdrive.robot.drive.diagnostics import (
+    FAULTS,
+    WARNINGS,
+    DriveFault,
+    DriveWarning,
+    class_1_diagnostic,
+    class_2_diagnostic,
+)
+from delta3_pacdrive.robot.sercos.service_channel import (
+    ERROR_TEXTS,
+    Access,
+    Answer,
+    Operation,
+    ServiceError,
+    message_8503,
+    parse_idn,
+)
+from delta3_pacdrive.robot.sercos.words import Class3, Interface, OperationMode, Phase
+
+READ_ONLY: frozenset[Phase] = frozenset()
+BEFORE_CP4 = frozenset({Phase.CP2, Phase.CP3})
+ALWAYS = frozenset({Phase.CP2, Phase.CP3, Phase.CP4})
+ONE = '1'  # dimensionless
+BITS = 'bits'  # unit of words, displayed in hexadecimal
+PHASE = 'phase'  # source: communication phase of the access
+# S-0-0015: no standard telegram contains a payload (MDT), or position, velocity and torque (AT)
+APPLICATION_TELEGRAM = 7
+
+
+class Group(StrEnum):
+    """Groups of operation data."""
+
+    GAINS = 'gains'
+    FEEDFORWARDS = 'feed-forwards'
+    FILTERS = 'filters'
+    LIMITS = 'limits'
+    TIMING = 'timing and mode'
+    ENCODER = 'encoder and gear'
+    MOTOR = 'motor and brake'
+    ACTUAL_VALUES = 'actual values'
+    DIAGNOSTICS = 'diagnostics'
+    COMMANDS = 'procedure commands'
+
+
+@dataclass(frozen=True)
+class OperationData:
+    """One row of the table.
+
+    Attributes
+    ----------
+    sources
+        Parameters (with a dot: ``drive.velocity_feedforward``), fields of the drive's ``STATE`` record, or ``PHASE``.
+    writable_in
+        Phases in which the value may be changed; writable data has one parameter as its source and no formula.
+
+    """
+
+    idn: int
+    name: str
+    unit: str
+    group: Group
+    sources: tuple[str, ...]
+    formula: Callable[..., float] = float  # computes the value from the sources, in order
+    writable_in: frozenset[Phase] = READ_ONLY
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Minimum and maximum of the value, from its parameter."""
+        group, _, name = self.sources[0].partition('.') if self.sources else ('', '', '')
+        if self.formula is float and group in groups():
+            for field in dataclasses.fields(groups()[group]):
+                if field.name == name:
+                    return field.metadata['low'], field.metadata['high']
+        return -math.inf, math.inf
+
+
+def _action_time(gain: float, integral_gain: float) -> float:
+    """Integral action time [s]; 0 without an integrator, as usual in drives."""
+    return gain / integral_gain if integral_gain else 0.0
+
+
+def _class_1(fault: float) -> float:
+    return class_1_diagnostic(DriveFault(int(fault)))
+
+
+def _class_2(warning: float) -> float:
+    return class_2_diagnostic(DriveWarning(int(warning)))
+
+
+def _class_3(
+    speed: float, speed_reference: float, speed_limit: float, speed_max: float, *torque: float
+) -> float:
+    current_reference, torque_limit, torque_constant, peak_current = torque
+    word = Class3(0)
+    if abs(speed) < STANDSTILL_RAD_S:
+        word |= Class3.STANDSTILL
+    if abs(current_reference) >= min(torque_limit / torque_constant, peak_current):
+        word |= Class3.TORQUE_LIMIT
+    if abs(speed_reference) >= min(speed_limit, speed_max):
+        word |= Class3.VELOCITY_LIMIT
+    return word
+
+
+def _in_position(following_error: float, window: float) -> float:
+    return float(abs(following_error) <= window)
+
+
+def _operation_mode(velocity_feedforward: float) -> float:
+    return OperationMode.POSITION_CONTROL | (OperationMode.LAGLESS if velocity_feedforward else 0)
+
+
+def _travel(end_stop_deg: float, gear_in: float, gear_out: float) -> float:
+    """Motor position [rad] of an overtravel."""
+    return math.radians(end_stop_deg) * gear_in / gear_out
+
+
+def _angle(increments: float, increments_per_rev: float) -> float:
+    return math.tau * increments / increments_per_rev
+
+
+def _diagnostic_number(fault: float, warning: float) -> float:
+    """Message number of the fault, otherwise of the first warning, otherwise 0."""
+    if fault:
+        return FAULTS[DriveFault(int(fault))].number
+    return next((row.number for bit, row in WARNINGS.items() if int(warning) & bit), 0)
+
+
+def _interface_status(phase: float, fault: float) -> float:
+    failures = {DriveFault.MASTER_SILENT: Interface.MST_FAILURE, DriveFault.TELEGRAM: Interface.MDT_FAILURE}
+    return int(phase) | failures.get(DriveFault(int(fault)), 0)
+
+
+def _constant(value: float) -> Callable[[], float]:
+    """Return the formula of a constant."""
+    return lambda: value
+
+
+def _row(idn: str, name: str, unit: str, *sources: str, **more: Any) -> partial[OperationData]:
+    """Return a row without its group."""
+    return partial(OperationData, parse_idn(idn), name, unit, sources=sources, **more)
+
+
+def _set(idn: str, name: str, unit: str, source: str, phases: frozenset[Phase]) -> partial[OperationData]:
+    """Return a row of a parameter that can be set in some phases."""
+    return _row(idn, name, unit, source, writable_in=phases)
+
+
+# fmt: off
+_GROUPS = {
+    Group.GAINS: (
+        _set('S-0-0104', 'Position loop KV-factor', '1/s', 'drive.position_gain_rad_s_rad', ALWAYS),
+        _set('S-0-0100', 'Velocity loop proportional gain', 'A s/rad', 'drive.velocity_gain_a_s_rad', ALWAYS),
+        _set('P-0-0011', 'Velocity loop integral gain', 'A/rad', 'drive.velocity_integral_gain_a_rad', ALWAYS),
+        _row('S-0-0101', 'Velocity loop integral action time', 's',
+             'drive.velocity_gain_a_s_rad', 'drive.velocity_integral_gain_a_rad', formula=_action_time),
+        _set('S-0-0106', 'Current loop proportional gain 1', 'V/A', 'drive.current_gain_v_a', ALWAYS),
+        _set('P-0-0012', 'Current loop integral gain 1', 'V/(A s)', 'drive.current_integral_gain_v_a_s', ALWAYS),
+        _row('S-0-0107', 'Current loop integral action time 1', 's',
+             'drive.current_gain_v_a', 'drive.current_integral_gain_v_a_s', formula=_action_time),
+    ),
+    Group.FEEDFORWARDS: (
+        _set('S-0-0296', 'Velocity feed forward gain', ONE, 'drive.velocity_feedforward', ALWAYS),
+        _set('S-0-0348', 'Acceleration feed forward gain', ONE, 'drive.current_feedforward', ALWAYS),
+        _set('P-0-0021', 'Inertia of the acceleration feed forward', 'kg m2',
+             'drive.feedforward_inertia_kg_m2', ALWAYS),
+        _set('P-0-0022', 'Arm inertia of the shaft observer, arm side', 'kg m2',
+             'drive.observer_arm_inertia_kg_m2', BEFORE_CP4),
+    ),
+    Group.FILTERS: (
+        _set('S-0-0392', 'Velocity feedback filter', 's', 'drive.velocity_filter_s', ALWAYS),
+        _set('P-0-0031', 'Current command filter', 's', 'drive.current_reference_filter_s', ALWAYS),
+        _set('P-0-0032', 'Current feedback filter', 's', 'drive.current_filter_s', ALWAYS),
+        _set('P-0-0033', 'Notch filter 1, frequency (0 off)', 'Hz', 'drive.notch_1_frequency_hz', ALWAYS),
+        _set('P-0-0034', 'Notch filter 1, damping', ONE, 'drive.notch_1_damping', ALWAYS),
+        _set('P-0-0035', 'Notch filter 1, depth', ONE, 'drive.notch_1_depth', ALWAYS),
+        _set('P-0-0036', 'Notch filter 2, frequency (0 off)', 'Hz', 'drive.notch_2_frequency_hz', ALWAYS),
+        _set('P-0-0037', 'Notch filter 2, damping', ONE, 'drive.notch_2_damping', ALWAYS),
+        _set('P-0-0038', 'Notch filter 2, depth', ONE, 'drive.notch_2_depth', ALWAYS),
+    ),
+    Group.LIMITS: (
+        _set('S-0-0159', 'Monitoring window', 'rad', 'drive.following_error_limit_rad', ALWAYS),
+        # the master uses the same window, so it cannot be changed on the bus
+        _row('S-0-0057', 'Position window', 'rad', 'drive.position_window_rad'),
+        _set('S-0-0429', 'Emergency stop deceleration', 'rad/s2', 'drive.stop_deceleration_rad_s2', ALWAYS),
+        _set('P-0-0041', 'Overspeed trip over maximum motor speed', ONE, 'drive.overspeed_factor', ALWAYS),
+        _set('P-0-0042', 'Overload time of the I2t monitoring', 's', 'drive.overload_time_s', ALWAYS),
+        _set('S-0-0273', 'Maximum drive off delay time', 's', 'drive.stop_time_max_s', BEFORE_CP4),
+        _set('S-0-0295', 'Drive enable delay time', 's', 'drive.enable_settle_s', BEFORE_CP4),
+        _set('S-0-0091', 'Bipolar velocity limit value', 'rad/s', 'drive.velocity_limit_rad_s', ALWAYS),
+        _row('S-0-0038', 'Positive velocity limit value', 'rad/s', 'drive.velocity_limit_rad_s', formula=operator.pos),
+        _row('S-0-0039', 'Negative velocity limit value', 'rad/s', 'drive.velocity_limit_rad_s', formula=operator.neg),
+        _set('S-0-0092', 'Bipolar torque limit value', 'N m', 'drive.torque_limit_n_m', ALWAYS),
+        _row('S-0-0082', 'Positive torque limit value', 'N m', 'drive.torque_limit_n_m', formula=operator.pos),
+        _row('S-0-0083', 'Negative torque limit value', 'N m', 'drive.torque_limit_n_m', formula=operator.neg),
+        _row('S-0-0049', 'Positive position limit value', 'rad',
+             'dynamics.end_stop_max_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+        _row('S-0-0050', 'Negative position limit value', 'rad',
+             'dynamics.end_stop_min_deg', 'dynamics.gear_in', 'dynamics.gear_out', formula=_travel),
+        _row('S-0-0124', 'Standstill window', 'rad/s', formula=_constant(STANDSTILL_RAD_S)),
+    ),
+    Group.TIMING: (
+        _row('S-0-0001', 'Control unit cycle time (tNcyc)', 's', 'bus.cycle_time_s'),
+        _row('S-0-0002', 'Communication cycle time (tScyc)', 's', 'bus.cycle_time_s'),
+        _row('S-0-0015', 'Telegram type', BITS, formula=_constant(APPLICATION_TELEGRAM)),
+        _row('S-0-0032', 'Primary operation mode', BITS, 'drive.velocity_feedforward', formula=_operation_mode),
+        _row('P-0-0001', 'Position loop period', 's', 'drive.position_period_s'),
+        _row('P-0-0002', 'Velocity loop period', 's', 'drive.velocity_period_s'),
+        _row('P-0-0003', 'Current loop period', 's', 'drive.current_period_s'),
+        _row('P-0-0004', 'Exchange period with the plant', 's', 'bus.exchange_period_s'),
+        _row('P-0-0005', 'Fine interpolation (0 linear, 1 cubic)', ONE, 'drive.interpolation',
+             formula=INTERPOLATIONS.index),
+        _row('P-0-0006', 'Torque feed-forward (0 inertia, 1 model)', ONE, 'control.feed_forward',
+             formula=FEED_FORWARDS.index),
+    ),
+    Group.ENCODER: (
+        _row('S-0-0079', 'Rotational position resolution', 'increments', 'bus.increments_per_rev'),
+        _row('S-0-0116', 'Resolution of feedback 1 (motor feedback)', 'increments', 'bus.increments_per_rev'),
+        _row('S-0-0121', 'Input revolutions of load gear', ONE, 'dynamics.gear_in'),
+        _row('S-0-0122', 'Output revolutions of load gear', ONE, 'dynamics.gear_out'),
+        _row('S-0-0177', 'Absolute distance 1', 'rad', 'absolute_distance', 'bus.increments_per_rev', formula=_angle),
+        _row('P-0-0051', 'Commutation offset, electrical', 'rad', 'drive.commutation_offset_rad'),
+    ),
+    Group.MOTOR: (
+        _row('S-0-0109', 'Motor peak current', 'A', 'motor.peak_current_a'),
+        _row('S-0-0111', 'Motor continuous stall current', 'A', 'motor.nominal_current_a'),
+        _row('S-0-0113', 'Maximum motor speed', 'rad/s', 'motor.max_speed_rad_s'),
+        _row('S-0-0206', 'Drive on delay time', 's', 'motor.brake_release_s'),
+        _row('S-0-0207', 'Drive off delay time', 's', 'motor.brake_apply_s'),
+        _row('P-0-0061', 'Torque constant', 'N m/A', 'motor.torque_constant_n_m_a'),
+        _row('P-0-0062', 'Rotor inertia', 'kg m2', 'motor.rotor_inertia_kg_m2'),
+        _row('P-0-0063', 'Brake inertia', 'kg m2', 'motor.brake_inertia_kg_m2'),
+        _row('P-0-0064', 'Winding resistance, phase to phase', 'ohm', 'motor.winding_resistance_ohm'),
+        _row('P-0-0065', 'Winding inductance, phase to phase', 'H', 'motor.winding_inductance_h'),
+        _row('P-0-0066', 'Pole pairs', ONE, 'motor.pole_pairs'),
+        _row('P-0-0067', 'Viscous friction', 'N m s/rad', 'motor.viscous_friction_n_m_s_rad'),
+        _row('P-0-0068', 'Static friction', 'N m', 'motor.static_friction_n_m'),
+        _row('P-0-0069', 'Torque of the holding brake', 'N m', 'motor.brake_torque_n_m'),
+        _row('P-0-0070', 'Nominal DC bus voltage', 'V', 'drive.dc_link_voltage_v'),
+    ),
+    # actual values of the bus cycle of the reply: those of loops are from their last period in the previous bus cycle,
+    # the instant of an AT
+    Group.ACTUAL_VALUES: (
+        _row('S-0-0036', 'Velocity command value', 'rad/s', 'speed_reference'),
+        _row('S-0-0040', 'Velocity feedback value 1', 'rad/s', 'speed'),
+        _row('S-0-0047', 'Position command value', 'rad', 'command'),
+        _row('S-0-0051', 'Position feedback value 1 (motor feedback)', 'rad', 'sampled_position'),
+        _row('S-0-0080', 'Torque command value', 'N m',
+             'motor.torque_constant_n_m_a', 'current_reference', formula=operator.mul),
+        _row('S-0-0081', 'Additive torque command value', 'N m', 'torque'),
+        _row('S-0-0084', 'Torque feedback value', 'N m',
+             'motor.torque_constant_n_m_a', 'current', formula=operator.mul),
+        _row('S-0-0189', 'Following distance', 'rad', 'following_error'),
+        _row('S-0-0380', 'DC bus voltage', 'V', 'dc_link'),
+        _row('S-0-0389', 'Effective current', 'A', 'current'),
+        _row('P-0-0071', 'Voltage command value of a phase', 'V', 'voltage'),
+        _row('P-0-0072', 'Integral of the I2t monitoring', 's', 'overload'),
+        # over all samples of the current loop in the cycles marked by real-time control bit 1, last program
+        _row('P-0-0073', 'Peak of the effective current in a program', 'A', 'last_peak'),
+        _row('P-0-0074', 'Root mean square of the effective current in a program', 'A', 'last_rms'),
+    ),
+    Group.DIAGNOSTICS: (
+        _row('S-0-0011', 'Class 1 diagnostic', BITS, 'fault', formula=_class_1),
+        _row('S-0-0012', 'Class 2 diagnostic', BITS, 'warning', formula=_class_2),
+        _row('S-0-0013', 'Class 3 diagnostic', BITS,
+             'speed', 'speed_reference', 'drive.velocity_limit_rad_s', 'motor.max_speed_rad_s',
+             'current_reference', 'drive.torque_limit_n_m', 'motor.torque_constant_n_m_a',
+             'motor.peak_current_a', formula=_class_3),
+        _row('S-0-0014', 'Interface status', BITS, PHASE, 'fault', formula=_interface_status),
+        # one message is MST and MDT: its stamp synchronises, its values command. A lost or garbled message, which has
+        # no valid stamp, counts as both: the two IDNs show one counter
+        _row('S-0-0028', 'MST error counter', ONE, 'mdt_losses'),
+        _row('S-0-0029', 'MDT error counter', ONE, 'mdt_losses'),
+        _row('S-0-0134', 'Drive control', BITS, 'control'),
+        _row('S-0-0135', 'Drive status', BITS, 'status'),
+        _row('S-0-0300', 'Real-time control bit 1 (measure the current)', ONE, 'measuring'),
+        _row('S-0-0302', 'Real-time control bit 2 (a program is running)', ONE, 'program'),
+        _row('S-0-0336', 'In position', ONE,
+             'following_error', 'drive.position_window_rad', formula=_in_position),
+        _row('S-0-0390', 'Diagnostic number', ONE, 'fault', 'warning', formula=_diagnostic_number),
+        _row('P-0-0081', 'State of the drive', ONE, 'state'),
+        _row('P-0-0082', 'Reaction in progress', ONE, 'reaction'),
+        _row('P-0-0083', 'Brake output', ONE, 'brake_release'),
+    ),
+    # procedure commands are executed immediately, so that none is ever found active
+    Group.COMMANDS: (
+        _row('S-0-0099', 'Reset class 1 diagnostic', BITS, formula=_constant(0.0)),
+        _row('S-0-0127', 'CP3 transition check', BITS, formula=_constant(0.0)),
+        _row('S-0-0128', 'CP4 transition check', BITS, formula=_constant(0.0)),
+    ),
+}
+# fmt: on
+
+ROWS = tuple(row(group=group) for group, rows in _GROUPS.items() for row in rows)
+TABLE = {row.idn: row for row in ROWS}
+# IDN by the name of its parameter
+OF_PARAMETER = {
+    row.sources[0]: row.idn
+    for row in reversed(ROWS)
+    if row.formula is float and row.sources and '.' in row.sources[0]
+}
+RESET_CLASS_1_DIAGNOSTIC, CP3_CHECK, CP4_CHECK = (
+    parse_idn(text) for text in ('S-0-0099', 'S-0-0127', 'S-0-0128')
+)
+EXECUTABLE_IN = {
+    RESET_CLASS_1_DIAGNOSTIC: ALWAYS,
+    CP3_CHECK: frozenset({Phase.CP2}),
+    CP4_CHECK: frozenset({Phase.CP3}),
+}
+
+
+def value_text(row: OperationData, value: float) -> str:
+    """Return the value of operation data as text: words in hexadecimal, numbers with their unit."""
+    if row.unit == BITS:
+        return f'0x{int(value):04x}'
+    return f'{value:.12g}' if row.unit == ONE else f'{value:.12g} {row.unit}'
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return shown(value) if unit == ONE else f'{shown(value)} {unit}'
+
+
+def refusal(access: Access, answer: Answer) -> str:
+    """Return diagnostic message 8503 of a failed access, with name, value and limits; empty without an error."""
+    row = TABLE.get(access.idn)
+    if row is None or not answer.error:
+        return answer.sentence
+    low, high = row.limits
+    text = ERROR_TEXTS[answer.error]
+    if access.operation == Operation.WRITE:
+        value = _with_unit(access.value, row.unit)
+        if answer.error == ServiceError.TOO_SMALL:
+            # positive quantities have the smallest positive float as their minimum
+            bound = 'positive' if 0.0 < low < 1e-300 else f'at least {_with_unit(low, row.unit)}'
+            text = f'{value} is too small, it must be {bound}'
+        elif answer.error == ServiceError.TOO_LARGE:
+            text = f'{value} is too large, it must be at most {_with_unit(high, row.unit)}'
+        elif answer.error == ServiceError.INVALID:
+            text = f'{value} is invalid'
+    return message_8503(access.idn, answer.error, f'{row.name}: {text}')

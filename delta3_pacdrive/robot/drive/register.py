@@ -1,0 +1,136 @@
+"""Access to the operation data of a drive: read, write and execute, as the communication phase permits."""
+
+import math
+from collections.abc import Callable
+
+from delta3_pacdrive.errors import ParameterError
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.robot.drive.operation_data import (
+    EXECUTABLE_IN,
+    PHASE,
+    RESET_CLASS_1_DIAGNOSTIC,
+    TABLE,
+    refusal,
+)
+from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation, ServiceError, message_8503
+from delta3_pacdrive.robot.sercos.words import Phase
+
+
+class Register:
+    """Operation data of one drive.
+
+    Parameters
+    ----------
+    actual
+        Returns a field of the drive's ``STATE`` record by name.
+    on_change
+        Called with the new parameters after each accepted write.
+    reset
+        Executes S-0-0099; returns whether no fault is left.
+
+    Attributes
+    ----------
+    refusal
+        Diagnostic message 8503 of the last failed access; empty before the first.
+
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        actual: Callable[[str], float],
+        on_change: Callable[[Parameters], None],
+        reset: Callable[[], bool],
+    ) -> None:
+        self.parameters = parameters
+        self.refusal = ''
+        self._actual = actual
+        self._on_change = on_change
+        self._phase = Phase.CP2
+        self._reset = reset
+
+    def serve(self, access: Access, phase: Phase) -> Answer:
+        """Execute an access of the service channel in a communication phase."""
+        self._phase = phase
+        if phase < Phase.CP2:
+            return self._refuse(access, ServiceError.NOT_OPEN)
+        if access.operation == Operation.READ:
+            return self.read(access.idn)
+        if access.operation == Operation.WRITE:
+            return self.write(access.idn, access.value, phase)
+        return self.command(access.idn, phase)
+
+    def read(self, idn: int) -> Answer:
+        """Return the value of an IDN, in its unit."""
+        row = TABLE.get(idn)
+        if row is None:
+            return self._refuse(Access(idn, Operation.READ), ServiceError.NO_IDN)
+        return Answer(idn, value=float(row.formula(*(self._source(source) for source in row.sources))))
+
+    def write(self, idn: int, value: float, phase: Phase) -> Answer:
+        """Change a parameter if its limits, the phase and the rules between parameters permit the value."""
+        access = Access(idn, Operation.WRITE, value)
+        error = writing_error(access, phase)
+        if error:
+            return self._refuse(access, error)
+        key = TABLE[idn].sources[0].replace('.', '__')
+        try:
+            changed = self.parameters.replace(**{key: value})
+        except ParameterError as broken_rule:
+            return self._refuse(access, ServiceError.INVALID, str(broken_rule))
+        self.parameters = changed
+        self._on_change(changed)
+        return Answer(idn, value=value)
+
+    def restore(self, parameters: Parameters) -> None:
+        """Restore earlier, valid parameters."""
+        self.parameters = parameters
+        self._on_change(parameters)
+
+    def command(self, idn: int, phase: Phase) -> Answer:
+        """Execute a procedure command in a phase that permits it.
+
+        The transition checks always succeed: all values and the rules between them are checked at start-up and when
+        written.
+        """
+        access = Access(idn, Operation.COMMAND)
+        if idn not in TABLE:
+            return self._refuse(access, ServiceError.NO_IDN)
+        if idn not in EXECUTABLE_IN:
+            return self._refuse(access, ServiceError.NO_COMMAND)
+        if phase not in EXECUTABLE_IN[idn] or (idn == RESET_CLASS_1_DIAGNOSTIC and not self._reset()):
+            return self._refuse(access, ServiceError.COMMAND_NOT_EXECUTABLE)
+        return Answer(idn, value=0.0)
+
+    def _source(self, source: str) -> float | str:
+        if source == PHASE:
+            return float(self._phase)
+        group, dot, name = source.partition('.')
+        if not dot:
+            return self._actual(source)
+        value = getattr(getattr(self.parameters, group), name)
+        return value if isinstance(value, str) else float(value)
+
+    def _refuse(self, access: Access, error: ServiceError, why: str = '') -> Answer:
+        answer = Answer(access.idn, error)
+        self.refusal = message_8503(access.idn, error, why) if why else refusal(access, answer)
+        return answer
+
+
+def writing_error(access: Access, phase: Phase) -> ServiceError:
+    """Return the error of a write access, regardless of other parameters."""
+    row = TABLE.get(access.idn)
+    if phase < Phase.CP2:
+        return ServiceError.NOT_OPEN
+    if row is None:
+        return ServiceError.NO_IDN
+    if not row.writable_in:
+        return ServiceError.READ_ONLY
+    if phase not in row.writable_in:
+        return ServiceError.WRITE_PROTECTED
+    if not math.isfinite(access.value):
+        return ServiceError.INVALID
+    low, high = row.limits
+    if access.value < low:
+        return ServiceError.TOO_SMALL
+    return ServiceError.TOO_LARGE if access.value > high else ServiceError.NONE

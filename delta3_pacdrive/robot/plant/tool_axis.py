@@ -1,0 +1,251 @@
+"""Rotary axis of the tool: motor and brake on the base plate, gear, telescopic bar, tool and payload.
+
+The bar transmits the angle without error, and axis and arms do not affect each other. With a rigid bar, as in the
+nominal robot,
+
+    (I_m + J / k^2) w' = K_m I - F_s tanh(w / w_s) - F_v w - load
+
+with J of bar, tool and payload. With an elastic bar, as in the built robot, rotor and tool are two masses connected by
+a spring with backlash. A step is an explicit midpoint step, as for the arms.
+
+Arguments of the kernels, in addition to those of ``arrays``:
+
+``tool``
+    Array of one record ``TOOL_PLANT``, shape (1,).
+``p``
+    That record; its motor is ``m``.
+``torque``
+    Torque on the motor shaft [N m]: motor less friction, load and bar.
+``inertia``
+    Inertia rigidly coupled to the shaft [kg m^2, motor side].
+``angle``, ``turning``
+    Tool angle [rad] and speed [rad/s].
+``brake``
+    Brake output of the drive, 1 = release.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from delta3_pacdrive.numerics.kernel import kernel
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.robot.motor import MOTOR, friction_torque, motor
+from delta3_pacdrive.robot.plant.brake import advance_brake, caught_speed
+from delta3_pacdrive.robot.plant.built_robot import STEP_ANGLE, STEP_DECAY, gear_torque
+
+TOOL_STATE = np.dtype(
+    [
+        ('shaft', 'f8'),  # [rad], motor
+        ('rate', 'f8'),  # [rad/s], motor
+        ('acceleration', 'f8'),  # [rad/s^2], motor, of the last step
+        ('angle', 'f8'),  # [rad], tool
+        ('turning', 'f8'),  # [rad/s], tool
+        ('turning_acceleration', 'f8'),  # [rad/s^2], tool, of the last step
+        ('current', 'f8'),  # [A rms], at the end of the last step
+        ('coupling', 'f8'),  # d [N m]: motor torque beyond the inertia known to the drive
+        ('inertia', 'f8'),  # J [kg m^2] of bar, tool and payload about z
+        # brake, as in ``arrays.STATE``
+        ('brake_command', 'i8', (1,)),
+        ('brake_released', 'i8', (1,)),
+        ('brake_delay', 'i8', (1,)),
+        ('brake_locked', 'i8', (1,)),
+        # injected
+        ('brake_share', 'f8', (1,)),
+        ('brake_stuck', 'i8', (1,)),
+        ('load_torque', 'f8', (1,)),  # [N m], motor; positive opposes forward rotation
+    ],
+    align=True,
+)
+
+TOOL_CONSTANTS = np.dtype(
+    [
+        ('gear_ratio', 'f8'),
+        ('step', 'f8'),
+        ('substeps', 'i8'),  # per step
+        ('rotor', 'f8'),  # I_m [kg m^2], motor side
+        ('linear_inertia', 'f8'),  # known to the drive [kg m^2], motor side
+        ('tool_inertia', 'f8'),  # of bar and tool [kg m^2]
+        ('part_inertia', 'f8'),  # of a payload, per mass [m^2]
+        ('brake_torque', 'f8'),  # motor side
+        ('brake_release_steps', 'i8'),
+        ('brake_apply_steps', 'i8'),
+        ('elastic', 'i8'),  # elastic bar
+        ('stiffness', 'f8'),  # of the bar [N m/rad]
+        ('damping', 'f8'),  # [N m s/rad]
+        ('backlash', 'f8'),  # [rad, tool]
+    ],
+    align=True,
+)
+
+TOOL_PLANT = np.dtype(
+    [
+        ('state', TOOL_STATE),
+        ('constants', TOOL_CONSTANTS),
+        ('motor', MOTOR),
+        # motor side: position [rad], speed [rad/s], coupling torque d [N m]
+        ('shaft', 'f8', (3,)),
+    ],
+    align=True,
+)
+
+
+def tool_constants(parameters: Parameters) -> NDArray[Any]:
+    """Return one record of ``TOOL_CONSTANTS``."""
+    rotary, axis = parameters.rotary, of_tool_axis(parameters)
+    step, drive = axis.drive.current_period_s, axis.drive
+    record = np.zeros(1, TOOL_CONSTANTS)
+    record['gear_ratio'] = gear = rotary.gear_ratio
+    record['step'], record['substeps'] = step, 1
+    record['rotor'] = rotary.rotor_inertia_kg_m2
+    record['linear_inertia'] = drive.observer_arm_inertia_kg_m2 / gear**2
+    record['tool_inertia'] = rotary.tool_inertia_kg_m2
+    record['part_inertia'] = rotary.part_gyration_radius_m**2
+    record['brake_torque'] = rotary.brake_torque_n_m
+    record['brake_release_steps'] = max(1, round(axis.motor.brake_release_s / step))
+    record['brake_apply_steps'] = max(1, round(axis.motor.brake_apply_s / step))
+    if parameters.rich.effects.gear:
+        record['elastic'] = 1
+        record['stiffness'] = rotary.bar_stiffness_n_m_rad
+        record['damping'] = rotary.bar_damping_n_m_s_rad
+        record['backlash'] = rotary.backlash_rad
+        give = 1.0 / (rotary.rotor_inertia_kg_m2 * gear**2) + 1.0 / rotary.tool_inertia_kg_m2
+        swing, decay = math.sqrt(rotary.bar_stiffness_n_m_rad * give), rotary.bar_damping_n_m_s_rad * give
+        record['substeps'] = max(
+            1, math.ceil(step * swing / STEP_ANGLE), math.ceil(step * decay / STEP_DECAY)
+        )
+    return record
+
+
+@kernel
+def _under_brake(torque, inertia, speed, s, c):
+    """Acceleration [rad/s^2] of the shaft, which its brake may hold; an overloaded brake slips."""
+    if s.brake_released[0] != 0:
+        return torque / inertia
+    most = s.brake_share[0] * c.brake_torque
+    if s.brake_locked[0] != 0:
+        if abs(torque) <= most:
+            return 0.0
+        s.brake_locked[0] = 0
+        return (torque - math.copysign(most, torque)) / inertia
+    if speed == 0.0:
+        return torque / inertia
+    return (torque - math.copysign(most, speed)) / inertia
+
+
+@kernel
+def _bar_torque(shaft, rate, angle, turning, c):
+    """Torque [N m] transmitted by the bar to the tool."""
+    return gear_torque(shaft / c.gear_ratio - angle, rate / c.gear_ratio - turning, c)
+
+
+@kernel
+def _step(before, now, p):
+    """Advance shaft and tool by one step, during which the current changes linearly from ``before`` to ``now``."""
+    s, c, m = p.state, p.constants, p.motor
+    h = c.step / c.substeps
+    for part in range(c.substeps):
+        current = before + (part + 0.5) / c.substeps * (now - before)
+        speed = s.rate + 0.5 * h * s.acceleration
+        torque = m.torque_constant * current - friction_torque(speed, m) - s.load_torque[0]
+        inertia = c.rotor
+        if c.elastic != 0:
+            turning = s.turning + 0.5 * h * s.turning_acceleration
+            passed = _bar_torque(s.shaft + 0.5 * h * s.rate, speed, s.angle + 0.5 * h * s.turning, turning, c)
+            torque -= passed / c.gear_ratio
+            s.turning_acceleration = passed / s.inertia
+        else:
+            inertia += s.inertia / (c.gear_ratio * c.gear_ratio)
+        s.acceleration = _under_brake(torque, inertia, speed, s, c)
+        after = caught_speed(0, s.rate, s.rate + h * s.acceleration, s)
+        s.shaft += 0.5 * h * (s.rate + after)
+        s.rate = after
+        if c.elastic != 0:
+            faster = s.turning + h * s.turning_acceleration
+            s.angle += 0.5 * h * (s.turning + faster)
+            s.turning = faster
+        else:
+            s.angle, s.turning = s.shaft / c.gear_ratio, s.rate / c.gear_ratio
+
+
+@kernel
+def _coupling(p):
+    """Torque d [N m, motor side] of the motor beyond the inertia known to its drive."""
+    s, c, m = p.state, p.constants, p.motor
+    torque = m.torque_constant * s.current - friction_torque(s.rate, m) - s.load_torque[0]
+    inertia, passed = c.rotor, 0.0
+    if c.elastic != 0:
+        passed = _bar_torque(s.shaft, s.rate, s.angle, s.turning, c) / c.gear_ratio
+    else:
+        inertia += s.inertia / (c.gear_ratio * c.gear_ratio)
+    acceleration = _under_brake(torque - passed, inertia, s.rate, s, c)
+    return (inertia - c.linear_inertia) * acceleration + passed + s.load_torque[0]
+
+
+@kernel
+def advance_tool(currents, brake, payload_kg, tool):
+    """Integrate the axis through the currents of an exchange period, and fill its ``shaft``.
+
+    Parameters
+    ----------
+    currents
+        Motor currents [A rms] at the end of each step, shape (steps, 1).
+    brake
+        Brake output of the drive, 1 = release, valid from the start on.
+    payload_kg
+        Payload [kg], from the start on; it rotates with the tool.
+    tool
+        Array of one record ``TOOL_PLANT``.
+
+    """
+    p = tool[0]
+    s, c = p.state, p.constants
+    s.brake_command[0] = brake
+    s.inertia = c.tool_inertia + c.part_inertia * payload_kg
+    for k in range(currents.shape[0]):
+        advance_brake(0, s.rate, s, c)
+        _step(s.current, currents[k, 0], p)
+        s.current = currents[k, 0]
+    s.coupling = _coupling(p)
+    p.shaft[0], p.shaft[1], p.shaft[2] = s.shaft, s.rate, s.coupling
+
+
+class ToolAxis:
+    """The rotary axis, initially at ``rotary.home_deg`` with its brake applied.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of a robot with a rotary axis.
+    record
+        Array of one record ``TOOL_PLANT`` to use, shape (1,); created if None.
+
+    """
+
+    def __init__(self, parameters: Parameters, record: NDArray[Any] | None = None) -> None:
+        self.record = record = np.zeros(1, TOOL_PLANT) if record is None else record
+        self.state: NDArray[Any] = record['state']
+        record['constants'] = tool_constants(parameters)
+        record['motor'] = motor(of_tool_axis(parameters))
+        state, rotary = self.state, parameters.rotary
+        state['angle'] = rotary.home_rad
+        state['shaft'] = rotary.home_rad * rotary.gear_ratio
+        state['brake_locked'], state['brake_share'] = 1, 1.0
+        self.advance(np.empty((0, 1)), False, parameters.dynamics.payload_mass_kg)
+
+    def advance(self, currents: Floats, brake_released: bool, payload_kg: float) -> None:
+        """Integrate one exchange period: see ``advance_tool``."""
+        advance_tool(currents, int(brake_released), payload_kg, self.record)
+
+    def shaft(self) -> tuple[float, float, float]:
+        """Motor shaft: position [rad], speed [rad/s], coupling torque d [N m]."""
+        position, speed, coupling = self.record['shaft'][0].tolist()
+        return position, speed, coupling
+
+    @property
+    def angle_rad(self) -> float:
+        """True angle of the tool."""
+        return float(self.state['angle'][0])

@@ -1,0 +1,1 @@
+"""Clients of a robot that is up: operator, scripts, oscilloscope, web page."""

@@ -1,0 +1,247 @@
+"""Commands from the web page: sends each to the robot and shows the reply."""
+
+import json
+import time
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+from delta3_pacdrive.configuration.packaged import program_names
+from delta3_pacdrive.configuration.strict_reader import counted
+from delta3_pacdrive.errors import (
+    Code,
+    Delta3Error,
+    ProgramError,
+    RefusedError,
+    RunError,
+    RunInterruptedError,
+    shown,
+)
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.numerics.units import millimetres
+from delta3_pacdrive.planning.program import file_reader as program_file
+from delta3_pacdrive.ros.clients.robot_reader import RobotReader
+from delta3_pacdrive.view.jog import (
+    DIRECTIONS,
+    JOG_ACCELERATION_M_S2,
+    JOG_JERK_M_S3,
+    Jog,
+    edge,
+    parse,
+)
+from delta3_pacdrive.view.page import Page
+from delta3_pacdrive.view.values import UiCommand
+
+STARTS = ('start', 'resume')
+CLEARED_S = 1.0  # timeout for the report of an empty queue after a clear
+STANDSTILL_S = 3.0  # timeout for a robot to come to rest after it has accepted a stop
+REPORTS = 2  # reports to wait for after a stop: the first may have been sent before it
+IN_MOTION = ('moving', 'stopping')
+NAME = 'delta3 view'
+
+
+class PageCommands:
+    """Executes the commands of one page."""
+
+    def __init__(self, page: Page, robot: RobotReader, jog: Jog) -> None:
+        self._page, self._robot, self._jog = page, robot, jog
+        self._operator = robot.operator
+        self.jog_speed_m_s = 0.05
+        self.moving_s = time.monotonic()  # time of the last command that may move the robot
+        self.urgent = False  # the current wait must not be interrupted
+        self._stops: set[str] = set()  # pending stop requests
+
+    def execute(self, command: UiCommand) -> None:
+        """Execute a command and show the reply; raises RunInterruptedError if a signal arrives meanwhile."""
+        try:
+            sentence = self._execute(command)
+        except RunInterruptedError:
+            raise
+        except Delta3Error as error:
+            if command.action == 'jog':
+                self._fail_jog(int(command.text), error)
+            elif command.action == 'override':
+                self.show_override()
+            self._page.report(str(error), refused=True)
+            return
+        if sentence:
+            self._page.report(sentence)
+
+    def stop(self, command: UiCommand) -> None:
+        """Stop the robot, even during another blocking request, and show the reply."""
+        if command.action in self._stops:  # already pending
+            return
+        try:
+            self._ask_for_stop(command.action)
+        except (RunError, ProgramError) as error:
+            self._page.report(str(error), refused=True)
+
+    def _ask_for_stop(self, action: str) -> None:
+        """Request a stop and show that it was accepted."""
+        self._stops.add(action)
+        try:
+            self._page.report(self._uninterrupted(action))
+        finally:
+            self._stops.remove(action)
+
+    def stop_jog(self) -> None:
+        """Stop a jog motion and wait for standstill; while the button is held, the jog then starts again.
+
+        Without a reply the stop is requested again while the robot may move.
+        """
+        if 'abort' in self._stops:  # pending from another command, with unknown outcome
+            self._jog.unconfirmed()
+            return
+        try:
+            with suppress(ProgramError):  # already at rest
+                self._ask_for_stop('abort')
+                self._wait_for_standstill()
+        except RunError as error:
+            self._page.report(str(error), refused=True)
+            if self._robot.available and self._operator.progress['state'] in IN_MOTION:
+                self._jog.unconfirmed()
+                return
+        self._jog.stopped(time.monotonic())
+
+    def _wait_for_standstill(self) -> None:
+        """Wait for standstill after an accepted stop; a timeout is ignored (other motion, or no reports)."""
+        seen = [self._operator.progress]
+
+        def is_at_rest() -> bool:
+            if self._operator.progress is not seen[-1]:
+                seen.append(self._operator.progress)
+            return len(seen) > REPORTS and self._operator.progress['state'] not in IN_MOTION
+
+        with suppress(RunError):
+            self._operator.wait_until(is_at_rest, 'report of standstill', STANDSTILL_S)
+
+    def _uninterrupted(self, action: str) -> str:
+        """Send a request whose outcome must be known, even if a signal arrives meanwhile."""
+        before, self.urgent = self.urgent, True
+        try:
+            return self._operator.call(action)
+        finally:
+            self.urgent = before
+
+    def _fail_jog(self, number: int, error: Delta3Error) -> None:
+        """Record that a jog request was rejected, or that its outcome is unknown."""
+        silent = isinstance(error, RefusedError) and error.reason.code is Code.SILENT
+        if silent or isinstance(error, RunError):
+            self._jog.lost(number)
+        else:
+            self._jog.refused(number)
+
+    def show_override(self) -> None:
+        """Set the slider to the robot's actual override."""
+        if self._page.controls is not None:
+            self._page.controls.show_override()
+
+    def _execute(self, command: UiCommand) -> str:
+        """Execute a command; return the reply."""
+        operator, text = self._operator, command.text
+        if command.action == 'inject':
+            return operator.inject(text)
+        if command.action == 'input':
+            return operator.input(text)
+        if command.action == 'teach':
+            return self._teach(text)
+        if command.action == 'forget':
+            return self._clear_points()
+        if command.action == 'jog' and not self._jog.is_pending(int(text)):
+            return ''
+        if not operator.in_control:
+            operator.take_control(NAME, command.by_force)
+        self.moving_s = time.monotonic()
+        if command.action == 'packaged':
+            return operator.send_program(self._packaged(text))
+        if command.action == 'program':
+            return operator.send_program(text)
+        if command.action == 'override':
+            return operator.override(float(text))
+        if command.action == 'step':
+            return self._step(text)
+        if command.action == 'jog':
+            return self._start_jog(int(text))
+        if command.action in STARTS:
+            return self._uninterrupted(command.action)
+        return operator.call(command.action)
+
+    def _packaged(self, name: str) -> str:
+        if name not in program_names():  # the page may send any text
+            raise ProgramError(f'there is no packaged program {shown(name)}')
+        try:
+            return program_file.find(name).read_text(encoding='utf-8')
+        except OSError as error:
+            raise ProgramError(f'the program {name} cannot be read: {error.strerror}') from None
+
+    def _send_line(self, to: Any, speed_m_s: float) -> None:
+        """Send a slow straight line with a soft stop."""
+        queue = self._operator.queue
+        if queue is not None and queue.moves:
+            raise ProgramError(f'{counted(queue.moves, "move")} in the queue: clear it before you jog')
+        limits = {
+            'speed_m_s': speed_m_s,
+            'acceleration_m_s2': JOG_ACCELERATION_M_S2,
+            'jerk_m_s3': JOG_JERK_M_S3,
+        }
+        self._operator.send_program(json.dumps({'moves': [{'move_l': {'to_m': to, **limits}}]}))
+
+    def _step(self, text: str) -> str:
+        direction, (step, speed) = parse(text, 2)
+        way = 1e-3 * step * np.array(DIRECTIONS[direction])
+        self._send_line({'by_m': way.tolist()}, 1e-3 * speed)
+        return self._start_line()
+
+    def _start_jog(self, number: int) -> str:
+        """Start a motion to the edge of the workspace; releasing the button stops it."""
+        jog = self._jog
+        to = edge(self._tcp(), jog.direction, self._robot.parameters.kinematics)
+        self._send_line(to.tolist(), self.jog_speed_m_s)
+        if not jog.start(number):
+            self._remove_line()
+            return ''
+        sentence = self._start_line()
+        jog.accepted(number)
+        return sentence
+
+    def _start_line(self) -> str:
+        """Start the line; if the start is rejected, remove the line from the queue."""
+        try:
+            return self._uninterrupted('start')
+        except ProgramError:
+            self._remove_line()
+            raise
+
+    def _remove_line(self) -> None:
+        with suppress(Delta3Error):
+            self._uninterrupted('clear')
+            self._operator.wait_until(self._queue_is_empty, 'report of an empty queue', CLEARED_S)
+
+    def _queue_is_empty(self) -> bool:
+        queue = self._operator.queue
+        return queue is None or not queue.moves
+
+    def _tcp(self) -> Floats:
+        """Return the TCP position [m]; raises RunError without a robot."""
+        if not self._robot.available:
+            raise RunError('there is no robot')
+        place = np.array(self._operator.progress['tcp_m'], dtype=np.float64)
+        if not np.isfinite(place).all():
+            raise RunError(
+                'robot pose unknown: it is not measured yet, or forward kinematics has no solution'
+            )
+        return place
+
+    def _teach(self, name: str) -> str:
+        if not name.strip() or not name.isprintable():
+            raise ProgramError('a point needs a name')
+        x, y, z = self._tcp().tolist()
+        if self._page.controls is not None:
+            self._page.controls.teach(name.strip(), (x, y, z))
+        return f'{name.strip()} is at {millimetres((x, y, z))}'
+
+    def _clear_points(self) -> str:
+        if self._page.controls is not None:
+            self._page.controls.clear_points()
+        return 'all points are deleted'

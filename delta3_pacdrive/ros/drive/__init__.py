@@ -1,0 +1,1 @@
+"""Parts of the MC-4 drive node."""

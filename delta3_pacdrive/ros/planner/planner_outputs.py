@@ -1,0 +1,84 @@
+"""Execution of the planner's actions on the graph and in the planning thread.
+
+Out: ``motion/plan``, ``motion/change``, ``unit_robot/state`` (latched: idle, moving, stopping, stopped, error).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray, String
+
+from delta3_pacdrive.control.messages import PROFILE, REVOKE, Origin
+from delta3_pacdrive.control.queue import planner_actions
+from delta3_pacdrive.control.queue.plan_rows import PlanRows
+from delta3_pacdrive.control.queue.planner import Planner
+from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory
+from delta3_pacdrive.ros.planner.planner_services import PlannerServices
+from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
+from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire.numbers import numbers
+
+
+class PlannerOutputs:
+    """Executes the actions of one planner; ``trajectories`` is None if that action is not offered."""
+
+    def __init__(
+        self,
+        node: Node,
+        planner: Planner,
+        thread: PlanningThread,
+        operators: PlannerServices,
+        trajectories: FollowJointTrajectory | None,
+        origin: Callable[[str, int], Origin],
+    ) -> None:
+        self._planner, self._thread, self._operators = planner, thread, operators
+        self._trajectories, self._origin = trajectories, origin
+        self._rows = PlanRows()
+        self._state = interfaces.PLANNER_STATE.publisher(node)
+        self._plan = interfaces.MOTION_PLAN.publisher(node)
+        self._change = interfaces.MOTION_CHANGE.publisher(node)
+
+    def carry_out(self) -> None:
+        """Execute all pending actions."""
+        actions, self._planner.actions = self._planner.actions, []
+        for action in actions:
+            match action:
+                case planner_actions.Working(job):
+                    self._thread.begin(job)
+                case planner_actions.Cancelled(number):
+                    self._thread.cancel(number)
+                case planner_actions.Ordered():
+                    self._rows.begin(action)
+                    self.send_rows()
+                case planner_actions.Revoked(number):
+                    self._rows.clear()
+                    self._plan.publish(self._numbered(REVOKE, number, []))
+                case planner_actions.Changed(number, profile):
+                    self._change.publish(self._numbered(PROFILE, number, profile.to_array()))
+                case planner_actions.Replied(request, reason, sentence):
+                    self._operators.reply(request, reason, sentence)
+                case planner_actions.Reported(report):
+                    self._operators.report(report)
+                    if self._trajectories is not None:
+                        self._trajectories.report(report)
+                case planner_actions.Settled(identity, arrival, reason):
+                    if self._trajectories is not None:
+                        self._trajectories.settle(identity, arrival, reason)
+                case planner_actions.Mirrored(state):
+                    self._state.publish(String(data=str(state)))
+        if actions:
+            self._operators.publish_queue()
+
+    def _numbered(self, kind: str, number: int, values: Any) -> Float64MultiArray:
+        return numbers(values, self._origin(kind, number).label())
+
+    def send_rows(self) -> None:
+        """Send the remaining rows of a plan, limited to what the transformation task can buffer."""
+        status = self._planner.status
+        for row in self._rows.due(status.checked if status else 0):
+            self._plan.publish(self._numbered(*row))
+
+    def discard_rows(self) -> None:
+        """Discard unsent rows of the previous session."""
+        self._rows.clear()

@@ -1,0 +1,1 @@
+"""Topics, services, quality of service, encoding and discovery."""

@@ -1,0 +1,71 @@
+"""Text requests over topics: to the service channels of the drives, and of scripts.
+
+In: ``sercos/service/request`` (String: "axis1 read S-0-0104", "axis2 write S-0-0104 70", "axis3 command S-0-0099").
+Out: ``sercos/service/answer`` (String: one sentence for each request, with value and unit, or message 8503). All
+clients receive all answers.
+"""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from delta3_pacdrive.control.messages import Request
+from delta3_pacdrive.control.operation.robot_controller import RobotController
+from delta3_pacdrive.control.operation.service_texts import answer_text, outcome, parse_request, split_mark
+from delta3_pacdrive.errors import Delta3Error, Reason
+from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
+from delta3_pacdrive.ros.robot_node import RobotNode
+from delta3_pacdrive.ros.wire import interfaces
+from delta3_pacdrive.ros.wire.interfaces import SERVICE_ANSWER, SERVICE_REQUEST
+from delta3_pacdrive.ros.wire.request_server import RequestServer
+
+
+def offer_service_requests(node: Node, requests: ServiceRequests) -> None:
+    """Offer the service channels on the graph."""
+    answers = SERVICE_ANSWER.publisher(node)
+
+    def receive(message: String) -> None:
+        mark, request = split_mark(message.data)
+
+        def answer(text: str) -> None:
+            answers.publish(String(data=f'{mark} {text}' if mark else text))
+
+        try:
+            index, access = parse_request(request, requests.drives)
+            requests.ask(index, access, lambda index, result: answer(outcome(index, access, result)))
+        except Delta3Error as error:
+            answer(answer_text(False, str(error)))
+
+    SERVICE_REQUEST.subscription(node, receive)
+
+
+REQUEST_BYTES_MAX = 4096
+
+
+class ScriptRequests:
+    """Receives the script requests of one transformation task; ``changed`` executes the resulting actions."""
+
+    def __init__(self, node: RobotNode, controller: RobotController, changed: Callable[[], None]) -> None:
+        self._scripts, self._changed = controller.scripts, changed
+
+        def session() -> str:
+            return controller.bus.session.decode()
+
+        self._server = RequestServer(
+            node,
+            interfaces.SCRIPT_REQUEST,
+            interfaces.SCRIPT_REPLY,
+            session,
+            self._on_request,
+            changes=lambda: controller.control.changes,
+            bytes_max=REQUEST_BYTES_MAX,
+        )
+        controller.scripts.reply = self._reply
+
+    def _on_request(self, request: Request) -> None:
+        self._scripts.ask(request)
+        self._changed()
+
+    def _reply(self, request: Request, reason: Reason | None, text: str, done: bool) -> None:
+        self._server.reply(request, reason, text, done)

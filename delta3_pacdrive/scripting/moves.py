@@ -1,0 +1,325 @@
+"""Planning of script statements: new programs from rest, or moves appended to the running program.
+
+This module has no side effects on the robot: it converts statements and bus cycles to orders.
+"""
+
+import re
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from delta3_pacdrive.configuration.source_positions import Place
+from delta3_pacdrive.control.motion_state import percent_allowed
+from delta3_pacdrive.control.queue.planning_job import begins_at_rest
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning import program_planner
+from delta3_pacdrive.planning.execution import MotionProfile, Timeline
+from delta3_pacdrive.planning.extension import (
+    Extension,
+    RunningProgram,
+    Splice,
+    SpliceError,
+    extend,
+    extended_program,
+)
+from delta3_pacdrive.planning.paths.move import EVENT_NAMES, TRACK, Move
+from delta3_pacdrive.planning.planned_move import grouped
+from delta3_pacdrive.planning.program.model import (
+    Cubic,
+    Dwell,
+    Joints,
+    Output,
+    PathMove,
+    Point,
+    Program,
+    Statement,
+    Turn,
+)
+from delta3_pacdrive.planning.program_planner import Planned
+from delta3_pacdrive.planning.round_planner import OPEN_CORNER, Arches
+from delta3_pacdrive.scripting.source_position import NOWHERE, ScriptPlace
+
+_NUMBER = re.compile(r'\bmoves\[(\d+)\]\.')
+Written = tuple[Statement, ScriptPlace]
+REPLANNED_MAX = 200  # statements of the last move that are replanned to blend the corner to the next one
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Statements that were planned together."""
+
+    planned: Planned
+    again: bool  # whether the first move replaces the last one of the preceding batch
+    names: tuple[str, ...]  # line and kind of the statements of each move
+
+
+@dataclass(frozen=True)
+class Start:
+    """Start of a program from rest."""
+
+    planned: Planned
+    cycle: int
+    override: float
+
+
+class Moves:
+    """The moves of one script."""
+
+    def __init__(self, name: str, parameters: Parameters) -> None:
+        self._name, self._parameters = name, parameters
+        self.timeline: Timeline | None = None  # includes the latest order; None at rest
+        self._tool_rad: float | None = None
+        self._running: RunningProgram | None = None
+        self._override_max = 1.0
+        self.override = 1.0  # of the next program, 1 = as planned
+        self.payload_kg = parameters.dynamics.payload_mass_kg  # at the start of the next program
+        self._places: list[ScriptPlace] = []  # of the statements of the running program
+        self.on_planned: Callable[[Batch], None] = lambda _: None
+        self.notices: list[str] = []
+        self._arches: Arches = {}
+
+    def copy(self) -> Self:
+        """Return a copy, to be discarded if an order is rejected."""
+        same = copy(self)
+        same._places, same.notices = list(self._places), list(self.notices)
+        return same
+
+    def start_later(self, start: Start, cycle: int) -> None:
+        """Record that a program from rest starts in another bus cycle than ordered."""
+        self.timeline = Timeline(start.planned.plan, self._parameters.bus.cycle_time_s)
+        self.timeline.start(cycle, start.override)
+
+    def end(self) -> None:
+        """Record the end of the program: the next one starts from rest."""
+        if self._running is not None:
+            self.payload_kg = self._running.payload_kg
+        self.timeline = self._running = None
+
+    def order(
+        self, written: Sequence[Written], cycle: int, start_m: Point, turn_rad: float | None = None
+    ) -> Start | Extension:
+        """Plan statements for execution from a bus cycle; raises ProgramError.
+
+        ``start_m`` and ``turn_rad`` are the position and the tool angle of a robot at rest.
+        """
+        if all(isinstance(statement, Output) for statement, _ in written):
+            pause = Dwell(self._parameters.bus.cycle_time_s)  # outputs must belong to a move
+            written = [*written, (pause, written[-1][1])]
+        known, timeline = self._running, self.timeline
+        if known is None or timeline is None:
+            return self._from_rest(written, cycle, start_m, turn_rad)
+        self._tool_rad = turn_rad
+        statements = [statement for statement, _ in written]
+        splice = known.splice(rounded=not begins_at_rest(statements))
+        if len(splice.again) + len(written) > REPLANNED_MAX:
+            splice = known.splice(rounded=False)
+            self._note_corner(written, f'more than {REPLANNED_MAX} moves would be one')
+        try:
+            return self._following(written, cycle, timeline, known, splice)
+        except SpliceError:
+            self._note_corner(written, 'the order is too late')
+            return self._following(written, cycle, timeline, known, known.splice(rounded=False))
+
+    def preview(self, written: Sequence[Written], start_m: Point, turn_rad: float | None = None) -> Planned:
+        """Return the plan of statements after all ordered moves, without executing it; raises ProgramError.
+
+        ``start_m`` and ``turn_rad`` are the position and the tool angle of a robot at rest.
+        """
+        program = self._program(written, None)
+        if self._running is not None:
+            program = replace(program, payload_kg=self._running.payload_kg)
+        start = np.array(start_m if self.plan_end_m is None else self.plan_end_m)
+        turn = turn_rad if self._running is None else self._end_turn(self._running)
+        return program_planner.plan(
+            program,
+            start,
+            self._parameters,
+            returning=True,
+            open_end=True,
+            arches=self._arches,
+            turn_rad=turn,
+        )
+
+    def left_on_belt_s(self, cycle: int) -> float:
+        """Return the motion time from a bus cycle until the plan leaves its belt [s], at 100 %; 0 if it stays."""
+        timeline = self.timeline
+        if timeline is None:
+            return 0.0
+        now, plan = timeline.at(cycle), timeline.plan
+        ends = [n for n in range(now.number, len(plan)) if _leaves_belt(plan.move(n))]
+        if not ends:
+            return 0.0
+        move, starts = plan.move(now.number), plan.tables.starts
+        driven = now.distance_m / move.length_m if move.length_m > 0.0 else 0.0
+        return float(starts[ends[0] + 1] - starts[now.number]) - driven * move.duration_s
+
+    def leaves_belt_in(self, cycle: int) -> int | None:
+        """Return the first bus cycle, not before ``cycle``, after the plan has left its belt; None if it stays."""
+        timeline = self.timeline
+        if timeline is None:
+            return None
+        plan = timeline.plan
+        ends = [n for n in range(timeline.at(cycle).number, len(plan)) if _leaves_belt(plan.move(n))]
+        if not ends:
+            return None
+        cycles = range(cycle, timeline.end_cycle)
+        return cycles.start + bisect_right(cycles, ends[0], key=lambda one: timeline.at(one).number)
+
+    def clear(self, payload_kg: float) -> None:
+        """Clear the running program; ``payload_kg`` is the present payload."""
+        self.timeline = self._running = None
+        self.payload_kg = payload_kg
+
+    def _note_corner(self, written: Sequence[Written], why: str) -> None:
+        _, place = written[0]
+        self.notices.append(f'{place}: the corner before this move is not rounded: {why}')
+
+    def _program(self, written: Sequence[Written], splice: Splice | None) -> Program:
+        again = () if splice is None else splice.again
+        stood = [*self._places[len(self._places) - len(again) :], *(place for _, place in written)]
+        source = next((place.file for _, place in written if place != NOWHERE), '')
+        at = [Place(place.line, place.column) if place.file == source else None for place in stood]
+        places = tuple(at) if source else ()
+        statements = (*again, *(statement for statement, _ in written))
+        payload = self.payload_kg if splice is None else splice.payload_kg
+        return Program(self._name, statements, payload_kg=payload, source=source, places=places)
+
+    def _from_rest(
+        self, written: Sequence[Written], cycle: int, start_m: Point, turn_rad: float | None
+    ) -> Start:
+        program = self._program(written, None)
+        planned = program_planner.plan(
+            program,
+            np.array(start_m),
+            self._parameters,
+            returning=True,
+            open_end=True,
+            arches=self._arches,
+            turn_rad=turn_rad,
+        )
+        self._places = []
+        self._note(program, planned, written, again=False)
+        override = min(self.override, planned.override_max)
+        self._running, self._override_max = RunningProgram.of(program, planned), planned.override_max
+        self.timeline = Timeline(planned.plan, self._parameters.bus.cycle_time_s)
+        self.timeline.start(cycle, override)
+        return Start(planned, cycle, override)
+
+    def _following(
+        self,
+        written: Sequence[Written],
+        cycle: int,
+        timeline: Timeline,
+        known: RunningProgram,
+        splice: Splice,
+    ) -> Extension:
+        program = self._program(written, splice)
+        first = timeline.at(cycle - 1).number
+        planned = program_planner.plan(
+            program,
+            splice.start_m,
+            self._parameters,
+            open_end=True,
+            before=known.load(min(first, splice.kept), splice.kept),
+            arches=self._arches,
+            turn_rad=self._tool_rad if splice.turn_rad is None else splice.turn_rad,
+        )
+        override = 1.0 if timeline.profile is None else timeline.profile.override
+        if override > planned.override_max:
+            raise ProgramError(
+                f'the override is {100.0 * override:g} %, but with these moves motors and TCP speed limit allow at '
+                f'most {percent_allowed(planned.override_max)} %'
+            )
+        extension = extend(timeline, cycle, splice, planned.plan)
+        self._note(program, planned, written, again=bool(splice.again))
+        self._running = extended_program(known, extension, splice, program, planned)
+        self._override_max = min(self._override_max, planned.override_max)
+        self.timeline = extension.timeline
+        return extension
+
+    def _end_turn(self, known: RunningProgram) -> float | None:
+        end = known.plan.end_turn_rad
+        return self._tool_rad if end is None else end
+
+    def _note(self, program: Program, planned: Planned, written: Sequence[Written], again: bool) -> None:
+        self._places = [*self._places, *(place for _, place in written)][-REPLANNED_MAX:]
+        names = tuple(_in_lines(name, program) for name in planned.names)
+        parts = tuple(tuple((_in_lines(name, program), end) for name, end in one) for one in planned.parts)
+        self.on_planned(Batch(replace(planned, parts=parts), again, names))
+        notices = [notice for notice in planned.notices if OPEN_CORNER not in notice]
+        self.notices = grouped(
+            [*self.notices, *(_in_lines(notice, program, f'{program.source}:') for notice in notices)]
+        )
+
+    def follow(self, profile: MotionProfile) -> None:
+        """Switch to another motion profile; raises ProgramError if it does not continue the present one."""
+        if self.timeline is None:
+            raise ProgramError('no program runs')
+        self.timeline = self.timeline.copy()
+        self.timeline.change(profile)
+
+    def require_override(self, override: float) -> None:
+        """Reject an override that exceeds a motor limit or the TCP speed limit; raises ProgramError."""
+        if self.timeline is not None and override > self._override_max:
+            raise ProgramError(
+                f'override is {100.0 * override:g} %, but motors and TCP speed limit allow at most '
+                f'{percent_allowed(self._override_max)} % in these moves'
+            )
+
+    def seconds_left(self, cycle: int) -> float:
+        """Return the remaining time of the ordered moves after a bus cycle [s]."""
+        if self.timeline is None:
+            return 0.0
+        return max(self.timeline.end_cycle - cycle, 0) * self._parameters.bus.cycle_time_s
+
+    @property
+    def plan_end_m(self) -> Point | None:
+        """End position of the last ordered move [m]; None at rest."""
+        if self.timeline is None:
+            return None
+        x, y, z = self.timeline.plan.end_m().tolist()
+        return x, y, z
+
+
+def _leaves_belt(move: Move) -> bool:
+    of_belts = move.events[move.events[:, 1] == EVENT_NAMES.index(TRACK)]
+    return bool(len(of_belts)) and not of_belts[-1, 2]
+
+
+def unnumbered(sentence: str) -> str:
+    """Return a sentence without statement numbers, which do not exist in a script."""
+    return _NUMBER.sub('', sentence)
+
+
+def _in_lines(text: str, program: Program, file: str = '') -> str:
+    """Return a text with statement numbers replaced by line numbers."""
+
+    def line(found: re.Match[str]) -> str:
+        place = program.places[int(found[1])] if program.places else None
+        return '' if place is None else f'{file}{place.line}: '
+
+    return _NUMBER.sub(line, text)
+
+
+def without_wait(statement: Statement) -> tuple[Statement, bool]:
+    """Return the statement without its in-position wait, and whether it had one."""
+    if isinstance(statement, PathMove) and statement.in_position:
+        return replace(statement, in_position=False), True
+    return statement, False
+
+
+def is_move(statement: Statement) -> bool:
+    """Whether a statement moves the robot or its tool."""
+    return isinstance(statement, PathMove | Cubic | Joints | Turn)
+
+
+def alone(statement: Statement) -> tuple[Statement, bool]:
+    """Return a move for single-stepping, and whether it ends at rest."""
+    if isinstance(statement, PathMove):
+        return replace(statement, blend_m=0.0), True
+    return statement, not (isinstance(statement, Cubic) and any(statement.end_velocity_m_s))

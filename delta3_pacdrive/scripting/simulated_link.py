@@ -1,0 +1,269 @@
+"""Link of a script to a simulated robot, without ROS and without a clock."""
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+from delta3_pacdrive.belts.knowledge import TrackOrder
+from delta3_pacdrive.belts.tracking import BeltTracking
+from delta3_pacdrive.cell.cell import Cell
+from delta3_pacdrive.cell.world import World
+from delta3_pacdrive.control.cycle.rotary_axis import combined_turns
+from delta3_pacdrive.control.cycle.transformation import Figures, Transformation
+from delta3_pacdrive.control.motion_state import MotionState
+from delta3_pacdrive.control.operation.script_gate import first_decision
+from delta3_pacdrive.control.operation.wait_condition import WaitCondition
+from delta3_pacdrive.errors import Code, Reason, RefusedError
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.execution import MotionProfile
+from delta3_pacdrive.planning.extension import Extension
+from delta3_pacdrive.planning.program.output_names import OWN
+from delta3_pacdrive.planning.program_planner import Planned
+from delta3_pacdrive.recording.acquisition import Acquisition
+from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.robot.plant.decoupled import require_stable
+from delta3_pacdrive.scripting.inputs import Given, inputs_of
+from delta3_pacdrive.scripting.link import Snapshot
+from delta3_pacdrive.scripting.motion_log import MotionLog
+from delta3_pacdrive.simulation.belts import axes_of
+from delta3_pacdrive.simulation.robot import Robot
+from delta3_pacdrive.simulation.run import note_currents, trace_of
+from delta3_pacdrive.simulation.scoped import ScopedRobot
+from delta3_pacdrive.simulation.stepped import SteppedOperation
+
+
+class SimulatedLink:
+    """Link to a simulated robot, which starts at home.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the robot. The first orders take effect at ``motion.start_cycle``.
+    inputs
+        Changes of inputs by name, or a function of the bus cycle.
+    longest_s
+        Maximum bus time of the simulation [s].
+    acquisition
+        Receives the records of oscilloscopes in the drives.
+    signals
+        Additional signals, as in ``simulation.run``.
+    around
+        Cell with its own inputs; its times count from the start of the script.
+
+    Raises
+    ------
+    RunError
+        Drives cannot be enabled before ``motion.start_cycle``.
+    ProgramError
+        The inputs are invalid.
+
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        inputs: Given = None,
+        longest_s: float = math.inf,
+        acquisition: Acquisition | None = None,
+        signals: Sequence[str] = (),
+        around: Cell | None = None,
+    ) -> None:
+        motion, bus = parameters.motion, parameters.bus
+        begin = first_decision(parameters)
+        self.parameters = parameters
+        self._world = None if around is None else World(around, bus.cycle_time_s, begin)
+        self._inputs = inputs_of(inputs, self._world, begin, bus.cycle_time_s)
+        self._heaviest_kg = max([0.0, *(part.mass_kg for part in around.parts.values())] if around else [0.0])
+        self.inputs = self._inputs.names
+        self.outputs = OWN if around is None else around.output_names
+        self._longest_s = longest_s
+        self._last = math.inf if math.isinf(longest_s) else begin + round(longest_s / bus.cycle_time_s)
+        self._robot = Robot(parameters) if acquisition is None else ScopedRobot(parameters, acquisition)
+        self._task = Transformation(parameters)
+        self._task.locate(self._robot.encoder_positions())
+        self._task.enable(motion.enable_cycle)
+        if around is not None and around.belts:
+            self._task.tracking = BeltTracking(parameters, axes_of(around))
+        self._log = MotionLog(bus.cycle_time_s)
+        self._figures: list[Figures] = []
+        self._end_cycle = begin
+        self._operation = SteppedOperation(
+            self._robot, self._task, parameters, self._inputs.bits, self._ended, signals, self._world
+        )
+        self._operation.go_to(begin + 1)
+
+    def poll(self) -> Snapshot:
+        """Return the state in the latest evaluated bus cycle."""
+        task, cycle = self._task, self._operation.cycle - 1
+        commanded, answer = self._operation.commanded(), task.answer
+        motion = MotionState.IDLE
+        if task.loaded:
+            motion = MotionState.MOVING
+            if commanded.held:
+                motion = MotionState.STOPPED if cycle >= commanded.end_cycle else MotionState.STOPPING
+        x, y, z = answer['tcp_command'].tolist()
+        a, b, c = answer['tcp_actual'].tolist()
+        bits = self._inputs.bits(cycle)
+        u, v, w = (x, y, z) if self.tracking is None else task.state['planned'][0].tolist()
+        outputs, payload = commanded.outputs, commanded.payload_kg
+        turn = None if task.turning is None else task.turning.angle_rad
+        return Snapshot(cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w), turn)
+
+    @property
+    def tracking(self) -> BeltTracking | None:
+        """Belt tracking of the controller; None without belts."""
+        return self._task.tracking
+
+    def get_on(self, order: TrackOrder) -> None:
+        """Set the belt for the next event of the plan that enters a belt."""
+        if self.tracking is not None:
+            self.tracking.order(order)
+
+    def get_on_again(self, cycle: int) -> None:
+        """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
+        if self.tracking is not None:
+            self.tracking.again_cycle = cycle
+            self.tracking.resume()  # the change of the motion profile follows
+
+    def abandon(self, cycle: int) -> None:
+        """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
+        task, tracking = self._task, self._task.tracking
+        if tracking is None:
+            return
+        with suppress(RefusedError):  # a robot that loses its belt stops automatically
+            self._run_bus(WaitCondition(cycle - 1, cycle - 1))
+        if task.loaded:
+            profile = task.profile if task.held else task.hold()
+            if profile is not None:
+                self._log.follow(task.timeline.copy(), profile.cycle, continues=True)
+        tracking.halt(task.next_cycle)
+        tracking.clear_loss()
+        stands = max(tracking.rest_cycle, task.end_cycle if task.loaded else 0, self._operation.cycle)
+        self._operation.go_to(stands + self.parameters.in_position_cycles)
+        if task.loaded:
+            self._ended()
+        task.clear_belt()
+
+    extra_cycles = 0  # there is no clock
+
+    def start(self, planned: Planned, cycle: int, override: float) -> int:
+        """Start a program in a bus cycle."""
+        gripped = [planned.plan.move(n).payload_kg for n in range(len(planned.plan))]
+        require_stable(self.parameters, max([*gripped, planned.payload_kg, self._heaviest_kg]))
+        self._task.load(planned.plan)
+        self._task.start(cycle, override)
+        self._log.follow(self._task.timeline.copy(), cycle, continues=False)
+        return cycle
+
+    def extend(self, extension: Extension) -> int:
+        """Append moves to the running program."""
+        profile, more = extension.profile, extension.more
+        require_stable(self.parameters, max(more.move(n).payload_kg for n in range(len(more))))
+        before = self._task.timeline
+        continues = before.at(profile.cycle).number == before.at(profile.cycle - 1).number
+        self._task.extend(extension.first, extension.kept, more, profile)
+        self._log.follow(
+            extension.timeline,
+            profile.cycle,
+            (continues and profile.cycle < before.end_cycle) or profile.held,
+        )
+        return profile.cycle
+
+    def change(self, profile: MotionProfile) -> int:
+        """Change the motion profile."""
+        self._task.change(profile)
+        timeline = self._task.timeline.copy()
+        timeline.change(profile)
+        self._log.follow(timeline, profile.cycle, continues=True)
+        return profile.cycle
+
+    def hold(self, cycle: int) -> MotionProfile:
+        """Run the bus to a cycle and stop the robot on its path from that cycle."""
+        self._run_bus(WaitCondition(cycle - 1, cycle - 1))
+        if not self._task.loaded:
+            raise RefusedError(Reason(Code.STATE, 'hold: the moves had finished before it took effect'))
+        profile = self._task.hold()
+        self._log.follow(self._task.timeline.copy(), profile.cycle, continues=True)
+        return profile
+
+    def wait(self, condition: WaitCondition) -> bool:
+        """Run the bus until a condition is met or its latest cycle has passed."""
+        return self._run_bus(condition)
+
+    def _run_bus(self, condition: WaitCondition) -> bool:
+        if condition.latest < self._last:
+            return self._operation.wait(condition)
+        within = replace(condition, latest=int(self._last))
+        if self._operation.wait(within):
+            return True
+        sentence = f'the script exceeds the maximum bus time of a simulation, {self._longest_s:g} s: does it terminate?'
+        raise RefusedError(Reason(Code.TIMEOUT, sentence))
+
+    def _ended(self) -> None:
+        """Record the figures of a finished program."""
+        note_currents(self._robot, self._task)
+        self._figures.append(self._task.figures())
+        self._end_cycle = self._task.end_cycle
+        self._log.end(self._operation.cycle)
+
+    def trace(self, name: str, notices: Sequence[str], stopped: str = '') -> Trace:
+        """Return the trace of the run; ``stopped`` is the reason of an abort, or empty."""
+        operation, start = self._operation, self._log.start_cycle
+        if isinstance(self._robot, ScopedRobot):
+            self._robot.finish()
+        if self._task.loaded:
+            self._ended()
+        cycle_time_s = self.parameters.bus.cycle_time_s
+        found = operation.signals()
+        task_end = self._task.state['tcp'][0].tolist()
+        moves, first = self._log.moves(), self.parameters.motion.start_cycle if start is None else start
+        driven: dict[str, Any] = {
+            'program': name,
+            'notices': list(notices),
+            'program_s': 0.0 if start is None else (self._end_cycle - start) * cycle_time_s,
+            'repeat': 1,
+            'moves': moves,
+            'outputs': self._log.outputs(),
+            'start_cycle': first,
+            'end_cycle': self._end_cycle,
+            'planned_end_m': task_end,
+            'figures': combined(self._figures).to_dict()
+            | ({} if (tool := self._robot.tool) is None else tool.to_dict()),
+            'faults': [],
+            'unlearned': '',
+        }
+        if stopped and not operation.stopped:
+            driven['stopped'] = stopped
+        return trace_of(found, driven, operation, self.parameters, self._world)
+
+
+def combined(figures: Sequence[Figures]) -> Figures:
+    """Return the combined figures of several programs; zeros without programs."""
+    if not figures:
+        zero = [0.0] * 3
+        return Figures(0, 0.0, 0.0, 0.0, [math.nan] * 3, [None] * 3, [None] * 3, zero, zero)
+    if len(figures) == 1:
+        return figures[0]
+    cycles = [max(one.measured_cycles, 1) for one in figures]
+
+    def rms(values: Sequence[float]) -> float:
+        return math.sqrt(sum(n * v * v for n, v in zip(cycles, values, strict=True)) / sum(cycles))
+
+    def of_axes(name: str, together: Any) -> list[Any]:
+        columns = zip(*(getattr(one, name) for one in figures), strict=True)
+        return [None if None in column else together(column) for column in columns]
+
+    return Figures(
+        sum(one.measured_cycles for one in figures),
+        max(one.tcp_error_max_m for one in figures),
+        rms([one.tcp_error_rms_m for one in figures]),
+        max(one.following_error_max_rad for one in figures),
+        figures[-1].final_tcp_m,
+        of_axes('current_peak_a', max),
+        of_axes('current_rms_a', rms),
+        of_axes('at_current_peak_a', max),
+        of_axes('at_current_rms_a', rms),
+        combined_turns([one.turn for one in figures if one.turn is not None]),
+    )

@@ -1,0 +1,100 @@
+"""Optional signals of a simulation: internal values of the task and the drives, recorded once per bus cycle.
+
+Without any, compiled stretches of cycles run as usual. With some, cycles run one by one, with identical results.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from delta3_pacdrive.cell.world import World
+from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.signals import OF_CELLS, OF_DRIVES, OUTPUT_COLUMNS, columns_of
+from delta3_pacdrive.robot.drive.channels import channel_named
+from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
+from delta3_pacdrive.simulation.robot import Robot
+
+OF_TASK = ('payload', 'outputs', 'lost_telegrams', 'overruns', 'fault')
+
+
+class OptionalSignals:
+    """Recorder of the optional signals of a simulation.
+
+    Parameters
+    ----------
+    names
+        Names in ``OF_TASK``, ``drive_`` with a channel of the drives, or ``cell_`` with a signal of the cell; others
+        are ignored.
+    robot, parameters
+        The simulated robot, and its parameters.
+    world
+        The cell around it, if any.
+
+    """
+
+    def __init__(
+        self, names: Sequence[str], robot: Robot, parameters: Parameters, world: World | None = None
+    ) -> None:
+        self._drives, self._parameters, self._world = robot.drives, parameters, world
+        self._of_cell: dict[str, list[list[float]]] = {
+            name: [] for name in names if name.startswith(OF_CELLS) and world is not None
+        }
+        self._channels = {
+            name: channel_named(name.removeprefix(OF_DRIVES)) for name in names if name.startswith(OF_DRIVES)
+        }
+        self._of_task = [name for name in OF_TASK if name in names]
+        sources = dict.fromkeys(source for channel in self._channels.values() for source in channel.sources)
+        self._columns = {source: place for place, source in enumerate(sources)}
+        self._states: list[list[list[float]]] = []  # by cycle and axis
+        self._task: dict[str, list[list[float]]] = {name: [] for name in self._of_task}
+
+    def __bool__(self) -> bool:
+        """Whether anything is recorded."""
+        return bool(self._channels or self._of_task or self._of_cell)
+
+    def note_begin(self) -> None:
+        """Record the state of the drives before a bus cycle, which are their samples at the instant of the AT."""
+        if self._channels:
+            states = (drive.state[0] for drive in self._drives)
+            self._states.append([[float(state[name]) for name in self._columns] for state in states])
+
+    def note_end(self, task: Transformation, axes: AxisMonitor) -> None:
+        """Record the state of the task after a bus cycle; without a clock nothing is late."""
+        if self._of_cell and self._world is not None:
+            signals = self._world.signals()
+            for name, rows in self._of_cell.items():
+                rows.append(signals[name])
+        for name, rows in self._task.items():
+            if name == 'payload':
+                rows.append([task.payload])
+            elif name == 'outputs':
+                rows.append([float(task.outputs >> n & 1) for n in range(len(OUTPUT_COLUMNS))])
+            elif name == 'lost_telegrams':
+                rows.append([float(sum(axes.losses))])
+            else:
+                rows.append([0.0])
+
+    def signals(self, fault_cycle: int) -> dict[str, Floats]:
+        """Return the signals, shapes (cycles, columns); ``fault_cycle`` is that of a robot fault, or ``NEVER``."""
+        found = {
+            name: np.array(rows, dtype=np.float64).reshape(-1, len(columns_of(name, '')))
+            for name, rows in (self._task | self._of_cell).items()
+        }
+        if 'fault' in found:
+            found['fault'][fault_cycle:] = 1.0
+        if self._channels:
+            states = np.array(self._states, dtype=np.float64)
+            for name, channel in self._channels.items():
+                places = [self._columns[source] for source in channel.sources]
+                of_axes = [
+                    channel.formula(
+                        self._parameters,
+                        drive.constants[0],
+                        *(np.ascontiguousarray(states[:, axis, place]) for place in places),
+                    )
+                    for axis, drive in enumerate(self._drives)
+                ]
+                found[name] = np.column_stack(of_axes)
+        return found

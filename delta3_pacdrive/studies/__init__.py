@@ -1,0 +1,1 @@
+"""Analysis of runs, and studies: thesis experiments, drives, calibration, estimation, places, fleets."""

@@ -1,0 +1,1 @@
+"""Studies of drives and motors: tuning, control loops, current ripple, single motor."""

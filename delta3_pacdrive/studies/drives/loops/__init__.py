@@ -1,0 +1,1 @@
+"""Control loops of a drive: linear models, test bench, frequency responses."""

@@ -1,0 +1,1 @@
+"""Studies with many runs or robots: sweeps, optimisation, lines."""

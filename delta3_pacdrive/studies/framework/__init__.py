@@ -1,0 +1,1 @@
+"""Parts shared by all studies: report folder, index page, figure style, provenance."""

@@ -1,0 +1,61 @@
+"""Settings and results of learning, data only."""
+
+from dataclasses import dataclass
+
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.planning.learned_torques import Learned
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings of learning."""
+
+    program: str  # file, or name of a packaged program
+    parameters: str | None  # file of the robot; None: the packaged one
+    machine: str | None  # file of the simulated robot, if it differs from the controller's; None: the same
+    repetitions: int  # maximum number
+    bandwidth_hz: float  # of the Q filter
+    # weight of the change of the torques, relative to the largest gain of an axis
+    change_weight: float = 1e-3
+    torque_weight: float = 1e-4  # weight of the torques, relative to the largest gain of an axis
+
+
+@dataclass(frozen=True)
+class Contraction:
+    """Contraction rate of learning for one load."""
+
+    masses: float  # of the robot relative to those in the controller
+    place_m: tuple[float, float, float]  # TCP position
+    payload_kg: float
+    rate: float  # largest singular value over all frequencies; below 1 learning converges monotonically
+    at_hz: float  # its frequency
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """One run of the program; number 0 is without learned torques.
+
+    TCP errors are those of the controller, currents those of the most loaded motor.
+    """
+
+    number: int
+    tcp_error_max_m: float
+    tcp_error_rms_m: float
+    current_peak_a: float
+    current_rms_a: float
+    torque_max_n_m: float  # largest of the applied learned torques
+
+
+@dataclass(frozen=True)
+class Results:
+    """Repetitions, the best one, and its learned torques."""
+
+    program: str
+    contractions: tuple[Contraction, ...]
+    repetitions: tuple[Repetition, ...]
+    best: Repetition
+    learned: Learned
+    time_s: Floats  # from the start of the program, shape (n,)
+    before_m: Floats  # TCP error without learned torques, shape (n, 3)
+    after_m: Floats  # TCP error with them, shape (n, 3)
+    at_end: str  # reason for ending the repetitions

@@ -1,0 +1,1 @@
+"""Studies of poses, of the workspace, and of planned programs."""

@@ -1,0 +1,66 @@
+"""Data of an analysed pose."""
+
+from dataclasses import dataclass
+
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.planning.limits.capability import Capability
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Solution of the inverse kinematics (Fig. 4.6)."""
+
+    number: int  # 0 to 7: bit i is set if arm i + 1 has its elbow inward
+    arm_angle_rad: Floats  # shape (3,); nan for an arm that cannot reach
+    loop_error_m: float  # largest deviation of a forearm length; nan without a solution
+    is_legal: bool  # all arm angles are within their limits
+
+    @property
+    def elbows(self) -> tuple[str, ...]:
+        """Direction of each elbow, ``out`` or ``in``."""
+        return tuple('in' if self.number >> i & 1 else 'out' for i in range(3))
+
+
+@dataclass(frozen=True)
+class Margin:
+    """Distance of one quantity to one of its limits."""
+
+    name: str  # of the quantity with the number of its arm
+    key: str  # name in results
+    arm: int | None  # 1 to 3; None for the whole robot
+    value: float
+    limit: float  # largest allowed value, or smallest if not is_upper
+    is_upper: bool
+    distance: float  # to the limit, negative beyond it
+    unit: str
+    is_kept: bool  # up to rounding
+
+    @property
+    def sentence(self) -> str:
+        """Value and limit as text."""
+        unit = f' {self.unit}' if self.unit else ''
+        return f'{self.name} is {self.value:.4g}{unit}, the limit is {self.limit:.4g}{unit}'
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Analysed pose; values that do not exist are None."""
+
+    solutions: tuple[Solution, ...]  # all eight for the point; empty without a point
+    margins: tuple[Margin, ...]
+    refusals: tuple[str, ...]  # reasons why the robot may not take the pose
+    payload_kg: float
+    point_m: Floats | None = None  # TCP
+    mirror_m: Floats | None = None  # second intersection of the three spheres, above the elbow plane
+    arm_angle_rad: Floats | None = None  # shape (3,)
+    number: int | None = None  # of the solution with these angles
+    jacobian: Floats | None = None  # m/rad; None also at a singularity where it is not finite
+    singular_values: Floats | None = None  # of the Jacobian [m/rad], largest first
+    capability: Capability | None = None  # only for the working branch
+    holding_torque_n_m: Floats | None = None  # arm side, shape (3,)
+    holding_current_a: Floats | None = None
+
+    @property
+    def is_reachable(self) -> bool:
+        """Whether the robot may take this pose."""
+        return not self.refusals

@@ -1,0 +1,402 @@
+"""Facts about the controller of a robot, without ROS: it comes up, runs, loses partners, recovers."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.control.cycle.cycle import Command
+from delta3_pacdrive.control.operation.cyclic_operation import Timing
+from delta3_pacdrive.control.operation.robot_controller import RobotController
+from delta3_pacdrive.robot.faults.fault import parse
+from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
+from delta3_pacdrive.robot.sercos.bus_time import NEVER
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PARTICIPANTS, PLANT, Identity
+from delta3_pacdrive.robot.sercos.participants import Announcement, Occasion
+from delta3_pacdrive.robot.sercos.shared_clock import SharedClock, create
+from delta3_pacdrive.robot.sercos.watchdog import ANSWER_SILENT_S, BUS_SILENT_S
+from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE, Phase, Status
+from thoroughness import examples
+
+ROBOT = parameters.load()
+OURS = Identity.of(ROBOT)
+HOME = (
+    kinematics.inverse(np.array(ROBOT.motion.home_m), ROBOT.kinematics) * ROBOT.dynamics.gear_ratio
+).tolist()
+READY = int(Status.READY_TO_ENABLE)
+IN_TORQUE = int(Status.IN_TORQUE | Status.FOLLOWS_COMMAND)
+REPORT_S = 0.2
+OUTSTANDING = ROBOT.bus.outstanding_cycles_max
+
+
+class Cell:
+    """A controller without a clock, and drives that do as they are told as soon as a test lets them."""
+
+    def __init__(
+        self, *faults: dict[str, Any], inputs: tuple[str, ...] = (), clock: SharedClock | None = None
+    ) -> None:
+        self.inputs = inputs
+        self.now_s = 0.0
+        self.sent: dict[int, Command] = {}
+        self.told: list[int] = []
+        self.phases: list[Phase] = []
+        self.ticks_from: list[Phase] = []  # the last phase that was told when the ticks began
+        self.refused: list[str] = []
+        self.reports = 0
+        self.ahead = [0, 0, 0]  # next cycle that each drive answers
+        schedule = Schedule()
+        for fault in faults:
+            schedule.add(Scheduled.of(parse(fault, 'fault'), 0, ROBOT.bus.cycle_time_s))
+        self.robot = RobotController(
+            ROBOT,
+            Timing(0.0, REPORT_S, lambda: self.now_s, lambda: round(self.now_s * 1e9), clock),
+            False,
+            schedule,
+            self,
+        )
+
+    # what the controller does on the bus ------------------------------------------------------------------------------
+
+    def announce(self, announcement: Any) -> None:
+        if announcement.entered:
+            self.phases.append(announcement.phase)
+
+    def start_ticks(self, delay_s: float) -> None:
+        self.ticks_from.append(self.phases[-1])
+
+    def greet(self, _: Any) -> None:
+        for index, position in enumerate(HOME):
+            self.robot.receive_greeting(index, ((position, 0.0, 0.0), READY, 0))
+
+    def send(self, cycle: int, command: Command) -> None:
+        assert cycle not in self.sent
+        self.sent[cycle] = command._replace(motors=command.motors.copy())
+
+    def publish_answers(self, cycle: int) -> None:
+        self.told.append(cycle)
+
+    def reject_telegram(self, reason: str) -> None:
+        self.refused.append(reason)
+
+    def check_faults(self, _: Any) -> None:
+        """Find nothing wrong."""
+
+    def run_actions(self) -> None:
+        self.robot.state.actions.clear()
+
+    def publish_status(self) -> None:
+        self.reports += 1
+        self.run_actions()
+
+    @property
+    def fault(self) -> str:
+        """The fault as a sentence, empty if there is none."""
+        return str(self.robot.progress()['fault'])
+
+    # what happens -----------------------------------------------------------------------------------------------------
+
+    def hear(self, name: str, occasion: Occasion = Occasion.CALLED, instance: str = 'first') -> None:
+        session = self.robot.bus.session.decode()
+        seen = max(self.sent, default=-1) + 1
+        self.robot.receive_announcement(
+            Announcement(name, instance, session, occasion, OURS, DRIVES, seen, self.inputs)
+        )
+
+    def come_up(self) -> 'Cell':
+        """Let everybody answer until cyclic operation begins."""
+        for _ in range(40):
+            if self.robot.bus.cyclic:
+                break
+            for name in PARTICIPANTS:
+                self.hear(name)
+            self.robot.poll_start_up(None)
+        assert self.robot.bus.phase == Phase.CP4
+        self.ahead = [self.robot.next_cycle] * 3
+        self.robot.cycles.start_due()
+        return self
+
+    def answer(self, index: int, skip: int = 0) -> None:
+        """Let a drive answer its next cycle, or one behind it: then those between are lost."""
+        cycle = self.ahead[index] + skip
+        if cycle not in self.sent or not self.robot.cycles.running:
+            return
+        self.ahead[index] = cycle + 1
+        command = self.sent[cycle]
+        since = [k for k in range(max(0, cycle - 40), cycle + 1) if k in self.sent]
+        enabled = all(self.sent[k].control == CONTROL_ENABLE for k in since)
+        status = IN_TORQUE if enabled else READY
+        content = ((float(command.motors[index]), 0.0, 0.0), status, 0)
+        self.robot.cycles.take(index, cycle, content, 0)
+
+    def run(self, cycles: int, axes: tuple[int, ...] = (0, 1, 2)) -> None:
+        """Let drives answer some cycles."""
+        for _ in range(cycles):
+            for index in axes:
+                self.answer(index)
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass, in which the controller looks."""
+        end = self.now_s + seconds
+        while self.now_s < end:
+            self.now_s += REPORT_S
+            self.robot.poll(self.now_s)
+
+
+@pytest.fixture
+def cell() -> Cell:
+    return Cell().come_up()
+
+
+def test_a_robot_waits_in_cp3_until_all_of_its_bus_clock_are_ready_and_says_so() -> None:
+    path = create(2)
+    cell, other = Cell(clock=SharedClock(path, 0)), SharedClock(path, 1)
+    with pytest.raises(AssertionError):
+        cell.come_up()
+    assert cell.phases[-1] == Phase.CP3
+    assert cell.robot.progress()['waiting'] == 'waiting for the robots that share its bus clock'
+    assert other.ready(0.0)
+    cell.come_up()
+    assert cell.phases[-1] == Phase.CP4
+    assert cell.robot.progress()['waiting'] == ''
+
+
+def test_the_bus_comes_up_phase_by_phase_and_the_robot_stands_where_the_drives_say() -> None:
+    cell = Cell()
+    assert cell.robot.closed() is not None
+    cell.come_up()
+    assert cell.phases == [Phase.CP1, Phase.CP2, Phase.CP3, Phase.CP4]
+    assert cell.robot.closed() is None
+    assert cell.robot.progress()['tcp_m'] == pytest.approx(ROBOT.motion.home_m, abs=1e-6)
+
+
+def test_the_ticks_of_cycles_begin_with_their_schedule_before_the_phase_is_told(cell: Cell) -> None:
+    assert cell.ticks_from == [Phase.CP3]
+
+
+def test_without_answers_no_more_cycles_start_than_may_be_outstanding(cell: Cell) -> None:
+    assert sorted(cell.sent) == list(range(OUTSTANDING))
+    cell.run(5, axes=(0, 1))
+    assert cell.told == []
+    cell.answer(2)
+    assert cell.told == [0]
+    assert max(cell.sent) == OUTSTANDING
+
+
+def test_every_cycle_is_sent_once_and_told_once_in_its_order(cell: Cell) -> None:
+    cell.run(200)
+    assert cell.told == list(range(200))
+    assert list(cell.sent) == list(range(200 + OUTSTANDING))
+
+
+def test_one_lost_at_is_counted_and_two_in_a_row_stop_the_robot(cell: Cell) -> None:
+    cell.run(10)
+    cell.answer(1, skip=1)
+    cell.run(10)
+    assert cell.robot.totals()['at_losses'] == [0, 1, 0]
+    assert cell.fault == ''
+    cell.answer(1, skip=2)
+    cell.run(10)
+    assert cell.fault.startswith('axis2: two AT lost in a row in bus cycle')
+    assert cell.robot.bus.cyclic  # the drives stop in cyclic operation
+
+
+def test_a_repeated_at_counts_and_changes_nothing_but_two_that_differ_stop_the_robot(cell: Cell) -> None:
+    cell.answer(0)
+    content = ((float(cell.sent[0].motors[0]), 0.0, 0.0), READY, 0)
+    cell.robot.cycles.take(0, 0, content, 0)
+    assert cell.robot.progress()['repeated_telegrams'] == 1
+    assert cell.fault == ''
+    cell.robot.cycles.take(0, 0, ((1.0, 0.0, 0.0), READY, 0), 0)
+    assert 'there is a second writer' in cell.fault
+
+
+def test_an_at_of_a_cycle_to_come_lets_the_phase_fall(cell: Cell) -> None:
+    cell.robot.cycles.take(0, OUTSTANDING, ((0.0, 0.0, 0.0), READY, 0), 0)
+    assert cell.robot.bus.phase == Phase.CP0
+    assert 'without the master (8506)' in cell.fault
+
+
+def test_when_all_are_silent_the_phase_falls(cell: Cell) -> None:
+    cell.run(10)
+    cell.wait(BUS_SILENT_S + 2 * REPORT_S)
+    assert cell.robot.bus.phase == Phase.CP0
+    assert not cell.robot.cycles.running
+    assert cell.reports > 0
+
+
+def test_without_one_drive_the_others_go_on_to_their_stop_and_then_the_phase_falls(cell: Cell) -> None:
+    cell.run(10)
+    cell.run(OUTSTANDING, axes=(0, 2))
+    answered = cell.robot.answered
+    cell.wait(ANSWER_SILENT_S + 2 * REPORT_S)
+    assert cell.robot.axes.absent
+    assert cell.robot.answered > answered
+    assert cell.fault.startswith('no AT of axis2 for')
+    cell.run(2000, axes=(0, 2))
+    assert cell.robot.bus.phase == Phase.CP0
+
+
+def test_nothing_is_silent_while_nothing_is_awaited() -> None:
+    cell = Cell()
+    cell.wait(2 * BUS_SILENT_S)
+    assert cell.fault == ''
+
+
+@pytest.mark.parametrize(('name', 'phase'), [('axis1', Phase.CP4), (PLANT, Phase.CP0)])
+@pytest.mark.parametrize('occasion', [Occasion.STARTED, Occasion.LEFT])
+def test_a_drive_that_comes_or_goes_stops_the_robot_and_the_plant_ends_the_bus(
+    name: str, phase: Phase, occasion: Occasion, cell: Cell
+) -> None:
+    cell.run(10)
+    cell.hear(name, occasion, 'second')
+    assert cell.fault.startswith(f'{name} restarted')
+    assert cell.robot.bus.phase == phase
+
+
+def test_bus_time_goes_on_after_a_fall_and_nothing_is_enabled_by_itself(cell: Cell) -> None:
+    cell.robot.enabling.enable(None)
+    cell.run(100)
+    assert cell.robot.state.in_torque
+    last, session = max(cell.sent), cell.robot.bus.session
+    cell.hear(PLANT, Occasion.LEFT)
+    cell.come_up()
+    cell.run(100)
+    assert cell.robot.bus.session != session
+    later = {cycle: command for cycle, command in cell.sent.items() if cycle > last}
+    assert min(later) == last + 1
+    assert CONTROL_ENABLE not in {command.control for command in later.values()}
+    assert not cell.robot.state.in_torque
+
+
+def test_answers_that_come_after_the_fall_count_for_nothing(cell: Cell) -> None:
+    cell.run(10)
+    cell.hear(PLANT, Occasion.LEFT)
+    cell.robot.cycles.take(0, 11, ((0.0, 0.0, 0.0), READY, 0), 0)
+    assert cell.told == list(range(10))
+
+
+@pytest.mark.parametrize('kind', ['drop_at', 'corrupt_at'])
+def test_an_injected_loss_happens_in_its_bus_cycle(kind: str) -> None:
+    cell = Cell({'fault': kind, 'axis': 'axis2', 'after_s': 0.02}).come_up()
+    cell.run(20)
+    assert cell.robot.totals()['at_losses'] == [0, 0, 0]
+    cell.run(1)
+    assert cell.robot.totals()['at_losses'] == [0, 1, 0]
+    assert [reason for reason in cell.refused if 'garbled' not in reason] == []
+    assert len(cell.refused) == int(kind == 'corrupt_at')
+
+
+def test_an_injected_emergency_stop_begins_with_the_command_of_its_cycle() -> None:
+    cell = Cell({'fault': 'emergency_stop', 'after_s': 0.02}).come_up()
+    cell.run(40)
+    assert cell.fault == 'emergency stop in bus cycle 20'
+    assert cell.robot.progress()['fault_cycle'] == 20
+    assert cell.told[-1] == 39  # cycles go on
+
+
+EVENTS = st.one_of(
+    st.tuples(st.just('run'), st.integers(1, 20)),
+    st.tuples(st.just('answer'), st.integers(0, 2)),
+    st.tuples(st.just('lose'), st.integers(0, 2)),
+    st.tuples(st.just('ahead'), st.integers(0, 2)),
+    st.tuples(st.just('wait'), st.integers(1, 20)),
+    st.tuples(st.just('started'), st.sampled_from(PARTICIPANTS)),
+    st.tuples(st.just('left'), st.sampled_from(PARTICIPANTS)),
+    st.tuples(st.just('up'), st.none()),
+    st.tuples(st.just('do'), st.sampled_from(['enable', 'disable', 'hold', 'abort', 'emergency_stop'])),
+)
+
+
+def handle(cell: Cell, event: tuple[str, Any]) -> None:
+    what, value = event
+    robot = cell.robot
+    if what == 'run':
+        cell.run(value)
+    elif what == 'answer':
+        cell.answer(value)
+    elif what == 'lose':
+        cell.answer(value, skip=1)
+    elif what == 'ahead':
+        robot.cycles.take(value, robot.next_cycle, ((0.0, 0.0, 0.0), READY, 0), 0)
+    elif what == 'wait':
+        cell.wait(value * REPORT_S)
+    elif what == 'started':
+        cell.hear(value, Occasion.STARTED, f'at {robot.next_cycle}')
+    elif what == 'left':
+        cell.hear(value, Occasion.LEFT, f'at {robot.next_cycle}')
+    elif what == 'do':
+        if value == 'enable':
+            robot.enabling.enable(lambda *_: None)
+        else:
+            getattr(robot.enabling if value == 'disable' else robot.state, value)()
+    elif not robot.bus.cyclic:
+        cell.come_up()
+
+
+@settings(max_examples=examples(60))
+@given(st.lists(EVENTS, max_size=40))
+def test_whatever_happens_bus_time_never_goes_back_and_a_fault_stays(events: list[tuple[str, Any]]) -> None:
+    cell = Cell().come_up()
+    fault, cycle = '', 0
+    for event in events:
+        handle(cell, event)
+        robot = cell.robot
+        assert robot.next_cycle - robot.answered >= 0
+        assert not robot.cycles.running or robot.next_cycle - robot.answered <= OUTSTANDING
+        assert robot.cycles.running == robot.bus.cyclic == (robot.bus.phase == Phase.CP4)
+        assert robot.next_cycle >= cycle
+        assert cell.told == sorted(set(cell.told))
+        assert list(cell.sent) == list(range(len(cell.sent)))
+        assert cell.fault.startswith(fault)  # only a reset ends it, and the cause may be told more exactly
+        fault, cycle = cell.fault, robot.next_cycle
+        if fault:
+            assert robot.state.motion == 'error'
+            assert not robot.state.enabled
+            assert robot.state.ends == NEVER
+
+
+def test_a_round_trip_is_the_time_from_an_mdt_to_its_last_at():
+    cell = Cell()
+    cell.now_s = 5.0
+    cell.come_up()
+    for _ in range(20):
+        cell.now_s += 0.003  # for which each MDT waits for its answers, and others are under way meanwhile
+        cell.run(1)
+    longest = 3.0 * OUTSTANDING
+    found = cell.robot.totals()['mdt_to_last_at_ms']
+    assert longest - 3.0 <= found['max'] <= longest
+
+
+# inputs
+
+
+def test_a_cycle_is_evaluated_with_its_inputs_and_not_before() -> None:
+    cell = Cell(inputs=('part', 'vacuum')).come_up()
+    cell.run(OUTSTANDING)
+    assert cell.told == []
+    cell.robot.cycles.take_inputs(0, 0b01)
+    assert cell.told == [0]
+    assert cell.robot.cycles.inputs.bits == 0b01
+    cell.robot.cycles.take_inputs(2, 0b10)  # those of cycle 1 are lost
+    assert cell.told == [0, 1, 2]
+    assert cell.robot.cycles.inputs.bits == 0b10
+    # they count as any lost AT does
+    assert cell.robot.progress()['lost_telegrams'] == cell.robot.totals()['input_losses'] == 1
+
+
+def test_inputs_of_a_cycle_to_come_are_refused() -> None:
+    cell = Cell(inputs=('part',)).come_up()
+    cell.robot.cycles.take_inputs(OUTSTANDING, 1)
+    assert cell.refused == [f'inputs of bus cycle {OUTSTANDING} are ahead of bus time']
+    assert cell.robot.cycles.inputs.bits == 0
+
+
+def test_a_bus_whose_inputs_are_silent_falls() -> None:
+    cell = Cell(inputs=('part',)).come_up()
+    cell.run(OUTSTANDING)
+    cell.wait(BUS_SILENT_S + 2 * REPORT_S)
+    assert cell.robot.bus.phase == Phase.CP0
+    assert cell.fault.startswith('no AT of the inputs for')

@@ -1,0 +1,92 @@
+"""Facts about the override: when a change counts, and what becomes of one that comes too late."""
+
+import math
+
+import pytest
+
+from cases import for_each
+from delta3_pacdrive.control.motion_state import percent_allowed
+from delta3_pacdrive.control.queue.planner_actions import Changed, Ordered, Replied
+from delta3_pacdrive.control.queue.profile_change import LEAD_CYCLES, LEAD_CYCLES_MAX
+from delta3_pacdrive.errors import Code
+from delta3_pacdrive.planning.execution import Timeline
+from delta3_pacdrive.planning.plan import Plan
+from planner_client import Client
+
+
+@pytest.fixture
+def client(robot) -> Client:
+    return Client(robot)
+
+
+@for_each('percent', range(1, 201))
+def test_the_allowed_percentage_is_the_largest_whole_one_that_is_accepted(percent: int) -> None:
+    override = percent / 100.0
+    assert percent_allowed(override) == percent
+    assert percent_allowed(math.nextafter(override, 0.0)) == percent - 1
+    assert percent_allowed(math.nextafter(override, 9.0)) == percent
+
+
+def test_a_change_that_came_too_late_is_planned_farther_ahead_until_that_is_too_far(client: Client) -> None:
+    client.ask('program', 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.01}}]')
+    client.plan()
+    client.answer()
+    client.ask('start')
+    ordered = client.do(Ordered)
+    client.verdict(ordered.number)
+    client.answer()
+    client.say(state='moving', order=ordered.number)
+    timeline = Timeline(Plan.of(ordered.moves), client.robot.bus.cycle_time_s)
+    timeline.start(client.cycle, 1.0)
+    client.follow(timeline.profile, 1)
+    client.cycle += 50
+    client.ask('override', '50')
+    leads = []
+    while not client.none(Changed):
+        changed = client.do(Changed)
+        leads.append(changed.profile.cycle - client.cycle)
+        client.verdict(changed.number, 'late', 'bus cycle 7 is over')
+    assert leads == [LEAD_CYCLES * 4**n for n in range(len(leads))]
+    assert leads[-1] >= LEAD_CYCLES_MAX
+    assert client.answer()[0].code == Code.LATE
+    assert client.planner.override == 1.0  # nothing has changed
+
+
+def test_an_override_counts_once_it_was_taken(client: Client) -> None:
+    client.run()
+    client.ask('override', '50')
+    changed = client.do(Changed)
+    assert (client.planner.override, client.none(Replied)) == (1.0, True)
+    client.verdict(changed.number)
+    assert client.answer() == (None, 'override 50 %')
+    assert client.planner.override == 0.5
+
+
+def test_an_override_of_a_program_that_has_just_ended_is_that_of_the_next(client: Client) -> None:
+    client.run()
+    client.ask('override', '50')
+    changed = client.do(Changed)
+    client.say(state='idle', located=2)
+    client.verdict(changed.number, 'state', 'the robot is idle')
+    assert client.answer() == (None, 'override 50 %, from the next program on: this one has ended')
+    assert client.planner.override == 0.5
+
+
+def test_a_stop_that_came_before_a_change_took_effect_leaves_a_program_that_can_be_resumed(
+    client: Client,
+) -> None:
+    timeline = client.run()
+    client.ask('override', '50')
+    changed = client.do(Changed)
+    client.verdict(changed.number)
+    client.answer()
+    client.follow(changed.profile, 2)
+    stop = timeline.stop(changed.profile.cycle - 20)  # the task has dropped what was to come
+    assert client.follow(stop, 3)
+    client.say(state='stopped')
+    client.cycle = stop.cycle + 500
+    client.ask('resume')
+    resumed = client.do(Changed).profile
+    timeline.change(stop)
+    timeline.check(resumed)  # it continues where the master stands
+    assert resumed.table[0, 1] == pytest.approx(stop.table[-1, 1], abs=1e-12)

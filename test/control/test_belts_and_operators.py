@@ -1,0 +1,445 @@
+"""Facts about belts on a robot that is up, and those who stop it, disable it, take it over or ask for nonsense."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from belts import QUICK, around, gets_on, pick, speed_of
+from delta3_pacdrive import parameters, scripting
+from delta3_pacdrive.belts.knowledge import TrackOrder
+from delta3_pacdrive.belts.synchronization import TrackLimits, TrackWindow
+from delta3_pacdrive.belts.tracking import BeltReading
+from delta3_pacdrive.control.motion_state import MotionState
+from delta3_pacdrive.control.operation.control import Operator
+from delta3_pacdrive.control.operation.script_gate import GateEvent
+from delta3_pacdrive.control.operation.script_service import ABANDON, GET_ON, GET_ON_AGAIN
+from delta3_pacdrive.errors import Code, FaultCode, Reason, RefusedError
+from delta3_pacdrive.robot.sercos.bus_time import NEVER
+from delta3_pacdrive.scripting.belt_robot import BeltRobot
+from delta3_pacdrive.scripting.connected_link import ConnectedLink
+from script_bus import ServedNode
+from thoroughness import some
+
+SLOW = [speed_of(0.4)]
+IN_TRAY_M = (0.0, -0.2, -0.85)
+ORDER = TrackOrder(0, -0.1, 0.7, TrackWindow(0.4, 1.1), TrackLimits(4.0, 40.0, 4000.0), 0.3)
+
+
+@pytest.fixture(scope='module')
+def robot():
+    return parameters.load(parameters.MODEL_CONTROLLER)
+
+
+@pytest.fixture
+def node(robot):
+    return ServedNode(robot, around(SLOW, 3))
+
+
+@pytest.fixture
+def called(node, robot):
+    return BeltRobot(ConnectedLink(node, robot), 'script')
+
+
+def largest_step(node):
+    """Return by how much a motor was commanded to turn in one bus cycle at most [rad]."""
+    return np.abs(np.diff(np.array(node.bus.commands), axis=0)).max()
+
+
+def another_picks(node, robot):
+    """Let another script take control, and pick a part; return where the robot stands then."""
+    node.controller.control.take(Operator(node.identity, 'another script'), False, 2.0)
+    another = BeltRobot(ConnectedLink(node, robot), 'another')
+    pick(another)
+    another.wait()
+    another.wait_time(0.1)
+    return another.position()
+
+
+def test_an_operator_stops_a_robot_that_works_on_a_belt_and_the_script_goes_on(node, called):
+    gets_on(called)
+    called.dwell(0.8)
+    called.wait_time(0.1)
+    assert isinstance(node.controller.scripts.hold(), str)
+    with pytest.raises(scripting.ScriptError, match='an operator has stopped the robot on its path'):
+        called.wait()
+    called.wait_time(0.3)
+    assert node.controller.state.motion is MotionState.STOPPED
+    assert node.stands()
+    there = called.position()
+    called.resume()
+    called.wait_time(0.2)
+    assert called.position()[0] - there[0] > 0.1  # the belt has gone on meanwhile
+    assert not node.stands()
+
+
+@pytest.mark.parametrize('ask', ['hold', 'abort'])
+def test_a_robot_that_goes_with_a_belt_without_moves_is_stopped_too(node, called, ask):
+    gets_on(called)
+    called.wait_time(0.1)
+    assert node.controller.state.motion is MotionState.IDLE
+    assert not node.stands()
+    located = node.controller.state.located
+    answer = getattr(node.controller.scripts, ask)()
+    assert answer.startswith('no longer follows its belt, at rest in bus cycle ')
+    node.controller.gate.handle(GateEvent.END)
+    node.goes_on()
+    assert node.stands()
+    assert node.controller.task.tracking.free
+    assert node.controller.state.located == located + 1  # whoever plans knows from where
+
+
+def test_a_script_that_is_lost_on_a_belt_leaves_the_robot_beside_it(robot, node, called):
+    gets_on(called)
+    called.wait_time(0.1)
+    node.controller.control.release(node.identity)
+    node.controller.poll(1.0)
+    node.goes_on()
+    assert node.stands()
+    assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
+
+
+def test_a_script_does_not_begin_on_a_robot_that_still_leaves_a_belt(node, called):
+    pick(called)
+    called.wait_until(0.0)
+    while node.controller.state.motion is not MotionState.IDLE:
+        called.wait_time(0.01)
+    gets_on(called).__exit__(None, None, None)
+    while node.controller.state.motion is not MotionState.IDLE or node.controller.task.tracking.free:
+        called.wait_time(0.001)
+    node.ask('leave')
+    node.controller.gate.handle(GateEvent.END)
+    reason, _ = node.ask('attach')
+    assert (reason.code, str(reason)) == (
+        Code.LATE, 'the robot still follows a belt: try again once it has left it'
+    )  # fmt: skip
+
+
+def test_an_emergency_stop_on_a_belt_ends_with_a_robot_that_takes_moves_again(robot, node, called):
+    gets_on(called)
+    controller = node.controller
+    controller.state.emergency_stop()
+    controller.poll(1.0)
+    node.goes_on()
+    assert node.stands()
+    controller.state.recover(controller.task.locate(node.bus.answers[-1]))
+    assert controller.task.tracking.free
+    controller.task.enable(controller.next_cycle + 2)
+    node.goes_on()
+    assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
+
+
+def test_a_robot_that_goes_with_a_belt_is_disabled_as_one_that_moves(node, called):
+    gets_on(called)
+    called.wait_time(0.1)
+    controller = node.controller
+    assert controller.state.motion is MotionState.IDLE
+    before = largest_step(node)
+    assert controller.enabling.disable().startswith('stops on its path from bus cycle ')
+    assert controller.state.fault.code is FaultCode.DISABLED
+    controller.poll(1.0)
+    node.goes_on()
+    assert node.stands()
+    assert controller.task.tracking.rest_cycle < controller.next_cycle
+    controller.state.recover(controller.task.locate(node.bus.answers[-1]))
+    controller.enabling.enable('the operator')
+    node.goes_on()
+    assert controller.state.fault is None
+    assert largest_step(node) == before
+
+
+def test_a_drive_that_gives_way_on_a_belt_is_seen_where_no_moves_are_left(node, called):
+    gets_on(called)
+    called.wait_time(0.1)
+    state = node.controller.state
+    assert (state.motion, state.moves, state.checked_from) == (MotionState.IDLE, True, 0)
+    node.ask(ABANDON, str(node.controller.next_cycle + 18))
+    assert (state.moves, state.checked_from) == (False, NEVER)
+
+
+def test_who_asks_to_get_on_again_and_does_not_go_on_stands(node, called):
+    gets_on(called)
+    called.dwell(0.8)
+    called.wait_time(0.1)
+    reason, _ = node.ask(GET_ON_AGAIN, '5000')
+    assert str(reason) == 'the robot is moving: only one that stopped next to a belt gets on again'
+    called.hold()
+    called.wait_time(0.1)
+    reason, answer = node.ask(GET_ON_AGAIN, str(node.controller.next_cycle + 2))
+    assert reason is None
+    assert answer.endswith(', if the robot resumes then')
+    node.controller.control.release(node.identity)
+    node.controller.poll(1.0)
+    node.goes_on()
+    assert node.stands(300)
+    assert node.controller.state.motion is MotionState.STOPPED
+    node.controller.scripts.abort()
+    node.goes_on(50)
+    assert node.stands(300)
+    assert node.controller.state.motion is MotionState.IDLE
+    assert node.controller.task.tracking.free
+
+
+def test_a_robot_that_stands_beside_its_belt_goes_on_only_if_it_gets_on_again(node, called):
+    gets_on(called)
+    called.dwell(0.8)
+    called.wait_time(0.1)
+    called.hold()
+    called.wait_time(0.1)
+    node.get_on_again = lambda _: None
+    with pytest.raises(scripting.ScriptError, match='no bus cycle is set to get on again'):
+        called.resume()
+    del node.get_on_again
+    called.resume()
+    called.wait_time(0.1)
+    assert not node.stands()
+
+
+def test_an_order_that_nobody_follows_is_not_that_of_the_next_part(node, called, robot):
+    node.get_on(ORDER)
+    node.ask('leave')
+    assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
+    node.get_on(ORDER)
+    node.ask('leave')
+    node.controller.gate.handle(GateEvent.END)
+    assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
+
+
+def test_a_plan_that_gets_on_a_belt_without_an_order_is_held(node, called, robot):
+    node.get_on = lambda _: None
+    pick(called)
+    with pytest.raises(scripting.ScriptError, match='but no belt has been selected') as lost:
+        called.wait()
+    assert lost.value.code is Code.BELT
+    assert node.controller.task.tracking.free
+    del node.get_on
+    node.ask('leave')
+    node.goes_on()
+    assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
+
+
+@pytest.mark.parametrize('left_cycles', some([75, 50, 45, 42, 38, 30, 26, 22], [22]))
+def test_a_script_gives_up_in_the_moment_in_which_the_belt_is_lost(robot, left_cycles):
+    there = around(SLOW, 3)
+
+    def works(called, until=None):
+        """Stay above a part; return the bus cycle in which that began, and what was seen behind it."""
+        seen = []
+        try:
+            with called.track('line', timeout_s=5.0, **QUICK):
+                called.move_l(to_mm=[0, 0, 60], **QUICK)
+                called.wait()
+                seen.append(called.state().cycle)
+                called.wait_time(5.0 if until is None else 1e-3 * (until - seen[0]))
+                raise ValueError
+        except (ValueError, scripting.ScriptError) as error:
+            seen.append(type(error))
+        seen.append((called.state().cycle, called.state().motion))
+        called.move_l(to_mm=[50, 0, -800])
+        called.wait()
+        return [*seen, called.position()]
+
+    with scripting.simulate(robot, cell=there) as simulated:
+        lost = works(simulated)[2][0]
+    with scripting.simulate(robot, cell=there) as simulated:
+        seen = works(simulated, lost - left_cycles)
+    node = ServedNode(robot, there)
+    assert works(BeltRobot(ConnectedLink(node, robot), 'script'), lost - left_cycles) == seen
+    commanded = np.array(node.bus.commands[: len(simulated.trace.time_s)])
+    assert np.array_equal(commanded, simulated.trace['motor_command'][: len(commanded)])
+    assert node.controller.gate.hold_cycle == NEVER
+
+
+@pytest.mark.parametrize('later_cycles', some([2, 38, 74, 86], [86]))
+def test_a_script_that_holds_when_its_moves_are_over_goes_on_with_the_belt(robot, later_cycles):
+    there = around(SLOW, 3)
+
+    def works(called):
+        seen = []
+        with called.track('line', timeout_s=5.0, **QUICK):
+            called.move_l(to_mm=[0, 0, 60], **QUICK)
+            called.wait(left_s=0.001)
+            called.wait_time(1e-3 * later_cycles)
+            try:
+                called.hold()
+            except scripting.ScriptError as error:
+                seen.append(str(error).partition(': ')[2])
+            seen.append(called.state())
+            called.wait_time(0.1)
+            seen.append(called.position())
+            if len(seen) == 2:  # it was held
+                called.resume()
+            called.move_l(to_mm=[0, 0, 40], **QUICK)
+        return seen
+
+    with scripting.simulate(robot, cell=there) as simulated:
+        seen = works(simulated)
+    node = ServedNode(robot, there)
+    assert works(BeltRobot(ConnectedLink(node, robot), 'script')) == seen
+    commanded = np.array(node.bus.commands[: len(simulated.trace.time_s)])
+    assert np.array_equal(commanded, simulated.trace['motor_command'][: len(commanded)])
+
+
+def test_no_order_that_was_on_its_way_undoes_the_stop_of_an_operator(node, called):
+    block = gets_on(called)
+    called.wait_time(0.1)
+    start, refused = node.start, []
+
+    def stopped_meanwhile(*order, **how):
+        assert isinstance(node.controller.scripts.hold(), str)
+        try:
+            return start(*order, **how)
+        except RefusedError as error:
+            refused.append(error.reason.code)
+            raise
+
+    node.start = stopped_meanwhile
+    called.move_l(to_mm=[0, 100, 60], **QUICK)
+    called.dwell(0.5)
+    with pytest.raises(
+        scripting.ScriptError, match='an operator has stopped the robot, which no longer follows its belt'
+    ) as stopped:
+        called.wait()
+    assert refused == [Code.BELT]
+    assert block.__exit__(type(stopped.value), stopped.value, None) is False
+    node.ask('leave')
+    node.goes_on()
+    assert node.stands(300)
+    assert node.controller.task.tracking.free
+
+
+def test_a_script_that_catches_the_stop_of_an_operator_does_nothing_on_the_belt_any_more(node, called):
+    block = gets_on(called)
+    called.wait_time(0.1)
+    assert isinstance(node.controller.scripts.hold(), str)
+    with pytest.raises(scripting.ScriptError, match='no longer follows its belt') as stopped:
+        called.wait_time(0.1)
+    assert stopped.value.code is Code.BELT
+    with pytest.raises(scripting.ScriptError, match='the robot is not held'):
+        called.resume()
+    called.wait_time(0.2)
+    assert node.stands(50)
+    called.move_l(to_mm=[0, 0, 20], **QUICK)
+    with pytest.raises(scripting.ScriptError, match='no longer moves with its belt') as refused:
+        called.wait()
+    assert block.__exit__(type(refused.value), refused.value, None) is False
+    called.move_l(to_mm=[0, 0, -800])  # beside the belt it works
+    called.wait()
+    assert called.position() == pytest.approx((0.0, 0.0, -0.8), abs=1e-4)
+
+
+def test_a_script_without_control_is_told_so_in_its_block(node, called):
+    block = gets_on(called)
+    node.controller.control.release(node.identity)
+    node.controller.poll(1.0)
+    with pytest.raises(scripting.ScriptError, match='the script no longer has control of the robot') as lost:
+        called.wait_time(0.1)
+    assert block.__exit__(type(lost.value), lost.value, None) is False
+    assert lost.value.code is Code.CONTROL
+
+
+def test_a_script_that_gives_up_while_an_operator_holds_gives_up_again(node, called):
+    block = gets_on(called)
+    called.dwell(0.8)
+    called.wait_time(0.1)
+    abandon, asked = node.abandon, []
+
+    def held_meanwhile(cycle):
+        asked.append(cycle)
+        if len(asked) == 1:
+            node.post(ABANDON, str(cycle))
+            assert isinstance(node.controller.scripts.hold(), str)
+            assert node.controller.gate.hold_cycle == NEVER
+            raise RefusedError(node.replies[-1][0])
+        return abandon(cycle)
+
+    node.abandon = held_meanwhile
+    assert block.__exit__(ValueError, ValueError('enough'), None) is False
+    assert len(asked) == 2
+    assert node.stands()
+    assert node.controller.task.tracking.free
+    called.move_l(to_mm=[0, 0, -800])
+    called.wait()
+    assert called.position() == pytest.approx((0.0, 0.0, -0.8), abs=1e-4)
+
+
+def test_an_order_that_came_too_late_leaves_nothing_behind(node, called, monkeypatch):
+    monkeypatch.setattr(ConnectedLink, 'extra_cycles', 30)  # as with a clock
+    start = node.start
+
+    def too_late(*_, **__):
+        raise RefusedError(Reason(Code.LATE, 'too late'))
+
+    with called.track('line', timeout_s=5.0, **QUICK):
+        called.move_l(to_mm=[0, 0, 60], **QUICK)
+        node.start = too_late
+        with pytest.raises(scripting.ScriptError, match='too late'):
+            called.wait()
+        node.start = start
+        called.move_l(to_mm=[0, 0, 40], **QUICK)
+        called.wait()
+        assert not node.stands()
+
+
+def test_what_was_before_a_script_does_not_concern_it(node, called, robot):
+    tracking = node.controller.task.tracking
+    tracking.observe(tracking.observed.cycle + 1, [BeltReading(10**6)])
+    pick(called)
+    called.finish()
+    node.ask('leave')
+    node.goes_on(4000)
+    assert len(tracking.parts[0]) == 2
+    node.controller.control.take(Operator(node.identity, 'another script'), False, 2.0)
+    another = BeltRobot(ConnectedLink(node, robot), 'another')
+    assert tracking.jumps(0) > 0
+    assert another.belt('line').jumps == 0
+    assert another.belt('line').waiting == 0
+
+
+def test_belts_that_fall_silent_are_named(node, called):
+    gets_on(called)
+    node.ask('leave')
+    cycles = node.controller.cycles
+    cycles.take_belts = lambda *_: None
+    node.goes_on(20)
+    for n in range(50):
+        node.controller.poll(0.2 * n)
+    assert str(node.controller.state.fault).startswith('no AT of the belts for')
+    assert not node.controller.bus.cyclic
+    assert node.controller.task.tracking.free
+
+
+def changed(**values):
+    return json.dumps(ORDER.to_document() | values)
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        ('null', 'getting on a belt needs an order'),
+        ('{}', 'getting on a belt needs an order'),
+        (changed(part_m='far'), 'getting on a belt needs an order'),
+        (changed(part_m=math.nan), 'getting on a belt needs an order'),
+        (changed(window_m=[0.1]), 'getting on a belt needs an order'),
+        (changed(limits=[4.0, -40.0, 4000.0, 2.0]), 'getting on a belt needs an order'),
+        (changed(belt=math.inf), 'getting on a belt needs an order'),
+        (changed(belt=0.5), 'getting on a belt needs an order'),
+        (changed(belt=10**400), 'the robot cannot work on belt number 1000'),
+        (changed(part_m=10**400), 'getting on a belt needs an order'),
+        (changed(limits=[4.0, 1e300, 4000.0, 2.0]), 'getting on a belt needs an order'),
+        (changed(limits=[4.0, 40.0, 1e-12, 2.0]), 'getting on a belt needs an order'),
+        (changed(more=1), 'getting on a belt needs an order'),
+        (changed(belt=1), 'the robot cannot work on belt number 1, of 1'),
+        (changed(belt=-1), 'the robot cannot work on belt number -1, of 1'),
+    ],
+)
+def test_an_order_that_is_none_is_refused(node, called, text, sentence):
+    reason, _ = node.ask(GET_ON, text)
+    assert reason.code is Code.CONTENT
+    assert sentence in str(reason)
+
+
+def test_who_is_on_no_belt_gets_on_none_again(node, called):
+    reason, _ = node.ask(GET_ON_AGAIN, '5000')
+    assert (reason.code, str(reason)) == (Code.STATE, 'the robot is on no belt')

@@ -1,0 +1,329 @@
+"""Facts about the operation data: every IDN against a table that was written by hand from SERCOS and the data sheet."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cases import for_each
+from delta3_pacdrive.parameters import flatten
+from delta3_pacdrive.robot.drive.arrays import STATE
+from delta3_pacdrive.robot.drive.operation_data import TABLE
+from delta3_pacdrive.robot.drive.register import Register
+from delta3_pacdrive.robot.sercos.service_channel import (
+    Access,
+    Operation,
+    ServiceError,
+    format_idn,
+    parse_idn,
+)
+from delta3_pacdrive.robot.sercos.words import Phase
+
+# one rounding of a product or quotient; the values themselves are exact
+ROUNDING = 1e-15
+# no two values are alike, so that no IDN can answer for another
+ROBOT = {
+    'drive.position_gain_rad_s_rad': 61.0,
+    'drive.velocity_gain_a_s_rad': 0.36,
+    'drive.velocity_integral_gain_a_rad': 18.0,
+    'drive.current_gain_v_a': 31.0,
+    'drive.current_integral_gain_v_a_s': 12400.0,
+    'drive.velocity_feedforward': 0.9,
+    'drive.current_feedforward': 0.8,
+    'drive.feedforward_inertia_kg_m2': 6.5e-4,
+    'drive.observer_arm_inertia_kg_m2': 0.95,
+    'drive.velocity_filter_s': 1.1e-4,
+    'drive.current_reference_filter_s': 2.1e-4,
+    'drive.current_filter_s': 3.1e-4,
+    'drive.notch_1_frequency_hz': 230.0,
+    'drive.notch_1_damping': 0.64,
+    'drive.notch_1_depth': 0.14,
+    'drive.notch_2_frequency_hz': 410.0,
+    'drive.notch_2_damping': 0.53,
+    'drive.notch_2_depth': 0.15,
+    'drive.commutation_offset_rad': 0.07,
+    'drive.dc_link_voltage_v': 580.0,
+    'drive.following_error_limit_rad': 0.41,
+    'drive.velocity_limit_rad_s': 601.0,
+    'drive.torque_limit_n_m': 12.0,
+    'drive.overspeed_factor': 1.15,
+    'drive.overload_time_s': 4.5,
+    'drive.enable_settle_s': 0.013,
+    'drive.stop_deceleration_rad_s2': 2900.0,
+    'drive.stop_time_max_s': 0.62,
+    'drive.interpolation': 'cubic',
+    'drive.position_window_rad': 0.016,
+    'drive.position_period_s': 500e-6,
+    'drive.velocity_period_s': 250e-6,
+    'drive.current_period_s': 125e-6,
+    'dynamics.gear_in': 63.0,
+    'dynamics.gear_out': 2.4,
+    'dynamics.end_stop_min_deg': -56.0,
+    'dynamics.end_stop_max_deg': 108.0,
+    'motor.peak_current_a': 16.0,
+    'motor.nominal_current_a': 4.2,
+    'motor.max_speed_rpm': 5400.0,
+    'motor.torque_constant_n_m_a': 0.79,
+    'motor.rotor_inertia_kg_m2': 0.6e-4,
+    'motor.brake_inertia_kg_m2': 0.25e-4,
+    'motor.winding_resistance_ohm': 2.5,
+    'motor.winding_inductance_h': 12.5e-3,
+    'motor.pole_pairs': 4,
+    'motor.viscous_friction_n_m_s_rad': 3.3e-4,
+    'motor.static_friction_n_m': 0.12,
+    'motor.brake_torque_n_m': 3.4,
+    'motor.brake_release_s': 0.045,
+    'motor.brake_apply_s': 0.025,
+    'bus.cycle_time_s': 4e-3,
+    'bus.exchange_period_s': 1e-3,
+    'bus.increments_per_rev': 2**18,
+    'control.feed_forward': 'model',
+}
+# of the drive at that moment
+RECORD = {
+    'speed_reference': 11.0,
+    'speed': 10.0,
+    'command': 13.0,
+    'torque': 1.25,
+    'sampled_position': 14.0,
+    'current_reference': 15.5,
+    'current': 2.75,
+    'following_error': 0.017,
+    'dc_link': 555.0,
+    'voltage': 21.0,
+    'overload': 0.7,
+    'last_peak': 6.5,
+    'last_rms': 3.75,
+    'measuring': 20,
+    'program': 30,
+    'fault': 3,  # OVERLOAD
+    'warning': 2,  # OVERLOAD
+    'mdt_losses': 5,
+    'absolute_distance': 4096.0,
+    'control': 0xE000,
+    'status': 0xC008,
+    'state': 9,
+    'reaction': 1,
+    'brake_release': 8,
+}
+RPM = math.tau / 60.0
+GEAR = 63.0 / 2.4
+CP2, CP3, CP4 = Phase.CP2, Phase.CP3, Phase.CP4
+NEVER, EARLY, ALWAYS = (), (CP2, CP3), (CP2, CP3, CP4)
+# IDN: (unit, value, phases in which it may be written)
+EXPECTED = {
+    'S-0-0001': ('s', 4e-3, NEVER),
+    'S-0-0002': ('s', 4e-3, NEVER),
+    'S-0-0011': ('bits', 0x0001, NEVER),
+    'S-0-0012': ('bits', 0x0001, NEVER),
+    'S-0-0013': ('bits', 0x0010, NEVER),  # 15.5 A is more than 12 N m: the torque command is at its limit
+    'S-0-0014': ('bits', 0x0004, NEVER),  # CP4
+    'S-0-0015': ('bits', 7, NEVER),
+    'S-0-0028': ('1', 5, NEVER),
+    'S-0-0029': ('1', 5, NEVER),
+    'S-0-0032': ('bits', 0x000B, NEVER),
+    'S-0-0036': ('rad/s', 11.0, NEVER),
+    'S-0-0038': ('rad/s', 601.0, NEVER),
+    'S-0-0039': ('rad/s', -601.0, NEVER),
+    'S-0-0040': ('rad/s', 10.0, NEVER),
+    'S-0-0047': ('rad', 13.0, NEVER),
+    'S-0-0049': ('rad', 108.0 / 180.0 * math.pi * GEAR, NEVER),
+    'S-0-0050': ('rad', -56.0 / 180.0 * math.pi * GEAR, NEVER),
+    'S-0-0051': ('rad', 14.0, NEVER),
+    'S-0-0057': ('rad', 0.016, NEVER),
+    'S-0-0079': ('increments', 262144, NEVER),
+    'S-0-0080': ('N m', 0.79 * 15.5, NEVER),
+    'S-0-0081': ('N m', 1.25, NEVER),
+    'S-0-0082': ('N m', 12.0, NEVER),
+    'S-0-0083': ('N m', -12.0, NEVER),
+    'S-0-0084': ('N m', 0.79 * 2.75, NEVER),
+    'S-0-0091': ('rad/s', 601.0, ALWAYS),
+    'S-0-0092': ('N m', 12.0, ALWAYS),
+    'S-0-0099': ('bits', 0, NEVER),
+    'S-0-0100': ('A s/rad', 0.36, ALWAYS),
+    'S-0-0101': ('s', 0.02, NEVER),
+    'S-0-0104': ('1/s', 61.0, ALWAYS),
+    'S-0-0106': ('V/A', 31.0, ALWAYS),
+    'S-0-0107': ('s', 0.0025, NEVER),
+    'S-0-0109': ('A', 16.0, NEVER),
+    'S-0-0111': ('A', 4.2, NEVER),
+    'S-0-0113': ('rad/s', 5400.0 * RPM, NEVER),
+    'S-0-0116': ('increments', 262144, NEVER),
+    'S-0-0121': ('1', 63.0, NEVER),
+    'S-0-0122': ('1', 2.4, NEVER),
+    'S-0-0124': ('rad/s', 0.5, NEVER),
+    'S-0-0127': ('bits', 0, NEVER),
+    'S-0-0128': ('bits', 0, NEVER),
+    'S-0-0134': ('bits', 0xE000, NEVER),
+    'S-0-0135': ('bits', 0xC008, NEVER),
+    'S-0-0159': ('rad', 0.41, ALWAYS),
+    'S-0-0189': ('rad', 0.017, NEVER),
+    'S-0-0206': ('s', 0.045, NEVER),  # drive on: the brake opens
+    'S-0-0207': ('s', 0.025, NEVER),  # drive off: the brake closes
+    'S-0-0273': ('s', 0.62, EARLY),
+    'S-0-0295': ('s', 0.013, EARLY),
+    'S-0-0296': ('1', 0.9, ALWAYS),
+    'S-0-0300': ('1', 20, NEVER),
+    'S-0-0302': ('1', 30, NEVER),
+    'S-0-0336': ('1', 0, NEVER),  # 0.017 rad off
+    'S-0-0348': ('1', 0.8, ALWAYS),
+    'S-0-0380': ('V', 555.0, NEVER),
+    'S-0-0389': ('A', 2.75, NEVER),
+    'S-0-0390': ('1', 8902, NEVER),
+    'S-0-0392': ('s', 1.1e-4, ALWAYS),
+    'S-0-0429': ('rad/s2', 2900.0, ALWAYS),
+    'P-0-0001': ('s', 500e-6, NEVER),
+    'P-0-0002': ('s', 250e-6, NEVER),
+    'P-0-0003': ('s', 125e-6, NEVER),
+    'P-0-0004': ('s', 1e-3, NEVER),
+    'P-0-0005': ('1', 1, NEVER),
+    'P-0-0006': ('1', 1, NEVER),
+    'P-0-0011': ('A/rad', 18.0, ALWAYS),
+    'P-0-0012': ('V/(A s)', 12400.0, ALWAYS),
+    'P-0-0021': ('kg m2', 6.5e-4, ALWAYS),
+    'P-0-0022': ('kg m2', 0.95, EARLY),
+    'P-0-0031': ('s', 2.1e-4, ALWAYS),
+    'P-0-0032': ('s', 3.1e-4, ALWAYS),
+    'P-0-0033': ('Hz', 230.0, ALWAYS),
+    'P-0-0034': ('1', 0.64, ALWAYS),
+    'P-0-0035': ('1', 0.14, ALWAYS),
+    'P-0-0036': ('Hz', 410.0, ALWAYS),
+    'P-0-0037': ('1', 0.53, ALWAYS),
+    'P-0-0038': ('1', 0.15, ALWAYS),
+    'P-0-0041': ('1', 1.15, ALWAYS),
+    'P-0-0042': ('s', 4.5, ALWAYS),
+    'P-0-0051': ('rad', 0.07, NEVER),
+    'S-0-0177': ('rad', math.tau * 4096.0 / 262144, NEVER),
+    'P-0-0061': ('N m/A', 0.79, NEVER),
+    'P-0-0062': ('kg m2', 0.6e-4, NEVER),
+    'P-0-0063': ('kg m2', 0.25e-4, NEVER),
+    'P-0-0064': ('ohm', 2.5, NEVER),
+    'P-0-0065': ('H', 12.5e-3, NEVER),
+    'P-0-0066': ('1', 4, NEVER),
+    'P-0-0067': ('N m s/rad', 3.3e-4, NEVER),
+    'P-0-0068': ('N m', 0.12, NEVER),
+    'P-0-0069': ('N m', 3.4, NEVER),
+    'P-0-0070': ('V', 580.0, NEVER),
+    'P-0-0071': ('V', 21.0, NEVER),
+    'P-0-0072': ('s', 0.7, NEVER),
+    'P-0-0073': ('A', 6.5, NEVER),
+    'P-0-0074': ('A', 3.75, NEVER),
+    'P-0-0081': ('1', 9, NEVER),
+    'P-0-0082': ('1', 1, NEVER),
+    'P-0-0083': ('1', 8, NEVER),
+}
+COMMANDS = {'S-0-0099': ALWAYS, 'S-0-0127': (CP2,), 'S-0-0128': (CP3,)}
+# what writing changes; all of them keep their number, so that nothing is scaled
+HOLDS = {
+    'S-0-0091': 'drive.velocity_limit_rad_s',
+    'S-0-0092': 'drive.torque_limit_n_m',
+    'S-0-0100': 'drive.velocity_gain_a_s_rad',
+    'S-0-0104': 'drive.position_gain_rad_s_rad',
+    'S-0-0106': 'drive.current_gain_v_a',
+    'S-0-0159': 'drive.following_error_limit_rad',
+    'S-0-0273': 'drive.stop_time_max_s',
+    'S-0-0295': 'drive.enable_settle_s',
+    'S-0-0296': 'drive.velocity_feedforward',
+    'S-0-0348': 'drive.current_feedforward',
+    'S-0-0392': 'drive.velocity_filter_s',
+    'S-0-0429': 'drive.stop_deceleration_rad_s2',
+    'P-0-0011': 'drive.velocity_integral_gain_a_rad',
+    'P-0-0012': 'drive.current_integral_gain_v_a_s',
+    'P-0-0021': 'drive.feedforward_inertia_kg_m2',
+    'P-0-0022': 'drive.observer_arm_inertia_kg_m2',
+    'P-0-0031': 'drive.current_reference_filter_s',
+    'P-0-0032': 'drive.current_filter_s',
+    'P-0-0033': 'drive.notch_1_frequency_hz',
+    'P-0-0034': 'drive.notch_1_damping',
+    'P-0-0035': 'drive.notch_1_depth',
+    'P-0-0036': 'drive.notch_2_frequency_hz',
+    'P-0-0037': 'drive.notch_2_damping',
+    'P-0-0038': 'drive.notch_2_depth',
+    'P-0-0041': 'drive.overspeed_factor',
+    'P-0-0042': 'drive.overload_time_s',
+}
+
+
+@pytest.fixture
+def strange(robot):
+    return robot.replace(**{name.replace('.', '__'): value for name, value in ROBOT.items()})
+
+
+@pytest.fixture
+def register(strange):
+    """Return the register of a drive whose record holds a value of its own in every field."""
+    record = np.zeros(1, STATE)
+    for number, name in enumerate(STATE.names):
+        record[name] = 1000 + number
+    for name, value in RECORD.items():
+        record[name] = value
+    return Register(strange, lambda name: float(record[name][0]), lambda _: None, lambda: True)
+
+
+def serve(register, text, operation, phase, value=0.0):
+    return register.serve(Access(parse_idn(text), operation, value), phase)
+
+
+def test_the_values_of_the_strange_robot_differ_from_each_other_and_from_the_default(robot):
+    numbers = [*ROBOT.values(), *RECORD.values()]
+    assert len(set(numbers)) == len(numbers)
+    unchanged = {'bus.exchange_period_s'}
+    default = flatten(robot)
+    assert {name for name, value in ROBOT.items() if default[name] == value} == unchanged
+
+
+def test_the_drive_knows_these_idn_and_no_other():
+    assert {format_idn(idn) for idn in TABLE} == set(EXPECTED)
+
+
+@pytest.mark.parametrize(('error_rad', 'told'), [(0.016, 1), (-0.016, 1), (0.0161, 0), (-0.0161, 0)])
+def test_a_drive_is_in_position_within_its_window(error_rad, told, strange):
+    record = np.zeros(1, STATE)
+    record['following_error'] = error_rad
+    register = Register(strange, lambda name: float(record[name][0]), lambda _: None, lambda: True)
+    assert serve(register, 'S-0-0336', Operation.READ, CP4).value == told
+
+
+@for_each('text', EXPECTED)
+def test_every_idn_answers_its_own_value_in_its_own_unit(text, register):
+    unit, value, _ = EXPECTED[text]
+    answer = serve(register, text, Operation.READ, CP4)
+    assert not answer.error
+    assert answer.value == pytest.approx(value, rel=ROUNDING, abs=0.0)
+    assert TABLE[parse_idn(text)].unit == unit
+
+
+@for_each('text', EXPECTED)
+def test_every_idn_can_be_written_in_its_phases_and_in_no_other(text, register):
+    _, value, phases = EXPECTED[text]
+    for phase in Phase:
+        if phase < CP2:
+            wanted = ServiceError.NOT_OPEN
+        elif phase in phases:
+            wanted = ServiceError.NONE
+        else:
+            wanted = ServiceError.WRITE_PROTECTED if phases else ServiceError.READ_ONLY
+        assert serve(register, text, Operation.WRITE, phase, value).error == wanted, phase
+
+
+@for_each('text', EXPECTED)
+def test_procedure_commands_are_these_three_each_in_its_phases(text, register):
+    for phase in ALWAYS:
+        wanted = ServiceError.NO_COMMAND
+        if text in COMMANDS:
+            executable = phase in COMMANDS[text]
+            wanted = ServiceError.NONE if executable else ServiceError.COMMAND_NOT_EXECUTABLE
+        assert serve(register, text, Operation.COMMAND, phase).error == wanted, phase
+
+
+def test_what_can_be_written_is_what_the_table_of_parameters_names():
+    assert HOLDS.keys() == {text for text, (_, _, phases) in EXPECTED.items() if phases}
+
+
+@pytest.mark.parametrize('text', HOLDS)
+def test_a_written_value_changes_its_parameter_to_that_number_and_no_other(text, register, strange):
+    value = EXPECTED[text][1] * 1.03125
+    assert not serve(register, text, Operation.WRITE, CP2, value).error
+    before, after = flatten(strange), flatten(register.parameters)
+    assert {name: after[name] for name in after if after[name] != before[name]} == {HOLDS[text]: value}
+    assert serve(register, text, Operation.READ, CP2).value == value

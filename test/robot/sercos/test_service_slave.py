@@ -1,0 +1,35 @@
+"""Facts about the drive's end of the service channel: garbage is no access."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from delta3_pacdrive.robot.sercos.service_channel import Access, Operation
+from delta3_pacdrive.robot.sercos.service_endpoints import ServiceSlave
+from service_ring import WORDS, Memory
+from thoroughness import examples
+
+
+@given(st.lists(st.one_of(WORDS, st.integers(-10, 2**70)), max_size=200))
+@settings(max_examples=examples(300))
+def test_garbage_neither_raises_nor_calls_the_drive_with_anything_but_a_well_formed_access(words):
+    memory = Memory()  # asserts the operation
+    slave = ServiceSlave(memory)
+    for word in words:
+        slave.received(word)
+        assert 0 <= slave.to_send() <= 0xFFFF
+    for access in memory.accesses:
+        assert 0 <= access.idn <= 0xFFFF
+        assert isinstance(access.value, float)
+
+
+@pytest.mark.parametrize('portions', [(0x1001, 0x2010), (0x1001, 0x2020), (0x1001, 0x2000), (0x1C01, 0x2030)])
+def test_a_message_with_a_wrong_operation_or_bits_that_must_be_zero_is_no_access(portions):
+    memory = Memory()
+    slave = ServiceSlave(memory)
+    for word in portions * 3:
+        slave.received(word)
+    assert not memory.accesses
+    for word in (0x1400, 0x2000):
+        slave.received(word)
+    assert memory.accesses == [Access(0, Operation.READ)]

@@ -1,0 +1,43 @@
+"""Facts about the reader of joint states: robots with a rotary axis and without one, and joints of others."""
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.robot.sercos.telegrams import JOINTS, joint_states
+from delta3_pacdrive.ros.wire import cdr
+from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
+
+NUMBERS = {
+    drives: np.arange(3.0 * (len(JOINTS) + len(drives) - 3)).tolist() for drives in (DRIVES, ALL_DRIVES)
+}
+
+
+@pytest.mark.parametrize('turns', [(DRIVES, DRIVES), (ALL_DRIVES, ALL_DRIVES), (DRIVES, ALL_DRIVES, DRIVES)])
+def test_arms_are_read_whether_a_tool_comes_behind_them_or_not(turns: tuple[tuple[str, ...], ...]) -> None:
+    reader = JointStatesReader()
+    for drives in turns:
+        values = NUMBERS[drives]
+        count = len(values) // 3
+        told = reader.read(cdr.codec(joint_states(drives)).encode((7, 9), b'base', values))
+        assert (told.sec, told.nanosec, told.frame) == (7, 9, b'base')
+        assert told.angles == (0.0, 1.0, 2.0)
+        assert told.speeds == (count, count + 1.0, count + 2.0)
+        assert told.torques == (2.0 * count, 2.0 * count + 1.0, 2.0 * count + 2.0)
+
+
+def test_joints_of_somebody_else_are_refused_and_change_nothing() -> None:
+    reader = JointStatesReader()
+    for message in (JointState(name=['wheel'], position=[1.0]), JointState(name=list(JOINTS))):
+        with pytest.raises(TelegramError):
+            reader.read(serialize_message(message))
+    with pytest.raises(TelegramError):
+        reader.read(b'nothing')
+    assert reader.read(cdr.codec(joint_states()).encode((0, 0), b'base', NUMBERS[DRIVES])).angles == (
+        0.0,
+        1.0,
+        2.0,
+    )

@@ -1,0 +1,149 @@
+"""Facts about ``joint_trajectory``: what a message may hold, and a real publisher that drives the arms with it."""
+
+import json
+import math
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.ros.wire.joint_trajectory import joint_trajectory
+from delta3_pacdrive.ros.wire.qos import REQUEST
+from trajectories import HALF_INCREMENT, HOME, Cell, message, still
+
+# messages
+
+
+def test_joints_may_come_in_any_order() -> None:
+    fields = {
+        'positions': [0.3, 0.1, 0.2],
+        'velocities': [3.0, 1.0, 2.0],
+        'accelerations': [30.0, 10.0, 20.0],
+    }
+    (point,) = joint_trajectory(message((1.5, fields), names=['axis3', 'axis1', 'axis2'])).points
+    assert point == {
+        'time_s': 1.5,
+        'angles_rad': [0.1, 0.2, 0.3],
+        'speeds_rad_s': [1.0, 2.0, 3.0],
+        'accelerations_rad_s2': [10.0, 20.0, 30.0],
+    }
+
+
+def test_a_trajectory_without_points_is_a_stop() -> None:
+    assert joint_trajectory(JointTrajectory()).points == []
+
+
+def test_a_stamp_is_bus_time() -> None:
+    stamp = Time(sec=12, nanosec=500_000_000)
+    assert joint_trajectory(message((1.0, still(0.0)), stamp=stamp)).stamp_s == 12.5
+
+
+@pytest.mark.parametrize(
+    ('bad', 'reason'),
+    [
+        (message((1.0, still(0.0)), names=['axis1', 'axis2']), "joint_names are 'axis1, axis2', but must be "),
+        (message((1.0, still(0.0)), names=['axis1', 'axis2', 'axis2']), 'joint_names are '),
+        (message((1.0, {'positions': [0, 0]})), 'point 1: positions has 2 values, but must have 3'),
+        (message((1.0, {})), 'point 1: positions has 0 values, but must have 3'),
+        (message((1.0, still(0.0)), (2.0, {'positions': [0, 0, math.nan]})), 'point 2: positions of axis3 is nan'),
+        (message((1.0, {'positions': [0, 0, 0], 'velocities': [1]})), 'point 1: velocities has 1 values'),
+        (message((1.0, {'positions': [0, 0, 0], 'velocities': [0, math.inf, 0]})), 'point 1: velocities of axis2'),
+        (message((1.0, {'positions': [0, 0, 0], 'accelerations': [0, 0, 0]})), 'point 1 has accelerations, but no vel'),
+        (message((1.0, {'positions': [0, 0, 0], 'effort': [0, 0, 0]})), 'point 1 has effort, which is not supported'),
+        (message((1.0, still(0.0)), (1.0, still(0.1))), 'point 2 is at 1 s, not after point 1 at 1 s'),
+        (message((-1.0, still(0.0))), 'point 1: time_from_start is -1 s, but must be at least 0'),
+        (message(*((float(n), still(0.0)) for n in range(1, 1002))), 'has 1001 points, the limit is 1000'),
+        (message((1.0, still(0.0)), stamp=Time(sec=-1)), 'header.stamp is -1 s'),
+    ],
+)  # fmt: skip
+def test_a_message_that_is_none_of_this_robot_is_refused_with_what_is_wrong(
+    bad: JointTrajectory, reason: str
+) -> None:
+    with pytest.raises(ProgramError) as caught:
+        joint_trajectory(bad)
+    assert reason in str(caught.value)
+
+
+# a robot
+
+
+@pytest.fixture
+def cell(graph: Any) -> Cell:
+    return Cell(graph)
+
+
+def test_a_publisher_drives_the_arms_through_points(cell: Cell) -> None:
+    through = {'positions': HOME + 0.1, 'velocities': [0.2, 0.2, 0.2], 'accelerations': [0.0, 0.0, 0.0]}
+    end = {**still([0.2, 0.1, 0.15]), 'accelerations': [0.0, 0.0, 0.0]}
+    assert cell.send(message((0.5, through), (1.0, end))).startswith('accepted: started "joint_trajectory"')
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+    assert cell.missed([0.2, 0.1, 0.15]) <= 1.01 * 2.0 * HALF_INCREMENT
+    # the next one begins where this one has ended, with a point at time 0 that is only read from joint states
+    assert cell.send(message((0.0, still([0.2002, 0.0999, 0.15])), (0.8, still(0.0)))).startswith('accepted')
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+    assert cell.missed(0.0) <= 1.01 * 2.0 * HALF_INCREMENT
+
+
+def test_a_refused_trajectory_is_answered_and_the_next_one_driven(cell: Cell) -> None:
+    reports = cell.graph.listen(String, 'unit_robot/requests', REQUEST)
+    answer = cell.send(message((1.0, still(2.0))))
+    assert 'refused: ' in answer
+    assert 'the angle of arm 1 is 111 deg at 1.0000 s, before point 1, the limit is 95 deg' in answer
+    assert cell.send(message((1.0, still(0.1)), names=['a', 'b', 'c'])).startswith('refused: joint_names are')
+    cell.operator.take_control('somebody')
+    assert 'control' in cell.send(message((0.5, still(0.1))))
+    cell.operator.release_control()
+    cell.graph.spin_until(lambda: len(reports) == 4, 'a report of each')
+    told = [json.loads(report.data) for report in reports]
+    assert [report['state'] for report in told] == ['planning', 'refused', 'refused', 'refused']
+    assert ['refused: ' + report['sentence'] for report in told[1:]] == [a.data for a in cell.answers[-3:]]
+    assert len({report['id'] for report in told}) == 3
+    assert cell.operator.state == 'idle'
+    assert cell.send(message((0.5, still(0.1)))).startswith('accepted: started')
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+
+
+def test_a_trajectory_is_held_resumed_and_stopped_by_an_empty_one(cell: Cell) -> None:
+    # long enough that nothing which is asked for comes after its end, however busy the machine is
+    assert cell.send(message((60.0, still(0.2)))).startswith('accepted')
+    cell.wait_for('moving')
+    cell.operator.call('hold')
+    cell.wait_for('stopped')
+    cell.operator.call('resume')
+    # everybody hears what he is answered: it is not the answer to what is sent next
+    cell.graph.spin_until(lambda: cell.answers[-1].data == 'accepted: resumed', 'the answer')
+    cell.wait_for('moving')
+    assert 'the robot is moving' in cell.send(message((1.0, still(0.1))))
+    # it has hardly begun to move again: the stop may be over before it is answered
+    stopping = 'accepted: stops on the path', 'accepted: stopped on the path and aborted'
+    assert cell.send(JointTrajectory()) in stopping
+    cell.wait_for('idle')
+    assert cell.missed(0.2) > HALF_INCREMENT
+
+
+def test_a_trajectory_beyond_its_path_tolerance_is_stopped_and_says_why(graph: Any) -> None:
+    cell = Cell(graph, constraints__axis2__trajectory=1e-7)
+    cell.send(message((2.0, still(0.3))))
+    graph.spin_until(lambda: 'path tolerance violated: axis2 is ' in cell.answers[-1].data, 'the violation')
+    assert cell.answers[-1].data.endswith('the limit is 1e-07 rad')
+    cell.wait_for('idle')
+    assert cell.missed(0.3) > HALF_INCREMENT
+
+
+def test_a_trajectory_within_its_tolerances_comes_to_its_goal(graph: Any) -> None:
+    every = {
+        f'constraints__axis{axis}__{what}': 1e-3 for axis in (1, 2, 3) for what in ('trajectory', 'goal')
+    }
+    cell = Cell(graph, constraints__goal_time=0.1, **every)
+    assert cell.send(message((1.0, still(0.3)))).startswith('accepted')
+    cell.wait_for('moving')
+    cell.wait_for('idle')
+    graph.spin_for(0.5)
+    assert cell.answers[-1].data.startswith('accepted')
+    assert cell.missed(0.3) <= 1.01 * 2.0 * HALF_INCREMENT

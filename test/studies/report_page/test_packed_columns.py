@@ -1,0 +1,55 @@
+"""Facts about numbers in a page: they come back within half a step, whatever they are."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from delta3_pacdrive.studies.report_page.packed_columns import packed, resolution_of
+from page_data import unpacked
+
+ROUNDING = 1.0 + 1e-9  # of half a step
+
+
+@given(
+    arrays.arrays(
+        np.float64, st.tuples(st.integers(1, 40), st.integers(1, 3)), elements=st.floats(-1e9, 1e9)
+    ),
+    st.sampled_from([1e-8, 1e-3, 0.5]),
+)
+def test_any_numbers_come_back_within_half_a_step(values, resolution):
+    document = packed(values, resolution)
+    back = unpacked(document, len(values))
+    assert back.shape == values.shape
+    assert np.abs(back - values).max() <= 0.5 * document['resolution'] * ROUNDING
+
+
+def test_the_step_is_what_was_asked_for_where_32_bits_hold_the_numbers():
+    assert packed(np.array([[21.0]]), 1e-8)['resolution'] == 1e-8
+    assert packed(np.array([[22.0]]), 1e-8)['resolution'] == pytest.approx(22.0 / 2**31, rel=1e-5)
+
+
+def test_what_is_no_number_comes_back_as_nothing_between_its_neighbours():
+    values = np.array([[1.0], [np.nan], [2.0], [np.inf], [3.0]])
+    back = unpacked(packed(values, 0.5), 5)
+    np.testing.assert_array_equal(back, [[1.0], [np.nan], [2.0], [np.nan], [3.0]])
+
+
+def test_a_smooth_motion_takes_less_than_a_byte_a_number():
+    time_s = np.arange(5000) * 1e-3
+    motion = 0.2 * np.sin(2.0 * np.pi * time_s[:, None] + np.array([0.0, 2.1, 4.2]))
+    assert len(packed(motion, 1e-8)['data']) < motion.size
+
+
+def test_motor_positions_lose_nothing(robot):
+    step = resolution_of('motor_position', 'rad', robot.bus.increments_per_rev)
+    increments = np.array([[-1_350_000, 0, 7]]).T
+    np.testing.assert_array_equal(unpacked(packed(increments * step, step), 3), increments * step)
+
+
+def test_other_signals_are_rounded_by_their_unit(robot):
+    grid = robot.bus.increments_per_rev
+    assert resolution_of('tcp_actual', 'm', grid) == 1e-8
+    assert resolution_of('current', 'A', grid) == 1e-4
+    assert resolution_of('anything', 'cd', grid) == 1e-6

@@ -1,0 +1,85 @@
+"""Facts about the modules of a study: model, data, report and figures, run, each imported only by what comes after."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import delta3_pacdrive.studies
+
+ROOM = Path(delta3_pacdrive.studies.__file__).parent
+WITH_DATA, RUN = (
+    sorted(
+        str(path.parent.relative_to(ROOM))
+        for path in ROOM.rglob(f'{name}.py')
+        if path.parent.name != 'framework'
+    )
+    for name in ('study', 'run')
+)
+LATER = {'study', 'report', 'figures', 'run'}
+
+
+def body(node):
+    """Return what a module or class holds apart from its docstring."""
+    return node.body[1:] if ast.get_docstring(node) else node.body
+
+
+def test_every_study_is_looked_at():
+    assert RUN == [
+        'calibration',
+        'drives/one_motor',
+        'drives/ripple',
+        'drives/tuning',
+        'estimation',
+        'fleet/line',
+        'fleet/optimisation',
+        'fleet/sweep',
+        'learning',
+        'thesis/experiments',
+        'thesis/jacobian',
+    ]
+    assert set(RUN) <= set(WITH_DATA)
+
+
+def imported(tree):
+    """Return the names that a module imports."""
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+    return {alias.asname or alias.name for node in nodes for alias in node.names}
+
+
+@pytest.mark.parametrize('study', WITH_DATA)
+def test_what_a_study_depends_on_and_finds_is_data_only(study):
+    tree = ast.parse((ROOM / study / 'study.py').read_text(encoding='utf-8'))
+    assert not [node for node in body(tree) if isinstance(node, ast.FunctionDef)]
+    classes = [node for node in body(tree) if isinstance(node, ast.ClassDef)]
+    assert classes
+    for node in classes:
+        decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
+        assert decorators == ['dataclass(frozen=True)'] or [base.id for base in node.bases] == ['StrEnum']
+        for part in body(node):
+            if isinstance(part, ast.FunctionDef):
+                # a property is another view of the fields: it computes with nothing else
+                assert [ast.unparse(decorator) for decorator in part.decorator_list] == ['property'], (
+                    part.name
+                )
+                names = {
+                    name.id for line in part.body for name in ast.walk(line) if isinstance(name, ast.Name)
+                }
+                assert not names & imported(tree), part.name
+            else:
+                assert isinstance(part, ast.AnnAssign | ast.Assign), f'{node.name}: {ast.unparse(part)}'
+
+
+@pytest.mark.parametrize('study', RUN)
+def test_the_model_of_a_study_knows_nothing_of_how_it_is_run_and_shown(study):
+    for path in sorted((ROOM / study).glob('*.py')):
+        if path.stem in LATER:
+            continue
+        tree = ast.parse(path.read_text(encoding='utf-8'))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                package, _, module = node.module.rpartition('.')
+                names = {alias.name for alias in node.names} if module == Path(study).name else {module}
+                folder = 'studies.' + study.replace('/', '.')
+                own = node.module.endswith(folder) or package.endswith(folder)
+                assert not (own and names & LATER), f'{path.name}: {ast.unparse(node)}'
