@@ -164,7 +164,7 @@ def profile(qos: Any) -> str:
 
 
 def layers() -> list[list[str]]:
-    """Return the rooms from bottom to top, those of one layer together, as the contract of imports has them."""
+    """Return the packages from bottom to top, those of one layer together, from the import contract."""
     contracts = tomllib.loads((SOURCE / 'pyproject.toml').read_text(encoding='utf-8'))['tool']['importlinter']
     (order,) = (
         row['layers'] for row in contracts['contracts'] if row.get('containers') == ['delta3_pacdrive']
@@ -178,26 +178,28 @@ def first_sentence(path: Path) -> str:
 
 
 def packages() -> Rows:
-    """Return the rooms of the package, from top to bottom."""
-    yield 'room', 'what it holds'
+    """Return the packages from top to bottom."""
+    yield 'package', 'content'
     for names in reversed(layers()):
         for name in names:
-            room = PACKAGE / name
-            beside = (
-                f' (beside {", ".join(f"`{other}`" for other in names if other != name)})'
+            folder = PACKAGE / name
+            same = (
+                f' (same layer: {", ".join(f"`{other}`" for other in names if other != name)})'
                 if names[1:]
                 else ''
             )
-            sentence = first_sentence(room / '__init__.py' if room.is_dir() else room.with_suffix('.py'))
-            yield f'`{name}`{beside}', sentence.replace('``', '`')
+            sentence = first_sentence(
+                folder / '__init__.py' if folder.is_dir() else folder.with_suffix('.py')
+            )
+            yield f'`{name}`{same}', sentence.replace('``', '`')
 
 
 def modules() -> Rows:
     """Return the modules of the package, from bottom to top."""
-    yield 'module', 'what it holds'
+    yield 'module', 'content'
     for name in (name for names in layers() for name in names):
-        room = PACKAGE / name
-        for path in sorted(room.rglob('*.py')) if room.is_dir() else [room.with_suffix('.py')]:
+        folder = PACKAGE / name
+        for path in sorted(folder.rglob('*.py')) if folder.is_dir() else [folder.with_suffix('.py')]:
             if path.name != '__init__.py':
                 yield f'`{path.relative_to(PACKAGE)}`', first_sentence(path).replace('``', '`')
 
