@@ -35,7 +35,7 @@ RENAMED = {
     'analysis.ripple.figures': 'studies.drives.ripple.figures',
     'analysis.ripple.study': 'studies.drives.ripple.study',
     'analysis.run_comparison': 'studies.runs.run_comparison',
-    'analysis.run_energy': 'studies.runs.run_energy',
+    'analysis.run_energy': 'studies.runs.run_signals',
     'analysis.runs': 'studies.runs.runs',
     'analysis.study': 'studies.framework.study',
     'analysis.trace_export': 'studies.runs.trace_export',

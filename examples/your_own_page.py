@@ -20,7 +20,7 @@ arms = d3.kinematics.inverse(path, robot)
 
 with held(HOST, None) as place:
     page = Page(robot, place, 'a flower')
-    page.plan(path)
+    page.show_path(path)
     print(f'look at {page.url}')
     begin = time.monotonic()
     while (now := time.monotonic() - begin) < seconds:

@@ -318,7 +318,7 @@ def test_the_help_of_no_command_loads_heavy_modules(distribution, tmp_path):
 
 def test_who_only_operates_a_robot_waits_for_no_compiler(distribution, tmp_path):
     pytest.importorskip('rclpy', reason='the extra "ros" is not installed')
-    loaded = modules_after_import(f'{PACKAGE}.ros.robot_client', tmp_path)
+    loaded = modules_after_import(f'{PACKAGE}.ros.clients.robot_client', tmp_path)
     assert 'rclpy' in loaded
     assert not loaded & {'numba', 'scipy', 'matplotlib'}
 

@@ -215,8 +215,8 @@ def _undo(options: Options) -> int:
 
 @contextmanager
 def _drives(namespace: str) -> 'Iterator[Any]':
+    from delta3_pacdrive.control.operation.service_texts import DriveValues
     from delta3_pacdrive.ros.clients.robot_client import operating
-    from delta3_pacdrive.ros.drive.drive_report import DriveValues
 
     with operating(namespace) as operator:
         yield DriveValues(operator)

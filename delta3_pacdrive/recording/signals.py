@@ -2,9 +2,6 @@
 
 from collections.abc import Sequence
 
-from delta3_pacdrive.robot.sercos import telegrams
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
-
 # name: (unit, meaning); arrays of shape (cycles, 3), columns axis 1..3 or x, y, z
 SIGNALS = {
     'motor_command': ('rad', 'motor shaft command of the MDT'),
@@ -75,7 +72,7 @@ REQUESTED_SIGNALS = {
 }
 OF_CELLS = 'cell_'  # prefix of signals that exist only in a simulation with a cell file
 CELL_INPUTS, CELL_BELTS = 16, 4  # number of columns, the maximum of a cell
-OF_DRIVES = 'drive_'  # prefix of a channel (``robot/drive/channels.py``) of all three drives, on request
+OF_DRIVES = 'drive_'  # prefix of a channel (``drive/channels.py``) of all three drives, on request
 OUTPUT_COLUMNS = ('gripper', *'1234567')
 NAMED_COLUMNS: dict[str, Sequence[str]] = {
     'master': 'sva',
@@ -85,7 +82,7 @@ NAMED_COLUMNS: dict[str, Sequence[str]] = {
     'cell_force': ('holding', 'needed'),
     'jacobian': ('condition', 'speed', 'acceleration'),
 }
-JOINT_MOTION = ('joint_speed', 'joint_acceleration', 'jacobian')  # from ``control/cycle/joint_motion.py``
+JOINT_MOTION = ('joint_speed', 'joint_acceleration', 'jacobian')  # from ``controller/joint_motion.py``
 ONE_COLUMN = (
     'tcp_error_norm',
     'tcp_speed',
@@ -108,23 +105,3 @@ def columns_of(name: str, unit: str) -> list[tuple[str, str]]:
         names = NAMED_COLUMNS[name]
     units = unit.split(', ')
     return list(zip(names, units if len(units) == len(names) else units * len(names), strict=True))
-
-
-# one signal per array of a telegram, or per number; a topic may have several layouts
-TELEGRAM_SIGNALS = {
-    # with rotary axis
-    telegrams.mdt(torques=True, drives=ALL_DRIVES): ('motor_command', 'torque_command'),
-    telegrams.mdt(torques=False, drives=ALL_DRIVES): ('motor_command',),
-    telegrams.TOOL_AT: ('turn_position', 'turn_speed', 'turn_current'),
-    telegrams.TURN: ('turn_command', '', 'turn_error'),  # the second value is redundant: it is in the AT
-    telegrams.shafts(ALL_DRIVES): ('shaft_position', 'shaft_speed', 'coupling_torque'),
-    # without rotary axis
-    telegrams.TORQUE_MDT: ('motor_command', 'torque_command'),
-    telegrams.MDT: ('motor_command',),
-    **dict.fromkeys(telegrams.AT, ('motor_position', 'motor_speed', 'current')),
-    telegrams.FOLLOWING_ERROR: ('following_error',),
-    telegrams.TCP_COMMAND: ('tcp_command',),
-    telegrams.TCP_ACTUAL: ('tcp_actual',),
-    telegrams.TCP_ERROR: ('tcp_error',),
-    telegrams.SHAFTS: ('shaft_position', 'shaft_speed', 'coupling_torque'),
-}

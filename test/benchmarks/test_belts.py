@@ -36,7 +36,7 @@ def test_more_parts_than_the_robot_has_time_for_are_missed_and_the_limit_says_wh
     assert rows[MISSES]['picks_per_min'] < 60.0 / limit['cycle_s'] + 0.1 < MISSES
     assert limit['picks_per_min_max'] == pytest.approx(60.0 / limit['cycle_s'])
     assert limit['stay_s'] == pytest.approx(0.65 / SPEED_M_S)
-    assert 'in 4 s it misses parts from 110 a minute on' in limit['sentence']
+    assert 'in 4 s it misses parts from 110 per minute' in limit['sentence']
 
 
 def test_the_cycle_is_the_shortest_time_between_two_parts(rows):

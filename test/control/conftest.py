@@ -294,7 +294,7 @@ def memory(robot: Parameters) -> Callable[[Job], Result]:
     def plan(job: Job) -> Result:
         if job.append_to is not None:
             return work(job, robot, lambda *_: None)
-        x, y, z = (round(value, 9) for value in job.here_m)
+        x, y, z = (round(value, 9) for value in job.start_m)
         known = remembered(job.queue, job.text, job.adaptation, (x, y, z), job.wrapped)
         return replace(known, number=job.number)
 

@@ -75,11 +75,11 @@ def test_the_first_commands_of_the_pages_are_those_that_the_tests_install_with()
     run = (pages.SOURCE / 'test' / 'run').read_text(encoding='utf-8')
     venv, install, start = elsewhere('README.md').strip().split(' && ')
     assert (venv, start) == ('python3 -m venv .venv', '.venv/bin/delta3 run')
-    assert install == ".venv/bin/pip install '.[all]'"
+    assert install == ".venv/bin/pip install '.[ros,view]'"
     assert elsewhere('docs/get_started.md').splitlines() == [
         venv,
         '. .venv/bin/activate',
-        "pip install '.[all]'",
+        "pip install '.[ros,view]'",
     ]
     assert "pip install --quiet '.[all]'" in run
     assert '-m venv "$VIRTUAL_ENV"' in run

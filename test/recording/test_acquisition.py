@@ -203,7 +203,7 @@ def test_a_trigger_says_what_it_waits_for(more, sentence, robot):
         ({'mode': 'rolling', 'trigger': 'fault'}, 'does not use a trigger'),
         ({'mode': 'normal'}, 'the mode normal needs a trigger'),
         ({'trigger': 'axis1.fautl'}, "no channel 'fautl': did you mean fault"),
-        ({'trigger': 'faults'}, "'faults' is no channel"),
+        ({'trigger': 'faults'}, "'faults' is not a valid channel"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(more, sentence, robot):

@@ -50,7 +50,7 @@ def test_a_record_that_waited_for_nothing_has_no_trigger(tmp_path):
     [
         ('a.csv', '', 'is empty'),
         ('a.csv', 'axis1.current [A]\n1\n', 'its first column must be time [s]'),
-        ('a.csv', 'time [s],current_1 [A]\n0,1\n1,1\n', "'current_1' is no channel"),
+        ('a.csv', 'time [s],current_1 [A]\n0,1\n1,1\n', "'current_1' is not a valid channel"),
         ('a.csv', 'time [s],axis1.curent [A]\n0,1\n1,1\n', 'did you mean current'),
         ('a.csv', 'time [s],axis1.current [A]\n0,1\n', 'has 1 sample'),
         ('a.csv', 'time [s],axis1.current [A]\n', 'has no sample'),

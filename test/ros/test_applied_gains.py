@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from delta3_pacdrive.cli.main import main
+from delta3_pacdrive.control.operation.service_texts import DriveValues
 from delta3_pacdrive.errors import ProgramError, TuningError
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
-from delta3_pacdrive.ros.drive.drive_report import DriveValues
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.studies.drives.tuning import drive_gains as applied
 

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -224,14 +225,22 @@ def crowding() -> float:
     return min(max(1.0, *(float(worker.communicate()[0]) for worker in workers)), STRETCH_MAX)
 
 
-def read_until(stream: Any, words: str) -> str:
-    """Read lines until one has these words; return all. A machine that is too slow is told of before."""
-    read = ''
-    for line in iter(stream.readline, ''):
-        read += line
-        if words in line:
-            return read
-    raise AssertionError(f'{words!r} was not told: {read}')
+def read_until(stream: Any, words: str, seconds: float = 120.0) -> str:
+    """Read lines until one contains these words; return all. Fails at the end of the stream or of the time."""
+    lines: list[str] = []
+
+    def read() -> None:
+        for line in iter(stream.readline, ''):
+            lines.append(line)
+            if words in line:
+                return
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    reader.join(seconds)
+    text = ''.join(lines)
+    assert words in text, f'{words!r} was not printed within {seconds:g} s: {text}'
+    return text
 
 
 class Deadline:

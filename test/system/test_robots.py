@@ -67,7 +67,7 @@ def test_two_robots_answer_together_and_one_that_dies_leaves_the_other_up(
 
     numbers = [int(entry.split(':')[0]) for entry in processes()]
     os.kill(process_of('/robot1', 'robot', numbers), signal.SIGKILL)
-    told = read_until(up.stderr, 'gone')
+    told = read_until(up.stderr, 'this robot has ended')
     assert '/robot1: robot was killed by SIGKILL in bus cycle' in told
     assert 'the others continue' in told
     left = json.loads(delta3('move', 'state', '--all', '--namespace', 'robot2', '--json').stdout)

@@ -244,7 +244,7 @@ class ScriptService:
             self.reply(request, self._gate.lost, '', True)
         elif request.action == HOLD:
             if self._held_profile() is None:
-                sentence = 'hold: the moves were over before it took effect'
+                sentence = 'hold: the moves had finished before it took effect'
                 self.reply(request, Reason(Code.STATE, sentence), '', True)
             else:
                 self.reply(request, None, self._snapshot(), True)

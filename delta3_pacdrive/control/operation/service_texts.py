@@ -1,4 +1,4 @@
-"""Requests to the service channels of the drives as text, their responses and outcomes.
+"""Requests to the service channels of the drives as text, their responses, and a client for single values.
 
 A request may begin with a mark chosen by the client, which its response repeats: "#3fa9 axis1 read S-0-0104" is
 answered with "#3fa9 accepted: axis1: ...".
@@ -6,11 +6,11 @@ answered with "#3fa9 accepted: axis1: ...".
 
 import re
 from collections.abc import Sequence
+from typing import Protocol
 
 from delta3_pacdrive.errors import TelegramError, shown
-from delta3_pacdrive.robot.drive.operation_data import TABLE, refusal, value_text
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, NO_TOOL_DRIVE, TOOL_DRIVE
-from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation, format_idn, parse_idn
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, NO_TOOL_DRIVE, TOOL_DRIVE
+from delta3_pacdrive.robot.sercos.service_channel import Access, Operation, parse_idn
 
 _MARK = re.compile(r'\s*(#\S{1,32}(?:\s+|$))(.*)', re.DOTALL)
 ACCEPTED, REFUSED = 'accepted', 'refused'
@@ -65,10 +65,23 @@ def _number(text: str) -> float:
         raise TelegramError(f'{shown(text)} is not a number') from None
 
 
-def outcome(index: int, access: Access, answer: Answer) -> str:
-    """Return the response as text."""
-    if answer.error:
-        return answer_text(False, f'{ALL_DRIVES[index]}: {refusal(access, answer)}')
-    row = TABLE[access.idn]
-    result = ': done' if access.operation == Operation.COMMAND else f' = {value_text(row, answer.value)}'
-    return answer_text(True, f'{ALL_DRIVES[index]}: {format_idn(access.idn)} {row.name}{result}')
+class ServiceChannel(Protocol):
+    """A client of the service channel, such as an operator."""
+
+    def drive(self, request: str) -> str:
+        """Return the reply to a request; raises ProgramError if it is rejected."""
+
+
+class DriveValues:
+    """Reads and writes values one at a time; raises ProgramError if a drive rejects the access."""
+
+    def __init__(self, operator: ServiceChannel) -> None:
+        self._operator = operator
+
+    def read(self, axis: str, idn: str) -> float:
+        """Return a value, in its unit."""
+        return value_in(self._operator.drive(f'{axis} read {idn}'))
+
+    def write(self, axis: str, idn: str, value: float) -> None:
+        """Write a value, in its unit."""
+        self._operator.drive(f'{axis} write {idn} {value!r}')

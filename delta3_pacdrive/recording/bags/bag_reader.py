@@ -16,7 +16,7 @@ from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.recording.bags.bag_files import damaged, files_of, open_file
 from delta3_pacdrive.recording.bags.bag_recovery import CDR
 from delta3_pacdrive.recording.bags.bag_writer import METADATA_KEY, OPEN_KEY, STOPPED_KEY
-from delta3_pacdrive.recording.signals import TELEGRAM_SIGNALS
+from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.telegram_codec import read_header
 from delta3_pacdrive.robot.sercos.telegrams import JOINT_STATE, motor_current, parse_phase_text

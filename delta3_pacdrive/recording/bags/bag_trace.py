@@ -15,10 +15,10 @@ from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     SIGNALS,
-    TELEGRAM_SIGNALS,
     TORQUE_SIGNALS,
     TURN_SIGNALS,
 )
+from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS, Clock

@@ -1,10 +1,9 @@
 """Reports of a drive: log of faults and missing partners, and ``/diagnostics`` once a second."""
 
-from typing import Any, Protocol
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from delta3_pacdrive.control.operation.service_texts import value_in
 from delta3_pacdrive.robot.drive.bus_drive import BusDrive
 from delta3_pacdrive.robot.drive.diagnostics import DriveFault, fault_text
 from delta3_pacdrive.robot.drive.report import report
@@ -68,25 +67,3 @@ class DriveReport:
         if not drive.fault and drive.warning:
             level = DiagnosticStatus.WARN
         self._health.send(level, fault_text(drive.fault), self.facts())
-
-
-class ServiceChannel(Protocol):
-    """A client of the service channel, such as an operator."""
-
-    def drive(self, request: str) -> str:
-        """Return the reply to a request; raises ProgramError if it is rejected."""
-
-
-class DriveValues:
-    """Reads and writes values one at a time; raises ProgramError if a drive rejects the access."""
-
-    def __init__(self, operator: ServiceChannel) -> None:
-        self._operator = operator
-
-    def read(self, axis: str, idn: str) -> float:
-        """Return a value, in its unit."""
-        return value_in(self._operator.drive(f'{axis} read {idn}'))
-
-    def write(self, axis: str, idn: str, value: float) -> None:
-        """Write a value, in its unit."""
-        self._operator.drive(f'{axis} write {idn} {value!r}')

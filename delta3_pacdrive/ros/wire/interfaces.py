@@ -27,7 +27,7 @@ from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
-from delta3_pacdrive.recording.signals import TELEGRAM_SIGNALS
+from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
 from delta3_pacdrive.robot.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME, MDT_FRAME, Telegram

@@ -12,8 +12,11 @@ from std_msgs.msg import String
 
 from delta3_pacdrive.control.messages import Request
 from delta3_pacdrive.control.operation.robot_controller import RobotController
-from delta3_pacdrive.control.operation.service_texts import answer_text, outcome, parse_request, split_mark
+from delta3_pacdrive.control.operation.service_texts import answer_text, parse_request, split_mark
 from delta3_pacdrive.errors import Delta3Error, Reason
+from delta3_pacdrive.robot.drive.operation_data import TABLE, refusal, value_text
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
+from delta3_pacdrive.robot.sercos.service_channel import Access, Answer, Operation, format_idn
 from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.wire import interfaces
@@ -69,3 +72,12 @@ class ScriptRequests:
 
     def _reply(self, request: Request, reason: Reason | None, text: str, done: bool) -> None:
         self._server.reply(request, reason, text, done)
+
+
+def outcome(index: int, access: Access, answer: Answer) -> str:
+    """Return the response as text."""
+    if answer.error:
+        return answer_text(False, f'{ALL_DRIVES[index]}: {refusal(access, answer)}')
+    row = TABLE[access.idn]
+    result = ': done' if access.operation == Operation.COMMAND else f' = {value_text(row, answer.value)}'
+    return answer_text(True, f'{ALL_DRIVES[index]}: {format_idn(access.idn)} {row.name}{result}')

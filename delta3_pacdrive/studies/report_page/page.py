@@ -73,7 +73,7 @@ def page(
     """Return the page as text; raises as ``write`` does."""
     length_s = sum(float(run.window.time_s[-1] - run.window.time_s[0]) for run in runs)
     if len(runs) > RUNS_MAX:
-        raise ReportError(f'a page takes at most {RUNS_MAX} runs, not {len(runs)}')
+        raise ReportError(f'a report takes at most {RUNS_MAX} runs, not {len(runs)}')
     if length_s > LONGEST_S:
         raise ReportError(
             f'the runs last {length_s:.0f} s, the limit of a page is {LONGEST_S:g} s: shorten them with --from and --to'

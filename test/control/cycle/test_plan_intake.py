@@ -70,7 +70,7 @@ SPOILT = [
     ([-1.0, 1.0], 'whole numbers'),
     ([-1.0, 1.0, 0.5], 'whole numbers'),
     ([-1.0, float('nan'), 0.0], 'whole numbers'),
-    ([1.5, 1.0, 0.0], 'no whole number'),
+    ([1.5, 1.0, 0.0], 'not a whole number'),
     ([-1.0, 0.0, 0.0], 'the override of an order is 0'),
     ([-1.0, 1.6, 0.0], 'the override of an order is 1.6'),
     ([-1.0, 1.0, 3.0], 'names a move that does not exist'),

@@ -26,7 +26,8 @@ from bags import (
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.bags import bag_trace
-from delta3_pacdrive.recording.signals import SIGNALS, TELEGRAM_SIGNALS
+from delta3_pacdrive.recording.signals import SIGNALS
+from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, NANOSECONDS, Clock

@@ -165,7 +165,7 @@ def test_the_earlier_of_two_stops_counts_whichever_is_asked_for_first(cycles, ta
 
 
 def test_a_stop_of_a_robot_that_stands_only_takes_the_torque_off(task):
-    task.unload()
+    task.clear_program()
     task.stop_at(20)
     places, controls = commands(task, 0, 100)
     assert (places == places[0]).all()
@@ -181,7 +181,7 @@ def test_a_stop_before_a_program_begins_gives_it_up(task):
 
 def test_giving_up_forgets_the_stop_as_well(task):
     task.stop_at(50)
-    task.give_up()
+    task.clear()
     task.enable(60)
     _, controls = commands(task, 0, 200)
     assert controls[100] == CONTROL_ENABLE

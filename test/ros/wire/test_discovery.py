@@ -15,7 +15,7 @@ from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.ros.wire import discovery, interfaces
 
 JOIN = (
-    'from delta3_pacdrive.ros import discovery; discovery.keep_to_this_machine(); '
+    'from delta3_pacdrive.ros.wire import discovery; discovery.keep_to_this_machine(); '
     'import rclpy; rclpy.init(); rclpy.create_node("somebody").get_logger().info("here")'
 )
 VARIABLES = (discovery.PROFILE, discovery.LATER_PROFILE, discovery.RANGE, discovery.PEERS)

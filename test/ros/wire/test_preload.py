@@ -9,7 +9,7 @@ from new_interpreter import printed
 NODES = """
 import inspect, json, sys
 from rclpy.parameter import Parameter
-from delta3_pacdrive.ros import preload
+from delta3_pacdrive.ros.wire import preload
 from delta3_pacdrive.ros.nodes import mc4_drive, plant, transformation_task, unit_robot
 import rclpy
 

@@ -273,7 +273,7 @@ def test_a_file_that_holds_no_gains_is_refused(text, tmp_path):
             ('--apply', '--set', 'K_Ppos=80'),
             '--apply without --propose takes the gains from the output folder',
         ),
-        (('--apply', '--payload', '1'), 'it takes no --payload'),
+        (('--apply', '--payload', '1'), '--payload has no effect'),
         (
             ('--apply', '--propose', '--set', 'K_Ppos=80'),
             '--propose cannot be combined with --set or --sweep',

@@ -134,7 +134,7 @@ def test_what_it_has_not_is_refused(tmp_path):
 def test_the_command_says_what_is_for_the_arms(more, capsys):
     with pytest.raises(SystemExit):
         main(['tune', '--axis', '4', '--parameters', 'rotary', *more])
-    assert f'error: {more[0]} applies to the arms only, not to --axis 4 takes none' in capsys.readouterr().err
+    assert f'error: {more[0]} applies to the arms only, not to --axis 4' in capsys.readouterr().err
 
 
 def test_the_folder_tells_of_the_drive_of_the_tool(tmp_path, capsys):

@@ -528,7 +528,7 @@ def test_a_study_of_one_trajectory_tells_its_deviations(studied, robot, experime
         (['1', '--error', 'R_B=-0.06'], 1, 'R_B would be -0.01 m'),
         (['1', '--error', 'l_A=5'], 1, 'the error of l_A is 5 m, but must be between -0.1 and 0.1 m'),
         (['1', '--error', 'l_B=-0.1001'], 1, 'the error of l_B is -0.1001 m, but must be'),
-        (['1', '--error', 'l_A=0.01', '--error', 'l_A=0.02'], 2, '--error l_A stands twice'),
+        (['1', '--error', 'l_A=0.01', '--error', 'l_A=0.02'], 2, '--error l_A is given twice'),
         (['1', '--error', 'l_A'], 2, "'l_A' is not an error of a length"),
         (['1', '--error', 'x=1'], 2, "'x=1' is not an error of a length"),
         (['1', '--pose', 'guessed'], 2, 'invalid choice'),
