@@ -1,13 +1,14 @@
 """Module names of release 0.1 that the documentation used: they keep working in release 0.2, with a warning."""
 
+from __future__ import annotations
+
 import sys
-import warnings
-from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
-from importlib.util import spec_from_loader
-from types import ModuleType
-from typing import Any
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
+    from typing import Any
 
 PACKAGE = __name__.partition('.')[0]
 RENAMED = {
@@ -76,21 +77,29 @@ RENAMED = {
 FOLDERS = {parent for old in RENAMED for parent in (old.partition('.')[0], old.rpartition('.')[0]) if parent}
 
 
-class RenamedModules(MetaPathFinder, Loader):
+class RenamedModules:
     """Imports a module by its old name; it is found only if no module has that name."""
 
     def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
         """Return the spec of an old name, or None."""
         old = fullname.removeprefix(f'{PACKAGE}.')
-        if old in RENAMED or old in FOLDERS:
-            return spec_from_loader(fullname, self, is_package=old in FOLDERS)
-        return None
+        if old not in RENAMED and old not in FOLDERS:
+            return None
+        from importlib.machinery import (
+            ModuleSpec,
+        )  # loaded only for an old name: every command imports this module
+
+        loader: Any = self
+        return ModuleSpec(fullname, loader, is_package=old in FOLDERS)
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:
         """Return the module under its new name; an old folder is an empty package."""
         old = spec.name.removeprefix(f'{PACKAGE}.')
         if old not in RENAMED:
             return None
+        import warnings
+        from importlib import import_module
+
         new = f'{PACKAGE}.{RENAMED[old]}'
         warnings.warn(
             f'module {spec.name} is now {new}; the old name ends with release 0.3', FutureWarning, 2
