@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 NEWS = 2  # reports to wait for after the reply: the first may have been sent before it
 FRESH_S = 1.0  # timeout for the next report of a starting robot
-SILENCE_S = 4.0  # without a report before braking is no longer awaited; 2.4 s occur at load 20
+SILENCE_S = 4.0  # longest time without a report while the robot brakes; at a load of 20, gaps of 2.4 s occur
 STOP_TIMEOUT_S = 5.0  # for the drives to brake, counted in spin time, which is longer with a slow clock
 STOP_WALL_S = 15.0  # in total: on a busy machine spinning takes longer than requested
 

@@ -89,7 +89,7 @@ def modules_behind(module: str) -> set[str]:
 
 @cache
 def _source(module: str) -> bytes | None:
-    """Return the content of a module's file, None if there is no such module."""
+    """Return the content of a module's file, None for an unknown module."""
     path = _PACKAGE.joinpath(*module.split('.')[1:])
     for file in (path / '__init__.py', path.with_suffix('.py')):
         with suppress(OSError):
@@ -303,7 +303,7 @@ class _Cache(FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = self._load(sig, target_context)
         if found is None and self.shares:
-            # another process may be compiling the same kernel. There is no deadlock: a waiting kernel is not called
+            # another process may be compiling the same kernel. This cannot deadlock: a waiting kernel is not called
             # by the one being compiled
             self._take_turn()
             found = self._load(sig, target_context)

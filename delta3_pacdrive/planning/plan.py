@@ -78,7 +78,7 @@ class Plan:
         Raises
         ------
         ProgramError
-            There is no move, the plan takes too long, or the order names a move that does not exist.
+            The plan is empty or too long, or the order contains the number of a missing move.
 
         """
         builder = PlanBuilder()
@@ -248,7 +248,7 @@ class PlanBuilder:
         Raises
         ------
         ProgramError
-            There is no move, or the order names a move that does not exist.
+            The plan is empty, or the order contains the number of a missing move.
 
         """
         numbers = self._checked(order)

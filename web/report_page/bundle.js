@@ -4,11 +4,11 @@ import { build } from 'esbuild';
 import { createHash } from 'node:crypto';
 import { readFileSync, readdirSync, writeFileSync } from 'node:fs';
 
-const ASSETS = '../../delta3_pacdrive/analysis/report_page/assets';
+const ASSETS = '../../delta3_pacdrive/studies/report_page/assets';
 const here = (path) => new URL(path, import.meta.url);
 const versions = JSON.parse(readFileSync(here('package.json'), 'utf-8')).devDependencies;
 
-// The digest tells a test whether the bundle is made from the sources beside it.
+// A test compares this digest with that of the sources.
 const digest = createHash('sha256');
 for (const name of ['package.json', ...readdirSync(here('src')).sort().map((file) => `src/${file}`)]) {
   digest.update(readFileSync(here(name)));
@@ -23,7 +23,7 @@ await build({
   target: 'es2022',
   charset: 'utf8',
   loader: { '.css': 'text' },
-  legalComments: 'none', // all of them stand in LICENSES.txt
+  legalComments: 'none', // LICENSES.txt contains all of them
   banner: {
     js: `/* Made from web/report_page by npm run bundle, sources ${digest.digest('hex').slice(0, 16)}; three.js ${versions.three} and uPlot ${versions.uplot}, both MIT: LICENSES.txt */`,
   },

@@ -20,6 +20,13 @@ def test_the_bundle_is_made_from_the_sources_as_they_are():
     assert made_from == digest.hexdigest()[:16], 'bundle again: cd web/report_page && npm run bundle'
 
 
+def test_the_bundler_writes_into_the_package():
+    script = (SOURCE / 'bundle.js').read_text(encoding='utf-8')
+    folder = (SOURCE / re.search(r"ASSETS = '([^']+)'", script)[1]).resolve()
+    assert folder == SOURCE.parents[1] / 'delta3_pacdrive/studies/report_page/assets'
+    assert (folder / 'page.js').is_file()
+
+
 def test_versions_are_exact_and_their_licences_are_in_the_package():
     versions = json.loads((SOURCE / 'package.json').read_text(encoding='utf-8'))['devDependencies']
     assert all(re.fullmatch(r'\d+\.\d+\.\d+', version) for version in versions.values())

@@ -1,4 +1,4 @@
-// Columns of numbers, as delta3_pacdrive/analysis/report_page/columns.py packs them.
+// Columns of numbers, as packed by delta3_pacdrive/studies/report_page/packed_columns.py.
 
 const NOTHING = -(2 ** 31); // a cycle that the recording lacks
 
