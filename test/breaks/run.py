@@ -112,6 +112,17 @@ def occurrences(source: str, text: str) -> list[tuple[int, int]]:
     ]
 
 
+def replaced(source: str, old: str, new: str) -> str:
+    """Return a source with the only occurrence of a text replaced, indented like the text it replaces."""
+    ((start, end),) = occurrences(source, old)
+    lines = new.rstrip().split('\n')
+    written = len(lines[0]) - len(lines[0].lstrip())
+    if written:
+        line = source[source.rfind('\n', 0, start) + 1 : start]
+        lines = [' ' * len(line) + one[written:] for one in lines]
+    return source[:start] + '\n'.join(lines).lstrip() + source[end:]
+
+
 @dataclass(frozen=True)
 class Break:
     """One row of the catalogue; ``changes`` are (file, old, new)."""
@@ -194,9 +205,7 @@ class PackageCopy:
             return Result(one.id, 'does not apply', 0.0, '; '.join(misfits))
         for file, old, new in one.changes:
             path = self.package / file
-            source = path.read_text(encoding='utf-8')
-            ((start, end),) = occurrences(source, old)
-            self._replace(path, source[:start] + new + source[end:])
+            self._replace(path, replaced(path.read_text(encoding='utf-8'), old, new))
         try:
             status, detail, failed = self.run_tests('-x', *shlex.split(one.tests))
         finally:

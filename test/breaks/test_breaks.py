@@ -61,6 +61,26 @@ def test_a_reformatted_source_still_contains_the_text(runner, source):
     assert runner.occurrences(source, "f(b, 'a')") == []
 
 
+def test_a_replacement_is_indented_like_the_text_that_it_replaces(runner):
+    source = 'class A:\n    def f(self):\n        a()\n        b()\n'
+    for old, new, expected in [
+        ('    a()\n    b()\n', '    if c:\n        a()\n', 'if c:\n            a()'),
+        ('a()', 'c()', 'c()\n        b()'),
+        ('        b()\n', '', 'a()'),
+    ]:
+        text = runner.replaced(source, old, new)
+        compile(text, 'source', 'exec')
+        assert expected in text
+
+
+def test_the_source_with_each_break_compiles(runner, breaks):
+    for one in breaks:
+        for file, old, new in one.changes:
+            if file.endswith('.py'):
+                source = (ROOT / runner.PACKAGE / file).read_text(encoding='utf-8')
+                compile(runner.replaced(source, old, new), f'{one.id}: {file}', 'exec')
+
+
 def test_a_text_that_occurs_twice_or_never_does_not_apply(runner, tmp_path):
     (tmp_path / 'a.py').write_text('x = 1\ny = 1\n', encoding='utf-8')
     for file, old, new, misfits in [
