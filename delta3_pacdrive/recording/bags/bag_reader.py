@@ -15,7 +15,7 @@ from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.recording.bags.bag_files import damaged, files_of, open_file
 from delta3_pacdrive.recording.bags.bag_recovery import CDR
-from delta3_pacdrive.recording.bags.bag_writer import METADATA_KEY, OPEN_KEY, STOPPED_KEY
+from delta3_pacdrive.recording.bags.bag_writer import METADATA_KEY, STOPPED_KEY
 from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.telegram_codec import read_header
@@ -136,12 +136,11 @@ def open_bag(path: Path) -> Bag:
 
 def _missing(information: Mapping[str, Any], counted: int, stores: Sequence[Store]) -> str:
     """Return a note on missing messages, of which ``counted`` are left; '' if only the index is missing."""
-    total, custom = information.get('message_count'), information.get('custom_data')
+    total = information.get('message_count')
     left = [store.recovered for store in stores if store.recovered is not None]
-    is_open = isinstance(custom, dict) and OPEN_KEY in custom
-    if isinstance(total, int) and total >= counted and not is_open:
+    if isinstance(total, int) and total >= counted:
         return f'it was cut off: {total - counted} of {total} messages are missing' if total > counted else ''
-    if not is_open and all(file.ended for file in left):
+    if all(file.ended for file in left):
         return ''
     lost = sum(file.lost_bytes for file in left)
     return (

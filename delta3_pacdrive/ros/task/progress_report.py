@@ -26,7 +26,7 @@ _NUMBERS = (
     'lost_telegrams', 'repeated_telegrams', 'control',
 )  # fmt: skip
 NUMBER_MAX = 1e15  # beyond it whole numbers are not exact
-_TYPES: dict[str, tuple[type, ...]] = (
+FIELDS: dict[str, tuple[type, ...]] = (
     dict.fromkeys(_TEXTS, (str,))
     | dict.fromkeys(_FLAGS, (bool,))
     | dict.fromkeys(_NUMBERS, (int, float))
@@ -61,7 +61,7 @@ def read_progress(text: str) -> dict[str, Any] | None:
     numbers = (facts.get(key) for key in (*_NUMBERS, 'remaining_s'))
     if not all(abs(number) < NUMBER_MAX for number in numbers if isinstance(number, (int, float))):
         return None
-    return facts if all(isinstance(facts.get(key), kinds) for key, kinds in _TYPES.items()) else None
+    return facts if all(isinstance(facts.get(key), kinds) for key, kinds in FIELDS.items()) else None
 
 
 class ProgressReport:
