@@ -26,6 +26,17 @@ PUBLIC = {
 OWN = {'self', 'cls'}
 
 
+def test_the_files_that_begin_first_exist():
+    tree = ast.parse((TEST / 'conftest.py').read_text(encoding='utf-8'))
+    (first,) = (
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'FIRST'
+    )
+    assert first
+    assert [name for name in first if not (TEST / name).is_file()] == []
+
+
 def is_private(name):
     return name.startswith('_') and not name.startswith('__') and name not in PUBLIC
 
