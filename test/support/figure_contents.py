@@ -300,8 +300,8 @@ def ripple_currents(found):
         of_cycles = s.current[: len(s.at_time_s) * steps].reshape(-1, steps)
         middle = s.at_time_s + 0.5 * case.cycle_time_s
         i = found.axis - 1
-        note = (f'{case.peak_a[i]:.2f} / {case.rms_a[i]:.2f} A, AT '
-                f'{case.at_peak_a[i]:.2f} / {case.at_rms_a[i]:.2f} A')  # fmt: skip
+        note = (f'{case.current_peak_a[i]:.2f} / {case.current_rms_a[i]:.2f} A, AT '
+                f'{case.at_current_peak_a[i]:.2f} / {case.at_current_rms_a[i]:.2f} A')  # fmt: skip
 
         def check(axes, note=note):
             assert [one.get_text() for one in axes.texts] == [note]

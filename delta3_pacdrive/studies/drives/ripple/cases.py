@@ -1,12 +1,14 @@
 """One run with oscilloscopes, and the figures of its currents."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.program.model import Program
+from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
 from delta3_pacdrive.studies.framework.study import OnProgress
 from delta3_pacdrive.studies.runs import oscilloscope as oscilloscope_run
 from delta3_pacdrive.studies.runs.oscilloscope import Recorded
@@ -36,17 +38,19 @@ class Samples:
 class Case:
     """Figures of a cycle time with an interpolation; lists are by axis."""
 
-    cycle_time_s: float
-    interpolation: str
-    delay_s: float  # of a set point
-    at_peak_a: list[float]  # of the samples in the AT
-    at_rms_a: list[float]  # of the samples in the AT
-    peak_a: list[float]  # of all samples
-    rms_a: list[float]  # of all samples
-    jerk_rad_s3: list[float]  # rms jerk of an arm with mean inertia due to its motor, above JERK_FROM_HZ
-    tcp_error_max_m: float  # set-point delay removed
-    tcp_error_rms_m: float  # set-point delay removed
-    samples: Samples  # of the motor shown in the figures
+    cycle_time_s: Annotated[float, Column('cycle time [s]')]
+    interpolation: Annotated[str, Column('interpolation')]
+    axis: Annotated[tuple[int, ...], Column('axis', in_json=False)]  # numbers of the axes
+    set_point_delay_s: Annotated[float, Column('set-point delay [s]')]
+    at_current_peak_a: Annotated[list[float], Column('AT peak [A]')]  # of the samples in the AT
+    at_current_rms_a: Annotated[list[float], Column('AT rms [A]')]
+    current_peak_a: Annotated[list[float], Column('peak [A]')]  # of all samples
+    current_rms_a: Annotated[list[float], Column('rms [A]')]
+    # rms jerk of an arm with mean inertia due to its motor, above JERK_FROM_HZ
+    jerk_rad_s3: Annotated[list[float], Column('jerk [rad/s3]')]
+    tcp_error_max_m: Annotated[float, Column('TCP error max [m]')]  # set-point delay removed
+    tcp_error_rms_m: Annotated[float, Column('TCP error rms [m]')]
+    samples: Annotated[Samples, HIDDEN]  # of the motor shown in the figures
 
 
 def measure(program: Program, robot: Parameters, axis: int, on_progress: OnProgress) -> Case:
@@ -72,11 +76,12 @@ def measure(program: Program, robot: Parameters, axis: int, on_progress: OnProgr
     return Case(
         cycle_time_s=bus.cycle_time_s,
         interpolation=drive.interpolation,
-        delay_s=robot.set_point_delay_cycles * bus.cycle_time_s,
-        at_peak_a=_peak(at_current),
-        at_rms_a=_rms(at_current).tolist(),
-        peak_a=_peak(current),
-        rms_a=_rms(current).tolist(),
+        axis=(1, 2, 3),
+        set_point_delay_s=robot.set_point_delay_cycles * bus.cycle_time_s,
+        at_current_peak_a=_peak(at_current),
+        at_current_rms_a=_rms(at_current).tolist(),
+        current_peak_a=_peak(current),
+        current_rms_a=_rms(current).tolist(),
         jerk_rad_s3=_rms(jerk(current, robot)).tolist(),
         tcp_error_max_m=float(error.max()),
         tcp_error_rms_m=float(_rms(error)),

@@ -111,7 +111,8 @@ def currents(found: Results) -> Figure:
         i = found.axis - 1
         dress(axes, f'{1e3 * case.cycle_time_s:g} ms, {case.interpolation}')
         axes.annotate(
-            f'{case.peak_a[i]:.2f} / {case.rms_a[i]:.2f} A, AT {case.at_peak_a[i]:.2f} / {case.at_rms_a[i]:.2f} A',
+            f'{case.current_peak_a[i]:.2f} / {case.current_rms_a[i]:.2f} A, '
+            f'AT {case.at_current_peak_a[i]:.2f} / {case.at_current_rms_a[i]:.2f} A',
             (1.0, 1.02), xycoords='axes fraction', ha='right', fontsize=7, color=MUTED,
         )  # fmt: skip
         axes.margins(x=0.0)

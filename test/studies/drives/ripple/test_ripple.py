@@ -111,7 +111,7 @@ def test_the_samples_are_those_of_the_simulation_with_the_exact_exchange(short, 
     # AT(k + 1) tells the last sample of cycle k
     np.testing.assert_allclose(case.samples.at_current[1:], of_cycles[:-1, -1], rtol=1e-12)
     peak = np.maximum(trace['current_max'], -trace['current_min'])[rows].max(axis=0)
-    assert case.peak_a == peak.tolist()
+    assert case.current_peak_a == peak.tolist()
     assert case.tcp_error_max_m == np.linalg.norm(trace['tcp_error'][rows], axis=1).max()
 
 
