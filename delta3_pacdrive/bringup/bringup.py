@@ -34,7 +34,6 @@ from delta3_pacdrive.planning.execution import Timeline
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.recording.bags import bag_trace
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
-from delta3_pacdrive.robot.sercos.configuration_check import drives_of
 from delta3_pacdrive.robot.sercos.watchdog import BOUND_S, Watchdog
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.wire import discovery, domain, interfaces
@@ -76,7 +75,7 @@ class Bringup:
         self._processes: RobotProcesses
         self._monitor: RobotMonitor
         self._process: node_process.Process
-        self._phases = PhaseWatch(drives_of(self.robot))
+        self._phases = PhaseWatch(self.robot.axes)
         self._reports_watchdog = Watchdog(LOOK_S)  # of the transformation task
         self._deaf_s = STUCK_S  # timeout of the task before this process rejoins the domain
         self._has_guests = False  # nodes of others, which could not rejoin

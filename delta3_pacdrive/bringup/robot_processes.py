@@ -18,7 +18,7 @@ from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, 
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
 from delta3_pacdrive.control.operation.script_gate import first_decision
 from delta3_pacdrive.robot.faults.fault import TASK, UNIT_ROBOT
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, PLANT, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, PLANT
 from delta3_pacdrive.robot.sercos.watchdog import Watchdog
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
@@ -120,7 +120,7 @@ class RobotProcesses:
         preload.load_type_support()
         with in_turn() if self._crowded is None else nullcontext():
             if self._crowded is None:
-                needed = cores_of_robot(self._options.single_process, len(drives_of(self._robot)))
+                needed = cores_of_robot(self._options.single_process, len(self._robot.axes))
                 self._crowded = lack_of_room(1, needed)
                 self.notes += [self._crowded] if self._crowded else []
             if self._crowded:
@@ -143,7 +143,7 @@ class RobotProcesses:
             plant |= {'cell_start_cycle': begins}
         if options.shared_clock:
             task |= {'shared_clock': options.shared_clock, 'clock_member': options.clock_member}
-        axes = range(1, len(drives_of(self._robot)) + 1)
+        axes = range(1, len(self._robot.axes) + 1)
         nodes: Nodes = {
             'plant': (PlantNode, plant),
             **{f'mc4_drive_{axis}': (MC4DriveNode, {'axis': axis}) for axis in axes},

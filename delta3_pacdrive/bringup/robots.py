@@ -25,7 +25,6 @@ from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.page import started
 from delta3_pacdrive.bringup.processes import ManagedProcess, spawn
 from delta3_pacdrive.errors import Delta3Error, RunError, RunInterruptedError
-from delta3_pacdrive.robot.sercos.configuration_check import drives_of
 from delta3_pacdrive.robot.sercos.shared_clock import SharedClock, create
 from delta3_pacdrive.view import serving
 
@@ -60,7 +59,7 @@ class RobotNow:
 
 
 def _drives(options: Options) -> int:
-    return len(drives_of(core.load(options.parameters)))
+    return len(core.load(options.parameters).axes)
 
 
 def participants(robots: int, options: Options, page: bool) -> int:

@@ -47,8 +47,8 @@ from delta3_pacdrive.parameters.robot import (
     is_rich,
 )
 from delta3_pacdrive.parameters.rotary import Rotary
+from delta3_pacdrive.parameters.rotary_axis import rotary_axis_parameters
 from delta3_pacdrive.parameters.rules import CYCLE_TIMES_S, ELASTIC_EXCHANGE_S, EXCHANGE_PERIODS_S
-from delta3_pacdrive.parameters.tool_axis import of_tool_axis
 
 __all__ = [
     'CUBIC',
@@ -94,7 +94,7 @@ __all__ = [
     'is_rich',
     'load',
     'of_run',
-    'of_tool_axis',
     'parts',
+    'rotary_axis_parameters',
     'write',
 ]

@@ -7,7 +7,7 @@ from typing import Any
 
 from delta3_pacdrive.configuration import packaged, parameter_file
 from delta3_pacdrive.errors import ParameterError, shown
-from delta3_pacdrive.parameters.robot import Parameters, flat_document, from_tree, groups
+from delta3_pacdrive.parameters.robot import Parameters, flat_document, from_tree
 
 DEFAULT_FILE = 'delta3.yaml'
 ALIASES = {'built': 'rich'}  # the packaged file has the name of its parameter group
@@ -119,9 +119,9 @@ def config_directory() -> Path:
 
 def write(parameters: Parameters, path: Path, head: Iterable[str] = ()) -> Path:
     """Write ``parameters`` to ``path``, with the comment lines ``head`` at its top; return the path."""
-    document: dict[str, Any] = {group: {} for group in groups()}
+    document: dict[str, Any] = {}
     for name, value in flat_document(parameters).items():
         group, _, key = name.partition('.')
-        document[group][key] = value
+        document.setdefault(group, {})[key] = value
     parameter_file.write(document, path, head)
     return path

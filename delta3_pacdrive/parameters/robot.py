@@ -25,10 +25,12 @@ from delta3_pacdrive.parameters.records import (
     Motor,
     Rich,
 )
+from delta3_pacdrive.parameters.rotary import GROUPS as ROTARY_GROUPS
 from delta3_pacdrive.parameters.rotary import Rotary
 from delta3_pacdrive.parameters.rules import broken_rules
 
 PLANTS = ('plain', 'rich')
+ARMS = 3
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class Parameters:
     motion: Motion
     control: Control = field(default_factory=Control)
     rotary: Rotary = field(default_factory=Rotary)
+    rotary_2: Rotary = field(default_factory=Rotary)
 
     def __post_init__(self) -> None:
         """Check the rules between values."""
@@ -70,11 +73,21 @@ class Parameters:
         """Whether the controller models elastic gears or backlash."""
         return self.control.gear_stiffness_n_m_rad > 0.0 or self.control.gear_backlash_rad > 0.0
 
+    @functools.cached_property
+    def rotary_axes(self) -> tuple[Rotary, ...]:
+        """The rotary axes of the tool in order, empty for a robot of three axes."""
+        return tuple(rotary for rotary in (self.rotary, self.rotary_2) if rotary.present)
+
+    @functools.cached_property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes, ``axis1``, ``axis2``, ...: the arms, then the rotary axes."""
+        return tuple(f'axis{number}' for number in range(1, ARMS + 1 + len(self.rotary_axes)))
+
     @property
     def kind(self) -> str:
-        """Kind of robot with separate kernels: ``built``, ``rotary``, both joined by +; empty for a plain robot."""
-        kinds = (('built', self.rich.enabled), ('rotary', self.rotary.present))
-        return '+'.join(kind for kind, is_one in kinds if is_one)
+        """Kind of robot with separate kernels: ``built`` and each rotary axis, joined by +; empty for a plain robot."""
+        kinds = ('built',) * self.rich.enabled + ROTARY_GROUPS[: len(self.rotary_axes)]
+        return '+'.join(kinds)
 
     @property
     def controller(self) -> str:
@@ -148,9 +161,9 @@ class Parameters:
     def checksum(self) -> str:
         """Digest of every value; participants agree if their digests are equal.
 
-        Values of an absent rotary axis are excluded, so that the digests of such robots do not change.
+        Values of absent rotary axes are excluded, so that the digests of such robots do not change.
         """
-        left_out = () if self.rotary.present else ('rotary.',)
+        left_out = tuple(f'{group}.' for group in ROTARY_GROUPS[len(self.rotary_axes) :])
         text = repr(sorted(one for one in flatten(self).items() if not one[0].startswith(left_out)))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -193,11 +206,15 @@ def groups() -> dict[str, Any]:
     return dict(_GROUPS)
 
 
-def flatten(parameters: Parameters) -> dict[str, Any]:
-    """Return every value of ``parameters`` by its dotted name, for example ``motor.peak_current_a``."""
+def flatten(parameters: Parameters, absent: bool = False) -> dict[str, Any]:
+    """Return every value of ``parameters`` by its dotted name, for example ``motor.peak_current_a``.
+
+    Values of an absent second rotary axis are included only if ``absent``.
+    """
     return {
         f'{group}.{name}': getattr(getattr(parameters, group), name)
         for group, names in _FIELDS.items()
+        if absent or group not in ROTARY_GROUPS[1:] or getattr(parameters, group).present
         for name in names
     }
 

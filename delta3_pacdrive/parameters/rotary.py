@@ -1,4 +1,4 @@
-"""The optional rotary axis of the tool: motor, gear, bar, limits, and parameters of its drive."""
+"""The optional rotary axes of the tool: motor, gear, bar, limits, and parameters of their drives."""
 
 import math
 from collections.abc import Iterator
@@ -7,6 +7,7 @@ from typing import Any
 
 from delta3_pacdrive.parameters.field_types import quantity
 
+GROUPS = ('rotary', 'rotary_2')  # parameter groups of the rotary axes, in order
 SMALLEST = math.nextafter(0.0, 1.0)
 ANGLE_MAX_DEG = 36_000.0  # a hundred turns
 
@@ -19,7 +20,7 @@ class Rotary:
     interpolation and supervision of the drives, friction smoothing, brake times.
     """
 
-    present: bool = quantity('whether the robot has a rotary axis', False, True, default=False)
+    present: bool = quantity('whether the robot has this rotary axis', False, True, default=False)
     peak_current_a: float = quantity('i_peak of its motor', SMALLEST, 1e3, default=6.5)
     nominal_current_a: float = quantity('i_nom', SMALLEST, 1e3, default=1.6)
     max_speed_rpm: float = quantity('RPM_max', SMALLEST, 1e5, default=6000.0)
@@ -105,37 +106,45 @@ def violation(name: str, value: Any, rule: str) -> tuple[str, str]:
     return name, f'{name} is {value}, but {rule}'
 
 
-def broken_rotary(rotary: Rotary) -> Iterator[tuple[str, str]]:
-    """Yield violated rules between values of the axis; an absent axis has none."""
-    if not rotary.present:
-        return
+def broken_rotary(rotary: Rotary, rotary_2: Rotary) -> Iterator[tuple[str, str]]:
+    """Yield violated rules between values of the rotary axes; absent axes have none."""
+    if rotary_2.present and not rotary.present:
+        yield violation(
+            'rotary_2.present', 'true', 'the robot has no first rotary axis (rotary.present is false)'
+        )
+    for group, axis in zip(GROUPS, (rotary, rotary_2), strict=True):
+        if axis.present:
+            yield from _broken_axis(group, axis)
+
+
+def _broken_axis(group: str, rotary: Rotary) -> Iterator[tuple[str, str]]:
     low, high = rotary.angle_min_deg, rotary.angle_max_deg
     if low >= high:
         yield violation(
-            'rotary.angle_min_deg', f'{low:g}', f'must be less than rotary.angle_max_deg ({high:g})'
+            f'{group}.angle_min_deg', f'{low:g}', f'must be less than {group}.angle_max_deg ({high:g})'
         )
     if not low <= rotary.home_deg <= high:
         yield violation(
-            'rotary.home_deg',
+            f'{group}.home_deg',
             f'{rotary.home_deg:g}',
-            f'must lie between rotary.angle_min_deg ({low:g}) and rotary.angle_max_deg ({high:g})',
+            f'must lie between {group}.angle_min_deg ({low:g}) and {group}.angle_max_deg ({high:g})',
         )
     fastest = math.degrees(rotary.max_speed_rad_s / rotary.gear_ratio)
     if rotary.speed_max_deg_s > fastest:
         yield violation(
-            'rotary.speed_max_deg_s',
+            f'{group}.speed_max_deg_s',
             f'{rotary.speed_max_deg_s:g}',
-            f'its motor permits {fastest:g} deg/s at most (rotary.max_speed_rpm over rotary.gear_ratio)',
+            f'its motor permits {fastest:g} deg/s at most ({group}.max_speed_rpm over {group}.gear_ratio)',
         )
     if rotary.nominal_current_a > rotary.peak_current_a:
         yield violation(
-            'rotary.nominal_current_a',
+            f'{group}.nominal_current_a',
             f'{rotary.nominal_current_a:g}',
-            f'must not exceed rotary.peak_current_a ({rotary.peak_current_a:g})',
+            f'must not exceed {group}.peak_current_a ({rotary.peak_current_a:g})',
         )
     if rotary.static_friction_n_m >= rotary.peak_current_a * rotary.torque_constant_n_m_a:
         yield (
-            'rotary.static_friction_n_m',
-            f'rotary.static_friction_n_m is {rotary.static_friction_n_m:g}, which its motor cannot overcome: it has '
+            f'{group}.static_friction_n_m',
+            f'{group}.static_friction_n_m is {rotary.static_friction_n_m:g}, which its motor cannot overcome: it has '
             f'{rotary.peak_current_a * rotary.torque_constant_n_m_a:g} N m at its peak current',
         )

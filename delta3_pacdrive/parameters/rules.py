@@ -35,6 +35,7 @@ def broken_rules(
     motor: Motor,
     control: Control,
     rotary: Rotary,
+    rotary_2: Rotary,
     motion: Motion,
     **_: Any,
 ) -> Rules:
@@ -46,7 +47,7 @@ def broken_rules(
     yield from _broken_decoupling(dynamics, rich)
     yield from _broken_shaping(control)
     yield from _broken_speeds(motion)
-    yield from broken_rotary(rotary)
+    yield from broken_rotary(rotary, rotary_2)
 
 
 def _broken_timing(bus: Bus, drive: Drive) -> Rules:

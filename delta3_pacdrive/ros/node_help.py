@@ -51,7 +51,7 @@ def _own(own: Any) -> tuple[str, Any, str, str]:
 
 
 def _of_robot(kind: str) -> Iterator[tuple[str, Any, str, str]]:
-    defaults = core.flatten(core.load())
+    defaults = core.flatten(core.load(), absent=True)
     for group, record in core.groups().items():
         for one in dataclasses.fields(record):
             name, about = f'{group}.{one.name}', one.metadata

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from array import array
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -18,7 +17,9 @@ from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
 
 GEAR = ('dynamics.gear_in', 'dynamics.gear_out')
 SHOWN = {
-    'unit_robot': ('kinematics', 'dynamics', 'motor', 'motion', 'bus', 'rotary', 'drive.dc_link_voltage_v'),
+    'unit_robot': (
+        'kinematics', 'dynamics', 'motor', 'motion', 'bus', 'rotary', 'rotary_2', 'drive.dc_link_voltage_v',
+    ),
     'transformation_task': (
         'kinematics', 'motion', 'bus', *GEAR, 'dynamics.payload_mass_kg', 'motor.torque_constant_n_m_a',
         'motor.brake_release_s', 'drive.enable_settle_s', 'drive.position_period_s', 'control',
@@ -28,7 +29,8 @@ SHOWN = {
         'dynamics.payload_mass_kg', 'kinematics.arm_angle_correction_deg', 'control',
     ),
     'plant': (
-        'kinematics', 'dynamics', 'motor', 'bus', 'rich', 'rotary', 'drive.current_period_s', 'motion.home_m',
+        'kinematics', 'dynamics', 'motor', 'bus', 'rich', 'rotary', 'rotary_2', 'drive.current_period_s',
+        'motion.home_m',
     ),
     'recorder': (),
     'robot_visualization': ('kinematics', *GEAR, 'dynamics.payload_mass_kg'),
@@ -155,14 +157,14 @@ def declare_robot(
     node: Node,
     kind: str,
     writable: frozenset[str] = frozenset(),
-    own: Callable[[core.Parameters], core.Parameters] | None = None,
+    rotary: int | None = None,
 ) -> core.Parameters:
     """Read and validate every parameter of the robot; raises ParameterError for unknown overrides.
 
-    The node declares those of its kind, with the values returned by ``own`` if they differ for this node. ``writable``
-    names those that can be set at run time. Call this after the node's own parameters are declared.
+    The node declares those of its kind; the drive of rotary axis number ``rotary``, from 0, declares the values of that
+    axis. ``writable`` names those that can be set at run time. Call this after the node's own parameters are declared.
     """
-    defaults = core.flatten(core.load())
+    defaults = core.flatten(core.load(), absent=True)
     name = node.get_fully_qualified_name()
     if plant := _declare_all(node, [PLANT.entry])[0]:
         defaults['rich.enabled'] = core.is_rich(plant, name)
@@ -174,7 +176,7 @@ def declare_robot(
             of_type = f.type if f.type in (int, float, bool, str) else list
             low, high = f.metadata.get('low', 0.0), f.metadata.get('high', 0.0)
             # a read-only parameter cannot be undeclared
-            changeable = key in writable or not shows(kind, key) or own is not None
+            changeable = key in writable or not shows(kind, key) or rotary is not None
             info = descriptor(f.metadata['description'], low, high, of_type, changeable)
             entries.append((key, list(default) if of_type is list else default, info))
     values = [list(value) if isinstance(value, array) else value for value in _declare_all(node, entries)]
@@ -186,8 +188,9 @@ def declare_robot(
         if not shows(kind, key):
             node.undeclare_parameter(key)
     robot = core.from_flat(named, node.get_fully_qualified_name())
-    if own is not None and robot.rotary.present:
-        _show_own(node, own(robot), [info for info in entries if shows(kind, info[0])], writable)
+    if rotary is not None and rotary < len(robot.rotary_axes):
+        own = core.rotary_axis_parameters(robot, rotary)
+        _show_own(node, own, [info for info in entries if shows(kind, info[0])], writable)
     return robot
 
 

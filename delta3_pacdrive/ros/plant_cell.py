@@ -31,7 +31,6 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.plant.bus_plant import BusPlant
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import Clock
-from delta3_pacdrive.robot.sercos.configuration_check import drives_of
 from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, NO_SESSION
 from delta3_pacdrive.ros.robot_node import RobotNode
 from delta3_pacdrive.ros.task.belt_receiver import parts_of
@@ -69,7 +68,7 @@ class PlantCell:
         self._bus_plant: BusPlant
         self._frame = b''  # of the last MDT; rarely changes
         self._outputs = 0
-        self._mdt = cdr.codec(telegrams.mdt(parameters.sends_torque, drives_of(parameters)))
+        self._mdt = cdr.codec(telegrams.mdt(parameters.sends_torque, parameters.axes))
         self._codec = cdr.codec(telegrams.inputs(self.inputs or ('',)))  # unused without inputs
         self._publish = cdr.raw_publish(INPUTS.publisher(node))
         names = [belt.name for belt in self._axes]

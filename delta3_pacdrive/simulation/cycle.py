@@ -43,7 +43,7 @@ from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
 from delta3_pacdrive.robot.plant.plant import true_tcp
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
 from delta3_pacdrive.robot.sercos.words import in_torque
 from delta3_pacdrive.simulation.belts import readings
 from delta3_pacdrive.simulation.optional_signals import OptionalSignals
@@ -203,7 +203,7 @@ class SimulatedOperation:
             raise RunError('controller and machine must both have a rotary axis, or none (rotary.present)')
         self._axes = AxisMonitor(parameters)
         self._controller = ControllerCycle(task, self._axes, parameters)
-        self._names = drives_of(parameters)
+        self._names = parameters.axes
         room = task.last_cycle + 1 if task.end_cycle < NEVER else ROOM_CYCLES
         self._signals = np.empty((len(NAMES), room, 3))
         self._turn_signals = np.empty((len(TURN_NAMES), room if robot.tool is not None else 0))

@@ -9,7 +9,7 @@ from delta3_pacdrive.control.cycle.transformation import TOOL
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
 from delta3_pacdrive.recording.acquisition import Acquisition
 from delta3_pacdrive.robot.drive.mc4 import MC4, mc4_run_period
 from delta3_pacdrive.robot.drive.scope import Block, DriveScope
@@ -51,7 +51,7 @@ class ScopedRobot(Robot):
             self._acquisition.add(axis, block)
 
         drive, own = self._drive(axis), self._parameters
-        parameters = own if axis != TOOL else of_tool_axis(own)
+        parameters = own if axis != TOOL else rotary_axis_parameters(own, 0)
         setting = self._setting
         return DriveScope(drive, setting.of_axis(axis), setting.decimation, lambda: parameters, hand_over)
 

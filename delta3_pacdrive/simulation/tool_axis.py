@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.control.cycle.rotary_axis import answer_turn, command_turn, error_at_places
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
 from delta3_pacdrive.recording.signals import TURN_SIGNALS
 from delta3_pacdrive.robot.drive.arrays import DRIVE
 from delta3_pacdrive.robot.drive.mc4 import MC4, mc4_begin_cycle, mc4_run_period
@@ -144,7 +144,7 @@ class ToolDrive:
     """The fourth drive and its axis."""
 
     def __init__(self, parameters: Parameters) -> None:
-        bus, own = parameters.bus, of_tool_axis(parameters)
+        bus, own = parameters.bus, rotary_axis_parameters(parameters, 0)
         samples = round(bus.exchange_period_s / parameters.drive.current_period_s)
         # arrays of the compiled loops: one record TOOL, and the motor currents of an exchange period [A]
         self.record: NDArray[Any] = np.zeros(1, TOOL)

@@ -13,7 +13,7 @@ from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.sercos.bus_time import NEVER, Clock
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.telegram_codec import TelegramCodec
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION, at, mdt, parse_mdt_frame, shafts
 from delta3_pacdrive.robot.sercos.words import Control
@@ -112,7 +112,7 @@ class TelegramLog:
 
     def __init__(self, node: PollingNode, robot: Parameters, refuse: Callable[[str], None]) -> None:
         self._robot, self._refuse, self._clock = robot, refuse, Clock(robot.bus.cycle_time_s)
-        self._codecs = codecs_of(drives_of(robot), robot.sends_torque)
+        self._codecs = codecs_of(robot.axes, robot.sends_torque)
         self._takes = {
             topic: node.create_polled_subscription(JointState, topic, WATCHER) for topic in self._codecs
         }

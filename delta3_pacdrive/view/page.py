@@ -16,7 +16,6 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.cell.cell_scene import Thing
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.robot.sercos.configuration_check import drives_of
 from delta3_pacdrive.view import readout, thread_safe_events
 from delta3_pacdrive.view.cell_figure import CellFigure
 from delta3_pacdrive.view.controls import PROGRAM_BYTES_MAX, Controls
@@ -96,7 +95,7 @@ class Page:
         self._parameters = parameters
         for panel in (self.controls, self.scope):
             if panel is not None:
-                panel.use(drives_of(parameters))
+                panel.use(parameters.axes)
         self._scales = readout.Scales.of(parameters)
         k = parameters.kinematics
         scene = self.server.scene
@@ -165,12 +164,12 @@ class Page:
     def add_controls(self) -> None:
         """Add the controls; they append to ``commands``."""
         with self.top:
-            self.controls = Controls(self.server.gui, self.commands.append, drives_of(self._parameters))
+            self.controls = Controls(self.server.gui, self.commands.append, self._parameters.axes)
 
     def add_scope(self) -> None:
         """Add the oscilloscope; it appends to ``commands``."""
         with self.middle:
-            self.scope = ScopePanel(self.server.gui, self.commands.append, drives_of(self._parameters))
+            self.scope = ScopePanel(self.server.gui, self.commands.append, self._parameters.axes)
 
     def hide_motion(self) -> None:
         """Hide everything that concerns motion: plots, bars, ghost and paths."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS, joints_of
 from delta3_pacdrive.scene import parts
 from delta3_pacdrive.scene.joints import joints
@@ -137,7 +137,7 @@ def test_without_a_payload_there_is_no_link_of_one(robot):
 def test_the_tool_of_a_rotary_axis_turns_on_one_joint_more_and_all_loops_close(robot):
     turning = robot.replace(rotary__present=True)
     model, rotary = read(turning), turning.rotary
-    names = joints_of(drives_of(turning))
+    names = joints_of(turning.axes)
     assert names == (*JOINTS, 'axis4')
     assert sorted(model.actuated_joint_names) == sorted(names)
     assert model.validate()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from delta3_pacdrive.errors import FaultCode, RobotFault
-from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
 from delta3_pacdrive.planning.execution import MotionProfile, Timeline
 from delta3_pacdrive.planning.paths.move import MoveKind
 from delta3_pacdrive.planning.paths.virtual_master import PHASE_COLUMNS, rest
@@ -30,7 +30,7 @@ class PositionWait:
         self._cycles, self._timeout_s = parameters.in_position_cycles, motion.in_position_timeout_s
         self._windows_rad = [parameters.drive.position_window_rad] * len(DRIVES)
         if parameters.rotary.present:
-            self._windows_rad.append(of_tool_axis(parameters).drive.position_window_rad)
+            self._windows_rad.append(rotary_axis_parameters(parameters, 0).drive.position_window_rad)
         self._stops = np.zeros(0, np.int64)  # numbers of the moves
         self._passed = NONE  # last exact stop that was left
         self._resting: MotionProfile | None = None

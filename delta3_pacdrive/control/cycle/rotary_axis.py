@@ -29,7 +29,7 @@ from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.control.cycle.task_cycle import coming_payload, is_over
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.kernel import kernel
-from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
 from delta3_pacdrive.planning.execution import Timeline, plan_time_at, profile_at
 from delta3_pacdrive.planning.paths.rotations import JOINED_RAD, TURN_COLUMNS, TurnTables, turn_at
 from delta3_pacdrive.planning.plan import Plan
@@ -124,7 +124,7 @@ def combined_turns(figures: Sequence[TurnFigures]) -> TurnFigures | None:
 
 
 def _constants(parameters: Parameters) -> NDArray[Any]:
-    rotary, axis = parameters.rotary, of_tool_axis(parameters)
+    rotary, axis = parameters.rotary, rotary_axis_parameters(parameters, 0)
     record = np.zeros(1, TURNING_CONSTANTS)
     record['gear_ratio'] = rotary.gear_ratio
     record['increments_per_rad'] = parameters.bus.increments_per_rev / math.tau
@@ -236,7 +236,7 @@ class Turning:
     def __init__(self, parameters: Parameters) -> None:
         self.record: NDArray[Any] = np.zeros(1, TURNING)
         self.record['constants'] = _constants(parameters)
-        self.record['motor'] = motor(of_tool_axis(parameters))
+        self.record['motor'] = motor(rotary_axis_parameters(parameters, 0))
         self.state: NDArray[Any] = self.record['state']
         self.turns = NO_TURNS  # of the active plan
         self.state['passed_history'] = PASSED_NONE

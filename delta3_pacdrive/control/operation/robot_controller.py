@@ -32,7 +32,7 @@ from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.sercos import master
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
-from delta3_pacdrive.robot.sercos.configuration_check import Identity, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import Identity
 from delta3_pacdrive.robot.sercos.master import BusMaster
 from delta3_pacdrive.robot.sercos.participants import Announcement
 from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
@@ -83,7 +83,7 @@ class RobotController:
         callbacks: ControllerCallbacks,
         learned: Learned | None = None,
     ) -> None:
-        bus, identity, drives = parameters.bus, Identity.of(parameters), drives_of(parameters)
+        bus, identity, drives = parameters.bus, Identity.of(parameters), parameters.axes
         self._parameters, self._callbacks, self.wait_for_program = parameters, callbacks, wait_for_program
         enabling_s = parameters.drive.enable_settle_s + parameters.motor.brake_release_s
         self._enabling_cycles = math.ceil(enabling_s / bus.cycle_time_s) + bus.outstanding_cycles_max

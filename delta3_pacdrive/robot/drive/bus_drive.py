@@ -6,7 +6,7 @@ Free of ROS: telegrams arrive as calls, and a ``DrivePort`` sends.
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
 from delta3_pacdrive.robot.drive.channels import Channel
 from delta3_pacdrive.robot.drive.drive_clock import Callbacks, Command, DriveClock, Taken
 from delta3_pacdrive.robot.drive.mc4 import MC4
@@ -27,7 +27,8 @@ AHEAD = 2  # cycles by which a drive may lag behind the others
 
 def own_parameters(parameters: Parameters, index: int) -> tuple[Parameters, int]:
     """Return the parameters of a drive, and its index among the drives with equal parameters."""
-    return (parameters, index) if index < len(DRIVES) else (of_tool_axis(parameters), 0)
+    number = index - len(DRIVES)
+    return (parameters, index) if number < 0 else (rotary_axis_parameters(parameters, number), 0)
 
 
 class DrivePort(Protocol):
@@ -64,7 +65,7 @@ class BusDrive:
     Parameters
     ----------
     parameters, index
-        Parameters of the robot, and axis number: 0 to 2, or 3 for the rotary axis.
+        Parameters of the robot, and axis number: 0 to 2, or from 3 on for a rotary axis.
 
     """
 

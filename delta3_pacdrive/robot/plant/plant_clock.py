@@ -15,7 +15,7 @@ from delta3_pacdrive.robot.faults.effects import apply_to_motors, apply_to_plant
 from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.plant.plant import Plant
 from delta3_pacdrive.robot.plant.tool_axis import ToolAxis
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
 
 REST_S = 1.0
 ARMS = len(DRIVES)
@@ -84,9 +84,7 @@ class PlantClock:
         self._matrix, self._of_tool = np.zeros((self.samples, ARMS)), np.zeros((self.samples, 1))
         self._columns = [*self._matrix.T, *([] if self._tool is None else self._of_tool.T)]
         self._no_currents = (0.0,) * self.samples
-        self._currents: list[dict[int, tuple[bool, float, tuple[float, ...]]]] = [
-            {} for _ in drives_of(parameters)
-        ]
+        self._currents: list[dict[int, tuple[bool, float, tuple[float, ...]]]] = [{} for _ in parameters.axes]
         self._payload: float | None = None
         self.powerless: set[int] = set()
 

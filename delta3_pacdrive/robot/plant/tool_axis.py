@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
 from delta3_pacdrive.robot.motor import MOTOR, friction_torque, motor
 from delta3_pacdrive.robot.plant.brake import advance_brake, caught_speed
 from delta3_pacdrive.robot.plant.built_robot import STEP_ANGLE, STEP_DECAY, gear_torque
@@ -95,7 +95,7 @@ TOOL_PLANT = np.dtype(
 
 def tool_constants(parameters: Parameters) -> NDArray[Any]:
     """Return one record of ``TOOL_CONSTANTS``."""
-    rotary, axis = parameters.rotary, of_tool_axis(parameters)
+    rotary, axis = parameters.rotary, rotary_axis_parameters(parameters, 0)
     step, drive = axis.drive.current_period_s, axis.drive
     record = np.zeros(1, TOOL_CONSTANTS)
     record['gear_ratio'] = gear = rotary.gear_ratio
@@ -229,7 +229,7 @@ class ToolAxis:
         self.record = record = np.zeros(1, TOOL_PLANT) if record is None else record
         self.state: NDArray[Any] = record['state']
         record['constants'] = tool_constants(parameters)
-        record['motor'] = motor(of_tool_axis(parameters))
+        record['motor'] = motor(rotary_axis_parameters(parameters, 0))
         state, rotary = self.state, parameters.rotary
         state['angle'] = rotary.home_rad
         state['shaft'] = rotary.home_rad * rotary.gear_ratio

@@ -15,7 +15,7 @@ from delta3_pacdrive.numerics.kernel import interpreted
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.sercos import losses
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.losses import LOSSES_IN_A_ROW, NO_ANSWER, Losses, count_telegrams
 from delta3_pacdrive.robot.sercos.words import Status, in_torque
 
@@ -52,7 +52,7 @@ class AxisMonitor:
     """
 
     def __init__(self, parameters: Parameters) -> None:
-        self._cycle_time_s, self._names = parameters.bus.cycle_time_s, drives_of(parameters)
+        self._cycle_time_s, self._names = parameters.bus.cycle_time_s, parameters.axes
         count, arms = len(self._names), len(DRIVES)
         self.positions: Floats = np.zeros(count)
         self.torques: Floats = np.zeros(count)

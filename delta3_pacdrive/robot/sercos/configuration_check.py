@@ -14,11 +14,6 @@ PLANT = 'plant'
 PARTICIPANTS = (*DRIVES, PLANT)  # of a robot without a rotary axis
 
 
-def drives_of(parameters: Parameters) -> tuple[str, ...]:
-    """Return the drives of a robot in order; the fourth is that of a rotary axis."""
-    return ALL_DRIVES if parameters.rotary.present else DRIVES
-
-
 @dataclass(frozen=True)
 class Identity:
     """Settings on which all participants must agree in CP2, as text."""
@@ -69,9 +64,9 @@ def _first_difference(theirs: str, ours: str) -> str:
         remote, own = dict(json.loads(theirs)), dict(json.loads(ours))
     except (ValueError, TypeError, RecursionError):
         return ''
-    different = [name for name in own if remote.get(name) != own[name]]
+    different = [name for name in own | remote if remote.get(name) != own.get(name)]
     if not different:
         return ''
     more = f', and {len(different) - 1} more' if len(different) > 1 else ''
     name = different[0]
-    return f' ({name} is {remote.get(name)} there, {own[name]} here{more})'
+    return f' ({name} is {remote.get(name)} there, {own.get(name)} here{more})'

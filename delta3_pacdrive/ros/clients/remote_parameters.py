@@ -34,7 +34,7 @@ class RemoteParameters:
     """Reads all parameters of a robot, each from a node that declares it."""
 
     def __init__(self, node: Node) -> None:
-        self._names = list(core.flatten(core.load()))
+        self._names = list(core.flatten(core.load(), absent=True))
         self._questions = {
             name: node.create_client(GetParameters, f'{name}/get_parameters') for name in SOURCES
         }

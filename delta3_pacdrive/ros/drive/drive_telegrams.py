@@ -12,7 +12,6 @@ from delta3_pacdrive.robot.drive.bus_drive import BusDrive
 from delta3_pacdrive.robot.drive.drive_clock import Command
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.robot.sercos.configuration_check import drives_of
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.robot.sercos.words import Status
 from delta3_pacdrive.ros.robot_node import RobotNode
@@ -29,7 +28,7 @@ class DriveTelegrams:
 
     def __init__(self, node: RobotNode, parameters: Parameters, index: int) -> None:
         bus = parameters.bus
-        drives = drives_of(parameters)
+        drives = parameters.axes
         self._node, self._index, self._axis, self._count = node, index, drives[index], len(drives)
         self._cycles, self._exchanges = Clock(bus.cycle_time_s), Clock(bus.exchange_period_s)
         self._samples = round(bus.exchange_period_s / parameters.drive.current_period_s)

@@ -12,11 +12,11 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
 from delta3_pacdrive.errors import ParameterError, Reason
-from delta3_pacdrive.parameters import Parameters, of_tool_axis
+from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.drive.bus_drive import BusDrive
 from delta3_pacdrive.robot.faults.fault import TASK
 from delta3_pacdrive.robot.sercos.bus_time import Clock
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT
 from delta3_pacdrive.robot.sercos.participants import Occasion
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.robot.sercos.words import Phase
@@ -46,9 +46,9 @@ class MC4DriveNode(RobotNode):
         if not number:
             raise ParameterError(f'{name} needs the parameter axis: 1, 2 or 3, or 4 for a rotary axis')
         index, axis = number - 1, ALL_DRIVES[number - 1]
-        own = of_tool_axis if index >= len(DRIVES) else None
-        parameters = declare_robot(self, KIND, frozenset(WRITABLE), own)
-        if axis not in drives_of(parameters):
+        rotary = index - len(DRIVES) if index >= len(DRIVES) else None
+        parameters = declare_robot(self, KIND, frozenset(WRITABLE), rotary)
+        if axis not in parameters.axes:
             raise ParameterError(
                 f'{name}: axis is 4, but the robot has no rotary axis (rotary.present is false)'
             )
@@ -72,7 +72,7 @@ class MC4DriveNode(RobotNode):
         self._participant = Participant(self, axis, parameters)
         self._partners = node_process.PartnerWatch(self.get_logger().warning, HOUSEKEEPING_S)
         self._is_outside_bus = False
-        self._scope = DriveScopeServer(self, axis, bus_drive, drives_of(parameters))
+        self._scope = DriveScopeServer(self, axis, bus_drive, parameters.axes)
         self.report = DriveReport(self, axis, bus_drive, telegrams)
         PHASE.bounded_subscription(self, self._on_phase, refuse=self.refuse)
         telegrams.receive_for(bus_drive)

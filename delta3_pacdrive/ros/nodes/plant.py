@@ -17,7 +17,7 @@ from delta3_pacdrive.robot.faults.fault import TASK
 from delta3_pacdrive.robot.plant.bus_plant import BusPlant, current_max_a
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PLANT, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PLANT
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.robot.sercos.words import Phase
 from delta3_pacdrive.ros import node_process
@@ -63,7 +63,7 @@ class PlantNode(RobotNode):
             now_s=time.monotonic,
             around=cell.around if cell else None,
         )
-        self._drives = drives_of(parameters)
+        self._drives = parameters.axes
         self._codecs = [
             cdr.codec(
                 telegrams.motor_current(axis, plant.clock.samples),

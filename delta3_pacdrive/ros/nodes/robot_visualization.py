@@ -22,7 +22,6 @@ from delta3_pacdrive.control.messages import Status
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.parameters import PAYLOAD_MAX_KG
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
-from delta3_pacdrive.robot.sercos.configuration_check import drives_of
 from delta3_pacdrive.robot.sercos.telegram_codec import Decoded
 from delta3_pacdrive.robot.sercos.telegrams import Telegram, joint_states
 from delta3_pacdrive.ros import node_process
@@ -104,7 +103,7 @@ class RobotVisualizationNode(PollingNode):
         self._markers = RobotMarkers(self._robot, magnification)
         self._planned = PlannedPath(self._robot.kinematics)
         self._output, self._bus_clock = Output(self, MARKERS), ClockOutput(self)
-        drives = drives_of(self._robot)
+        drives = self._robot.axes
         self._joints = _OptionalInput(self, JOINT_STATES, JOINT_STATES_QUEUE, joint_states(drives))
         self._command, self._error = _OptionalInput(self, TCP_COMMAND), _OptionalInput(self, TCP_ERROR)
         self._turns = _OptionalInput(self, TURN)

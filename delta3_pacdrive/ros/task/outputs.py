@@ -20,7 +20,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.paths.move import OUTPUTS
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC, Clock
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.service_channel import Answer, ServiceError
 from delta3_pacdrive.robot.sercos.telegrams import BASE_FRAME, JOINTS, joint_states
 from delta3_pacdrive.ros.fault_injection import FaultInjection
@@ -72,7 +72,7 @@ class TaskOutputs:
         self._answers: list[tuple[TelegramOutput, Floats]] = [
             (TelegramOutput(node, topic), answer[topic.answer]) for topic in interfaces.ANSWER_TOPICS
         ]
-        telegram = joint_states(drives_of(parameters))
+        telegram = joint_states(parameters.axes)
         self._joint_states = TelegramOutput(node, interfaces.JOINT_STATES, telegram)
         self.master = TelegramOutput(node, interfaces.MASTER)
         self._turning = controller.task.turning

@@ -112,7 +112,7 @@ class Run:
 
 def differing(one: Parameters, other: Parameters) -> dict[str, tuple[Any, Any]]:
     """Return the values in which two robots differ, by dotted name."""
-    first, second = core.flatten(one), core.flatten(other)
+    first, second = core.flatten(one), core.flatten(other, absent=True)
     return {name: (first[name], second[name]) for name in first if first[name] != second[name]}
 
 

@@ -14,7 +14,7 @@ from delta3_pacdrive.bringup.robot_processes import PROCESS_OF
 from delta3_pacdrive.planning.execution import MotionProfile
 from delta3_pacdrive.robot.faults.fault import AT_LOSSES, MDT_LOSSES
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, drives_of
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
 from delta3_pacdrive.ros.fault_injection import read_schedule
 from delta3_pacdrive.ros.wire.interfaces import DIAGNOSTICS, FAULT_SCHEDULE, PROFILE
 from delta3_pacdrive.ros.wire.numbers import row_of
@@ -83,7 +83,7 @@ class FaultObserver(AutomatedOperator):
     def _enable(self) -> int:
         """Enable the drives; return the first bus cycle after the enabling MDT."""
         self.operator.enable(True)
-        drives = len(drives_of(self._robot))
+        drives = len(self._robot.axes)
         self.wait(
             lambda: enabled_from(self._log.telegrams(MDT), drives) < NEVER, 'MDT that enable the drives'
         )

@@ -7,7 +7,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import TuningError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import RATED_PAYLOAD_KG, Parameters, of_tool_axis
+from delta3_pacdrive.parameters import RATED_PAYLOAD_KG, Parameters, rotary_axis_parameters
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.model import Program, Turn
 from delta3_pacdrive.recording.trace import Trace
@@ -72,7 +72,7 @@ class ToolDrive(ArmDrive):
 
     def in_loops(self, robot: Parameters) -> Parameters:
         """Return the parameters of its loops; the bar is modelled as a gear, elastic in a built robot."""
-        own, rotary = of_tool_axis(robot), robot.rotary
+        own, rotary = rotary_axis_parameters(robot, 0), robot.rotary
         gear = replace(
             own.rich,
             gear_stiffness_n_m_rad=rotary.bar_stiffness_n_m_rad,

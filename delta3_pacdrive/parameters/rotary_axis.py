@@ -1,4 +1,4 @@
-"""Parameters of the rotary axis in the format of an arm's drive: its drive is an MC-4, too."""
+"""Parameters of a rotary axis in the format of an arm's drive: its drive is an MC-4, too."""
 
 import math
 from dataclasses import fields, replace
@@ -9,7 +9,7 @@ from delta3_pacdrive.parameters.robot import Parameters
 from delta3_pacdrive.parameters.rotary import Rotary
 
 BEYOND_DEG = 5.0  # beyond the limits of the tool angle: overtravel of the drive
-SEED = 4  # offset of the sensor seed
+SEED = 4  # offset of the sensor seed of the first rotary axis
 
 
 def _shared(group: Motor | Drive, rotary: Rotary) -> dict[str, Any]:
@@ -18,9 +18,9 @@ def _shared(group: Motor | Drive, rotary: Rotary) -> dict[str, Any]:
     return {name: getattr(rotary, name) for name in names}
 
 
-def of_tool_axis(parameters: Parameters) -> Parameters:
-    """Return ``parameters`` with motor, gear and drive of the rotary axis, which the robot must have."""
-    p, rotary = parameters, parameters.rotary
+def rotary_axis_parameters(parameters: Parameters, number: int) -> Parameters:
+    """Return ``parameters`` with motor, gear and drive of rotary axis ``number``, from 0, in place of an arm's."""
+    p, rotary = parameters, parameters.rotary_axes[number]
     payload_kg = p.dynamics.payload_mass_kg
     inertia, gear = rotary.shaft_inertia_kg_m2(payload_kg), rotary.gear_ratio
     to_shaft = math.radians(gear)
@@ -61,7 +61,7 @@ def of_tool_axis(parameters: Parameters) -> Parameters:
         ),
         rich=replace(
             p.rich,
-            sensor_seed=p.rich.sensor_seed + SEED,
+            sensor_seed=p.rich.sensor_seed + SEED + number,
             break_away_torque_n_m=max(p.rich.break_away_torque_n_m, rotary.static_friction_n_m),
         ),
     )
