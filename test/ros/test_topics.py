@@ -29,7 +29,7 @@ RATIO = ROBOT.dynamics.gear_ratio
 ON_REQUEST = {'motion__start_cycle': -1}
 CLOSED_M = 1e-7  # the reader of URDF leaves a joint where it was if it has moved by less than 1e-8
 # what is told of the TCP in every cycle
-TCP_TOPICS = {'tcp/command': PointStamped, 'tcp/actual': PointStamped, 'tcp/error': Vector3Stamped}
+TCP_TOPICS = {row.name: row.type for row in interfaces.TOPICS if row.name.startswith('tcp/')}
 # a way on which every arm turns up and down, and something is gripped
 PROGRAM = """
 moves:
