@@ -14,19 +14,12 @@ import numpy as np
 
 from delta3_pacdrive.configuration.source_positions import Place
 from delta3_pacdrive.control.motion_state import percent_allowed
-from delta3_pacdrive.control.queue.planning_job import begins_at_rest
+from delta3_pacdrive.control.queue.running_moves import RunningMoves, begins_at_rest
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.execution import MotionProfile, Timeline
-from delta3_pacdrive.planning.extension import (
-    Extension,
-    RunningProgram,
-    Splice,
-    SpliceError,
-    extend,
-    extended_program,
-)
+from delta3_pacdrive.planning.extension import Extension, RunningProgram, Splice, SpliceError
 from delta3_pacdrive.planning.paths.move import EVENT_NAMES, TRACK, Move
 from delta3_pacdrive.planning.planned_move import grouped
 from delta3_pacdrive.planning.program.model import (
@@ -67,15 +60,13 @@ class Start:
     override: float
 
 
-class Moves:
-    """The moves of one script."""
+class Moves(RunningMoves):
+    """The moves of one script; ``timeline`` includes the latest order."""
 
     def __init__(self, name: str, parameters: Parameters) -> None:
+        super().__init__()
         self._name, self._parameters = name, parameters
-        self.timeline: Timeline | None = None  # includes the latest order; None at rest
         self._tool_rad: float | None = None
-        self._running: RunningProgram | None = None
-        self._override_max = 1.0
         self.override = 1.0  # of the next program, 1 = as planned
         self.payload_kg = parameters.dynamics.payload_mass_kg  # at the start of the next program
         self._places: list[ScriptPlace] = []  # of the statements of the running program
@@ -96,9 +87,7 @@ class Moves:
 
     def end(self) -> None:
         """Record the end of the program: the next one starts from rest."""
-        if self._running is not None:
-            self.payload_kg = self._running.payload_kg
-        self.timeline = self._running = None
+        self.clear(self.payload_kg if self.running is None else self.running.payload_kg)
 
     def order(
         self, written: Sequence[Written], cycle: int, start_m: Point, turn_rad: float | None = None
@@ -110,39 +99,36 @@ class Moves:
         if all(isinstance(statement, Output) for statement, _ in written):
             pause = Dwell(self._parameters.bus.cycle_time_s)  # outputs must belong to a move
             written = [*written, (pause, written[-1][1])]
-        known, timeline = self._running, self.timeline
-        if known is None or timeline is None:
-            return self._from_rest(written, cycle, start_m, turn_rad)
         self._tool_rad = turn_rad
-        statements = [statement for statement, _ in written]
-        splice = known.splice(rounded=not begins_at_rest(statements))
-        if len(splice.again) + len(written) > REPLANNED_MAX:
-            splice = known.splice(rounded=False)
-            self._note_corner(written, f'more than {REPLANNED_MAX} moves would be one')
+        if self.running is None or self.timeline is None:
+            return self._from_rest(written, cycle, start_m)
         try:
-            return self._following(written, cycle, timeline, known, splice)
+            return self._appended(written, cycle, rounded=True)
         except SpliceError:
-            self._note_corner(written, 'the order is too late')
-            return self._following(written, cycle, timeline, known, known.splice(rounded=False))
+            return self._appended(written, cycle, rounded=False)
 
     def preview(self, written: Sequence[Written], start_m: Point, turn_rad: float | None = None) -> Planned:
         """Return the plan of statements after all ordered moves, without executing it; raises ProgramError.
 
         ``start_m`` and ``turn_rad`` are the position and the tool angle of a robot at rest.
         """
-        program = self._program(written, None)
-        if self._running is not None:
-            program = replace(program, payload_kg=self._running.payload_kg)
-        start = np.array(start_m if self.plan_end_m is None else self.plan_end_m)
-        turn = turn_rad if self._running is None else self._end_turn(self._running)
+        program, running = self._program(written, None), self.running
+        if running is None:
+            return self._planned(program, start_m, turn_rad)
+        end_rad = self._tool_rad if running.plan.end_turn_rad is None else running.plan.end_turn_rad
+        program = replace(program, payload_kg=running.payload_kg)
+        return self._planned(program, self.plan_end_m or start_m, end_rad)
+
+    def _planned(self, program: Program, start_m: Point, turn_rad: float | None) -> Planned:
+        """Return the plan of a program from rest."""
         return program_planner.plan(
             program,
-            start,
+            np.array(start_m),
             self._parameters,
             returning=True,
             open_end=True,
             arches=self._arches,
-            turn_rad=turn,
+            turn_rad=turn_rad,
         )
 
     def left_on_belt_s(self, cycle: int) -> float:
@@ -172,12 +158,8 @@ class Moves:
 
     def clear(self, payload_kg: float) -> None:
         """Clear the running program; ``payload_kg`` is the present payload."""
-        self.timeline = self._running = None
+        self.timeline = self.running = None
         self.payload_kg = payload_kg
-
-    def _note_corner(self, written: Sequence[Written], why: str) -> None:
-        _, place = written[0]
-        self.notices.append(f'{place}: the corner before this move is not rounded: {why}')
 
     def _program(self, written: Sequence[Written], splice: Splice | None) -> Program:
         again = () if splice is None else splice.again
@@ -189,62 +171,36 @@ class Moves:
         payload = self.payload_kg if splice is None else splice.payload_kg
         return Program(self._name, statements, payload_kg=payload, source=source, places=places)
 
-    def _from_rest(
-        self, written: Sequence[Written], cycle: int, start_m: Point, turn_rad: float | None
-    ) -> Start:
+    def _from_rest(self, written: Sequence[Written], cycle: int, start_m: Point) -> Start:
         program = self._program(written, None)
-        planned = program_planner.plan(
-            program,
-            np.array(start_m),
-            self._parameters,
-            returning=True,
-            open_end=True,
-            arches=self._arches,
-            turn_rad=turn_rad,
-        )
+        planned = self._planned(program, start_m, self._tool_rad)
         self._places = []
         self._note(program, planned, written, again=False)
         override = min(self.override, planned.override_max)
-        self._running, self._override_max = RunningProgram.of(program, planned), planned.override_max
+        self.running, self.override_max = RunningProgram.of(program, planned), planned.override_max
         self.timeline = Timeline(planned.plan, self._parameters.bus.cycle_time_s)
         self.timeline.start(cycle, override)
         return Start(planned, cycle, override)
 
-    def _following(
-        self,
-        written: Sequence[Written],
-        cycle: int,
-        timeline: Timeline,
-        known: RunningProgram,
-        splice: Splice,
-    ) -> Extension:
-        program = self._program(written, splice)
-        first = timeline.at(cycle - 1).number
-        planned = program_planner.plan(
-            program,
-            splice.start_m,
+    def _appended(self, written: Sequence[Written], cycle: int, rounded: bool) -> Extension:
+        statements = [statement for statement, _ in written]
+        moves = self.append_point(cycle - 1).plan(
+            statements,
+            lambda splice: self._program(written, splice),
             self._parameters,
-            open_end=True,
-            before=known.load(min(first, splice.kept), splice.kept),
+            REPLANNED_MAX,
+            self._tool_rad,
+            rounded,
             arches=self._arches,
-            turn_rad=self._tool_rad if splice.turn_rad is None else splice.turn_rad,
         )
-        override = 1.0 if timeline.profile is None else timeline.profile.override
-        if override > planned.override_max:
-            raise ProgramError(
-                f'the override is {100.0 * override:g} %, but with these moves motors and TCP speed limit allow at '
-                f'most {percent_allowed(planned.override_max)} %'
-            )
-        extension = extend(timeline, cycle, splice, planned.plan)
-        self._note(program, planned, written, again=bool(splice.again))
-        self._running = extended_program(known, extension, splice, program, planned)
-        self._override_max = min(self._override_max, planned.override_max)
+        extension = self.extension(moves, cycle)
+        if moves.open_corner and not begins_at_rest(statements):
+            _, place = written[0]
+            self.notices.append(f'{place}: the corner before this move is not rounded: {moves.open_corner}')
+        self._note(moves.program, moves.planned, written, again=bool(moves.splice.again))
+        self.append(moves, extension)
         self.timeline = extension.timeline
         return extension
-
-    def _end_turn(self, known: RunningProgram) -> float | None:
-        end = known.plan.end_turn_rad
-        return self._tool_rad if end is None else end
 
     def _note(self, program: Program, planned: Planned, written: Sequence[Written], again: bool) -> None:
         self._places = [*self._places, *(place for _, place in written)][-REPLANNED_MAX:]
@@ -265,10 +221,10 @@ class Moves:
 
     def require_override(self, override: float) -> None:
         """Reject an override that exceeds a motor limit or the TCP speed limit; raises ProgramError."""
-        if self.timeline is not None and override > self._override_max:
+        if self.timeline is not None and override > self.override_max:
             raise ProgramError(
                 f'override is {100.0 * override:g} %, but motors and TCP speed limit allow at most '
-                f'{percent_allowed(self._override_max)} % in these moves'
+                f'{percent_allowed(self.override_max)} % in these moves'
             )
 
     def seconds_left(self, cycle: int) -> float:

@@ -16,23 +16,27 @@ from delta3_pacdrive.control.messages import Numbering, Origin, Request, Status,
 from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState, at_percent
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 from delta3_pacdrive.control.queue import planner_actions
-from delta3_pacdrive.control.queue.appended_moves import AppendedMoves, AppendRequest
-from delta3_pacdrive.control.queue.planning import Planning
-from delta3_pacdrive.control.queue.planning_job import UNROUNDED, Result
-from delta3_pacdrive.control.queue.profile_change import ChangeEvent, Override
-from delta3_pacdrive.control.queue.program_queue import ProgramQueue
+from delta3_pacdrive.control.queue.planning_job import Result
+from delta3_pacdrive.control.queue.program_change import (
+    VERDICT_S,
+    AppendedMoves,
+    Override,
+    ProgramChange,
+    timeout_reason,
+)
+from delta3_pacdrive.control.queue.program_queue import Planning, ProgramQueue
 from delta3_pacdrive.control.queue.program_run import (
     Order,
     OrderNumbers,
     ProgramRun,
+    Readiness,
     Remains,
     RunEvent,
     RunState,
     StopRequest,
+    rejected,
 )
-from delta3_pacdrive.control.queue.readiness import Readiness, refused
 from delta3_pacdrive.control.queue.request_service import LOST_CONTROL, WITHDRAWN, RequestService
-from delta3_pacdrive.control.queue.task_status import TaskStatus
 from delta3_pacdrive.control.queue.tolerances import Tolerances, ToleranceWatch
 from delta3_pacdrive.control.queue.trajectory import SOON, TrajectoryRequest, TrajectoryWatch
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
@@ -41,7 +45,6 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.planning.program_planner import Planned
 
-VERDICT_S = 10.0  # timeout of a verdict, restarted while rows of the plan are being checked
 NO_TOLERANCES = Tolerances()
 SUPERSEDED = Reason(Code.STATE, 'another program was started before the arms had come to the goal')
 PHASED_UP = Reason(Code.BUS, 'the bus was phased up anew meanwhile')
@@ -82,35 +85,23 @@ class Planner:
         newest_cycle: Callable[[], int],
         tolerances: Tolerances = NO_TOLERANCES,
     ) -> None:
-        self._robot, self._newest_cycle = parameters, newest_cycle
+        self._robot, self._newest_cycle, self._identity = parameters, newest_cycle, identity
         self.actions: list[planner_actions.Action] = []
         self._now_s = 0.0
-        self._task = TaskStatus()
-        self._requests = RequestService(self._task, self._act)
-        self._tracker, self._reply = self._requests.tracker, self._requests.reply
+        numbers = OrderNumbers()
+        self._run = run = ProgramRun(numbers, parameters.bus.cycle_time_s)
+        self._task = task = Readiness(identity, run)
+        self._requests = requests = RequestService(task, self._act)
+        self._tracker, self._reply = requests.tracker, requests.reply
         self._profiles = Numbering()
         self._mirrored: MotionState | None = None
-
-        numbers = OrderNumbers()
         self._queue = ProgramQueue(program)
         self._planning = Planning(self._queue, self._act)
-        self._run = ProgramRun(numbers, parameters.bus.cycle_time_s)
-        self._readiness = Readiness(identity, self._task, self._run)
-        self._override = Override(self._run, numbers, newest_cycle)
-        self._change = self._override.change
-        self._appended = AppendedMoves(self._run, numbers)
-        self._append_request = AppendRequest(
-            self._appended,
-            self._readiness,
-            self._requests,
-            self._planning,
-            act=self._act,
-            newest_cycle=newest_cycle,
-            from_rest=self._plan_moves,
-        )
+        self._change = change = ProgramChange(run, numbers, newest_cycle)
+        self._override = Override(change, task, requests)
+        self._appended = AppendedMoves(change, task, requests, self._planning, self._plan_moves)
         watch = ToleranceWatch(tolerances, parameters)
-        self.trajectory = TrajectoryWatch(watch, self._run, self._readiness, self._tracker, self._act)
-        self._identity = identity
+        self.trajectory = TrajectoryWatch(watch, run, task, self._tracker, self._act)
         self._stopping = StopRequest()
         self._autostart = program is not None and parameters.motion.start_cycle >= 0
 
@@ -127,7 +118,7 @@ class Planner:
     @property
     def motion(self) -> MotionState:
         """The newest known motion state."""
-        return self._readiness.motion
+        return self._task.motion
 
     @property
     def queue(self) -> tuple[int, float]:
@@ -142,7 +133,7 @@ class Planner:
     @property
     def listened_to(self) -> bool:
         """Whether the transformation task accepts orders of this planner."""
-        return self._readiness.listened_to
+        return self._task.listened_to
 
     # messages of the transformation task ------------------------------------------------------------------------------
 
@@ -158,15 +149,15 @@ class Planner:
         elif before is not None and status.losses != before.losses and not self._autostart:
             # the operator of the queued program has lost control
             self._clear_queue(LOST_CONTROL)
-            self._append_request.handle_control_loss()
+            self._appended.handle_control_loss()
             if before.operator not in ('', status.operator):
                 self._requests.handle_control_loss(before.operator, lambda: self._cancel(LOST_CONTROL))
         if self._run.waits:
             self._run.note_checked(status.checked, now_s)
             if self.listened_to and status.order >= self._run.number:
                 self._end_order(None)  # the verdict was lost
-        if self._appended.sent and self.listened_to and status.order >= self._appended.number:
-            self._append_request.take_verdict(None)
+        if self._change.sent and self.listened_to and status.order >= self._change.number:
+            self._change.take_verdict(None)
         if self.motion == MotionState.ERROR:
             self._handle(RunEvent.FAIL)
         if status.located and (anew or before is None or status.located != before.located):
@@ -188,18 +179,17 @@ class Planner:
     def _begin_session(self) -> None:
         """Cancel requests and motion of the previous bus session; its program can be started again."""
         self.trajectory.cancel(PHASED_UP)
-        if self._run.waits or self._change.waits or self._appended.busy or self._stopping.waits:
+        if self._run.waits or self._change.busy or self._stopping.waits:
             self._planning.clear()
-            self._appended.end()
+            self._change.end()
             self._stopping.end()
             self._reply(PHASED_UP)
-        self._change.handle(ChangeEvent.PHASE_UP)
         if self._run.waits or self.motion != MotionState.ERROR:
             self._handle(RunEvent.PHASE_UP)
 
     def _set_located(self, start_m: Floats) -> None:
-        first = self._readiness.tcp_m is None
-        self._readiness.tcp_m = start_m
+        first = self._task.tcp_m is None
+        self._task.tcp_m = start_m
         self._handle(RunEvent.LOCATE)
         self._queue.clear_plan()
         if first and self._queue.program is not None and not self._autostart:
@@ -222,10 +212,8 @@ class Planner:
         reason = None if verdict.accepted else Reason(Code.of(verdict.code), verdict.sentence)
         if self._run.waits and verdict.number == self._run.number:
             self._end_order(reason)
-        elif self._change.waits and verdict.number == self._change.number:
-            self._end_change(reason)
-        elif self._appended.sent and verdict.number == self._appended.number:
-            self._append_request.take_verdict(reason)
+        elif self._change.sent and verdict.number == self._change.number:
+            self._change.take_verdict(reason)
         else:
             return False
         self._serve_requests()
@@ -241,9 +229,7 @@ class Planner:
                 self.trajectory.arrive(timeline)
             self._tracker.end()
         elif event is RunEvent.FAIL:
-            self._tracker.abort(
-                self._readiness.refusal or Reason(Code.FAULT, 'a fault has stopped the robot')
-            )
+            self._tracker.abort(self._task.refusal or Reason(Code.FAULT, 'a fault has stopped the robot'))
         else:
             lost = event is RunEvent.PHASE_UP
             self._tracker.abort(PHASED_UP if lost else Reason(Code.STATE, 'the program was aborted'))
@@ -271,18 +257,12 @@ class Planner:
                 request.identity if request is not None else '',
                 order.tolerances if order is not None else None,
             )
-            if order is not None:
-                self._appended.begin(self._run.number, order.program, order.queued)
-        self._handle(RunEvent.REFUSE if reason else RunEvent.ACCEPT)
+        self._handle(RunEvent.REJECT if reason else RunEvent.ACCEPT)
         self._reply(reason or (order.sentence if order else ''))
 
     def _revoke_order(self, reason: Reason) -> None:
         self._handle(RunEvent.REVOKE)
         self._reply(reason)
-
-    def _end_change(self, reason: Reason | None) -> None:
-        """Process the verdict on a change of motion profile: reply, or send it again for a later cycle."""
-        self._send_or_reply(self._override.take_verdict(reason, self.motion, self._now_s))
 
     # requests ---------------------------------------------------------------------------------------------------------
 
@@ -299,17 +279,11 @@ class Planner:
         """Check the timeouts of orders, changes and stops."""
         self._now_s = now_s
         if self._run.waits and now_s - self._run.since_s > VERDICT_S:
-            self._revoke_order(_timeout_reason('a robot that has begun to move stops on its path'))
-        if self._change.waits and now_s - self._change.since_s > VERDICT_S:
-            self._end_change(_timeout_reason('it may still go over to this speed'))
-        if self._appended.sent and now_s - self._appended.since_s > VERDICT_S:
-            self.actions.append(planner_actions.Revoked(self._appended.number))
-            self._append_request.take_verdict(
-                _timeout_reason('if it has taken the moves, the robot stops on its path')
-            )
+            self._revoke_order(timeout_reason('a robot that has begun to move stops on its path'))
+        self._change.poll(now_s)
         if self._stopping.waits and now_s - self._stopping.since_s > VERDICT_S:
             self._stopping.end()
-            self._reply(_timeout_reason('the robot may still stop'))
+            self._reply(timeout_reason('the robot may still stop'))
         self._update_progress()
         self._serve_requests()
 
@@ -323,8 +297,8 @@ class Planner:
 
     def _cancel(self, reason: Reason) -> Reason | str:
         """Cancel the request being served; return the outcome, or why it is too late."""
-        if self._planning.busy or (self._appended.busy and not self._appended.sent):
-            self._appended.end()
+        if self._planning.busy or (self._change.busy and not self._change.sent):
+            self._change.end()
             self._planning.cancel()
             self._reply(reason)
             return 'withdrawn'
@@ -346,38 +320,35 @@ class Planner:
 
     @property
     def _busy(self) -> bool:
-        waits = self._run.waits or self._change.waits or self._stopping.waits
-        return self._planning.busy or waits or self._appended.busy
+        return self._planning.busy or self._run.waits or self._change.busy or self._stopping.waits
 
     def _serve_requests(self) -> None:
         """Serve requests until one has to wait."""
         if self._autostart and not self._busy:
             self._run_autostart()
-        if self._appended.busy and not self._planning.busy and not self._appended.sent:
-            self._append_request.send(self._now_s)
+        self._change.send_due(self._now_s)
         while not self._busy and self._requests.serve_next(self._now_s, self._must_wait, self._serve):
             pass
 
     def _must_wait(self, request: Request) -> bool:
-        return request.action in ('override', 'move') and self._override.must_wait(self.motion)
+        return request.action in ('override', 'move') and self._override.must_wait
 
     def _serve(self, request: Request) -> None:
         match request.action:
             case 'program' | 'move':
                 runs = self._run.state is RunState.RUNNING and self.motion in UNDER_WAY
                 if request.action == 'move' and runs:
-                    self._append_request.begin(request)
+                    self._appended.begin(request)
                     return
-                self._readiness.require_rest()
+                self._task.require_rest()
                 self._tracker.begin(request.identity)
                 self._plan_moves(request)
             case 'trajectory':
                 self._follow_trajectory(request)
             case 'plan' if request.operator == '':
-                self._planning.begin(self._readiness.require_rest(), self._take_planned)
+                self._planning.begin(self._take_planned, self._task.require_rest())
             case 'start' if request.text:
-                self._readiness.require_rest()
-                self._readiness.require_orders()
+                self._task.require_orders()
                 self._tracker.begin(request.identity)
                 self._plan_moves(request)
             case 'start':
@@ -385,7 +356,7 @@ class Planner:
             case 'resume':
                 self._resume()
             case 'override':
-                self._send_or_reply(self._override.ask(request.text, self.motion, self._now_s))
+                self._override.ask(request.text, self._now_s)
             case 'clear':
                 self._clear_queue(Reason(Code.STATE, 'the queue was emptied'))
                 self._handle(RunEvent.CLEAR)
@@ -395,20 +366,14 @@ class Planner:
                     f'there is no action {request.action!r:.40}, expected {", ".join(ACTIONS)}'
                 )
 
-    def _send_or_reply(self, outcome: planner_actions.Changed | Reason | str) -> None:
-        """Send a change of motion profile to the task, or reply to its request."""
-        if isinstance(outcome, planner_actions.Changed):
-            self.actions.append(outcome)
-        else:
-            self._reply(outcome)
-
     # planning ---------------------------------------------------------------------------------------------------------
 
     def _plan_moves(self, request: Request) -> None:
         """Start planning the moves of a request after those in the queue."""
         wrapped = request.action == 'move'
         then = {'move': self._take_moves, 'start': self._start_moves}.get(request.action, self._take_planned)
-        self._planning.begin(self._readiness.require_rest(), then, request.text, request.adaptation, wrapped)
+        start_m = self._task.require_rest()
+        self._planning.begin(then, start_m, text=request.text, adaptation=request.adaptation, wrapped=wrapped)
 
     def take_result(self, result: Result, now_s: float) -> None:
         """Take a result of the planning thread; results of cancelled jobs are ignored."""
@@ -417,21 +382,18 @@ class Planner:
         if then is None:
             return
         try:
-            if result.reason is UNROUNDED and self._requests.serving is not None:
-                self._append_request.plan(self._requests.serving, rounded=False)
-                return
             if result.reason is not None:
                 self._autostart = False
                 raise RefusedError(result.reason)
             then(result)
         except Delta3Error as error:
-            self._appended.end()
+            self._change.end()
             self._reply(Reason.of(error))
         self._serve_requests()
 
     def _take_planned(self, result: Result) -> None:
         """Replace the queue by one that has been planned as a whole."""
-        self._readiness.require_rest()
+        self._task.require_rest()
         serving, planned = self._requests.serving, result.planned
         identity = serving.identity if serving is not None and result.statements else ''
         self._queue.put(result.program, planned, identity)
@@ -446,8 +408,8 @@ class Planner:
         time = f'{planned.plan.duration_s / override:.3f} s{at_percent(override)}'
         sentence = f'planned "{planned.name}": {counted(len(planned.plan), "move")}, {time}'
         sentence += ''.join(f'; {notice}' for notice in planned.notices)
-        if self._readiness.refusal is not None:
-            sentence += f'; it cannot start yet: {self._readiness.refusal}'
+        if self._task.refusal is not None:
+            sentence += f'; it cannot start yet: {self._task.refusal}'
         return sentence
 
     def _take_moves(self, result: Result) -> None:
@@ -459,8 +421,7 @@ class Planner:
 
     def _start_moves(self, result: Result) -> None:
         """Start moves together with the queue; the queue is unchanged if they are rejected."""
-        self._readiness.require_rest()
-        self._readiness.require_orders()
+        self._task.require_orders()
         self._launch(result, own=result.statements)
 
     # trajectories -----------------------------------------------------------------------------------------------------
@@ -471,23 +432,22 @@ class Planner:
         if not trajectory.points:
             self._stop()
             return
-        start_m = self._readiness.require_rest()
+        start_m = self._task.require_rest()
         if self._queue.program is not None:
-            raise refused(Code.STATE, 'moves are in the queue: a trajectory needs an empty one')
-        self._readiness.require_orders()
+            raise rejected(Code.STATE, 'moves are in the queue: a trajectory needs an empty one')
+        self._task.require_orders()
         cycle, program = trajectory.due(self._newest_cycle(), self._robot.bus.cycle_time_s)
         self._tracker.begin(request.identity)
 
         def launch(result: Result) -> None:
-            self._readiness.require_rest()
-            self._readiness.require_orders()
+            self._task.require_orders()
             if cycle != SOON and self._newest_cycle() >= cycle:
-                raise refused(
+                raise rejected(
                     Code.LATE, f'bus cycle {cycle}, in which it begins, was over before it was planned'
                 )
             self._launch(result, cycle, result.statements, cycle != SOON, trajectory.tolerances)
 
-        self._planning.begin(start_m, launch, program)
+        self._planning.begin(launch, start_m, text=program)
 
     def _stop(self) -> None:
         """Revoke the running program, so that the task stops it on its path."""
@@ -503,7 +463,7 @@ class Planner:
             return
         self._stopping.note(self.motion, self._now_s)
         sentence = self._stopping.answer(
-            self._run.state, self.motion, self._run.completed, self._readiness.refusal
+            self._run.state, self.motion, self._run.completed, self._task.refusal
         )
         if sentence is not None:
             self._stopping.end()
@@ -513,8 +473,7 @@ class Planner:
     def is_at_rest(self) -> bool:
         """Whether a trajectory would be accepted, or waiting cannot help (drives disabled, fault)."""
         try:
-            self._readiness.require_rest()
-            self._readiness.require_orders()
+            self._task.require_orders()
         except RefusedError as error:
             return error.reason.code is not Code.STATE
         return not self._busy
@@ -527,14 +486,14 @@ class Planner:
 
     def _run_autostart(self) -> None:
         """Plan the initial program once the robot is located, then start it when possible."""
-        start_m = self._readiness.tcp_m
+        start_m = self._task.tcp_m
         if self.status is None or start_m is None:
             return
         own = Request('', '', 0, 0, 'start')
         if self._queue.planned is None:
             self._requests.serving = own
-            self._planning.begin(start_m, self._store_plan)
-        elif self.listened_to and self._readiness.refusal is None:
+            self._planning.begin(self._store_plan, start_m)
+        elif self.listened_to and self._task.refusal is None:
             self._autostart = False
             self._requests.serving = own
             self._launch_queue(self._robot.motion.start_cycle)
@@ -545,22 +504,22 @@ class Planner:
         self._requests.serving = None
 
     def _start(self) -> None:
-        start_m = self._readiness.require_rest()
+        start_m = self._task.require_rest()
         again = self._queue.program is None and self._run.remains is not Remains.NOTHING
         if self._queue.program is None and not again:
-            raise refused(Code.STATE, 'no moves are in the queue')
-        self._readiness.require_orders()
+            raise rejected(Code.STATE, 'no moves are in the queue')
+        self._task.require_orders()
         if again and self._run.program is not None:
             # injected faults happen only once; the queue stays empty if the order is rejected
-            self._planning.begin(start_m, self._launch, program=replace(self._run.program, faults=()))
+            self._planning.begin(self._launch, start_m, replace(self._run.program, faults=()))
         elif self._queue.planned is None:
-            self._planning.begin(start_m, self._launch_planned)
+            self._planning.begin(self._launch_planned, start_m)
         else:
             self._launch_queue(-1)
 
     def _launch_planned(self, result: Result) -> None:
         self._queue.put(result.program, result.planned)
-        self._readiness.require_rest()
+        self._task.require_rest()
         self._launch_queue(-1)
 
     def _launch_queue(self, cycle: int) -> None:
@@ -578,7 +537,7 @@ class Planner:
         tolerances: Tolerances | None = None,
     ) -> None:
         """Order a plan that is not in the queue, if the robot is still at rest; see ``Order`` for the parameters."""
-        self._readiness.require_rest()
+        self._task.require_rest()
         program, planned = result.program, result.planned
         if program is not None and planned is not None:
             self._send(
@@ -590,23 +549,16 @@ class Planner:
 
     def _resume(self) -> None:
         if self.motion == MotionState.STOPPED:
-            refusal = self._readiness.refusal
+            refusal = self._task.refusal
             if refusal is not None and refusal.code == Code.DISABLED:
                 raise RefusedError(refusal)
-            self._send_or_reply(self._override.resume(self.motion, self._now_s))
+            self._override.resume(self._now_s)
             return
         cut_off = self._run.cut_off
         if self.motion != MotionState.IDLE or cut_off is None or self._run.state is not RunState.NONE:
-            raise refused(
+            raise rejected(
                 Code.STATE, f'{motion_sentence(self.motion)}: only a stopped program can be resumed'
             )
         # back to the path and on along it; a restart remains possible if this is rejected
-        start_m = self._readiness.require_rest()
-        self._readiness.require_orders()
+        start_m = self._task.require_orders()
         self._send(Order.back(self._run, cut_off, start_m, self.override, self._robot))
-
-
-def _timeout_reason(consequence: str) -> Reason:
-    """Return the rejection of a request for which no verdict arrived, and the possible consequence."""
-    sentence = f'the transformation task has not answered within {VERDICT_S:g} s; {consequence}'
-    return Reason(Code.SILENT, sentence)

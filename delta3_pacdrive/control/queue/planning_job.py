@@ -1,10 +1,11 @@
 """Jobs of the planning thread: parse a program, plan and check it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from delta3_pacdrive.configuration import yaml_file
+from delta3_pacdrive.control.queue.running_moves import AppendPoint, PlannedMoves
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, shown
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning import program_planner
@@ -12,12 +13,12 @@ from delta3_pacdrive.planning.adapted_program import adapted
 from delta3_pacdrive.planning.extension import Splice
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.adaptation import Adaptation
-from delta3_pacdrive.planning.program.model import Cubic, Dwell, Joints, Output, Program, Statement, Turn
+from delta3_pacdrive.planning.program.model import Point, Program
 from delta3_pacdrive.planning.program.output_names import OWN, OutputNames
 from delta3_pacdrive.planning.program_planner import Planned
-from delta3_pacdrive.planning.thermal_load import ThermalLoad
 
-Point = tuple[float, float, float]
+# limit of appended statements, and of statements in a sequence of rounded corners with appended ones
+FOLLOWING_MAX = 100
 
 
 @dataclass(frozen=True)
@@ -28,20 +29,12 @@ class Job:
     queue: Program | None  # moves before the text, or all moves without a text
     text: str  # statements in YAML or the name of a packaged program; may be empty
     adaptation: Adaptation  # requested changes to the text
-    start_m: Point  # position of the robot
+    start_m: Point  # end of the moves before, or position of the robot
     wrapped: bool = False  # whether the text may be a statement or a list, and may have the key start
-    append_to: 'AppendPoint | None' = None  # None: the text is queued
+    append_to: AppendPoint | None = None  # None: the text is queued
+    room: int = FOLLOWING_MAX  # number of statements that may be appended
+    rounded: bool = True  # whether the corner before appended moves may be rounded
     turn_rad: float | None = None  # angle of the rotary axis before the first move, if present
-
-
-@dataclass(frozen=True)
-class AppendPoint:
-    """Point at which moves are appended to the running program."""
-
-    splice: Splice  # start of planning
-    end_m: Point  # end of the running program
-    load: ThermalLoad | None  # thermal load of the moves that remain, if any
-    room: int  # number of statements that may be appended
 
 
 @dataclass(frozen=True)
@@ -49,31 +42,12 @@ class Result:
     """Result of a job: a program and its plan, or the reason of failure."""
 
     number: int  # of the job
-    program: Program | None  # including the text
-    planned: Planned | None
+    program: Program | None = None  # including the text
+    planned: Planned | None = None
     reason: Reason | None = None
     statements: int = 0  # in the text
     starts: bool = False  # whether the text starts automatically
-
-
-# limit of appended statements, and of statements in a sequence of rounded corners with appended ones
-FOLLOWING_MAX = 100
-UNROUNDED = Reason(Code.LATE, 'the corner to the moves that follow is not rounded')
-
-
-def begins_at_rest(statements: Sequence[Statement]) -> bool:
-    """Whether the corner before these statements cannot be rounded."""
-    first = next((statement for statement in statements if not isinstance(statement, Output)), None)
-    return isinstance(first, Dwell | Cubic | Joints | Turn)
-
-
-def unrounded(before: Sequence[Statement], statements: Sequence[Statement]) -> str:
-    """Return why a sequence of rounded corners cannot continue with these statements, empty if it can."""
-    if begins_at_rest(statements):
-        return 'they begin at rest'
-    if len(before) + len(statements) > FOLLOWING_MAX:
-        return f'a sequence has at most {FOLLOWING_MAX} statements'
-    return ''
+    appended: PlannedMoves | None = None  # instead of a program
 
 
 class CancelledError(ProgramError):
@@ -92,8 +66,8 @@ def work(
         if job.text:
             more, starts = _read(job, robot, outputs)
             if job.append_to is not None:
-                return _follow(job, job.append_to, more, robot, progress)
-            program, statements = _appended(job.queue, more), len(more.statements)
+                return _append(job, job.append_to, more, robot, progress)
+            program, statements = _queued(job.queue, more), len(more.statements)
         if program is None:
             raise ProgramError('no moves are in the queue')
         planned = program_planner.plan(
@@ -109,50 +83,43 @@ def work(
             program_planner.require_start(more, _end_m(planned, len(job.queue.statements), job.start_m))
         return Result(job.number, program, planned, statements=statements, starts=starts)
     except CancelledError as error:
-        return Result(job.number, None, None, Reason(Code.WITHDRAWN, str(error)))
+        return Result(job.number, reason=Reason(Code.WITHDRAWN, str(error)))
     except Delta3Error as error:
-        return Result(job.number, None, None, Reason.of(error))
+        return Result(job.number, reason=Reason.of(error))
 
 
-def _follow(
-    job: Job, append_to: AppendPoint, more: Program, robot: Parameters, progress: Callable[[int, int], None]
+def _append(
+    job: Job, point: AppendPoint, more: Program, robot: Parameters, progress: Callable[[int, int], None]
 ) -> Result:
     """Plan moves to append to the running program; raises ProgramError."""
-    statements, splice = more.statements * more.repeat, append_to.splice
+    statements = more.statements * more.repeat
     if more.faults or more.payload_kg is not None:
         raise ProgramError(
             'faults and payload_kg of a program count from its start: none while the robot moves'
         )
-    if len(statements) > append_to.room:
+    if len(statements) > job.room:
         raise ProgramError(
-            f'{len(statements)} statements cannot follow while the robot moves: {append_to.room} of '
+            f'{len(statements)} statements cannot follow while the robot moves: {job.room} of '
             f'{FOLLOWING_MAX} are free'
         )
-    program_planner.require_start(more, append_to.end_m)
-    if splice.again and unrounded(splice.again, statements):
-        return Result(job.number, None, None, UNROUNDED)
-    count = len(splice.again)
-    places = (None,) * count + more.places if more.places and more.repeat == 1 else ()
-    names = ('',) * count + more.names if more.repeat == 1 else ()
-    program = replace(
-        more,
-        statements=splice.again + statements,
-        start_m=None,
-        repeat=1,
-        payload_kg=splice.payload_kg,
-        places=places,
-        names=names,
+    program_planner.require_start(more, job.start_m)
+
+    def program_of(splice: Splice) -> Program:
+        count = len(splice.again)
+        return replace(
+            more,
+            statements=splice.again + statements,
+            start_m=None,
+            repeat=1,
+            payload_kg=splice.payload_kg,
+            places=(None,) * count + more.places if more.places and more.repeat == 1 else (),
+            names=('',) * count + more.names if more.repeat == 1 else (),
+        )
+
+    moves = point.plan(
+        statements, program_of, robot, FOLLOWING_MAX, job.turn_rad, job.rounded, progress=progress
     )
-    planned = program_planner.plan(
-        program,
-        splice.start_m,
-        robot,
-        open_end=True,
-        progress=progress,
-        before=append_to.load,
-        turn_rad=job.turn_rad if splice.turn_rad is None else splice.turn_rad,
-    )
-    return Result(job.number, program, planned, statements=len(statements))
+    return Result(job.number, statements=len(statements), appended=moves)
 
 
 def _read(job: Job, robot: Parameters, outputs: OutputNames) -> tuple[Program, bool]:
@@ -202,7 +169,7 @@ def _end_m(planned: Planned, statements: int, start_m: Point) -> Point:
     return start_m
 
 
-def _appended(queue: Program | None, more: Program) -> Program:
+def _queued(queue: Program | None, more: Program) -> Program:
     """Return a queue with statements appended; raises ProgramError."""
     if queue is None:
         return more

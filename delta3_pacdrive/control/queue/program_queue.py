@@ -1,7 +1,13 @@
-"""The moves waiting to be started, and their plan."""
+"""The moves waiting to be started with their plan, and the job of the planning thread, one at a time."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
+from delta3_pacdrive.control.queue.planner_actions import Action, Cancelled, Working
+from delta3_pacdrive.control.queue.planning_job import Job, Result
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.planning.program.adaptation import AS_IT_IS, Adaptation
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.planning.program_planner import Planned
 
@@ -59,3 +65,58 @@ class ProgramQueue:
         """Clear all moves."""
         self._requests.clear()
         self.put(None)
+
+
+class Planning:
+    """The current job of one planner.
+
+    ``queue`` is planned unless a job names another program; ``act`` receives the actions for the planning thread.
+    """
+
+    def __init__(self, queue: ProgramQueue, act: Callable[[Action], None]) -> None:
+        self._queue, self._act = queue, act
+        self._job: tuple[Job, Callable[[Result], None]] | None = None
+        self._jobs = 0
+        self.turn_rad: float | None = None  # angle of the rotary axis, if present
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job is in progress."""
+        return self._job is not None
+
+    def begin(
+        self,
+        then: Callable[[Result], None],
+        start_m: Floats,
+        program: Program | None = None,
+        text: str = '',
+        adaptation: Adaptation = AS_IT_IS,
+        **more: Any,
+    ) -> None:
+        """Plan the queue or another program, followed by ``text``, from a position [m], shape (3,).
+
+        ``then`` takes the result; ``more`` are further fields of the job.
+        """
+        self._jobs += 1
+        x, y, z = start_m.tolist()
+        queue, turn = program or self._queue.program, self.turn_rad
+        job = Job(self._jobs, queue, text, adaptation, (x, y, z), turn_rad=turn, **more)
+        self._job = job, then
+        self._act(Working(job))
+
+    def end(self, result: Result) -> Callable[[Result], None] | None:
+        """Return the handler of a result, None if its job was cancelled."""
+        if self._job is None or self._job[0].number != result.number:
+            return None
+        then, self._job = self._job[1], None
+        return then
+
+    def clear(self) -> None:
+        """Ignore the result of the current job."""
+        self._job = None
+
+    def cancel(self) -> None:
+        """Cancel the current job in the planning thread."""
+        if self._job is not None:
+            job, self._job = self._job[0], None
+            self._act(Cancelled(job.number))

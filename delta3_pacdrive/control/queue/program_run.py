@@ -10,12 +10,16 @@ from typing import Any
 from delta3_pacdrive.configuration.strict_reader import counted
 from delta3_pacdrive.control.messages import EXACT, ORDER
 from delta3_pacdrive.control.motion_state import MotionState, at_percent
+from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 from delta3_pacdrive.control.queue.planner_actions import Ordered, Revoked
+from delta3_pacdrive.control.queue.running_moves import RunningMoves
+from delta3_pacdrive.control.queue.task_status import TaskStatus
 from delta3_pacdrive.control.queue.tolerances import Tolerances
-from delta3_pacdrive.errors import Reason
+from delta3_pacdrive.errors import Code, Reason, RefusedError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.planning.execution import OVERRIDE_MAX, MotionProfile, Timeline
+from delta3_pacdrive.planning.execution import MotionProfile, Timeline
+from delta3_pacdrive.planning.extension import RunningProgram
 from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.planning.program_planner import Planned
@@ -49,7 +53,7 @@ class RunEvent(Enum):
     ORDER = 'its plan is sent'
     RENUMBER = 'the number of the order was used already'
     ACCEPT = 'the transformation task accepts the plan'
-    REFUSE = 'the transformation task rejects the plan'
+    REJECT = 'the transformation task rejects the plan'
     REVOKE = 'the order is revoked after a cancellation or a timeout'
     END = 'the last feedback of the program has arrived'
     FAIL = 'the motion is in the error state'
@@ -72,7 +76,7 @@ TRANSITIONS = {
     (RunState.NONE, RunEvent.CLEAR): Step(RunState.NONE, Remains.NOTHING),
     (RunState.ORDERED, RunEvent.RENUMBER): Step(RunState.ORDERED, action=Ordered),
     (RunState.ORDERED, RunEvent.ACCEPT): Step(RunState.RUNNING, Remains.NOTHING),
-    (RunState.ORDERED, RunEvent.REFUSE): Step(RunState.NONE),
+    (RunState.ORDERED, RunEvent.REJECT): Step(RunState.NONE),
     (RunState.ORDERED, RunEvent.REVOKE): Step(RunState.NONE, action=Revoked),
     (RunState.ORDERED, RunEvent.PHASE_UP): Step(RunState.NONE),
     (RunState.RUNNING, RunEvent.END): Step(RunState.NONE),
@@ -176,24 +180,24 @@ class OrderNumbers:
         return self._leaps <= LEAPS_MAX
 
 
-class ProgramRun:
-    """One program after the other."""
+class ProgramRun(RunningMoves):
+    """One program after the other.
+
+    ``timeline`` has the motion profiles that the transformation task follows; None without a program.
+    """
 
     def __init__(self, numbers: OrderNumbers, cycle_time_s: float) -> None:
+        super().__init__()
         self._numbers, self._cycle_time_s = numbers, cycle_time_s
         self.state, self.remains = RunState.NONE, Remains.NOTHING
         self.number = 0  # of the last order, 0 before the first
         self.order: Order | None = None  # newest
         self.since_s = 0.0  # start of the timeout of the verdict
         self._checked = 0
-        self.timeline: Timeline | None = (
-            None  # motion profiles followed by the transformation task, of a running program
-        )
         self._before: Timeline | None = None  # before the newest motion profile
         self.cut_off: Timeline | None = None  # of a program that can be resumed
-        # newest accepted program, and its largest override allowed by the motors
-        self.program: Program | None = None
-        self.override_max = OVERRIDE_MAX
+        self.program: Program | None = None  # newest accepted one
+        self.base = 0  # number of the newest accepted order, including appended moves
         self.completed = False  # whether the last program was executed to its end
         self._pending_timeline: Timeline | None = None  # active from the cycle of its motion profile on
 
@@ -236,8 +240,14 @@ class ProgramRun:
         elif before is RunState.NONE and self.order is not None:
             self.timeline, self._before = Timeline(self.order.plan, self._cycle_time_s), None
         elif event is RunEvent.ACCEPT and self.order is not None:
-            self.program, self.override_max = self.order.program, self.order.override_max
+            self._accept(self.order)
         return [self._action(step.action)] if step.action else []
+
+    def _accept(self, order: Order) -> None:
+        self.program, self.override_max, self.base = order.program, order.override_max, self.number
+        self.running = None
+        if order.program is not None and order.queued is not None:
+            self.running = RunningProgram.of(order.program, order.queued)
 
     def _is_over(self, cycle: int | None) -> bool:
         """Whether the active motion profile has ended in a bus cycle."""
@@ -275,12 +285,12 @@ class ProgramRun:
         """Set or clear the extended timeline that is active from the cycle of its motion profile on."""
         self._pending_timeline = longer
 
-    def accept_pending(self, program: Program | None, override_max: float) -> None:
-        """Activate the pending timeline, and set the whole program."""
+    def accept_pending(self, number: int, program: Program | None) -> None:
+        """Activate the pending timeline of an order by its number, and set the whole program."""
         if self._pending_timeline is not None and self.timeline is not None:
             self._switch_to(self._pending_timeline)
         self._pending_timeline = None
-        self.program, self.override_max = program, override_max
+        self.base, self.program = number, program
 
     def _switch_to(self, longer: Timeline) -> Timeline:
         self.timeline, self._before, self._pending_timeline = longer, None, None
@@ -343,3 +353,53 @@ class StopRequest:
         if self._asked_in == MotionState.STOPPED:
             return 'at rest on the path and aborted'
         return 'stopped on the path and aborted'
+
+
+class Readiness(TaskStatus):
+    """Readiness of the robot for moves and orders, as known to the planner with this ``identity`` and its program."""
+
+    def __init__(self, identity: str, run: ProgramRun) -> None:
+        super().__init__()
+        self._identity, self._run = identity, run
+        self.tcp_m: Floats | None = None  # TCP position [m], shape (3,), once located
+
+    @property
+    def motion(self) -> MotionState:
+        """The newest known motion state."""
+        return MotionState(self.newest.state) if self.newest else MotionState.IDLE
+
+    @property
+    def listened_to(self) -> bool:
+        """Whether the transformation task accepts orders of this planner."""
+        return self.newest is not None and self.newest.planner == self._identity
+
+    @property
+    def refusal(self) -> Reason | None:
+        """Why the transformation task would reject an order now."""
+        return self.newest.reason if self.newest else None
+
+    def require_rest(self) -> Floats:
+        """Return the TCP position; raises RefusedError unless the robot is located and idle."""
+        if self.newest is None or self.tcp_m is None:
+            raise rejected(Code.BUS, 'the transformation task has not located the robot yet')
+        if self.motion != MotionState.IDLE or self._run.state is not RunState.NONE:
+            refusal = self.refusal
+            if refusal is not None and refusal.code == Code.FAULT:
+                raise RefusedError(refusal)
+            motion = MotionState.MOVING if self.motion == MotionState.IDLE else self.motion
+            raise rejected(Code.STATE, f'{motion_sentence(motion)}: moves are taken when it is idle')
+        return self.tcp_m
+
+    def require_orders(self) -> Floats:
+        """Return the TCP position; raises RefusedError unless the transformation task would accept an order."""
+        start_m = self.require_rest()
+        if not self.listened_to:
+            raise rejected(Code.BUS, 'the transformation task does not listen to this planner yet')
+        if self.refusal is not None:
+            raise RefusedError(self.refusal)
+        return start_m
+
+
+def rejected(code: Code, sentence: str) -> RefusedError:
+    """Return the error of a rejection."""
+    return RefusedError(Reason(code, sentence))

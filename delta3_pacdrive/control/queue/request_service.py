@@ -24,7 +24,7 @@ class RequestService:
     """Requests served by one planner; ``act`` receives the actions, including replies."""
 
     def __init__(self, task: TaskStatus, act: Callable[[Action], None]) -> None:
-        self._task, self._act = task, act
+        self._task, self.act = task, act
         self._queue = RequestQueue()
         self._accepted: Recent[tuple[int, str]] = Recent(OPERATORS_MAX)  # number and description, by operator
         self.tracker = RequestTracker(lambda report: act(Reported(report)))
@@ -34,13 +34,13 @@ class RequestService:
         """Append a request to the queue, or reject it."""
         reason = self._queue.add(request, now_s, self._task.received)
         if reason is not None:
-            self._refuse(request, reason)
-            self._act(Replied(request, reason, ''))
+            self._reject(request, reason)
+            self.act(Replied(request, reason, ''))
         return reason is None
 
-    def _refuse(self, request: Request, reason: Reason) -> None:
+    def _reject(self, request: Request, reason: Reason) -> None:
         if request.action in FOR_MOVES:
-            self.tracker.refuse(request.identity, reason)
+            self.tracker.reject(request.identity, reason)
 
     def serve_next(
         self, now_s: float, must_wait: Callable[[Request], bool], serve: Callable[[Request], None]
@@ -96,10 +96,10 @@ class RequestService:
         if request is not None:
             reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
             if reason is not None:
-                self._refuse(request, reason)
+                self._reject(request, reason)
             elif request.operator:
                 self._accepted.note(request.operator, (request.number, sentence))
-            self._act(Replied(request, reason, sentence))
+            self.act(Replied(request, reason, sentence))
 
     def withdraw(
         self, request: Request, cancel: Callable[[], Reason | str], remove: Callable[[str], Reason | str]
@@ -115,18 +115,18 @@ class RequestService:
             outcome = cancel()
         elif waiting := self._queue.withdraw(*what):
             for one in waiting:
-                self._act(Replied(one, WITHDRAWN, ''))
+                self.act(Replied(one, WITHDRAWN, ''))
         else:
             outcome = remove(f'{request.operator or request.receiver}-{request.text}') or outcome
             number, sentence = self._accepted.get(request.operator, (-1, ''))
             if outcome == 'withdrawn' and request.text == str(number):
                 outcome = Reason(Code.STATE, f'it was carried out before it could be withdrawn: {sentence}')
         reason, sentence = (outcome, '') if isinstance(outcome, Reason) else (None, outcome)
-        self._act(Replied(request, reason, sentence))
+        self.act(Replied(request, reason, sentence))
 
     def handle_control_loss(self, operator: str, cancel: Callable[[], object]) -> None:
         """Reject the requests of an operator that has lost control; ``cancel`` cancels one being served."""
         if self.serving is not None and self.serving.operator == operator:
             cancel()
         for one in self._queue.remove(lambda request: request.operator == operator):
-            self._act(Replied(one, LOST_CONTROL, ''))
+            self.act(Replied(one, LOST_CONTROL, ''))

@@ -20,7 +20,7 @@ class Phase(StrEnum):
     QUEUED = 'queued'
     RUNNING = 'running'
     DONE = 'done'
-    REFUSED = 'refused'
+    REJECTED = 'refused'
     ABORTED = 'aborted'
 
 
@@ -55,10 +55,10 @@ class RequestTracker:
         self._planning[identity] = tracked = _Tracked(identity, 0, Phase.PLANNING)
         self._change(tracked, Phase.PLANNING)
 
-    def refuse(self, identity: str, reason: Reason) -> None:
+    def reject(self, identity: str, reason: Reason) -> None:
         """Reject a request for moves, before or during planning."""
         tracked = self._planning.pop(identity, None) or _Tracked(identity, 0, Phase.PLANNING)
-        self._change(tracked, Phase.REFUSED, reason)
+        self._change(tracked, Phase.REJECTED, reason)
 
     def queue(self, identity: str, statements: int) -> None:
         """Move a request with ``statements`` statements to the end of the queue."""

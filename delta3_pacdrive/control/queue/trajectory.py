@@ -16,8 +16,7 @@ from delta3_pacdrive.control.messages import Request
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.robot_state import START_CYCLES_MAX
 from delta3_pacdrive.control.queue.planner_actions import Action, Arrival, Replied, Revoked, Settled
-from delta3_pacdrive.control.queue.program_run import ProgramRun, RunState
-from delta3_pacdrive.control.queue.readiness import Readiness
+from delta3_pacdrive.control.queue.program_run import ProgramRun, Readiness, RunState
 from delta3_pacdrive.control.queue.request_tracker import RequestTracker
 from delta3_pacdrive.control.queue.tolerances import Tolerances, ToleranceWatch, TrajectoryState
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, shown
@@ -122,11 +121,11 @@ class TrajectoryWatch:
         self,
         tolerances: ToleranceWatch,
         run: ProgramRun,
-        readiness: Readiness,
+        task: Readiness,
         tracker: RequestTracker,
         act: Callable[[Action], None],
     ) -> None:
-        self._watch, self._run, self._readiness = tolerances, run, readiness
+        self._watch, self._run, self._task = tolerances, run, task
         self._tracker, self._act = tracker, act
         self._request_id = ''  # identity of the request of the last accepted program
         self._observed: tuple[int, Floats] | None = None
@@ -147,7 +146,7 @@ class TrajectoryWatch:
         self._observed = cycle, np.stack([angles_rad, speeds_rad_s])
         if self._run.state is RunState.RUNNING and timeline is not None and cycle < timeline.end_cycle:
             reason = self._watch.follow(self._run.number, timeline, cycle, angles_rad)
-            if reason is not None and self._readiness.motion == MotionState.MOVING:
+            if reason is not None and self._task.motion == MotionState.MOVING:
                 self._act(Settled(self._request_id, Arrival.OFF_PATH, reason))
                 self._tracker.abort(reason)
                 self._act(Revoked(self._run.number))

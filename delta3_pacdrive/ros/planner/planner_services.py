@@ -183,7 +183,7 @@ class PlannerServices:
         self.report(
             RequestReport(
                 id=identity,
-                state=Phase.REFUSED,
+                state=Phase.REJECTED,
                 statements=0,
                 remaining=0,
                 code=str(reason.code),

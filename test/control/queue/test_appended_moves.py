@@ -2,16 +2,13 @@
 
 import json
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.control.queue.appended_moves import TRANSITIONS, AppendedMoves, AppendEvent, AppendState
 from delta3_pacdrive.control.queue.planning_job import FOLLOWING_MAX
-from delta3_pacdrive.control.queue.program_run import OrderNumbers, ProgramRun
 
 ALONG = 'move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.3%s}'
 UP = 'move_l: {to_m: [0.1, 0.06, -0.74], speed_m_s: 0.3}'
@@ -293,25 +290,6 @@ def test_moves_of_an_operator_who_loses_control_before_they_are_taken_are_refuse
     told = [(operator, accepted) for operator, number, accepted, _ in rig.answers if number == rig.asked]
     assert sorted(told) == [('', False), ('A', False)]
     assert len(rig.task.timeline.plan) == 1
-
-
-@pytest.mark.parametrize('state', AppendState)
-@pytest.mark.parametrize('event', AppendEvent)
-def test_every_event_leads_where_the_table_says_and_nowhere_else(
-    state: AppendState, event: AppendEvent
-) -> None:
-    following = AppendedMoves(ProgramRun(OrderNumbers(), CYCLE_S), OrderNumbers())
-    following.state = state
-    following.handle(event)
-    assert following.state is TRANSITIONS.get((state, event), state)
-
-
-def test_every_state_is_reached_and_left() -> None:
-    reached = {after for (before, _), after in TRANSITIONS.items() if after is not before}
-    assert reached == set(AppendState)
-    assert {before for before, _ in TRANSITIONS} == set(AppendState)
-    assert all(AppendState.NONE in {TRANSITIONS[s, e] for s, e in TRANSITIONS if s is state} or state
-               in (AppendState.NONE,) for state, _ in pairwise([*AppendState, AppendState.NONE]))  # fmt: skip
 
 
 def request(rig: Any, text: str) -> Any:

@@ -109,7 +109,7 @@ def test_a_refused_order_leaves_what_was_left_before(order: Order, run: ProgramR
     lead(run, order, E.ORDER, E.ACCEPT, E.FAIL, E.LOCATE)
     cut_off = run.cut_off
     assert cut_off is not None
-    lead(run, order, E.ORDER, E.REFUSE)
+    lead(run, order, E.ORDER, E.REJECT)
     assert (run.remains, run.cut_off) == (Remains.CUT_OFF, cut_off)
     lead(run, order, E.ORDER, E.ACCEPT)
     assert (run.remains, run.cut_off) == (Remains.NOTHING, None)

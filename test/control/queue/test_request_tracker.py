@@ -64,10 +64,10 @@ def test_an_output_ends_with_the_move_before_it(told: Told) -> None:
 
 def test_what_is_given_up_and_what_never_started_says_why(told: Told) -> None:
     told.tracker.begin('c')
-    told.tracker.refuse('c', GONE)
+    told.tracker.reject('c', GONE)
     told.tracker.abort_queued(GONE)
     assert told.new()[1:] == [('c', 'refused', 0), ('a', 'aborted', 2), ('b', 'aborted', 1)]
-    told.tracker.refuse('d', GONE)  # before it was planned
+    told.tracker.reject('d', GONE)  # before it was planned
     assert told.new() == [('d', 'refused', 0)]
 
 
