@@ -9,8 +9,8 @@ FAULT = '{fault: drop_mdt, axis: axis2, cycles: 2, after_s: 0.3}'
 
 def reason(robot):
     """Return why the robot has stopped, and where."""
-    robot.wait_until(lambda: robot.progress.get('fault'), 'reason')
-    return f'at x = {robot.progress["tcp_m"][0]:.3f} m: {robot.progress["fault"]}'
+    robot.wait_until(lambda: robot.progress.fault, 'reason')
+    return f'at x = {robot.progress.tcp_m[0]:.3f} m: {robot.progress.fault}'
 
 
 with operating('') as robot:  # waits have timeouts; a rejection raises an exception with the message
@@ -23,9 +23,9 @@ with operating('') as robot:  # waits have timeouts; a rejection raises an excep
 
     print(robot.call('reset'))  # clears the drive faults after their causes have ended
     print(robot.enable(True))
-    robot.wait_until(lambda: robot.progress['in_torque'], 'torque')
+    robot.wait_until(lambda: robot.progress.in_torque, 'torque')
     print(robot.call('resume'))  # straight back to the stop position, then along the path
     robot.wait_until(lambda: robot.state == 'moving', 'motion')
-    robot.wait_until(lambda: robot.state == 'idle' and robot.progress['finished'], 'end of the program')
-    print(f'{robot.state} at x = {robot.progress["tcp_m"][0]:.3f} m')
+    robot.wait_until(lambda: robot.state == 'idle' and robot.progress.finished, 'end of the program')
+    print(f'{robot.state} at x = {robot.progress.tcp_m[0]:.3f} m')
     robot.release_control()

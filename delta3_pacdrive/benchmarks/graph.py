@@ -29,6 +29,7 @@ from delta3_pacdrive.bringup.scheduling import (
     real_time_is_permitted,
 )
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.view import serving
 
 APPEAR_S = 30.0  # timeout for the page
@@ -228,15 +229,15 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
         watchers: list[PageWatcher] = []
         first_cycle = 0
 
-        def show(progress: dict[str, Any]) -> None:
+        def show(progress: MotionProgress) -> None:
             nonlocal first_cycle
             if not meters:
-                first_cycle = progress['cycles']
+                first_cycle = progress.cycles
                 meters.append(_Meter({child.name: child.pid for child in bringup.processes()}))
                 if page is not None and port is not None:
                     watchers.append(PageWatcher(serving.HOST, port, page.pid))
                     stack.callback(watchers[0].close)
-            if progress['finished']:
+            if progress.finished:
                 meters[0].measure()
 
         result = bringup.run(show)

@@ -35,31 +35,28 @@ BACK = f'moves: [{{move_l: {{to_m: {list(START_M)}}}}}]'
 def _is_ready(operator: OperatorNode) -> bool:
     progress = operator.progress
     return bool(
-        progress.get('phase') == 'CP4'
-        and progress['in_torque']
-        and operator.state == 'idle'
-        and operator.queue
+        progress.phase == 'CP4' and progress.in_torque and operator.state == 'idle' and operator.queue
     )
 
 
 def _run(operator: OperatorNode, program: str) -> dict[str, Any]:
     """Run a program; return its result."""
     operator.send_program(program)
-    before = dict(operator.progress)
+    before = operator.progress
     operator.call('start')
     _write({'moving': True})
-    session = before['session']
+    session = before.session
 
     def is_over() -> bool:
         progress = operator.progress
-        return bool(progress.get('fault') or progress.get('session', session) != session) or (
-            progress.get('state') == 'idle' and operator.state == 'idle'
+        return bool(progress.fault or progress.session != session) or (
+            progress.state == 'idle' and operator.state == 'idle'
         )
 
     operator.wait_until(is_over, 'end of the program', RUN_S)
     after = operator.progress
-    counted = {name: after.get(name, 0) - before[name] for name in COUNTED}
-    return {'fault': after.get('fault', ''), **counted}
+    counted = {name: getattr(after, name) - getattr(before, name) for name in COUNTED}
+    return {'fault': after.fault, **counted}
 
 
 def _bring_back(operator: OperatorNode) -> float:
@@ -68,16 +65,17 @@ def _bring_back(operator: OperatorNode) -> float:
     while time.monotonic() < begin + BACK_S:
         with suppress(Delta3Error):
             progress = operator.progress
-            if progress.get('phase') == 'CP4':
+            if progress.phase == 'CP4':
                 if operator.state in ('stopped', 'moving', 'stopping'):
                     operator.call('abort')
-                if progress['fault']:
+                if progress.fault:
                     operator.call('reset')
-                if not progress['in_torque']:
+                if not progress.in_torque:
                     operator.enable(True)
                 if _is_ready(operator):
                     operator.call('clear')
-                    if math.dist(operator.progress['tcp_m'], START_M) <= THERE_M:
+                    place = operator.progress.tcp_m
+                    if place is not None and math.dist(place, START_M) <= THERE_M:
                         return time.monotonic() - begin
                     operator.move(BACK)
                     operator.wait_until(lambda: operator.state == 'moving', 'start', 5.0)

@@ -11,6 +11,7 @@ from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.control.messages import Origin, Status
 from delta3_pacdrive.planning.plan import Plan
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.ros.wire.interfaces import DIAGNOSTICS, MOTION_PLAN, STATUS
 from delta3_pacdrive.ros.wire.numbers import numbers
 
@@ -34,7 +35,7 @@ def measure(seconds: float, plans_per_s: float, plan: Plan) -> dict[str, Any]:
         if array.status[0].name.endswith('transformation_task'):
             statistics.append(array.status[0])
 
-    def show(_: dict[str, Any]) -> None:
+    def show(_: MotionProgress) -> None:
         nonlocal begun, sent, counted
         if not publishers:
             node = bringup.node

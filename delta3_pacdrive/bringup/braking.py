@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
+
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 
 NEWS = 2  # reports to wait for after the reply: the first may have been sent before it
 FRESH_S = 1.0  # timeout for the next report of a starting robot
@@ -15,7 +17,7 @@ class Driven(Protocol):
     """A running robot whose drives can be disabled."""
 
     @property
-    def progress(self) -> dict[str, Any]:
+    def progress(self) -> MotionProgress:
         """The newest progress report."""
 
     def can_disable(self) -> bool:
@@ -70,10 +72,10 @@ def brake(
             seen[:] = [robot.progress]
         elif robot.progress is not seen[-1]:
             seen.append(robot.progress)
-        return len(seen) > NEWS and not robot.progress.get('in_torque')
+        return len(seen) > NEWS and not robot.progress.in_torque
 
     spin_until(is_without_torque, STOP_TIMEOUT_S, SILENCE_S)
 
 
-def _is_up(progress: dict[str, Any]) -> bool:
-    return progress.get('phase') == 'CP4'
+def _is_up(progress: MotionProgress) -> bool:
+    return progress.phase == 'CP4'

@@ -33,6 +33,7 @@ from delta3_pacdrive.errors import RunError, RunInterruptedError, TraceError
 from delta3_pacdrive.planning.execution import Timeline
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.recording.bags import bag_trace
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.watchdog import BOUND_S, Watchdog
 from delta3_pacdrive.ros import node_process
@@ -42,9 +43,9 @@ from delta3_pacdrive.studies.runs.run_signals import energy_of_round
 ENERGY_CYCLES_MAX = 600_000  # of a recording that is evaluated for its energy
 
 
-def waits_for_others(options: Options, progress: dict[str, Any]) -> bool:
+def waits_for_others(options: Options, progress: MotionProgress) -> bool:
     """Whether a robot only waits for the others of its shared bus clock, which have their own timeouts."""
-    return bool(options.shared_clock) and progress.get('phase') == 'CP3'
+    return bool(options.shared_clock) and progress.phase == 'CP3'
 
 
 class Bringup:
@@ -84,8 +85,8 @@ class Bringup:
 
     def run(
         self,
-        show: Callable[[dict[str, Any]], None],
-        rising: Callable[[dict[str, Any]], None] = lambda _: None,
+        show: Callable[[MotionProgress], None],
+        rising: Callable[[MotionProgress], None] = lambda _: None,
     ) -> dict[str, Any]:
         """Start, run and stop the robot.
 
@@ -165,24 +166,24 @@ class Bringup:
         self.interrupted = True
 
     def _watch(
-        self, show: Callable[[dict[str, Any]], None], rising: Callable[[dict[str, Any]], None]
+        self, show: Callable[[MotionProgress], None], rising: Callable[[MotionProgress], None]
     ) -> None:
         """Monitor the run until the program has ended."""
         monitor = self._monitor
         self._deadline_s = time.monotonic() + self.options.patience_s
         released = False
-        while not (progress := self.poll()).get('finished') or self._program is None:
+        while not (progress := self.poll()).finished or self._program is None:
             if not released and (monitor.recorder or not self.options.bag):
                 self._processes.let_planner_go()
                 released = True
-            if progress.get('phase') == 'CP4' and not self.ready_s:
+            if progress.phase == 'CP4' and not self.ready_s:
                 self.ready_s = time.monotonic() - self._started_s
             if self.ready_s:
                 show(progress)
                 if self._program is None and self.interrupted:
                     return
             elif time.monotonic() > self._deadline_s and not waits_for_others(self.options, progress):
-                waiting = progress.get('waiting') or monitor.refusal or 'the transformation task to appear'
+                waiting = progress.waiting or monitor.refusal or 'the transformation task to appear'
                 raise RunError(
                     f'the bus is not in cyclic operation after {self.options.patience_s:g} s: {waiting}'
                 )
@@ -195,7 +196,7 @@ class Bringup:
         """Wait for the drives to report the currents of the program, which takes some cycles of the service channel."""
         deadline = time.monotonic() + BOUND_S
         while time.monotonic() < deadline and not self.interrupted:
-            figures = self._monitor.progress.get('figures', {})
+            figures = self._monitor.progress.statistics.get('figures', {})
             if not any(None in figures.get(name, ()) for name in ('current_peak_a', 'current_rms_a')):
                 return
             self._process.spin_for(LOOK_S)
@@ -213,7 +214,7 @@ class Bringup:
         if answer is not None and answer.success:
             self._monitor.parts.add(json.dumps(json.loads(answer.message)['under_way']))
 
-    def poll(self, seconds: float = LOOK_S) -> dict[str, Any]:
+    def poll(self, seconds: float = LOOK_S) -> MotionProgress:
         """Process messages for a while, raise if something went wrong, and return the newest progress."""
         monitor, before = self._monitor, self._monitor.progress
         self._process.spin_for(seconds)
@@ -226,19 +227,19 @@ class Bringup:
         if not self.interrupted:
             self._replace_silent_partners(monitor.progress is not before)
             monitor = self._monitor
-        if monitor.progress.get('phase') == 'CP4':
-            self._processes.check_load(monitor.progress.get('cycles', 0))
-        if monitor.progress.get('fault') and (self._program is not None or not self.ready_s):
+        if monitor.progress.phase == 'CP4':
+            self._processes.check_load(monitor.progress.cycles)
+        if monitor.progress.fault and (self._program is not None or not self.ready_s):
             self._await_standstill()
-            raise RunError(monitor.progress['fault'])
+            raise RunError(monitor.progress.fault)
         # once the program is loaded, rejections concern other clients
-        if self._program is not None and not monitor.progress.get('moves') and monitor.refusal:
+        if self._program is not None and not monitor.progress.moves and monitor.refusal:
             raise RunError(monitor.refusal)
         return monitor.progress
 
     def _replace(self, process: ManagedProcess) -> None:
         """Restart a dead process if the robot is to stay up; raises RunError if it cannot be restarted."""
-        sentence = f'{process.ending()} in bus cycle {self._monitor.progress.get("cycles", 0)}'
+        sentence = f'{process.ending()} in bus cycle {self._monitor.progress.cycles}'
         self._dispose(process)
         if process.name == RECORDER and self.ready_s:
             self._processes.running.remove(process)
@@ -291,7 +292,7 @@ class Bringup:
             self._join()
             self._deaf_s = min(2.0 * self._deaf_s, STUCK_MAX_S)
             self.notes.append('no report from transformation_task: rejoined the domain')
-        if any(map(self._still_loads, self._monitor.progress.get('missing', ()))):
+        if any(map(self._still_loads, self._monitor.progress.missing)):
             self._phases.restart(now_s)  # on a busy machine loading exceeds the timeout
         for name in self._phases.update(self._monitor.progress, now_s):
             processes = [one for one in self._processes.running if one.name == PROCESS_OF.get(name)]
@@ -304,14 +305,14 @@ class Bringup:
                 self._phases.restart(time.monotonic())
                 self._deadline_s += STUCK_S
                 self.notes.append(
-                    f'the bus was in {self._monitor.progress["phase"]} for too long '
-                    f'({self._monitor.progress["waiting"]}): started {process.name} again'
+                    f'the bus was in {self._monitor.progress.phase} for too long '
+                    f'({self._monitor.progress.waiting}): started {process.name} again'
                 )
 
     def _await_standstill(self) -> None:
         """Wait for a robot with a fault to stop, so that the stop is recorded."""
         deadline = time.monotonic() + BOUND_S
-        while self._monitor.progress.get('in_torque') and time.monotonic() < deadline:
+        while self._monitor.progress.in_torque and time.monotonic() < deadline:
             self._process.spin_for(LOOK_S)
 
     def _stop(self) -> None:
@@ -339,9 +340,10 @@ class Bringup:
 
     def _result(self) -> dict[str, Any]:
         progress = self._monitor.progress
-        figures = progress.get('figures', {})
+        facts = progress.to_fields()
+        figures = progress.statistics.get('figures', {})
         statistics = ('refused_telegrams', 'slip_s', 'lateness_ms', 'mdt_to_last_at_ms', 'outstanding')
-        unlearned = progress.get('unlearned')
+        unlearned = progress.unlearned
         dropped = [f'learned torques were not followed: {unlearned}'] if unlearned else []
         parts = self._monitor.parts.report()
         return {
@@ -351,11 +353,11 @@ class Bringup:
             'program_s': self._planned.plan.duration_s if self._planned else 0.0,
             'repeat': self._planned.repeat if self._planned else 1,
             'ready_s': round(self.ready_s, 3),
-            **{key: progress[key] for key in ('cycles', 'bus_time_s', 'wall_time_s', 'overruns')},
-            'lost_telegrams': progress['lost_telegrams'],
+            **{key: facts[key] for key in ('cycles', 'bus_time_s', 'wall_time_s', 'overruns')},
+            'lost_telegrams': progress.lost_telegrams,
             'restarts': self._processes.restarts,
             **figures,
-            **{key: progress[key] for key in statistics if key in progress},
+            **{key: facts[key] for key in statistics if key in facts},
             **({} if parts is None else {'cell': parts}),
         }
 

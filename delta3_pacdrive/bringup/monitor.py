@@ -13,8 +13,8 @@ from delta3_pacdrive.bringup.processes import ManagedProcess
 from delta3_pacdrive.cell.parts_report import PartsLog
 from delta3_pacdrive.control.messages import QueueReport
 from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.recording.motion_progress import NO_REPORT, MotionProgress
 from delta3_pacdrive.ros.present_robot import PresentRobot
-from delta3_pacdrive.ros.task.progress_report import read_progress
 from delta3_pacdrive.ros.wire import domain, interfaces
 
 LOOK_S = 0.05
@@ -25,7 +25,7 @@ class RobotMonitor(Node):
 
     def __init__(self, namespace: str, before: 'RobotMonitor | None' = None, **node_options: Any) -> None:
         super().__init__('bringup', namespace=namespace, **node_options)
-        self.progress: dict[str, Any] = before.progress if before else {}
+        self.progress: MotionProgress = before.progress if before else NO_REPORT
         self.refusal = ''  # newest rejection of the planner
         self.recorder = ''  # state
         self.parts: PartsLog = before.parts if before else PartsLog()
@@ -57,9 +57,10 @@ class RobotMonitor(Node):
         return self._enable.call_async(SetBool.Request(data=False)).done
 
     def _on_progress(self, message: String) -> None:
-        progress = read_progress(message.data)
-        if progress is not None and self._present.accepts(progress):
-            self.progress = progress
+        with suppress(TelegramError):
+            progress = MotionProgress.from_json(message.data)
+            if self._present.accepts(progress):
+                self.progress = progress
 
     def _on_queue(self, message: String) -> None:
         with suppress(TelegramError):

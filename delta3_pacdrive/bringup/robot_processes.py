@@ -17,6 +17,7 @@ from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all, respawn, spawn
 from delta3_pacdrive.bringup.scheduling import NOT_PERMITTED, Schedule
 from delta3_pacdrive.control.operation.script_gate import first_decision
+from delta3_pacdrive.recording.motion_progress import NO_REPORT, MotionProgress
 from delta3_pacdrive.robot.faults.fault import TASK, UNIT_ROBOT
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, PLANT
 from delta3_pacdrive.robot.sercos.watchdog import Watchdog
@@ -58,22 +59,22 @@ class PhaseWatch:
         self._stuck = Watchdog(REPORT_S)
         self._patience_s = STUCK_S
         self._in_vain = 0  # replacements since the bus was up
-        self._newest: dict[str, Any] = {}
+        self._newest = NO_REPORT
 
-    def update(self, progress: dict[str, Any], now_s: float) -> tuple[str, ...]:
+    def update(self, progress: MotionProgress, now_s: float) -> tuple[str, ...]:
         """Return the participants to replace, given the newest report of the transformation task."""
         if progress is self._newest:
             return ()
-        is_first, self._newest = not self._newest, progress
-        missing = set(progress.get('missing', ()))
-        if progress.get('phase') == 'CP4':
+        is_first, self._newest = not self._newest.received, progress
+        missing = set(progress.missing)
+        if progress.phase == 'CP4':
             self._patience_s, self._in_vain = STUCK_S, 0
         if not missing or is_first:
             self._stuck.received(now_s)
         elif self._stuck.silence_s(now_s) > self._patience_s:
             self.restart(now_s)
             self._patience_s, self._in_vain = min(2.0 * self._patience_s, STUCK_MAX_S), self._in_vain + 1
-            return self._cause(missing, progress['phase'])
+            return self._cause(missing, progress.phase)
         return ()
 
     def restart(self, now_s: float) -> None:

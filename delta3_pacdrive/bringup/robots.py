@@ -25,6 +25,7 @@ from delta3_pacdrive.bringup.options import Options, check_options
 from delta3_pacdrive.bringup.page import started
 from delta3_pacdrive.bringup.processes import ManagedProcess, spawn
 from delta3_pacdrive.errors import Delta3Error, RunError, RunInterruptedError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.sercos.shared_clock import SharedClock, create
 from delta3_pacdrive.view import serving
 
@@ -253,14 +254,14 @@ class _Reporter:
             while line:
                 line = line[os.write(self._pipe, line) :]
 
-    def update(self, bringup: Bringup, progress: dict[str, Any]) -> None:
+    def update(self, bringup: Bringup, progress: MotionProgress) -> None:
         for note in bringup.notes[self._notes :]:
             self._notes += 1
             self.send(note=note)
-        if progress.get('in_torque') and not self._ready:
+        if progress.in_torque and not self._ready:
             self._ready = True
             self.send(ready_s=bringup.ready_s)
-        facts = {key: progress[key] for key in REPORTED if key in progress}
+        facts = {key: getattr(progress, key) for key in REPORTED} if progress.received else {}
         lasting = ('phase', 'waiting', 'state', 'fault', 'in_torque')
         changed = any(facts.get(key) != self._reported.get(key) for key in lasting)
         if changed or time.monotonic() - self._reported_s > TELL_S:

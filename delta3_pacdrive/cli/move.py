@@ -259,9 +259,7 @@ def _act(options: Options, operator: Any, document: str, percent: float) -> list
 def _wait(operator: Any) -> str:
     """Wait until robot and planner are running; raises RunError after a fault or a timeout."""
     operator.wait_until(
-        lambda: (
-            operator.progress.get('phase') == 'CP4' and (operator.progress['in_torque'] or _fault(operator))
-        ),
+        lambda: operator.progress.phase == 'CP4' and (operator.progress.in_torque or _fault(operator)),
         'robot in cyclic operation',
         UP_S,
     )
@@ -272,16 +270,15 @@ def _wait(operator: Any) -> str:
 
 
 def _fault(operator: Any) -> str:
-    return str(operator.progress['fault'])
+    return str(operator.progress.fault)
 
 
 def _state_facts(operator: Any) -> dict[str, Any]:
     """Return the present state of the robot."""
     seen = operator.progress
     operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
-    facts = {key: operator.progress.get(key) for key in STATE_FACTS}
-    if TURN in operator.progress:
-        facts[TURN] = operator.progress[TURN]
+    progress = operator.progress.to_fields()
+    facts = {key: progress[key] for key in (*STATE_FACTS, TURN) if key in progress}
     try:
         operator.wait_until(lambda: operator.queue, 'unit_robot/queue', PLANNER_S)
     except RunError:
@@ -346,7 +343,7 @@ def _run_motion(
     request: Callable[[], str], options: Options, operator: Any, report: Callable[[str], None]
 ) -> None:
     """Request a motion and wait until it has finished; an interrupt holds the robot."""
-    operator.wait_until(lambda: operator.state and operator.progress, 'motion/state')
+    operator.wait_until(lambda: operator.state and operator.progress.received, 'motion/state')
     before = operator.state_changes
     try:
         report(request())
@@ -361,7 +358,7 @@ def _run_motion(
             if time.monotonic() - operator.progress_s > SILENT_S:
                 raise RunError(f'the moving robot has not responded for {SILENT_S:g} s')
             if not operator.in_control:
-                new_operator = operator.progress['operator'] or 'no operator'
+                new_operator = operator.progress.operator or 'no operator'
                 raise RunError(f'{new_operator} has control now: this command no longer monitors the motion')
     except RunInterruptedError:
         operator.interruptible = False
@@ -369,14 +366,14 @@ def _run_motion(
             report(operator.call('hold'))
         raise
     if operator.state == 'error':
-        operator.wait_until(lambda: operator.progress.get('fault'), 'fault message')
-        raise RunError(operator.progress['fault'])
-    if operator.progress.get('learned_torques'):
+        operator.wait_until(lambda: operator.progress.fault, 'fault message')
+        raise RunError(operator.progress.fault)
+    if operator.progress.learned_torques:
         from delta3_pacdrive.planning.learned_torques import followed_text
 
         seen = operator.progress
         operator.wait_until(lambda: operator.progress is not seen, 'motion/progress')
-        report(followed_text(operator.progress['unlearned']))
+        report(followed_text(operator.progress.unlearned))
     from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 
     report('the robot is at rest' if operator.state == 'idle' else motion_sentence(operator.state))

@@ -15,13 +15,14 @@ from delta3_pacdrive.cli.output import print_json, print_run, stdout_reserved
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.cli.reference import Chosen, program_of
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.view import serving
 
 if TYPE_CHECKING:
     from delta3_pacdrive.bringup.options import Options as BringupOptions
 
 SCRIPT_SUFFIX = '.py'  # repeated from ``cell.script``, whose import is slow
-OnProgress = Callable[[dict[str, Any]], None]
+OnProgress = Callable[[MotionProgress], None]
 
 
 @dataclass
@@ -78,18 +79,18 @@ class Options(GraphOptions, ReferenceOptions):
         return super().check()
 
 
-def show_run(display: Progress, progress: dict[str, Any]) -> None:
+def show_run(display: Progress, progress: MotionProgress) -> None:
     """Show the progress of a run."""
-    wall, bus, end = progress['wall_time_s'] or 1e-9, progress['bus_time_s'], progress['end_s']
+    wall, bus, end = progress.wall_time_s or 1e-9, progress.bus_time_s, progress.end_s
     share = f'{100.0 * bus / end:3.0f} % ' if end else ''
-    settling = '  settling' if progress['settling'] else ''
+    settling = '  settling' if progress.settling else ''
     display.show(
-        f'bus {bus:8.3f} s  move {progress["move"] + 1}/{progress["moves"]}{settling}',
+        f'bus {bus:8.3f} s  move {progress.move + 1}/{progress.moves}{settling}',
         bus,
         end,
-        f'{share}{progress["master_m"] * 1e3:6.1f} mm'
-        f'  following error {math.degrees(progress["following_error_rad"]):.4f} deg'
-        f'  {bus / wall:.2f} x real time  {progress["overruns"]} overruns',
+        f'{share}{progress.master_m * 1e3:6.1f} mm'
+        f'  following error {math.degrees(progress.following_error_rad):.4f} deg'
+        f'  {bus / wall:.2f} x real time  {progress.overruns} overruns',
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from delta3_pacdrive.bringup.scheduling import Schedule, prefer
 from delta3_pacdrive.cli.output import parts_rows
 from delta3_pacdrive.errors import Delta3Error, Reason, ScriptError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.scripting.connected_link import connected
 from delta3_pacdrive.scripting.robot import Robot
 from delta3_pacdrive.scripting.script import Script
@@ -35,7 +36,7 @@ class ScriptRun:
         self,
         script: Script,
         bringup: Any,
-        shown: Callable[[dict[str, Any]], None],
+        shown: Callable[[MotionProgress], None],
         step: bool = False,
     ) -> None:
         self._script, self._bringup, self._shown, self._step = script, bringup, shown, step
@@ -45,7 +46,7 @@ class ScriptRun:
         self.error: ScriptError | None = None
         self.ended = self.interrupted = False  # completed; stopped by the operator
 
-    def show(self, progress: dict[str, Any]) -> None:
+    def show(self, progress: MotionProgress) -> None:
         """Show the progress; the first call starts the script."""
         if self._thread is None:
             from delta3_pacdrive.ros.clients.script_client import ScriptNode

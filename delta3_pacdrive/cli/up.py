@@ -9,6 +9,7 @@ from delta3_pacdrive.cli.option_types import integer_within
 from delta3_pacdrive.cli.output import print_json
 from delta3_pacdrive.cli.progress import Progress
 from delta3_pacdrive.cli.run import GraphOptions, bring_up, lacking, show_run
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.view import serving
 
 ROBOTS_MAX = 10  # limit of discovery on one machine, see ``bringup.robots``
@@ -59,14 +60,14 @@ class _Announcement:
         if not self._quiet:
             print(sentence, file=sys.stderr, flush=True)
 
-    def show(self, progress: dict[str, Any]) -> None:
+    def show(self, progress: MotionProgress) -> None:
         for note in self._bringup.notes[self._notes :]:
             self._notes += 1
             self._print(note)
-        if progress['fault'] != self._fault:
-            self._fault = progress['fault']
+        if progress.fault != self._fault:
+            self._fault = progress.fault
             self._print(f'fault: {self._fault}' if self._fault else 'faults cleared')
-        if not self._announced and progress['in_torque']:
+        if not self._announced and progress.in_torque:
             self._announced = True
             self._print(f'ready after {self._bringup.ready_s:.2f} s; Ctrl-C ends')
             self._print(f'controller: {self._bringup.robot.controller}')

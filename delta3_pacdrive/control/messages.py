@@ -5,70 +5,21 @@ example from a recording, are recognized as outdated.
 """
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any, Self, TypeVar, get_args, get_type_hints
+from dataclasses import dataclass
+from typing import Self, TypeVar
 
+from delta3_pacdrive.configuration.json_message import JsonMessage, require
 from delta3_pacdrive.errors import Code, Reason, RobotFault, TelegramError, shown
 from delta3_pacdrive.planning.program.adaptation import Adaptation
 
 TEXT_MAX = 100  # characters of a name
 SENDERS_MAX = 64  # senders with a stored newest number
-COUNT_MAX = 2**53  # larger numbers are not exact in JSON
 
 Value = TypeVar('Value')
 
 
-@dataclass(frozen=True)
-class _Message:
-    """A message written as a JSON object of its fields, omitting those that are None."""
-
-    def to_json(self) -> str:
-        """Return the message as JSON."""
-        return json.dumps({name: value for name, value in asdict(self).items() if value is not None})
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Parse the output of ``to_json``; raises TelegramError."""
-        try:
-            values = json.loads(text)
-        except (ValueError, RecursionError):
-            raise TelegramError(f'{shown(text)} is not a valid {cls.__name__.lower()}') from None
-        kinds = get_type_hints(cls)
-        needed = [f.name for f in fields(cls) if f.default is not None]
-        given = set(values) if isinstance(values, Mapping) else set()
-        names = [f.name for f in fields(cls) if f.name in needed or f.name in given]
-        if given != set(names):
-            raise TelegramError(f'a {cls.__name__.lower()} must have the keys {", ".join(needed)}')
-        for name in names:
-            _require(values[name], kinds[name], f'{name} of a {cls.__name__.lower()}')
-        return cls(**{name: _tupled(values[name]) for name in names})
-
-
-def _tupled(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _require(value: Any, kind: Any, what: str) -> None:
-    """Raise TelegramError if a value does not have the type of its field."""
-    numbers = get_args(kind)
-    if type(None) in numbers:
-        kind, numbers = numbers[0], ()
-    if numbers:
-        if not isinstance(value, list) or len(value) != len(numbers):
-            raise TelegramError(f'{what} must be a list of {len(numbers)} numbers, not {shown(value)}')
-        for number in value:
-            _require(number, float, what)
-        return
-    accepted = (int, float) if kind is float else str if issubclass(kind, str) else kind
-    if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
-        raise TelegramError(f'{what} is {shown(value)}, but must be of type {kind.__name__}')
-    if isinstance(value, (int, float)) and not abs(value) < COUNT_MAX:
-        raise TelegramError(f'{what} is {shown(value)}, which is out of range')
-
-
 @dataclass(frozen=True, kw_only=True)
-class _Refusing(_Message):
+class _Refusing(JsonMessage):
     """A message that can contain a rejection, with the fields of its fault as in ``RobotFault.facts``."""
 
     fault_code: str = ''
@@ -110,7 +61,7 @@ class Status(_Refusing):
 
 
 @dataclass(frozen=True)
-class Verdict(_Message):
+class Verdict(JsonMessage):
     """Outcome of an order or of a change of motion profile, ``motion/verdict``."""
 
     session: str
@@ -122,7 +73,7 @@ class Verdict(_Message):
 
 
 @dataclass(frozen=True)
-class Request(_Message):
+class Request(JsonMessage):
     """A request of an operator."""
 
     receiver: (
@@ -142,9 +93,9 @@ class Request(_Message):
     approach_m_s: float = 0.0  # speed of the approach to the start of the program, 0: no approach
 
     @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Parse the output of ``to_json``; raises TelegramError."""
-        request = super().from_json(text)
+    def from_fields(cls, values: object) -> Self:
+        """Build the request from values by key; raises TelegramError."""
+        request = super().from_fields(values)
         if len(request.operator) > TEXT_MAX:
             raise TelegramError(
                 f'operator of a request has {len(request.operator)} characters, the limit is {TEXT_MAX}'
@@ -165,7 +116,7 @@ class Request(_Message):
 
 
 @dataclass(frozen=True)
-class RequestReport(_Message):
+class RequestReport(JsonMessage):
     """Progress of a request for moves, ``unit_robot/requests``."""
 
     id: str  # Request.identity
@@ -195,7 +146,7 @@ class Reply(_Refusing):
 
 
 @dataclass(frozen=True)
-class QueueReport(_Message):
+class QueueReport(JsonMessage):
     """Queue of a planner, ``unit_robot/queue``."""
 
     identity: str  # of the planner
@@ -212,8 +163,8 @@ def refuse_malformed(text: str, sentence: str) -> Reply | None:
     try:
         values = json.loads(text)
         operator, number = values['operator'], values['number']
-        _require(operator, str, 'operator')
-        _require(number, int, 'number')
+        require(operator, str, 'operator')
+        require(number, int, 'number')
     except (ValueError, RecursionError, TypeError, KeyError, TelegramError):
         return None
     return _rejection(operator, number, Code.CONTENT, sentence) if len(operator) <= TEXT_MAX else None

@@ -7,12 +7,12 @@ module to ignore it.
 import math
 import time
 from collections.abc import Callable
-from typing import Any
 
 from rclpy.node import Node
 from std_msgs.msg import Header
 
 from delta3_pacdrive.control.queue.task_status import MASTER_SILENT_S
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.robot.sercos.words import Phase
 from delta3_pacdrive.ros import node_process
@@ -61,10 +61,10 @@ class PresentRobot:
         """Whether an identity is that of the robot's planner; True while no heartbeat is received."""
         return identity == self._planner or not self._planner_is_alive
 
-    def accepts(self, progress: dict[str, Any]) -> bool:
+    def accepts(self, progress: MotionProgress) -> bool:
         """Whether a report of ``motion/progress`` comes from the running robot."""
-        now, session = time.monotonic(), str(progress['session'])
-        cycles = progress['cycles'] if progress['phase'] == Phase.CP4.name else math.inf
+        now, session = time.monotonic(), progress.session
+        cycles = progress.cycles if progress.phase == Phase.CP4.name else math.inf
         if self._planner_is_alive:
             present = self._planned_in
         elif now - self._received_s < MASTER_SILENT_S:

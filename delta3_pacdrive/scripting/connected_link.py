@@ -180,7 +180,7 @@ def connect(namespace: str = '/', *, name: str = '', take_over: bool = False) ->
 def connected(node: 'ScriptNode', name: str, take_over: bool = False) -> Iterator[BeltRobot]:
     """Control a robot through an existing client, like ``connect``."""
     try:
-        node.wait_until(lambda: node.progress, 'robot')
+        node.wait_until(lambda: node.progress.received, 'robot')
         parameters = node.parameters()
         simulation.load_kernels(parameters)  # loading them during planning would delay orders
         node.take_control(f'script {name}', take_over)

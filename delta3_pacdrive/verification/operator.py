@@ -9,6 +9,7 @@ from typing import Any
 
 from delta3_pacdrive.bringup.bringup import Bringup
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, RefusedError, RobotFault, RunError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.sercos.configuration_check import PLANT
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 
@@ -40,11 +41,11 @@ class AutomatedOperator:
         self.update()
 
     @property
-    def progress(self) -> dict[str, Any]:
+    def progress(self) -> MotionProgress:
         """The newest progress report."""
         return self.operator.progress
 
-    def fresh(self) -> dict[str, Any]:
+    def fresh(self) -> MotionProgress:
         """Wait for the next progress report and return it."""
         before = self.progress
         self.wait(lambda: self.progress is not before, 'motion/progress')
@@ -61,51 +62,52 @@ class AutomatedOperator:
 
     def is_at_rest(self) -> bool:
         """Whether the robot is at rest: no motion, or without torque after a fault."""
-        if self.progress['fault']:
-            return not self.progress['in_torque']
+        if self.progress.fault:
+            return not self.progress.in_torque
         return self.operator.state in ('idle', 'stopped')
 
     def let_pass(self, seconds: float) -> None:
         """Wait for a duration of bus time [s]."""
-        end = self.fresh()['bus_time_s'] + seconds
-        self.wait(lambda: self.progress['bus_time_s'] >= end or self.progress['phase'] != 'CP4', 'bus time')
+        end = self.fresh().bus_time_s + seconds
+        self.wait(lambda: self.progress.bus_time_s >= end or self.progress.phase != 'CP4', 'bus time')
 
     def make_ready(self, home_m: Sequence[float]) -> None:
         """Bring the robot to a position, enabled and without faults; raises Delta3Error."""
         for _ in range(ATTEMPTS):
             self._try_to_make_ready(home_m)
-            if not self.fresh()['fault']:
+            if not self.fresh().fault:
                 return
-        raise ProgramError(self.progress['fault'])
+        raise ProgramError(self.progress.fault)
 
     def _try_to_make_ready(self, home_m: Sequence[float]) -> None:
         operator = self.operator
-        self.wait(lambda: self.fresh()['phase'] == 'CP4', 'cyclic operation')
+        self.wait(lambda: self.fresh().phase == 'CP4', 'cyclic operation')
         operator.inject('fault: clear')
         self.let_pass(0.1)
-        if self.fresh()['fault']:
+        if self.fresh().fault:
             self._reset()
         if operator.state in ('stopped', 'stopping', 'moving'):
             self.wait(lambda: operator.state != 'stopping', 'standstill')
             self.call('abort')
             self.wait(lambda: operator.state == 'idle', 'end of the program')
-        if not self.fresh()['in_torque']:
+        if not self.fresh().in_torque:
             operator.enable(True)
-            self.wait(lambda: self.fresh()['in_torque'], 'torque')
+            self.wait(lambda: self.fresh().in_torque, 'torque')
         try:
             self.drive([{'move_l': {'to_m': list(home_m), 'speed_m_s': RECOVERY_M_S}}])
         except ProgramError:
-            if math.dist(self.progress['tcp_m'], home_m) > THERE_M:
+            place = self.progress.tcp_m
+            if place is None or math.dist(place, home_m) > THERE_M:
                 raise
         self.wait(lambda: operator.state in ('idle', 'error'), 'end of the motion')
 
     def _reset(self) -> None:
         """Reset the fault repeatedly until its cause has been removed."""
         deadline = time.monotonic() + PATIENCE_S
-        while self.fresh()['fault']:
+        while self.fresh().fault:
             try:
                 self.operator.call('reset')
-                self.operator.wait_until(lambda: not self.fresh()['fault'], 'end of the fault', RESET_S)
+                self.operator.wait_until(lambda: not self.fresh().fault, 'end of the fault', RESET_S)
             except Delta3Error:
                 if time.monotonic() > deadline:
                     raise
@@ -121,7 +123,7 @@ class AutomatedOperator:
     def drive(self, moves: list[dict[str, Any]], faults: Sequence[dict[str, Any]] = (), **more: Any) -> None:
         """Send and start a program of moves with timed faults; raises ProgramError if it is rejected."""
         operator = self.operator
-        self.wait(lambda: operator.state == 'idle' or self.progress['fault'], 'idle robot')
+        self.wait(lambda: operator.state == 'idle' or self.progress.fault, 'idle robot')
         self._send(json.dumps({'moves': moves, 'faults': list(faults), **more}))
         before = operator.state_changes
         try:
@@ -131,7 +133,7 @@ class AutomatedOperator:
             with suppress(Delta3Error):
                 operator.call('clear')
             raise
-        self.wait(lambda: operator.state_changes > before or self.progress['fault'], 'start')
+        self.wait(lambda: operator.state_changes > before or self.progress.fault, 'start')
 
     def _send(self, document: str) -> None:
         """Send a program; a restarted planner may have missed it, or may not know the robot yet."""
@@ -155,14 +157,14 @@ class AutomatedOperator:
                 self.operator.call(name)
                 return
             except RefusedError as error:
-                for_good = error.reason.code is not Code.BUS or self.fresh()['fault']
+                for_good = error.reason.code is not Code.BUS or self.fresh().fault
                 if for_good or time.monotonic() > deadline:
                     raise
 
     @property
     def fault(self) -> RobotFault | None:
         """The fault that has stopped the robot, from the newest report."""
-        return RobotFault.of(self.progress, self.progress['fault'])
+        return RobotFault.of(vars(self.progress), self.progress.fault)
 
     def observe(self, seconds: float) -> RobotFault | None:
         """Wait for a fault that stops the robot, or for some bus time and standstill; return the fault."""
@@ -170,15 +172,15 @@ class AutomatedOperator:
         over = time.monotonic() + PATIENCE_S
         while time.monotonic() < over:
             progress = self.fresh()
-            if progress['phase'] != 'CP4':
+            if progress.phase != 'CP4':
                 started = None
             elif started is None:
-                started = progress['bus_time_s']
-            if progress['fault']:
-                self.wait(lambda: not self.fresh()['in_torque'], 'standstill')
+                started = progress.bus_time_s
+            if progress.fault:
+                self.wait(lambda: not self.fresh().in_torque, 'standstill')
                 self.let_pass(EXPLANATION_S)
                 break
-            passed = 0.0 if started is None else progress['bus_time_s'] - started
+            passed = 0.0 if started is None else progress.bus_time_s - started
             if passed > seconds and self.operator.state != 'moving':
                 break
         return self.fault
@@ -188,7 +190,7 @@ def run_operated(bringup: Bringup, operate: Callable[[], None]) -> None:
     """Start a robot, operate it and end it; raises KeyboardInterrupt if a signal ends it early."""
     operated = False
 
-    def script(_: dict[str, Any]) -> None:
+    def script(_: MotionProgress) -> None:
         nonlocal operated
         if not operated:
             operated = True

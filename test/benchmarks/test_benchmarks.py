@@ -16,6 +16,7 @@ from delta3_pacdrive.cli import bench
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 
 
 def run(capsys, *arguments):
@@ -281,7 +282,7 @@ class Robot:
 
     def run(self, show):
         for cycles, finished in ((100, False), (1000, False), (1900, True)):
-            show({'cycles': cycles, 'finished': finished})
+            show(MotionProgress(cycles=cycles, finished=finished))
         return {'cycles': 1900}
 
 

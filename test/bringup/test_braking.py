@@ -1,20 +1,23 @@
 """Facts about the end of a robot that is up: it is braked, however old what it has told last may be."""
 
+from dataclasses import replace
+
 import pytest
 
 from delta3_pacdrive.bringup.braking import FRESH_S, SILENCE_S, STOP_TIMEOUT_S, brake
+from delta3_pacdrive.recording.motion_progress import NO_REPORT, MotionProgress
 
 LOOK_S = 0.05
-COMING = {'phase': 'CP3', 'in_torque': False}
-UP = {'phase': 'CP4', 'in_torque': False}
-ENABLED = {'phase': 'CP4', 'in_torque': True}
+COMING = MotionProgress(phase='CP3')
+UP = MotionProgress(phase='CP4')
+ENABLED = MotionProgress(phase='CP4', in_torque=True)
 
 
 class Robot:
     """A robot that tells one progress after the other; it answers a while after it was asked to disable its drives."""
 
     def __init__(self, told, reachable_after=0, answers_after=0):
-        self._told = [dict(one) for one in told]
+        self._told = [replace(one) for one in told]
         self.progress = self._told.pop(0)
         self._reachable_after, self._answers_after = reachable_after, answers_after
         self.looks, self.asked_at = 0, None
@@ -55,7 +58,8 @@ def test_a_robot_is_asked_and_waited_for_until_it_says_that_it_is_without_torque
 
 
 @pytest.mark.parametrize(
-    'robot', [Robot([{}]), Robot([COMING]), Robot([COMING, COMING]), Robot([ENABLED], reachable_after=10**9)]
+    'robot',
+    [Robot([NO_REPORT]), Robot([COMING]), Robot([COMING, COMING]), Robot([ENABLED], reachable_after=10**9)],
 )
 def test_a_robot_that_is_not_up_or_cannot_be_reached_is_left_after_a_while(robot):
     brake(robot, robot.spin_for, LOOK_S)
@@ -67,7 +71,7 @@ def looks_in(seconds):
 
 
 def test_a_robot_that_brakes_is_waited_for_as_long_as_it_tells_how_it_is():
-    slow = [dict(ENABLED) for _ in range(looks_in(3.0))]
+    slow = [replace(ENABLED) for _ in range(looks_in(3.0))]
     robot = Robot([*slow, UP, UP])
     brake(robot, robot.spin_for, LOOK_S)
     assert robot.progress == UP
@@ -81,13 +85,13 @@ def test_a_robot_that_does_not_answer_is_left_after_a_while():
 
 
 def test_a_robot_that_goes_on_and_on_is_left_in_the_end():
-    robot = Robot([dict(ENABLED) for _ in range(10 * looks_in(STOP_TIMEOUT_S))])
+    robot = Robot([replace(ENABLED) for _ in range(10 * looks_in(STOP_TIMEOUT_S))])
     brake(robot, robot.spin_for, LOOK_S)
     assert robot.looks == pytest.approx(looks_in(STOP_TIMEOUT_S), abs=1)  # sums of 0.05 are rounded
 
 
 def test_a_robot_is_not_waited_for_when_the_time_is_over():
-    robot = Robot([dict(ENABLED) for _ in range(100)])
+    robot = Robot([replace(ENABLED) for _ in range(100)])
     brake(robot, robot.spin_for, LOOK_S, lambda: robot.looks >= 7)
     assert (robot.asked_at, robot.looks) == (0, 7)
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,7 @@ from delta3_pacdrive.bringup.options import Options
 from delta3_pacdrive.bringup.processes import ManagedProcess, end_all
 from delta3_pacdrive.bringup.robot_processes import REPORT_S, STUCK_S, PhaseWatch, RobotProcesses
 from delta3_pacdrive.errors import ParameterError, RunError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 
 
 def run_python(code, *arguments):
@@ -198,7 +200,7 @@ class Bus:
         """Return (seconds after the first report, replaced participants) of each replacement."""
         found = []
         for n in range(round(seconds / REPORT_S) + 1):
-            if names := self.watch.update({'phase': phase, 'missing': list(missing)}, self.now_s):
+            if names := self.watch.update(MotionProgress(phase=phase, missing=tuple(missing)), self.now_s):
                 found.append((round(n * REPORT_S, 3), names))
             self.now_s += REPORT_S
         return found
@@ -220,7 +222,7 @@ class Bus:
 )
 def test_a_participant_that_the_bus_waits_for_more_than_15_s_is_replaced(phase, missing, replaced):
     bus = Bus()
-    bus.watch.update({'phase': 'CP4', 'missing': []}, bus.now_s)
+    bus.watch.update(MotionProgress(phase='CP4'), bus.now_s)
     ((after_s, names),) = bus.replaced(phase, missing, 2.0 * STUCK_S)
     assert names == replaced
     assert STUCK_S - REPORT_S <= after_s <= STUCK_S + 2.0 * REPORT_S
@@ -247,11 +249,11 @@ def test_nothing_is_replaced_while_the_bus_gets_on_or_waits_for_no_participant()
 
 def test_time_in_which_the_task_reports_nothing_does_not_count():
     bus = Bus()
-    stale = {'phase': 'CP0', 'missing': ['axis3']}
+    stale = MotionProgress(phase='CP0', missing=('axis3',))
     for _ in range(1000):
         assert bus.watch.update(stale, bus.now_s) == ()
         bus.now_s += REPORT_S
-    assert bus.watch.update(dict(stale), bus.now_s) == ()  # all were suspended for 200 s
+    assert bus.watch.update(replace(stale), bus.now_s) == ()  # all were suspended for 200 s
 
 
 def test_a_process_that_was_started_again_has_its_time():

@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,15 @@ from delta3_pacdrive.bringup.bringup import waits_for_others
 from delta3_pacdrive.bringup.cpu_load import SINGLE_CORES
 from delta3_pacdrive.bringup.environment import bag_of, namespaces
 from delta3_pacdrive.bringup.options import Options
-from delta3_pacdrive.bringup.robots import RobotNow, Robots, require_room
+from delta3_pacdrive.bringup.robots import REPORTED, RobotNow, Robots, require_room
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.recording.motion_progress import NO_REPORT, MotionProgress
 from delta3_pacdrive.robot.sercos.shared_clock import SharedClock
 
 LOOKS = 4  # at two robots that live on, before they are asked to end
-REPORT = {
-    'phase': 'CP4', 'waiting': '', 'state': 'idle', 'fault': '', 'in_torque': True, 'bus_time_s': 1.0,
-    'cycles': 1000, 'overruns': 2, 'lost_telegrams': 0, 'more': 'than anybody asks for',
-}  # fmt: skip
+REPORT = MotionProgress(
+    phase='CP4', state='idle', in_torque=True, bus_time_s=1.0, cycles=1000, overruns=2, enabled=True
+)
 
 
 class Rehearsed:
@@ -43,7 +44,7 @@ class Rehearsed:
 
     def run(self, show: Callable[[Any], None], rising: Callable[[Any], None]) -> dict[str, Any]:
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        rising({})
+        rising(NO_REPORT)
         show(REPORT)
         if self.options.namespace.endswith('2'):
             raise RunError('robot was killed by SIGKILL\nin bus cycle 17')
@@ -70,7 +71,7 @@ class Clocked:
         while not clock.ready(1000.0):
             if time.monotonic() > end:
                 raise RunError('it waits for one that does not come up')
-            rising(REPORT | {'phase': 'CP3', 'in_torque': False})
+            rising(replace(REPORT, phase='CP3', in_torque=False))
         return {'ok': True, 'first_cycle': clock.first_cycle(0, 1000.0, 1e-3)}
 
 
@@ -119,7 +120,7 @@ def test_the_supervisor_hears_how_each_robot_is(ended: dict[str, RobotNow]) -> N
         # four robots share two cores
         assert robot.notes == [f'{name} waits {2.0 * Options(program=None).patience_s:g} s']
         assert robot.ready_s == 1.5
-        assert robot.progress == {key: value for key, value in REPORT.items() if key != 'more'}
+        assert robot.progress == {key: getattr(REPORT, key) for key in REPORTED}
 
 
 def test_all_robots_have_ended_with_their_supervisor(ended: dict[str, RobotNow]) -> None:
@@ -212,5 +213,5 @@ def test_robots_of_one_bus_clock_begin_without_those_that_do_not_come_up(
 def test_who_only_waits_for_others_of_its_bus_clock_does_not_give_up(
     clock: str, phase: str, waits: bool
 ) -> None:
-    assert waits_for_others(Options(program=None, shared_clock=clock), {'phase': phase}) is waits
-    assert not waits_for_others(Options(program=None, shared_clock=clock), {})
+    assert waits_for_others(Options(program=None, shared_clock=clock), MotionProgress(phase=phase)) is waits
+    assert not waits_for_others(Options(program=None, shared_clock=clock), NO_REPORT)

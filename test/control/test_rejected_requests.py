@@ -13,6 +13,7 @@ from delta3_pacdrive.control.messages import Request
 from delta3_pacdrive.control.operation.robot_actions import Entered
 from delta3_pacdrive.control.queue import planner_actions
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.ros.clients import robot_client
 
 NEAR = 'moves: [{move_l: {to_m: [0.02, 0.0, -0.76], speed_m_s: 0.2}}]'
@@ -317,8 +318,8 @@ class RigOperator:
         return sum(isinstance(one, Entered) for one in self.rig.said)
 
     @property
-    def progress(self) -> dict[str, Any]:
-        return {'fault': str(self.rig.state.fault or ''), 'operator': '', 'learned_torques': False}
+    def progress(self) -> MotionProgress:
+        return MotionProgress(fault=str(self.rig.state.fault or ''))
 
     def wait_until(self, condition: Callable[[], Any], what: str) -> None:
         for _ in range(400):

@@ -8,7 +8,7 @@ import numpy as np
 
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.control import Operator
-from delta3_pacdrive.control.operation.script_service import ATTACH, HOLD, LEAVE, LOOK, WAIT, condition_text
+from delta3_pacdrive.control.operation.script_service import ATTACH, HOLD, LEAVE, LOOK, WAIT
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Delta3Error, Reason
 from delta3_pacdrive.scripting.connected_link import ConnectedLink
@@ -107,7 +107,7 @@ class Sequence:
         chance = self.chance
         action = chance.choice((ATTACH, LOOK, WAIT, HOLD, LEAVE, 'explode'))
         cycle = self.controller.gate.cycle + chance.randrange(-5, 50)
-        texts = {WAIT: condition_text(WaitCondition(0, max(cycle, 0))), HOLD: str(cycle)}
+        texts = {WAIT: WaitCondition(0, max(cycle, 0)).to_json(), HOLD: str(cycle)}
         whose = chance.choice((self.node.identity, STRANGER))
         text = chance.choice((texts.get(action, ''), '', 'nonsense'))
         self.attempt(f'{whose[:4]} asks to {action} {text}', lambda: self.node.ask(action, text, whose)[0])

@@ -24,7 +24,7 @@ class Cell:
         self.task = graph.robot()
         self.operator = graph.add(OperatorNode, graph.spin_for)
         self.drives = [node for node in graph.nodes if isinstance(node, MC4DriveNode)]
-        graph.spin_until(lambda: self.task.progress()['in_torque'], 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque, 'torque')
 
     def values(self) -> list[dict[str, float]]:
         return [{name: node.get_parameter(f'drive.{name}').value for name in GAINS} for node in self.drives]
@@ -42,8 +42,8 @@ def test_drives_in_torque_take_gains_and_get_back_what_they_had(cell: Cell, tmp_
     assert all(int(node.drive.constants['notches'][0]) == 1 for node in cell.drives)
     applied.undo(channel, tmp_path)
     assert cell.values() == [DEFAULT] * 3
-    assert cell.task.progress()['fault'] == ''
-    assert cell.task.progress()['in_torque']
+    assert cell.task.progress().fault == ''
+    assert cell.task.progress().in_torque
 
 
 def test_a_drive_that_refuses_leaves_all_as_they_were(cell: Cell, tmp_path: Path) -> None:

@@ -34,13 +34,13 @@ class Cell:
         graph.add(UnitRobotNode, motion__start_cycle=-1, **overrides)
         self.operator = graph.add(OperatorNode, graph.spin_for)
         self.drives = [node for node in graph.nodes if isinstance(node, MC4DriveNode)]
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.operator.state, 'torque')
 
     def move(self) -> None:
         """Start along x and wait until a third of the way is done."""
         self.operator.send_program(LINE)
         self.operator.call('start')
-        self.graph.spin_until(lambda: self.task.progress()['master_m'] > 0.07, 'a third of the way')
+        self.graph.spin_until(lambda: self.task.progress().master_m > 0.07, 'a third of the way')
 
     def positions(self, messages: list[Any]) -> np.ndarray:
         return np.array([[m.point.x, m.point.y, m.point.z] for m in messages if m.header.stamp.sec >= 0])
@@ -71,7 +71,7 @@ def test_one_lost_mdt_is_bridged_and_counted(graph: Any) -> None:
     cell.move()
     cell.task.commands.publish = dropping(cell.task.commands.publish, {5, 150})
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     assert [node.report.facts()['S-0-0029 MDT losses'] for node in cell.drives] == [2, 2, 2]
     assert cell.positions(cell.actual)[-1] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
 
@@ -83,7 +83,7 @@ def test_two_lost_mdt_in_a_row_stop_all_axes_with_8112(graph: Any) -> None:
     cell.wait_until_disabled()
     assert [node.report.facts()['diagnostic'][:4] for node in cell.drives] == ['8112'] * 3
     assert [node.report.facts()['S-0-0011 class 1 diagnostic'] for node in cell.drives] == ['1000'] * 3
-    assert 'reports a fault in bus cycle' in cell.task.progress()['fault']
+    assert 'reports a fault in bus cycle' in cell.task.progress().fault
     assert cell.operator.state == 'error'
 
 
@@ -94,12 +94,12 @@ def test_one_lost_at_is_bridged_and_two_in_a_row_are_8506(axis: int, graph: Any)
     drive = cell.drives[axis]
     drive.telegrams.publish_at = dropping(drive.telegrams.publish_at, {5})
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     assert cell.task.statistics()['at_losses'] == [int(n == axis) for n in range(3)]
     drive.telegrams.publish_at = dropping(drive.telegrams.publish_at, {5, 6})
-    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
-    assert cell.task.progress()['fault'].startswith(f'axis{axis + 1}: two AT lost in a row in bus cycle')
-    assert cell.task.progress()['fault'].endswith('(8506)')
+    graph.spin_until(lambda: cell.task.progress().fault, 'the fault')
+    assert cell.task.progress().fault.startswith(f'axis{axis + 1}: two AT lost in a row in bus cycle')
+    assert cell.task.progress().fault.endswith('(8506)')
     cell.wait_until_disabled()
 
 
@@ -114,7 +114,7 @@ def test_repeated_telegrams_change_nothing(graph: Any) -> None:
 
     cell.task.commands.publish = twice
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     assert cell.positions(cell.actual)[-1] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
     assert all(node.report.facts()['late_telegrams'] > 100 for node in cell.drives)
 
@@ -124,7 +124,7 @@ def test_an_overload_of_one_axis_stops_the_tcp_on_its_path(graph: Any) -> None:
     cell.move()
     cell.drives[1].drive.state['overload'] = 1e3
     cell.wait_until_disabled()
-    assert 'axis2 reports a fault' in cell.task.progress()['fault']
+    assert 'axis2 reports a fault' in cell.task.progress().fault
     commands, actual = cell.positions(cell.commands), cell.positions(cell.actual)
     # it stands on the line, well before its end, and has never left the line by more than in any motion
     assert 0.07 < actual[-1, 0] < 0.15
@@ -172,9 +172,9 @@ def test_an_injected_emergency_stop_ends_on_the_path_as_one_of_the_operator(grap
     cell = Cell(graph)
     cell.move()
     cell.operator.inject('fault: emergency_stop')
-    graph.spin_until(lambda: cell.task.progress()['fault'], 'the stop')
+    graph.spin_until(lambda: cell.task.progress().fault, 'the stop')
     cell.wait_until_disabled()
-    assert cell.task.progress()['fault'].startswith('emergency stop in bus cycle')
+    assert cell.task.progress().fault.startswith('emergency stop in bus cycle')
     actual = cell.positions(cell.actual)
     assert 0.07 < actual[-1, 0] < 0.19
     assert np.abs(actual[:, 1:] - [0.0, -0.75]).max() < 0.2e-3
@@ -201,7 +201,7 @@ def test_after_a_reset_the_robot_is_ready_where_it_stands(graph: Any) -> None:
     cell.drives[1].drive.state['encoder_broken'] = 0
     assert graph.call(Trigger, 'reset', Trigger.Request()).success
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the reset')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     stood = cell.positions(cell.actual)[-1]
     assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
     cell.operator.send_program('moves: [{move_l: {to_m: [0.0, 0.0, -0.8]}}]')
@@ -257,7 +257,7 @@ def test_a_fault_that_is_asked_for_again_is_answered_again_and_injected_once(gra
     assert ask('#rain {fault: rain}') == ask('#rain {fault: rain}')
     assert ask('{fault: drop_mdt, axis: axis1, cycles: 1}')[0]
     assert ask('{fault: drop_mdt, axis: axis1, cycles: 1}')[0]
-    graph.spin_until(lambda: cell.task.progress()['master_m'] == 0.0 and len(injected) == 3, 'three faults')
+    graph.spin_until(lambda: cell.task.progress().master_m == 0.0 and len(injected) == 3, 'three faults')
 
 
 def test_an_operator_whose_answer_is_lost_asks_again(graph: Any, monkeypatch: pytest.MonkeyPatch) -> None:

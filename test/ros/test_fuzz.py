@@ -107,16 +107,16 @@ REQUESTS = {
 def robot(graph: Any) -> Any:
     task = graph.robot(motion__start_cycle=-1)
     graph.add(UnitRobotNode, motion__start_cycle=-1)
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
     return task
 
 
 def assert_ready(graph: Any, task: Any) -> None:
     """The bus goes on, without a fault, and the TCP has not moved."""
-    cycles = task.progress()['cycles']
-    graph.spin_until(lambda: task.progress()['cycles'] > cycles, 'the next cycle')
+    cycles = task.progress().cycles
+    graph.spin_until(lambda: task.progress().cycles > cycles, 'the next cycle')
     facts = task.progress()
-    assert (facts['state'], facts['fault']) == ('idle', '')
+    assert (facts.state, facts.fault) == ('idle', '')
     assert np.abs(task.controller.task.state['tcp'][0] - HOME).max() < 1e-6
 
 
@@ -180,8 +180,8 @@ def test_no_trajectory_kills_the_planner_and_whatever_is_accepted_is_driven_to_i
         assert verdict in ('accepted', 'refused')
         assert 0 < len(sentence) < 1500
         assert '\n' not in sentence
-        graph.spin_until(lambda: robot.progress()['state'] == 'idle', 'rest')
-        assert robot.progress()['fault'] == ''
+        graph.spin_until(lambda: robot.progress().state == 'idle', 'rest')
+        assert robot.progress().fault == ''
 
     each()
 

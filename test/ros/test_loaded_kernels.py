@@ -32,7 +32,7 @@ try:
     overrides['bus__exchange_period_s'] = robot.bus.exchange_period_s
     drives = '1234' if robot.rotary.present else '123'
     task = graph.robot(('plant', *drives, 'task'), **overrides)
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
     end = task.controller.answered + 20
     graph.spin_until(lambda: task.controller.answered >= end, 'cycles')
 finally:

@@ -45,7 +45,7 @@ class Cell:
         self.task = graph.robot(motion__start_cycle=-1)
         self.planner = graph.add(UnitRobotNode, motion__start_cycle=-1)
         self.operator = graph.add(OperatorNode, graph.spin_for)
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.operator.state, 'torque')
 
     def start(self, text: str) -> None:
         """Queue a program, start it and wait until it moves."""
@@ -59,9 +59,7 @@ class Cell:
 
     def reach(self, share: float) -> None:
         """Wait until the master has done a share of the line."""
-        self.graph.spin_until(
-            lambda: self.task.progress()['master_m'] > share * ALONG, f'{share} of the line'
-        )
+        self.graph.spin_until(lambda: self.task.progress().master_m > share * ALONG, f'{share} of the line')
 
     def path(self) -> np.ndarray:
         """Return commanded positions, cycle by cycle; no cycle is missing."""
@@ -96,11 +94,11 @@ def test_a_held_program_stands_on_its_line_and_goes_on_to_its_end(cell: Cell) ->
     cell.reach(0.3)
     assert 'stops from bus cycle' in cell.operator.call('hold')
     cell.wait_for('stopped')
-    stood = cell.task.progress()['master_m']
+    stood = cell.task.progress().master_m
     assert 0.3 * ALONG < stood < ALONG
     assert 'stopped' in refusal(cell, lambda: cell.operator.call('hold'))
     assert 'stopped' in refusal(cell, lambda: cell.operator.call('start'))
-    cell.graph.spin_until(lambda: cell.task.progress()['master_m'] == stood, 'standstill')
+    cell.graph.spin_until(lambda: cell.task.progress().master_m == stood, 'standstill')
     cell.operator.call('resume')
     cell.wait_for('idle')
     path = cell.path()
@@ -135,7 +133,7 @@ def test_an_aborted_program_is_forgotten_and_the_next_one_starts_where_the_robot
     cell.reach(0.2)
     cell.operator.call('abort')
     cell.wait_for('idle')
-    x = cell.task.progress()['master_m']
+    x = cell.task.progress().master_m
     assert 'idle' in refusal(cell, lambda: cell.operator.call('resume'))
     cell.start('moves: [{move_l: {to_m: {by_m: [0.0, 0.05, 0.0]}}}]')
     cell.wait_for('idle')
@@ -251,7 +249,7 @@ def test_a_bad_move_leaves_the_queue_as_it_was(cell: Cell) -> None:
     assert 'moving' in refusal(cell, lambda: cell.operator.send_program(LINE))
     assert 'moving' in refusal(cell, lambda: cell.operator.call('resume'))
     cell.wait_for('idle')
-    assert cell.task.progress()['moves'] == 1
+    assert cell.task.progress().moves == 1
 
 
 def test_an_override_out_of_range_is_refused(cell: Cell) -> None:
@@ -372,7 +370,7 @@ def test_progress_tells_state_move_master_and_remaining_time(cell: Cell) -> None
 
 def test_services_without_a_planner_hold_and_abort_still_work(graph: Any) -> None:
     task = graph.robot(motion__start_cycle=-1)
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
     for name in ('hold', 'abort'):
         response = graph.call(Trigger, name, Trigger.Request())
         assert (response.success, response.message) == (False, 'the robot is idle')
@@ -399,7 +397,7 @@ def test_a_program_that_is_held_before_it_begins_can_be_resumed(graph: Any, tmp_
     graph.spin_until(lambda: operator.state == 'moving', 'the order')
     operator.call('hold')
     graph.spin_until(lambda: operator.state == 'stopped', 'standstill')
-    assert abs(task.progress()['cycles'] - LATER) <= parameters.load().bus.outstanding_cycles_max
+    assert abs(task.progress().cycles - LATER) <= parameters.load().bus.outstanding_cycles_max
     assert operator.call('resume') == 'resumed'
     graph.spin_until(lambda: operator.state == 'idle', 'the end')
     point = commands[-1].point
@@ -417,8 +415,8 @@ def test_a_program_of_thousands_of_different_moves_costs_no_bus_cycle_and_can_be
     accepted = cell.operator.send_program(f'moves: [{", ".join(moves)}]')
     assert '2000 moves' in accepted
     cell.operator.call('start')
-    cell.graph.spin_until(lambda: cell.task.progress()['move'] > 5, 'some of its moves', 60.0)
-    assert cell.task.progress()['lost_telegrams'] == 0
+    cell.graph.spin_until(lambda: cell.task.progress().move > 5, 'some of its moves', 60.0)
+    assert cell.task.progress().lost_telegrams == 0
     cell.operator.call('abort')
     cell.wait_for('idle')
     assert_smooth(cell.path())

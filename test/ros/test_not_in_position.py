@@ -22,7 +22,7 @@ def test_a_move_that_does_not_arrive_fails_with_its_sentence(
     task = graph.robot(**settings)
     graph.add(UnitRobotNode, **settings)
     operator = graph.add(OperatorNode, graph.spin_for)
-    graph.spin_until(lambda: task.progress()['in_torque'] and operator.queue, 'torque, and a planner')
+    graph.spin_until(lambda: task.progress().in_torque and operator.queue, 'torque, and a planner')
     monkeypatch.setattr(
         'delta3_pacdrive.ros.clients.robot_client.operating', lambda _: contextlib.nullcontext(operator)
     )

@@ -16,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 from delta3_pacdrive.control.messages import DISABLE, HOLD, QueueReport, Reply, Request, refuse_recording
 from delta3_pacdrive.errors import Code, RefusedError
 from delta3_pacdrive.planning.program.adaptation import Adaptation
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, REQUEST
@@ -40,7 +41,7 @@ class Cell:
         self.planner = graph.add(UnitRobotNode, **ON_REQUEST)
         self.anna = graph.add(OperatorNode, graph.spin_for)
         self.bert = graph.add(OperatorNode, graph.spin_for)
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.anna.state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.anna.state, 'torque')
 
     def move(self, text: str = SLOW) -> None:
         self.anna.send_program(text)
@@ -79,7 +80,7 @@ class Prompt(OperatorNode):
 
 def test_a_reply_that_comes_at_once_is_not_lost(graph: Any) -> None:
     operator = graph.add(Prompt, graph.spin_for)
-    operator.progress = {'session': '5e55'}
+    operator.progress = MotionProgress(session='5e55')
     assert operator.ask('control', 'release') == 'here it is'
     assert operator.published == 1
 
@@ -140,7 +141,7 @@ def test_reading_and_stopping_are_free_for_all(cell: Cell, graph: Any) -> None:
     graph.spin_until(lambda: cell.anna.state == 'idle', 'the end')
     cell.move()
     assert cell.bert.enable(False).startswith('stops on its path')
-    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    graph.spin_until(lambda: not cell.task.progress().in_torque, 'brakes')
     assert cell.bert.drive('axis1 read S-0-0104').startswith('axis1')
 
 
@@ -152,9 +153,9 @@ def test_an_operator_who_falls_silent_leaves_the_robot_standing_on_its_path(cell
     graph.remove(cell.anna)  # as if she had been killed
     graph.spin_until(lambda: cell.bert.state == 'stopped', 'standstill')
     graph.spin_until(lambda: names[-1].data == '', 'nobody in control')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     assert 0.0 < commands[-1].point.x < 0.2
-    assert cell.task.progress()['operator'] == ''
+    assert cell.task.progress().operator == ''
     assert cell.bert.call('resume') == 'resumed'  # whoever comes next may go on
     graph.spin_until(lambda: cell.bert.state == 'moving', 'the motion')
 
@@ -166,7 +167,7 @@ def test_control_that_is_taken_over_is_lost_with_the_queue_and_the_motion_goes_o
     cell.move()
     cell.bert.take_control('Bert', by_force=True)
     graph.spin_until(lambda: not cell.anna.in_control, 'the loss')
-    assert cell.task.progress()['state'] == 'moving'
+    assert cell.task.progress().state == 'moving'
     with pytest.raises(RefusedError, match=r'^Bert'):
         cell.anna.call('resume')
     cell.bert.call('abort')
@@ -179,7 +180,7 @@ def test_control_that_is_taken_over_is_lost_with_the_queue_and_the_motion_goes_o
 
 def test_a_start_is_answered_when_the_master_has_taken_it(cell: Cell, graph: Any) -> None:
     cell.anna.enable(False)
-    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    graph.spin_until(lambda: not cell.task.progress().in_torque, 'brakes')
     assert cell.anna.send_program(POSSIBLE).endswith('the drives are not enabled: enable them first')
     response = graph.call(Trigger, 'start', Trigger.Request())
     assert (response.success, response.message) == (False, 'the drives are not enabled: enable them first')
@@ -187,7 +188,7 @@ def test_a_start_is_answered_when_the_master_has_taken_it(cell: Cell, graph: Any
     verdicts = graph.listen(String, 'motion/verdict', REQUEST)
     graph.spin_until(lambda: graph.listener.count_publishers('motion/verdict'), 'the task')
     assert graph.call(Trigger, 'start', Trigger.Request()).success
-    assert cell.task.progress()['state'] == 'moving'
+    assert cell.task.progress().state == 'moving'
     graph.spin_until(lambda: verdicts, 'the verdict')
     assert json.loads(verdicts[-1].data)['accepted']
 
@@ -240,7 +241,7 @@ def test_a_request_that_is_made_again_is_answered_again_and_not_done_again(cell:
     assert json.loads(queue[-1].data)['moves'] == 1
     cell.bert.call('start')
     graph.spin_until(lambda: cell.bert.state == 'moving', 'the motion')
-    session = cell.task.progress()['session']
+    session = cell.task.progress().session
     first, second = asked_as_anna(cell, graph, 'control', session, HOLD, '', 2)
     assert first.sentence.startswith('stops from bus cycle')
     assert first == second
@@ -251,7 +252,7 @@ def test_a_request_that_is_meant_for_somebody_else_is_refused_and_not_done(cell:
     assert (reply.accepted, reply.code) == (False, str(Code.FOREIGN))
     (reply,) = asked_as_anna(cell, graph, 'unit_robot', 'deadbeef', 'program', POSSIBLE, 1)
     assert (reply.accepted, reply.code) == (False, str(Code.FOREIGN))
-    assert cell.task.progress()['in_torque']
+    assert cell.task.progress().in_torque
     assert cell.bert.queue.moves == 0
 
 
@@ -323,13 +324,13 @@ def test_no_clock_of_others_stops_or_confuses_a_robot(cell: Cell, graph: Any) ->
     clock.publish(Clock())
     cell.move(POSSIBLE)
     graph.spin_until(lambda: cell.anna.state == 'idle', 'the end')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
 
 
 def test_a_robot_that_was_started_with_simulated_time_works(graph: Any) -> None:
     task = graph.robot(use_sim_time=True, **ON_REQUEST)
     graph.add(UnitRobotNode, use_sim_time=True, **ON_REQUEST)
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
 
 
 LARGE = 10_000_000
@@ -355,7 +356,7 @@ def test_megabytes_on_a_topic_stop_nothing(cell: Cell, graph: Any) -> None:
         begun = cell.task.controller.answered
         graph.spin_until(lambda begun=begun: cell.task.controller.answered > begun + 100, 'cycles')
         facts = cell.task.progress()
-        assert (facts['state'], facts['fault']) == ('moving', ''), topic
+        assert (facts.state, facts.fault) == ('moving', ''), topic
 
 
 def test_a_large_document_is_parsed_beside_the_thread_that_must_answer(cell: Cell, graph: Any) -> None:
@@ -369,7 +370,7 @@ def test_a_large_document_is_parsed_beside_the_thread_that_must_answer(cell: Cel
     assert threads
     answers = graph.listen(String, 'unit_robot/queue', LATCHED)
     graph.spin_until(lambda: answers and json.loads(answers[-1].data)['moves'] > 1, 'the plan', 60.0)
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
 
 
 def test_the_state_of_the_planner_follows_that_of_the_motion(cell: Cell, graph: Any) -> None:
@@ -400,7 +401,7 @@ def test_an_override_counts_from_when_it_was_answered(cell: Cell, graph: Any) ->
     for percent in (50.0, 120.0, 80.0):
         override.publish(Float64(data=percent))
     graph.spin_until(lambda: queue and json.loads(queue[-1].data)['override'] == 0.8, 'all of them')
-    graph.spin_until(lambda: cell.task.progress()['rate'] == 0.8, 'the rate')
+    graph.spin_until(lambda: cell.task.progress().rate == 0.8, 'the rate')
 
 
 def test_a_program_is_begun_in_the_middle_after_the_robot_has_gone_there(cell: Cell, graph: Any) -> None:
@@ -410,7 +411,7 @@ def test_a_program_is_begun_in_the_middle_after_the_robot_has_gone_there(cell: C
         operator.send_program(SQUARE, Adaptation(first=1))
     assert ': 3 moves, ' in operator.send_program(SQUARE, Adaptation(first=1, approach_m_s=0.25))
     operator.call('start')
-    graph.spin_until(lambda: operator.state == 'moving' and task.progress()['move'] == 1, 'the program')
+    graph.spin_until(lambda: operator.state == 'moving' and task.progress().move == 1, 'the program')
     graph.spin_until(lambda: operator.state == 'idle', 'the end')
     assert task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.0, 0.0, -0.8], abs=2e-5)
     with pytest.raises(RefusedError, match=r'there is no moves\[9\] to begin with'):

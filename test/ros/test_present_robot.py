@@ -1,6 +1,5 @@
 """Facts about clients of a robot while a recording is played back: they believe the session of the robot that is up."""
 
-import json
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,18 +10,18 @@ from std_msgs.msg import Header, String
 from delta3_pacdrive.bringup.monitor import RobotMonitor
 from delta3_pacdrive.control.messages import QueueReport
 from delta3_pacdrive.control.queue.task_status import MASTER_SILENT_S
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.ros import present_robot
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.present_robot import PresentRobot, RobotWatch
 from delta3_pacdrive.ros.wire import interfaces
-from planner_client import progress_text
 
 LIVE, PLAYED = 'aaaa', 'bbbb'
 ROUNDS, MORE = 600, 10  # of reports by both: until each client has heard all, and then
 
 
-def report(session: str, cycles: int = 5, phase: str = 'CP4', **more: Any) -> dict[str, Any]:
-    return dict(json.loads(progress_text(session=session, cycles=cycles, phase=phase, **more)))
+def report(session: str, cycles: int = 5, phase: str = 'CP4', **more: Any) -> MotionProgress:
+    return MotionProgress(session=session, cycles=cycles, phase=phase, **more)
 
 
 class Clock:
@@ -220,9 +219,9 @@ def test_a_state_that_came_before_the_robot_was_known_to_be_alone_is_taken_from_
         'the robot alone',
     )
     (publisher,) = interfaces.publishers_of(task, interfaces.PLANNER_ALIVE)
-    while not operator.progress:
+    while not operator.progress.received:
         alive.publish(Header(frame_id=f'planner {LIVE} {publisher}'))
-        told.publish(String(data=json.dumps(report(LIVE, 500, state='idle'))))
+        told.publish(String(data=report(LIVE, 500, state='idle').to_json()))
         graph.spin_for(0.05)
     assert operator.state == 'idle'
 
@@ -245,17 +244,17 @@ def test_clients_see_the_robot_and_not_the_recording(graph: Any) -> None:
             left = MORE
         beats[0].publish(Header(frame_id=f'recorded {PLAYED} {"0f" * 16}'))
         beats[1].publish(Header(frame_id=f'planner {LIVE} {publisher}'))
-        told[1].publish(String(data=json.dumps(report(PLAYED, 9000, state='moving', fault='recorded'))))
+        told[1].publish(String(data=report(PLAYED, 9000, state='moving', fault='recorded').to_json()))
         states[1].publish(String(data='moving'))
-        told[0].publish(String(data=json.dumps(report(LIVE, 500, state='idle', fault=''))))
-        if monitor.progress:  # the heartbeats are known
+        told[0].publish(String(data=report(LIVE, 500, state='idle', fault='').to_json()))
+        if monitor.progress.received:  # the heartbeats are known
             turn = left % 2  # the newest message of a latched topic counts
             name, moves = ('planner', 3) if turn == 0 else ('recorded', 8)
             queues[turn].publish(String(data=QueueReport(name, moves, 1.0, 1.0, '', name, '').to_json()))
         graph.spin_for(0.05)
         for client in (operator, monitor):
-            if client.progress:
-                seen.add((client.progress['session'], client.progress['fault']))
+            if client.progress.received:
+                seen.add((client.progress.session, client.progress.fault))
         seen.add(operator.state)
     assert seen - {''} == {(LIVE, ''), 'idle'}
     assert operator.queue is not None

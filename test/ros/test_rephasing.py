@@ -38,7 +38,7 @@ class Cell:
         self.task = graph.robot(**ON_REQUEST)
         graph.add(UnitRobotNode, **ON_REQUEST)
         self.operator = graph.add(OperatorNode, graph.spin_for)
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.operator.state, 'torque')
 
     def drive(self, axis: int) -> Any:
         return next(node for node in self.graph.nodes if node.get_name() == f'mc4_drive_{axis}')
@@ -47,7 +47,7 @@ class Cell:
         """Start along x and wait until a third of the way is done."""
         self.operator.send_program(LINE)
         self.operator.call('start')
-        self.graph.spin_until(lambda: self.task.progress()['master_m'] > 0.07, 'a third of the way')
+        self.graph.spin_until(lambda: self.task.progress().master_m > 0.07, 'a third of the way')
 
     def take_away(self, node: Node) -> None:
         """Let a node die."""
@@ -56,7 +56,7 @@ class Cell:
     def reset_and_move_home(self) -> None:
         """Do what an operator does, without restarting anything."""
         graph, operator = self.graph, self.operator
-        graph.spin_until(lambda: self.task.progress()['phase'] == 'CP4', 'cyclic operation')
+        graph.spin_until(lambda: self.task.progress().phase == 'CP4', 'cyclic operation')
         graph.spin_until(lambda: operator.state == 'error', 'the fault')
         assert graph.call(Trigger, 'reset', Trigger.Request()).success
         graph.spin_until(lambda: operator.state == 'idle', 'the reset')
@@ -65,7 +65,7 @@ class Cell:
         operator.call('start')
         graph.spin_until(lambda: operator.state == 'moving', 'the motion')
         graph.spin_until(lambda: operator.state == 'idle', 'the end')
-        assert self.task.progress()['fault'] == ''
+        assert self.task.progress().fault == ''
 
     def stamps(self) -> np.ndarray:
         """Bus time of all shafts [ns]."""
@@ -86,10 +86,10 @@ def cell(graph: Any) -> Cell:
 def test_a_drive_that_dies_stops_the_others_on_their_path_and_comes_back(cell: Cell, graph: Any) -> None:
     cell.move()
     cell.take_away(cell.drive(2))
-    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault', BOUND_S)
-    assert cell.task.progress()['fault'].startswith('no AT of axis2 for ')
-    graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP0', 'CP0', BOUND_S)
-    graph.spin_until(lambda: cell.task.progress()['waiting'] == 'waiting for axis2', 'the name')
+    graph.spin_until(lambda: cell.task.progress().fault, 'the fault', BOUND_S)
+    assert cell.task.progress().fault.startswith('no AT of axis2 for ')
+    graph.spin_until(lambda: cell.task.progress().phase == 'CP0', 'CP0', BOUND_S)
+    graph.spin_until(lambda: cell.task.progress().waiting == 'waiting for axis2', 'the name')
     for axis in (1, 3):
         assert cell.drive(axis).drive.drive_state in (DriveState.NOT_READY, DriveState.FAULT)
     # from 0.4 m/s one arm under its falling brake, two along the path: the machine stands
@@ -119,47 +119,47 @@ def test_a_plant_that_dies_takes_the_torque_off_and_a_new_one_stands_at_home(cel
     cell.move()
     (plant,) = (node for node in graph.nodes if isinstance(node, PlantNode))
     cell.take_away(plant)
-    graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP0', 'CP0', BOUND_S)
-    assert 'is the plant running?' in cell.task.progress()['fault']
+    graph.spin_until(lambda: cell.task.progress().phase == 'CP0', 'CP0', BOUND_S)
+    assert 'is the plant running?' in cell.task.progress().fault
     drives = [cell.drive(axis) for axis in (1, 2, 3)]
     graph.spin_until(lambda: not any(drive.drive.powered for drive in drives), 'no torque', BOUND_S)
-    graph.spin_until(lambda: 'plant' in cell.task.progress()['waiting'], 'the name')
+    graph.spin_until(lambda: 'plant' in cell.task.progress().waiting, 'the name')
     graph.add(PlantNode, **ON_REQUEST)
     cell.reset_and_move_home()
-    assert cell.task.progress()['cycles'] > 200
+    assert cell.task.progress().cycles > 200
 
 
 def test_after_a_partner_was_lost_nothing_is_enabled_by_itself(cell: Cell, graph: Any) -> None:
     cell.take_away(cell.drive(1))
     graph.add(MC4DriveNode, axis=1, **ON_REQUEST)
-    graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP0', 'CP0', BOUND_S)
-    graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP4', 'CP4', BOUND_S)
-    cycles = cell.task.progress()['cycles']
-    graph.spin_until(lambda: cell.task.progress()['cycles'] > cycles + 200, 'cycles')
-    assert not cell.task.progress()['in_torque']
+    graph.spin_until(lambda: cell.task.progress().phase == 'CP0', 'CP0', BOUND_S)
+    graph.spin_until(lambda: cell.task.progress().phase == 'CP4', 'CP4', BOUND_S)
+    cycles = cell.task.progress().cycles
+    graph.spin_until(lambda: cell.task.progress().cycles > cycles + 200, 'cycles')
+    assert not cell.task.progress().in_torque
     with pytest.raises(ProgramError, match='not after a fault: '):
         cell.operator.enable(True)
 
 
 def test_a_new_master_of_a_robot_that_was_disabled_leaves_it_so(cell: Cell, graph: Any) -> None:
     cell.operator.enable(False)
-    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    graph.spin_until(lambda: not cell.task.progress().in_torque, 'brakes')
     cell.take_away(cell.task)
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, **ON_REQUEST)
-    graph.spin_until(lambda: task.progress()['phase'] == 'CP4', 'CP4')
-    begun = task.progress()['cycles']
-    graph.spin_until(lambda: task.progress()['cycles'] > begun + 200, 'cycles')
+    graph.spin_until(lambda: task.progress().phase == 'CP4', 'CP4')
+    begun = task.progress().cycles
+    graph.spin_until(lambda: task.progress().cycles > begun + 200, 'cycles')
     assert begun > 20
-    assert not task.progress()['in_torque']
+    assert not task.progress().in_torque
 
 
 def test_a_second_master_waits_and_the_robot_goes_on(cell: Cell, graph: Any) -> None:
     cell.move()
     second = graph.add(TransformationTaskNode, real_time_factor=0.0, **ON_REQUEST)
-    graph.spin_until(lambda: 'has 2 writers' in second.progress()['waiting'], 'the sentence')
-    assert second.progress()['phase'] == 'CP0'
+    graph.spin_until(lambda: 'has 2 writers' in second.progress().waiting, 'the sentence')
+    assert second.progress().phase == 'CP0'
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end of the motion')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     graph.spin_until(lambda: 'writers' in str(second_writer(cell.task)), 'the warning')
 
 
@@ -184,7 +184,7 @@ def test_telegrams_of_another_session_have_no_effect_however_good_they_are(cell:
             false.header.stamp.nanosec = (messages[-1].header.stamp.nanosec + ahead * 10**6) % 10**9
             publisher.publish(false)
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     assert cell.task.statistics()['refused_telegrams'] > refused
     assert cell.task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
     assert all(cell.drive(axis).report.facts()['refused_telegrams'] > 0 for axis in (1, 2, 3))
@@ -201,16 +201,16 @@ def test_a_stranger_that_announces_phases_is_not_obeyed(cell: Cell, graph: Any) 
         )  # of what is latched only the newest is heard: one after the other
         graph.spin_until(lambda heard=heard: cell.task.controller.answered > heard + 20, 'cycles')
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
 
 
 def test_a_drive_that_is_started_twice_stays_out(cell: Cell, graph: Any) -> None:
     cell.move()
     second = graph.add(MC4DriveNode, axis=2, **ON_REQUEST)
-    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
-    assert cell.task.progress()['fault'].startswith('axis2 restarted or left the bus')
+    graph.spin_until(lambda: cell.task.progress().fault, 'the fault')
+    assert cell.task.progress().fault.startswith('axis2 restarted or left the bus')
     assert second.report.facts()['state'] == 'NOT_READY'
-    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'the stop')
+    graph.spin_until(lambda: not cell.task.progress().in_torque, 'the stop')
     actual = np.array(cell.shafts[-1].position) / 32.0
     assert np.isfinite(actual).all()
 
@@ -225,7 +225,7 @@ def stopped_by_a_fault(cell: Cell, graph: Any) -> np.ndarray:
     cell.operator.inject('{fault: encoder_failure, axis: axis2}')
     graph.spin_until(lambda: cell.operator.state == 'error', 'the fault')
     cell.operator.inject('fault: clear')
-    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'the stop')
+    graph.spin_until(lambda: not cell.task.progress().in_torque, 'the stop')
     cell.graph.spin_until(lambda: not cell.drive(2).drive.state['encoder_broken'][0], 'the repair')
     known = len(places)
     cell.operator.call('reset')
@@ -243,7 +243,7 @@ def test_a_program_is_resumed_after_a_fault_where_it_left_its_path(cell: Cell, g
     assert cell.operator.call('resume').startswith('resumed after the fault: 2 moves')
     graph.spin_until(lambda: cell.operator.state_changes >= changes + 2, 'the motion')
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     assert cell.task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.2, 0.0, -0.75], abs=1e-5)
     path = np.array([[m.point.x, m.point.y, m.point.z] for m in cell.commands])
     back = int(np.argmax(np.abs(path[:, 1:] - [0.0, -0.75]).max(axis=1) < 1e-7))
@@ -257,12 +257,12 @@ def test_a_program_is_resumed_after_a_fault_where_it_left_its_path(cell: Cell, g
 def test_a_drive_that_stays_deaf_is_missing_until_another_one_takes_its_place(cell: Cell, graph: Any) -> None:
     deaf = cell.drive(2)
     deaf.deafen()
-    graph.spin_until(lambda: cell.task.progress()['missing'] == ['axis2'], 'the deaf drive', 2.0 * BOUND_S)
-    assert cell.task.progress()['waiting'].startswith('waiting for axis2')
+    graph.spin_until(lambda: cell.task.progress().missing == ['axis2'], 'the deaf drive', 2.0 * BOUND_S)
+    assert cell.task.progress().waiting.startswith('waiting for axis2')
     cell.take_away(deaf)
     graph.add(MC4DriveNode, axis=2, **ON_REQUEST)
-    graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP4', 'cyclic operation')
-    assert cell.task.progress()['missing'] == []
+    graph.spin_until(lambda: cell.task.progress().phase == 'CP4', 'cyclic operation')
+    assert cell.task.progress().missing == []
 
 
 def test_a_program_is_restarted_after_a_fault(cell: Cell, graph: Any) -> None:
@@ -285,7 +285,7 @@ def prepared(graph: Any) -> Any:
         graph.add(MC4DriveNode, axis=axis)
     graph.add(PlantNode)
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
-    graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    graph.spin_until(lambda: task.progress().phase == 'CP3', 'CP3')
     return task
 
 
@@ -294,12 +294,12 @@ def test_a_drive_that_dies_before_cyclic_operation_is_named_when_it_begins(graph
     task = prepared(graph)
     graph.remove(next(node for node in graph.nodes if node.get_name() == 'mc4_drive_3'))
     graph.add(UnitRobotNode, program='experiment1')
-    graph.spin_until(lambda: task.progress()['phase'] == 'CP4', 'CP4')
-    graph.spin_until(lambda: task.progress()['fault'], 'the fault', BOUND_S)
-    assert task.progress()['fault'].startswith('no AT of axis3 for ')
-    graph.spin_until(lambda: task.progress()['waiting'] == 'waiting for axis3', 'the name', BOUND_S)
-    assert not task.progress()['in_torque']
-    assert task.progress()['state'] == 'error'
+    graph.spin_until(lambda: task.progress().phase == 'CP4', 'CP4')
+    graph.spin_until(lambda: task.progress().fault, 'the fault', BOUND_S)
+    assert task.progress().fault.startswith('no AT of axis3 for ')
+    graph.spin_until(lambda: task.progress().waiting == 'waiting for axis3', 'the name', BOUND_S)
+    assert not task.progress().in_torque
+    assert task.progress().state == 'error'
 
 
 def test_a_drive_that_comes_back_before_cyclic_operation_costs_nothing(graph: Any) -> None:
@@ -309,13 +309,13 @@ def test_a_drive_that_comes_back_before_cyclic_operation_costs_nothing(graph: An
     graph.add(MC4DriveNode, axis=3)
     graph.spin_until(lambda: answers, 'the answer of the new drive to its greeting')
     graph.add(UnitRobotNode, program='experiment1')
-    graph.spin_until(lambda: task.progress()['finished'], 'the end of the program')
-    assert task.progress()['fault'] == ''
+    graph.spin_until(lambda: task.progress().finished, 'the end of the program')
+    assert task.progress().fault == ''
 
 
 def named(progress: dict[str, Any], partner: str) -> bool:
     """Whether the master names a partner, and nobody else."""
-    waiting, fault = progress['waiting'], progress['fault']
+    waiting, fault = progress.waiting, progress.fault
     if partner == 'plant':
         guess = 'is the plant running?'
         return waiting == 'waiting for plant' or waiting.endswith(guess) or fault.endswith(guess)
@@ -336,16 +336,16 @@ def test_a_partner_that_dies_in_any_phase_of_the_start_up_is_named_and_may_come_
     graph.remove(next(n for n in graph.nodes if type(n) is kind and n.get_name() in ('plant', 'mc4_drive_2')))
     # the order of events decides whether the start-up waits for it, or cyclic operation misses it
     graph.spin_until(lambda: named(task.progress(), partner), 'the name', 2 * BOUND_S)
-    graph.spin_until(lambda: task.progress()['phase'] != 'CP4', 'the fall of the phase', BOUND_S)
+    graph.spin_until(lambda: task.progress().phase != 'CP4', 'the fall of the phase', BOUND_S)
     graph.add(kind, **ON_REQUEST, **({'axis': 2} if partner == 'axis2' else {}))
-    graph.spin_until(lambda: task.progress()['phase'] == 'CP4', 'cyclic operation', 4 * BOUND_S)
-    graph.spin_until(lambda: task.progress()['fault'] or task.progress()['in_torque'], 'fault or torque')
-    if task.progress()['fault']:
+    graph.spin_until(lambda: task.progress().phase == 'CP4', 'cyclic operation', 4 * BOUND_S)
+    graph.spin_until(lambda: task.progress().fault or task.progress().in_torque, 'fault or torque')
+    if task.progress().fault:
         assert graph.call(Trigger, 'reset', Trigger.Request()).success
-        graph.spin_until(lambda: not task.progress()['fault'], 'the reset')
+        graph.spin_until(lambda: not task.progress().fault, 'the reset')
         assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
-    assert task.progress()['fault'] == ''
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
+    assert task.progress().fault == ''
 
 
 @pytest.mark.long
@@ -355,11 +355,11 @@ def test_nobody_leaves_cp0_while_a_partner_has_not_come_back(graph: Any) -> None
     (plant,) = (node for node in graph.nodes if isinstance(node, PlantNode))
     graph.remove(plant)
     graph.add(UnitRobotNode, program='experiment1')
-    graph.spin_until(lambda: 'is the plant running?' in task.progress()['fault'], 'the fault', 2 * BOUND_S)
+    graph.spin_until(lambda: 'is the plant running?' in task.progress().fault, 'the fault', 2 * BOUND_S)
     phases.clear()
     graph.spin_until(lambda: len(phases) > 3, 'calls')
     assert {message.frame_id.split()[0] for message in phases} == {'CP0'}
-    assert task.progress()['waiting'] == 'waiting for plant'
+    assert task.progress().waiting == 'waiting for plant'
 
 
 SLOW = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.004}}]'
@@ -370,12 +370,12 @@ def test_a_planner_that_dies_under_its_program_is_named_and_the_robot_stops_on_t
 ) -> None:
     cell.operator.send_program(SLOW)
     cell.operator.call('start')
-    graph.spin_until(lambda: cell.task.progress()['master_m'] > 0.001, 'the motion')
+    graph.spin_until(lambda: cell.task.progress().master_m > 0.001, 'the motion')
     (planner,) = (node for node in graph.nodes if isinstance(node, UnitRobotNode))
     cell.take_away(planner)
-    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault', BOUND_S)
-    assert cell.task.progress()['fault'].startswith('unit_robot silent for ')
-    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    graph.spin_until(lambda: cell.task.progress().fault, 'the fault', BOUND_S)
+    assert cell.task.progress().fault.startswith('unit_robot silent for ')
+    graph.spin_until(lambda: not cell.task.progress().in_torque, 'brakes')
     last = cell.commands[-1].point
     assert (last.x, last.y, last.z) == pytest.approx((last.x, 0.0, -0.75), abs=1e-6)
     assert last.x < 0.1
@@ -388,12 +388,12 @@ def test_a_planner_that_was_started_again_does_not_leave_its_program_to_itself(
 ) -> None:
     cell.operator.send_program(SLOW)
     cell.operator.call('start')
-    graph.spin_until(lambda: cell.task.progress()['state'] == 'moving', 'the motion')
+    graph.spin_until(lambda: cell.task.progress().state == 'moving', 'the motion')
     (planner,) = (node for node in graph.nodes if isinstance(node, UnitRobotNode))
     cell.take_away(planner)
     graph.add(UnitRobotNode, **ON_REQUEST)
-    graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault', 2.0)
-    assert 'unit_robot was started again while its program ran' in cell.task.progress()['fault']
+    graph.spin_until(lambda: cell.task.progress().fault, 'the fault', 2.0)
+    assert 'unit_robot was started again while its program ran' in cell.task.progress().fault
     cell.reset_and_move_home()
 
 
@@ -401,16 +401,16 @@ def test_a_planner_that_was_started_again_does_not_leave_its_program_to_itself(
 def test_a_planner_may_die_while_nothing_moves(cell: Cell, graph: Any) -> None:
     (planner,) = (node for node in graph.nodes if isinstance(node, UnitRobotNode))
     cell.take_away(planner)
-    cycles = cell.task.progress()['cycles']
+    cycles = cell.task.progress().cycles
     graph.spin_for(BOUND_S)
     progress = cell.task.progress()
-    assert (progress['fault'], progress['in_torque']) == ('', True)
-    assert progress['cycles'] > cycles
+    assert (progress.fault, progress.in_torque) == ('', True)
+    assert progress.cycles > cycles
 
 
 def test_partners_answer_a_master_that_comes_in_place_of_another_before_cyclic_operation(graph: Any) -> None:
     task = prepared(graph)
     graph.remove(task)
     task = graph.add(TransformationTaskNode, real_time_factor=0.0)
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
-    assert task.progress()['fault'] == ''
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
+    assert task.progress().fault == ''

@@ -113,7 +113,7 @@ class Cell:
         self.planner = graph.add(UnitRobotNode, **ON_REQUEST)
         self.operator = graph.add(OperatorNode, graph.spin_for)
         self.player = graph.add(Node, 'player')
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.operator.state, 'torque')
 
     def wait_for(self, state: str) -> None:
         self.graph.spin_until(lambda: self.operator.state == state, state)
@@ -167,10 +167,10 @@ class Cell:
         self.wait_for('idle')
         operator.inject('{fault: encoder_jump, axis: axis1, jump_rad: 3.0, for_s: 0.01}')
         self.wait_for('error')
-        self.graph.spin_until(lambda: not self.task.progress()['in_torque'], 'standstill')
+        self.graph.spin_until(lambda: not self.task.progress().in_torque, 'standstill')
         operator.call('reset')
         operator.enable(True)
-        self.graph.spin_until(lambda: self.task.progress()['in_torque'], 'torque')
+        self.graph.spin_until(lambda: self.task.progress().in_torque, 'torque')
         self.drive(BACK)
         self.wait_for('idle')
         operator.release_control()
@@ -210,10 +210,10 @@ class Cell:
             operator.call('hold')
         if state == 'error':
             operator.call('emergency_stop')
-            graph.spin_until(lambda: not self.task.progress()['in_torque'], 'standstill')
+            graph.spin_until(lambda: not self.task.progress().in_torque, 'standstill')
         if state == 'disabled':
             operator.enable(False)
-            graph.spin_until(lambda: not self.task.progress()['in_torque'], 'brakes')
+            graph.spin_until(lambda: not self.task.progress().in_torque, 'brakes')
         self.wait_for('idle' if state == 'disabled' else state)
 
     def leave(self, state: str) -> None:
@@ -225,7 +225,7 @@ class Cell:
             operator.call('reset')
         if state in ('error', 'disabled'):
             operator.enable(True)
-            graph.spin_until(lambda: self.task.progress()['in_torque'], 'torque')
+            graph.spin_until(lambda: self.task.progress().in_torque, 'torque')
         self.wait_for('idle')
 
     def newest_s(self) -> float:
@@ -236,7 +236,7 @@ class Cell:
     def facts(self) -> tuple[Any, ...]:
         """What must not change."""
         facts = self.task.progress()
-        return facts['state'], facts['fault'], facts['in_torque'], facts['enabled'], facts['phase']
+        return facts.state, facts.fault, facts.in_torque, facts.enabled, facts.phase
 
 
 def thinned(messages: list[tuple[str, bytes]]) -> list[tuple[str, bytes]]:

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from delta3_pacdrive.control.messages import HOLD, QueueReport, Reply, Request
 from delta3_pacdrive.errors import RunError, RunInterruptedError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.ros.clients import robot_client
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
@@ -34,7 +35,7 @@ class Cell:
         self.task = graph.robot(motion__start_cycle=-1)
         self.planner = graph.add(UnitRobotNode, motion__start_cycle=-1)
         self.operator = graph.add(OperatorNode, graph.spin_for)
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.operator.state, 'torque')
 
     def move(self, text: str) -> tuple[bool, dict[str, str]]:
         response = self.graph.call(
@@ -105,7 +106,7 @@ def test_moves_in_a_row_are_driven_in_a_row_while_the_robot_moves(cell: Cell) ->
     for _, answer in answers:
         cell.wait_for(answer['id'], 'done')
     cell.graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
-    assert cell.task.progress()['tcp_m'] == pytest.approx([0.0, 0.05, -0.75], abs=1e-4)
+    assert cell.task.progress().tcp_m == pytest.approx([0.0, 0.05, -0.75], abs=1e-4)
 
 
 class Client:
@@ -127,7 +128,7 @@ class Client:
             )
 
     def document(self, whom: str, operator: str, number: int, action: str, text: str = '') -> dict[str, Any]:
-        session, identity = self.cell.task.progress()['session'], self.cell.operator.queue.identity
+        session, identity = self.cell.task.progress().session, self.cell.operator.queue.identity
         request = Request(session if whom == 'control' else identity, operator, number, 0, action, text)
         return dict(json.loads(request.to_json()))
 
@@ -241,7 +242,7 @@ def test_the_error_of_a_request_without_an_answer_says_whether_it_may_still_be_c
 
     graph.listener.create_subscription(String, f'{whom}/request', on_request, REQUEST)
     operator = graph.add(OperatorNode, graph.spin_for)
-    operator.progress = {'session': '5e55'}
+    operator.progress = MotionProgress(session='5e55')
     queue.publish(String(data=QueueReport('me', 0, 0.0, 1.0, '').to_json()))
     graph.spin_until(lambda: operator.queue and reply.get_subscription_count(), 'the operator')
     with pytest.raises(RunError) as error:
@@ -262,15 +263,15 @@ def test_moves_that_follow_a_held_program_of_joined_rounds_are_driven(cell: Cell
     lines = [{'move_l': {'to_m': [x, y, -0.75], 'blend_m': 0.01, 'speed_m_s': 0.2}} for x, y in places]
     operator.override(140.0)
     operator.start_program(json.dumps({'moves': lines, 'repeat': 3}))
-    cell.graph.spin_until(lambda: cell.task.progress()['master_m'] > 0.3, 'the second round')
+    cell.graph.spin_until(lambda: cell.task.progress().master_m > 0.3, 'the second round')
     operator.override(30.0)
     operator.call('hold')
     cell.graph.spin_until(lambda: operator.state == 'stopped', 'the stop')
-    assert cell.task.progress()['remaining_s'] is None
+    assert cell.task.progress().remaining_s is None
     sentence = operator.move('move_l: {to_m: [0.02, 0.02, -0.75]}')
     assert sentence.startswith('1 statements follow; the robot is stopped')
-    assert cell.task.progress()['moves'] == 1
-    before = cell.task.progress()['master_m']
+    assert cell.task.progress().moves == 1
+    before = cell.task.progress().master_m
     assert before < 0.5
     operator.override(140.0)
     operator.call('resume')
@@ -278,13 +279,13 @@ def test_moves_that_follow_a_held_program_of_joined_rounds_are_driven(cell: Cell
 
     def over() -> bool:
         progress = cell.task.progress()
-        if progress['move'] == 0:
-            farthest[0] = max(farthest[0], progress['master_m'])
+        if progress.move == 0:
+            farthest[0] = max(farthest[0], progress.master_m)
         return operator.state == 'idle'
 
     cell.graph.spin_until(over, 'the end')
     assert farthest[0] > 0.5  # the third round as well
-    assert cell.task.progress()['tcp_m'] == pytest.approx([0.02, 0.02, -0.75], abs=1e-4)
+    assert cell.task.progress().tcp_m == pytest.approx([0.02, 0.02, -0.75], abs=1e-4)
 
 
 def test_no_place_is_published_before_one_was_measured(graph: Any) -> None:
@@ -292,17 +293,17 @@ def test_no_place_is_published_before_one_was_measured(graph: Any) -> None:
     heard = {topic: graph.listen(PointStamped, topic, CYCLIC_PUBLISHER) for topic in topics}
     graph.robot(('plant', '1', '2'))
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
-    waits: Callable[[], bool] = lambda: 'axis3' in task.progress()['waiting']  # noqa: E731
+    waits: Callable[[], bool] = lambda: 'axis3' in task.progress().waiting  # noqa: E731
     graph.spin_until(waits, 'the missing drive')
-    assert task.progress()['tcp_m'] is None
+    assert task.progress().tcp_m is None
     assert not any(heard.values())
     graph.robot(('3',))
-    graph.spin_until(lambda: all(heard.values()) and task.progress()['phase'] == 'CP3', 'the place')
+    graph.spin_until(lambda: all(heard.values()) and task.progress().phase == 'CP3', 'the place')
     for messages in heard.values():
         for message in messages:
             place = (message.point.x, message.point.y, message.point.z)
             assert place == pytest.approx((0.0, 0.0, -0.75), abs=1e-4)
-    assert task.progress()['tcp_m'] == pytest.approx([0.0, 0.0, -0.75], abs=1e-4)
+    assert task.progress().tcp_m == pytest.approx([0.0, 0.0, -0.75], abs=1e-4)
 
 
 class Wire:

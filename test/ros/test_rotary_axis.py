@@ -1,6 +1,5 @@
 """Facts about a robot with a rotary axis on the running graph: its fourth drive, its turns, and what is refused."""
 
-import json
 import math
 from typing import Any
 
@@ -13,6 +12,7 @@ from visualization_msgs.msg import MarkerArray
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS, mdt_form
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
@@ -20,7 +20,6 @@ from delta3_pacdrive.ros.clients.robot_reader import RobotReader
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.robot_visualization import RobotVisualizationNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.task.progress_report import read_progress
 from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER
 
 ROBOT = parameters.load().replace(rotary__present=True)
@@ -47,18 +46,18 @@ class Cell:
         graph.add(UnitRobotNode, **own)
         self.operator = graph.add(OperatorNode, graph.spin_for)
         self.drives = [node for node in graph.nodes if isinstance(node, MC4DriveNode)]
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.operator.state, 'torque')
 
     def move(self, program: str = TURNS) -> None:
         """Start along x and wait until a third of the way is done."""
         self.operator.send_program(program)
         self.operator.call('start')
-        self.graph.spin_until(lambda: self.task.progress()['master_m'] > 0.07, 'a third of the way')
+        self.graph.spin_until(lambda: self.task.progress().master_m > 0.07, 'a third of the way')
 
     def wait_for_rest(self) -> None:
         """Wait until the robot stands without torque."""
-        self.graph.spin_until(lambda: self.task.progress()['fault'], 'a fault')
-        self.graph.spin_until(lambda: not self.task.progress()['in_torque'], 'no torque')
+        self.graph.spin_until(lambda: self.task.progress().fault, 'a fault')
+        self.graph.spin_until(lambda: not self.task.progress().in_torque, 'no torque')
 
 
 def cyclic(messages: list[Any]) -> list[Any]:
@@ -75,7 +74,7 @@ def test_bus_and_machine_have_four_axes_and_the_tool_turns_with_the_robot(graph:
     cell = Cell(graph)
     cell.move()
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     for messages in (cell.mdt, cell.shafts):
         assert {tuple(message.name) for message in messages} == {ALL_DRIVES}
     newest = cyclic(cell.mdt)[-1]
@@ -98,8 +97,8 @@ def test_bus_and_machine_have_four_axes_and_the_tool_turns_with_the_robot(graph:
     )
     assert np.abs([message.effort[-1] for message in cyclic(cell.joints)]).max() > 0.01
     progress = cell.task.progress()
-    assert read_progress(json.dumps(progress)) == progress
-    assert progress['turn_rad'] == pytest.approx(told.x, abs=1e-3)
+    assert MotionProgress.from_json(progress.to_json()) == progress
+    assert progress.turn_rad == pytest.approx(told.x, abs=1e-3)
     assert max(abs(message.vector.z) for message in cyclic(cell.turns)) < math.radians(0.2)
 
 
@@ -143,16 +142,16 @@ def test_without_a_rotary_axis_nothing_is_told_of_a_fourth_drive_and_turns_are_r
     answer = graph.call(AddDiagnostics, 'inject_fault', request)
     assert not answer.success
     assert 'the robot has no axis4 for a rotary axis' in answer.message
-    assert cell.task.progress()['fault'] == ''
-    assert 'turn_rad' not in cell.task.progress()
+    assert cell.task.progress().fault == ''
+    assert 'turn_rad' not in cell.task.progress().to_fields()
 
 
 def test_the_bus_waits_for_the_fourth_drive(graph: Any) -> None:
     own = {'motion__start_cycle': -1, 'rotary__present': True}
     task = graph.robot(('plant', '1', '2', '3', 'task'), **own)
-    graph.spin_until(lambda: task.progress()['waiting'] == 'waiting for axis4', 'what it waits for')
+    graph.spin_until(lambda: task.progress().waiting == 'waiting for axis4', 'what it waits for')
     graph.add(MC4DriveNode, axis=4, **own)
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
 
 
 def test_a_fourth_drive_that_dies_stops_the_robot_on_its_path_and_is_named(graph: Any) -> None:
@@ -160,8 +159,8 @@ def test_a_fourth_drive_that_dies_stops_the_robot_on_its_path_and_is_named(graph
     cell.move()
     graph.remove(cell.drives[3])
     cell.wait_for_rest()
-    assert cell.task.progress()['fault'].startswith('no AT of axis4 for')
-    assert cell.task.progress()['fault_source'] == 'axis4'
+    assert cell.task.progress().fault.startswith('no AT of axis4 for')
+    assert cell.task.progress().fault_source == 'axis4'
     assert stays_on_the_line(cell)
 
 
@@ -171,20 +170,20 @@ def test_a_fault_of_the_fourth_drive_is_injected_told_with_its_cause_and_cleared
     request = AddDiagnostics.Request(load_namespace='{fault: encoder_failure, axis: axis4}')
     assert graph.call(AddDiagnostics, 'inject_fault', request).success
     cell.wait_for_rest()
-    graph.spin_until(lambda: '8171' in cell.task.progress()['fault'], 'the cause')
-    assert cell.task.progress()['fault'].startswith('axis4 reports a fault in bus cycle')
+    graph.spin_until(lambda: '8171' in cell.task.progress().fault, 'the cause')
+    assert cell.task.progress().fault.startswith('axis4 reports a fault in bus cycle')
     assert stays_on_the_line(cell)
     request = AddDiagnostics.Request(load_namespace='{fault: clear}')
     cleared = int(graph.call(AddDiagnostics, 'inject_fault', request).message.split()[-2])
-    graph.spin_until(lambda: cell.task.progress()['cycles'] > cleared, 'the end of the fault')
+    graph.spin_until(lambda: cell.task.progress().cycles > cleared, 'the end of the fault')
     cell.operator.call('reset')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     cell.operator.enable(True)
-    graph.spin_until(lambda: cell.task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: cell.task.progress().in_torque, 'torque')
     stands = cell.task.controller.state.turn_rad
     cell.operator.send_program('moves: [{turn: {to_deg: -45}}]')
     cell.operator.call('start')
-    graph.spin_until(lambda: cell.operator.state == 'idle' and cell.task.progress()['finished'], 'the end')
+    graph.spin_until(lambda: cell.operator.state == 'idle' and cell.task.progress().finished, 'the end')
     assert 0.0 < stands < math.pi / 2
     assert cyclic(cell.turns)[-1].vector.x == pytest.approx(math.radians(-45.0), abs=1e-12)
 
@@ -225,4 +224,4 @@ def test_a_foreign_telegram_of_another_number_of_axes_is_refused_and_changes_not
     graph.spin_until(lambda: cell.task.statistics()['refused_telegrams'] >= refused + 2, 'two refusals')
     cell.move()
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''

@@ -91,7 +91,7 @@ def test_a_rotary_axis_that_is_not_there_is_refused_by_the_other_drives(graph: A
 
 def test_a_value_that_is_written_triggers_and_is_shown_from_its_bus_cycle_on(graph: Any) -> None:
     task = graph.robot()
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
     scope = Scope(graph, ['axis2.S-0-0104', 'axis1.S-0-0104'], trigger='axis2.S-0-0104', pre_trigger_s=0.01)
     acquisition = scope.client.arm(PATIENCE_S)
     scope.operator.drive('axis2 write S-0-0104 72.5')
@@ -182,4 +182,4 @@ def test_what_is_no_request_is_refused_and_harms_nobody(
     answer = json.loads(answers[0].data)
     assert answer['armed'] == (refusal is None)
     assert answer['refusal'].startswith(refusal or '')
-    assert task.progress()['fault'] == ''
+    assert task.progress().fault == ''

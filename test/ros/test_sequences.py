@@ -32,7 +32,7 @@ class Sequence:
         graph.add(UnitRobotNode, **ON_REQUEST)
         self.operators = [graph.add(OperatorNode, graph.spin_for) for _ in range(2)]
         self.program = graph.listener.create_publisher(String, 'unit_robot/program', REQUEST)
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operators[0].state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.operators[0].state, 'torque')
         self.told: list[str] = []
 
     def attempt(self, what: str, action: Any) -> None:
@@ -76,7 +76,7 @@ class Sequence:
             assert response.message
             self.told.append(f'anybody: {verb}: {response.success} {response.message}')
             if verb == 'start' and response.success:
-                assert self.task.progress()['state'] in ('moving', 'idle')
+                assert self.task.progress().state in ('moving', 'idle')
         elif kind == 'override':
             self.attempt(
                 f'{name}: override', lambda: operator.override(chance.choice([50.0, 150.0, 100.0, 999.0]))
@@ -94,7 +94,7 @@ class Sequence:
             self.program.publish(String(data=chance.choice(PROGRAMS)))
         else:
             graph.spin_for(0.05 * chance.random())
-        assert self.task.progress()['phase'] == 'CP4'
+        assert self.task.progress().phase == 'CP4'
 
     def lead_out(self) -> None:
         """Do what the documentation says: reset, enable, clear; then a move works."""
@@ -104,20 +104,20 @@ class Sequence:
         if operator.state in ('moving', 'stopped'):
             operator.call('abort')
         graph.spin_until(lambda: operator.state in ('idle', 'error'), 'the end of the motion')
-        if self.task.progress()['fault']:
+        if self.task.progress().fault:
             operator.call('reset')
         operator.enable(True)
-        graph.spin_until(lambda: self.task.progress()['in_torque'], 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque, 'torque')
         operator.call('clear')
-        before = self.task.progress()['tcp_m']
+        before = self.task.progress().tcp_m
         operator.send_program(STEP)
         operator.call('start')
         changes = operator.state_changes
         graph.spin_until(lambda: operator.state == 'idle' or operator.state_changes > changes, 'the motion')
         graph.spin_until(lambda: operator.state == 'idle', 'the end')
-        after = self.task.progress()['tcp_m']
+        after = self.task.progress().tcp_m
         assert after == pytest.approx([before[0], before[1], before[2] - 0.01], abs=2e-4)
-        assert self.task.progress()['fault'] == ''
+        assert self.task.progress().fault == ''
 
 
 @pytest.mark.parametrize(

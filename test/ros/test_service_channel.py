@@ -30,7 +30,7 @@ class Cell:
         self.task = graph.robot()
         self.operator = graph.add(OperatorNode, graph.spin_for)
         self.drives = [node for node in graph.nodes if isinstance(node, MC4DriveNode)]
-        graph.spin_until(lambda: self.task.progress()['in_torque'], 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque, 'torque')
 
     def refusal(self, request: str) -> str:
         with pytest.raises(ProgramError) as caught:
@@ -50,7 +50,7 @@ def test_a_gain_is_read_and_written_while_the_cycle_runs(cell: Cell) -> None:
     assert cell.operator.drive('axis1 read S-0-0104').endswith('= 60 1/s')
     assert float(cell.drives[1].drive.constants['position_gain'][0]) == 72.5
     assert cell.drives[1].get_parameter('drive.position_gain_rad_s_rad').value == 72.5
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
 
 
 def test_an_access_takes_about_ten_cycles_and_its_words_are_in_the_telegrams(cell: Cell) -> None:
@@ -163,7 +163,7 @@ def test_what_cannot_be_done_is_answered_with_its_number(cell: Cell) -> None:
     for request, sentence in REFUSED:
         assert sentence in cell.refusal(request), request
         assert cell.operator.drive('axis1 read S-0-0104').endswith('= 60 1/s')
-        assert cell.task.progress()['fault'] == ''
+        assert cell.task.progress().fault == ''
 
 
 @pytest.fixture
@@ -179,7 +179,7 @@ def test_the_channel_is_open_from_cp3_on_and_some_values_are_writable_only_there
     graph: Any, prepared: Any
 ) -> None:
     operator, task, drives = prepared
-    graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    graph.spin_until(lambda: task.progress().phase == 'CP3', 'CP3')
     assert operator.drive('axis2 command S-0-0128') == 'axis2: S-0-0128 CP4 transition check: done'
     with pytest.raises(ProgramError, match=r'S-0-0127.* cannot be executed at this time \(error 0x7012\)'):
         operator.drive('axis2 command S-0-0127')
@@ -187,7 +187,7 @@ def test_the_channel_is_open_from_cp3_on_and_some_values_are_writable_only_there
     assert operator.drive('axis2 write S-0-0295 0.08').endswith('= 0.08 s')
     assert float(drives[1].drive.constants['settle_cycles'][0]) == 80
     task.controller.wait_for_program = False
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
     assert operator.drive('axis2 read S-0-0295').endswith('= 0.08 s')
     with pytest.raises(ProgramError, match=r'write-protected in this communication phase \(error 0x7005\)'):
         operator.drive('axis2 write S-0-0295 0.01')

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -15,16 +16,16 @@ from std_srvs.srv import SetBool, Trigger
 
 from delta3_pacdrive import parameters
 from delta3_pacdrive.control.messages import ORDER
-from delta3_pacdrive.errors import ProgramError
+from delta3_pacdrive.errors import ProgramError, TelegramError
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.program import file_reader as programs
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.drive.arrays import DriveState
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, Identity
 from delta3_pacdrive.robot.sercos.participants import Occasion
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.mc4_drive import MC4DriveNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.task.progress_report import read_progress
 from delta3_pacdrive.ros.wire.numbers import numbers
 from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, FAULTS, LATCHED, PLAN, REPORT, REQUEST
 
@@ -43,7 +44,7 @@ class Cell:
         graph.add(UnitRobotNode, **ON_REQUEST)
         self.operator = graph.add(OperatorNode, graph.spin_for)
         self.drives = [node for node in graph.nodes if isinstance(node, MC4DriveNode)]
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.operator.state, 'torque')
 
     def publish(self, kind: type, topic: str, qos: Any, *messages: Any) -> None:
         """Publish as a stranger, and let the robot go on for a hundred cycles."""
@@ -61,7 +62,7 @@ class Cell:
 
     def assert_untouched(self) -> None:
         facts = self.task.progress()
-        assert (facts['state'], facts['fault'], facts['in_torque']) == ('idle', '', True)
+        assert (facts.state, facts.fault, facts.in_torque) == ('idle', '', True)
         assert np.abs(self.task.controller.task.state['tcp'][0] - HOME).max() < 1e-6
         assert all(drive.drive.drive_state == DriveState.ENABLED for drive in self.drives)
 
@@ -133,9 +134,9 @@ def test_a_second_master_that_copies_the_session_stops_the_drives(cell: Cell) ->
         stamp = cell.task.stamp(cell.task.controller.next_cycle + 3)
         publisher.publish(telegram_message(last.header.frame_id, list(DRIVES), stamp, position=position))
         cell.graph.spin_for(0.002)
-        if cell.task.progress()['fault']:
+        if cell.task.progress().fault:
             break
-    cell.graph.spin_until(lambda: cell.task.progress()['fault'], 'the stop')
+    cell.graph.spin_until(lambda: cell.task.progress().fault, 'the stop')
     cell.graph.spin_until(lambda: not any(drive.drive.powered for drive in cell.drives), 'no torque')
     moved = max(
         abs(drive.drive.answer[0] - home) for drive, home in zip(cell.drives, last.position, strict=True)
@@ -152,39 +153,39 @@ def test_at_of_a_stranger_that_copies_the_session_stop_the_robot_by_the_axis_the
         stamp = cell.task.stamp(cell.task.controller.next_cycle - 1)
         publisher.publish(telegram_message(f'c008 0000 {session}', ['axis1'], stamp, **AT))
         cell.graph.spin_for(0.002)
-        if cell.task.progress()['fault']:
+        if cell.task.progress().fault:
             break
-    assert cell.task.progress()['fault'].startswith(
+    assert cell.task.progress().fault.startswith(
         ('axis1: two different AT of', 'axis1: two AT lost', 'axis1: ten AT lost')
     )
     cell.graph.spin_until(lambda: not any(drive.drive.powered for drive in cell.drives), 'no torque')
 
 
 def test_an_at_of_a_cycle_to_come_says_that_the_drives_went_on_without_their_master(cell: Cell) -> None:
-    session = cell.task.progress()['session']
+    session = cell.task.progress().session
     publisher = cell.graph.listener.create_publisher(JointState, 'sercos/at/axis1', CYCLIC_PUBLISHER)
     cell.graph.spin_until(publisher.get_subscription_count, 'the master')
     stamp = cell.task.stamp(cell.task.controller.next_cycle + 100_000)
     publisher.publish(telegram_message(f'c008 0000 {session}', ['axis1'], stamp, **AT))
-    cell.graph.spin_until(lambda: cell.task.progress()['fault'], 'the fault')
-    assert ' without the master (8506)' in cell.task.progress()['fault']
+    cell.graph.spin_until(lambda: cell.task.progress().fault, 'the fault')
+    assert ' without the master (8506)' in cell.task.progress().fault
     cell.graph.listener.destroy_publisher(publisher)
-    cell.graph.spin_until(lambda: cell.task.progress()['phase'] == 'CP4', 'cyclic operation')
-    assert cell.task.progress()['session'] != session
-    assert not cell.task.progress()['in_torque']
+    cell.graph.spin_until(lambda: cell.task.progress().phase == 'CP4', 'cyclic operation')
+    assert cell.task.progress().session != session
+    assert not cell.task.progress().in_torque
 
 
 def test_a_reset_tells_the_cause_that_is_still_there_and_succeeds_without_it(cell: Cell) -> None:
     operator = cell.operator
     operator.inject('{fault: encoder_failure, axis: axis2}')
-    cell.graph.spin_until(lambda: operator.progress.get('fault'), 'the fault')
-    cell.graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'no torque')
+    cell.graph.spin_until(lambda: operator.progress.fault, 'the fault')
+    cell.graph.spin_until(lambda: not cell.task.progress().in_torque, 'no torque')
     with pytest.raises(ProgramError, match=r'^axis2: .*S-0-0099.*; the cause may last: .* 8171 '):
         operator.call('reset')
     operator.inject('fault: clear')
     cell.go_on(100)
     assert operator.call('reset').startswith('faults cleared in bus cycle')
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
 
 
 NO_FAULTS = ['1' * 5000, '[' * 200_000, '', 'null', '{"fault": "kill"}', '{"fault": 1e999}']
@@ -229,20 +230,24 @@ def test_states_and_places_of_strangers_do_not_end_the_planner(cell: Cell) -> No
 
 def test_no_text_on_the_progress_ends_or_misleads_a_client(cell: Cell) -> None:
     for text in ('garbage', '{', 'null', '[1]', '{}', '{"phase": 4}', '[' * 200_000):
-        assert read_progress(text) is None, text[:20]
+        with pytest.raises(TelegramError):
+            MotionProgress.from_json(text)
         cell.publish(String, 'motion/progress', REPORT, String(data=text))
         cell.assert_untouched()
-        assert cell.operator.progress['phase'] == 'CP4', text[:20]
+        assert cell.operator.progress.phase == 'CP4', text[:20]
 
 
 def test_numbers_that_no_robot_has_are_none_of_its_progress(cell: Cell) -> None:
-    facts = cell.task.progress()
-    assert read_progress(json.dumps(facts)) == facts
+    report = cell.task.progress()
+    assert MotionProgress.from_json(report.to_json()) == report
+    facts = report.to_fields()
     for value in ('Infinity', '-Infinity', 'NaN', '1e999', '1e300', '1' + 400 * '0'):
         for name in ('cycles', 'move', 'outputs', 'rate', 'payload_kg', 'turn_rad'):
-            assert read_progress(json.dumps(facts | {name: 'X'}).replace('"X"', value)) is None, (name, value)
-        told = read_progress(json.dumps(facts | {'tcp_m': [0.0, 'X', 0.0]}).replace('"X"', value))
-        assert (told is None) is (value != 'NaN'), value  # there may be none: the arms close no chain
+            with pytest.raises(TelegramError):
+                MotionProgress.from_json(json.dumps(facts | {name: 'X'}).replace('"X"', value))
+        # there may be no place: the arms close no chain
+        with nullcontext() if value == 'NaN' else pytest.raises(TelegramError):
+            MotionProgress.from_json(json.dumps(facts | {'tcp_m': [0.0, 'X', 0.0]}).replace('"X"', value))
 
 
 def test_a_heartbeat_of_a_stranger_does_not_stop_the_program_of_a_planner_that_lives(cell: Cell) -> None:
@@ -253,7 +258,7 @@ def test_a_heartbeat_of_a_stranger_does_not_stop_the_program_of_a_planner_that_l
     cell.publish(Header, 'unit_robot/alive', REPORT, *strangers)
     cell.go_on(1000)
     facts = cell.task.progress()
-    assert (facts['state'], facts['fault']) == ('moving', '')
+    assert (facts.state, facts.fault) == ('moving', '')
 
 
 def test_an_announcement_with_a_number_of_thousands_of_digits_is_ignored(cell: Cell) -> None:
@@ -319,24 +324,24 @@ def test_a_plan_that_turns_a_motor_too_fast_is_refused_by_the_task_itself(cell: 
 def test_enabling_takes_over_where_the_arm_was_pushed_to(cell: Cell) -> None:
     graph, operator = cell.graph, cell.operator
     operator.enable(False)
-    graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
+    graph.spin_until(lambda: not cell.task.progress().in_torque, 'brakes')
     push = {'fault': 'overload', 'axis': 'axis1', 'torque_n_m': -14.0, 'for_s': 0.02}
     operator.inject(json.dumps(push))
     cell.go_on(400)
-    if cell.task.progress()['fault']:  # the brake has slipped
-        assert '8911' in cell.task.progress()['fault']
+    if cell.task.progress().fault:  # the brake has slipped
+        assert '8911' in cell.task.progress().fault
         assert graph.call(Trigger, 'reset', Trigger.Request()).success
-        graph.spin_until(lambda: not cell.task.progress()['fault'], 'the reset')
+        graph.spin_until(lambda: not cell.task.progress().fault, 'the reset')
     pushed = np.array([drive.drive.answer[0] for drive in cell.drives])
     assert abs(pushed[0]) > 1.0
     speeds = graph.listen(JointState, 'plant/motor_shafts', CYCLIC_PUBLISHER)
     assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
-    graph.spin_until(lambda: cell.task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: cell.task.progress().in_torque, 'torque')
     cell.go_on(200)
     now = np.array([drive.drive.answer[0] for drive in cell.drives])
     assert np.abs(now - pushed).max() < 0.2
     assert max(abs(v) for m in speeds for v in m.velocity) < 20.0
-    assert cell.task.progress()['fault'] == ''
+    assert cell.task.progress().fault == ''
     operator.send_program('moves: [{move_l: {to_m: [0.0, 0.0, -0.78]}}]')
     operator.call('start')
     graph.spin_until(lambda: operator.state == 'moving', 'the motion')
@@ -350,7 +355,7 @@ def test_an_emergency_stop_before_cyclic_operation_leaves_the_drives_without_tor
     from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
 
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
-    graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    graph.spin_until(lambda: task.progress().phase == 'CP3', 'CP3')
     assert graph.call(Trigger, 'emergency_stop', Trigger.Request()).success
     task.controller.wait_for_program = False
     graph.spin_until(lambda: task.controller.answered > 100, 'cycles')
@@ -362,10 +367,10 @@ def test_disabling_in_motion_stops_on_the_path_and_says_who_did_it(cell: Cell) -
     commands = cell.graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
     cell.operator.send_program('moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4}}]')
     cell.operator.call('start')
-    cell.graph.spin_until(lambda: cell.task.progress()['master_m'] > 0.05, 'motion')
+    cell.graph.spin_until(lambda: cell.task.progress().master_m > 0.05, 'motion')
     cell.operator.enable(False)
-    cell.graph.spin_until(lambda: not cell.task.progress()['in_torque'], 'brakes')
-    assert cell.task.progress()['fault'].startswith('disabled by the operator in motion')
+    cell.graph.spin_until(lambda: not cell.task.progress().in_torque, 'brakes')
+    assert cell.task.progress().fault.startswith('disabled by the operator in motion')
     last = commands[-1].point
     assert 0.05 < last.x < 0.15
     assert (last.y, last.z) == pytest.approx((0.0, -0.75), abs=1e-6)
@@ -378,10 +383,10 @@ def test_a_plan_for_another_robot_is_refused_by_the_parameter_that_differs(graph
     )
     refusals = graph.listen(String, 'motion/refusal', REQUEST)
     operator = graph.add(OperatorNode, graph.spin_for)
-    graph.spin_until(lambda: task.progress()['in_torque'] and operator.state, 'torque')
+    graph.spin_until(lambda: task.progress().in_torque and operator.state, 'torque')
     operator.send_program('moves: [{move_l: {to_m: [0.1, 0.0, -0.75]}}]')
     with pytest.raises(ProgramError, match='it was planned for another robot'):
         operator.call('start')
     graph.spin_until(lambda: refusals, 'the refusal')
     assert 'kinematics.upper_arm_length_m is 0.38 there, 0.4 here' in refusals[-1].data
-    assert task.progress()['state'] == 'idle'
+    assert task.progress().state == 'idle'

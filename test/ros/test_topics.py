@@ -13,11 +13,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, Header, String
 
 from delta3_pacdrive import kinematics, parameters
+from delta3_pacdrive.errors import TelegramError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
-from delta3_pacdrive.ros.task.progress_report import read_progress
 from delta3_pacdrive.ros.wire import interfaces
 from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER, LATCHED, LATCHED_FROM_MANY, REPORT
 from delta3_pacdrive.scene.joints import joint_motion
@@ -69,11 +70,11 @@ class Driven:
         self.task = graph.robot(**ON_REQUEST)
         self.planner = graph.add(UnitRobotNode, **ON_REQUEST)
         self.operator = graph.add(OperatorNode, graph.spin_for)
-        graph.spin_until(lambda: self.task.progress()['in_torque'] and self.operator.state, 'torque')
+        graph.spin_until(lambda: self.task.progress().in_torque and self.operator.state, 'torque')
         self.operator.take_control('Anna')
         self.operator.send_program(PROGRAM)
         self.operator.call('start')
-        graph.spin_until(lambda: self.task.progress()['finished'], 'the end')
+        graph.spin_until(lambda: self.task.progress().finished, 'the end')
         graph.spin_until(lambda: self.operator.state == 'idle', 'its word')
         known = len(self.reports)
         graph.spin_until(lambda: len(self.reports) > known + 1, 'a report of the end')
@@ -198,9 +199,10 @@ def test_a_report_tells_time_place_and_following_error_of_its_cycle(driven: Driv
 def test_a_report_that_lacks_anything_is_none(driven: Driven) -> None:
     text = driven.reports[-1].data
     facts = json.loads(text)
-    assert read_progress(text) == facts
-    for key in driven.task.progress():
-        assert read_progress(json.dumps({name: facts[name] for name in facts if name != key})) is None, key
+    assert MotionProgress.from_json(text).to_json() == text
+    for key in driven.task.progress().to_fields():
+        with pytest.raises(TelegramError):
+            MotionProgress.from_fields({name: facts[name] for name in facts if name != key})
 
 
 def test_figures_come_with_the_end_of_a_program(driven: Driven) -> None:
@@ -211,10 +213,10 @@ def test_figures_come_with_the_end_of_a_program(driven: Driven) -> None:
 
 def test_the_round_trip_is_no_longer_than_what_is_outstanding(driven: Driven) -> None:
     """The mean time from an MDT to its AT is that of a cycle times the cycles that are under way (Little's law)."""
-    facts = driven.task.progress() | driven.task.statistics()
-    cycle_ms = facts['wall_time_s'] / facts['cycles'] * 1e3
+    progress = driven.task.progress()
+    cycle_ms = progress.wall_time_s / progress.cycles * 1e3
     longest = cycle_ms * (ROBOT.bus.outstanding_cycles_max + 1)
-    assert 0.0 < facts['mdt_to_last_at_ms']['p50'] < 2.0 * longest
+    assert 0.0 < driven.task.statistics()['mdt_to_last_at_ms']['p50'] < 2.0 * longest
 
 
 LATCHED_TOPICS = {

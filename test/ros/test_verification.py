@@ -34,7 +34,7 @@ class Standing:
         self.add: Callable[[Any], None] = graph.adopt
         task = graph.robot()
         graph.add(UnitRobotNode)
-        graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+        graph.spin_until(lambda: task.progress().in_torque, 'torque')
 
     def processes(self) -> list[Any]:
         return []
@@ -162,7 +162,7 @@ def test_a_robot_that_does_not_come_back_ends_its_case_and_not_the_catalogue(
 def test_bus_time_passes_when_it_should(catalogue: Catalogue) -> None:
     before = catalogue.fresh()['bus_time_s']
     catalogue.let_pass(0.5)
-    assert catalogue.progress['bus_time_s'] >= before + 0.5
+    assert catalogue.progress.bus_time_s >= before + 0.5
 
 
 # soak

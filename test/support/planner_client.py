@@ -10,6 +10,7 @@ from delta3_pacdrive.control.queue.planner_actions import Ordered, Replied, Work
 from delta3_pacdrive.control.queue.planning_job import work
 from delta3_pacdrive.planning.execution import MotionProfile, Timeline
 from delta3_pacdrive.planning.plan import Plan
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 
 LINE = 'moves: [{move_l: {to_m: [0.1, 0.0, -0.75], speed_m_s: 0.2}}]'
 HOME = (0.0, 0.0, -0.75)
@@ -89,26 +90,5 @@ class Client:
 
 def progress_text(**values: Any) -> str:
     """Return a report of ``motion/progress``."""
-    facts = dict.fromkeys(
-        (
-            'session',
-            'phase',
-            'waiting',
-            'fault',
-            'fault_code',
-            'fault_source',
-            'state',
-            'operator',
-            'unlearned',
-        ),
-        'x',
-    )
-    facts |= dict.fromkeys(('finished', 'settling', 'in_torque', 'enabled', 'learned_torques'), False)
-    facts |= dict.fromkeys(
-        ('fault_number', 'fault_cycle', 'cycles', 'move', 'moves', 'outputs', 'control'), 0
-    )
-    facts |= dict.fromkeys(('bus_time_s', 'wall_time_s', 'end_s', 'remaining_s', 'master_m', 'slip_s'), 0.0)
-    facts |= dict.fromkeys(('master_speed_m_s', 'rate', 'payload_kg', 'following_error_rad'), 0.0)
-    facts |= dict.fromkeys(('overruns', 'lost_telegrams', 'repeated_telegrams'), 0)
-    facts |= {'tcp_m': [0.0, 0.0, -0.75], 'missing': [], 'operator_identity': ''}
-    return json.dumps(facts | values)
+    report = MotionProgress(session='x', phase='x', state='x', tcp_m=(0.0, 0.0, -0.75), remaining_s=0.0)
+    return json.dumps(report.to_fields() | values)

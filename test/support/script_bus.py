@@ -23,7 +23,6 @@ from delta3_pacdrive.control.operation.script_service import (
     HOLD,
     LOOK,
     WAIT,
-    condition_text,
 )
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
@@ -302,7 +301,7 @@ class ServedNode:
         return self._facts(LOOK)
 
     def wait(self, condition: WaitCondition) -> Any:
-        return self._facts(WAIT, condition_text(condition))
+        return self._facts(WAIT, condition.to_json())
 
     def hold(self, cycle: int) -> Any:
         return self._facts(HOLD, str(cycle))

@@ -50,7 +50,7 @@ class Cell:
         self.operator = graph.add(OperatorNode, graph.spin_for)
         graph.spin_until(
             lambda: (
-                self.task.progress()['in_torque']
+                self.task.progress().in_torque
                 and self.operator.state
                 and self.publisher.get_subscription_count()
             ),

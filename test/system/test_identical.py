@@ -559,7 +559,7 @@ def test_however_many_telegrams_are_lost_the_graph_gives_the_bits_of_the_simulat
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
     graph.add(UnitRobotNode, program=str(program))
     graph.spin_until(lambda: task.controller.answered >= len(simulated.time_s), 'the end')
-    assert task.progress()['fault'].partition(':')[0] == simulated.meta['stopped'].partition(':')[0]
+    assert task.progress().fault.partition(':')[0] == simulated.meta['stopped'].partition(':')[0]
     clock = Clock(robot.bus.cycle_time_s)
     rows = {}
     for message in shafts:

@@ -44,20 +44,20 @@ from delta3_pacdrive.errors import RefusedError
 from delta3_pacdrive.ros.clients.robot_client import operating
 
 def is_reset():
-    if operator.progress['fault']:
+    if operator.progress.fault:
         try:
             operator.call('reset')
         except RefusedError:  # the drives have not come to rest
             pass
-    return not operator.progress['fault']
+    return not operator.progress.fault
 
 with operating('/') as operator:
     for line in sys.stdin:
         asked = time.monotonic()
         operator.wait_until(
-            lambda: operator.progress.get('phase') == 'CP4' and operator.progress_s > asked, 'CP4', {BACK_S!r}
+            lambda: operator.progress.phase == 'CP4' and operator.progress_s > asked, 'CP4', {BACK_S!r}
         )
-        back_s, fault = time.monotonic() - asked, operator.progress['fault']
+        back_s, fault = time.monotonic() - asked, operator.progress.fault
         operator.wait_until(is_reset, 'reset', {BACK_S!r})
         operator.call('clear')
         print(json.dumps({{'back_s': back_s, 'fault': fault}}), flush=True)

@@ -23,8 +23,8 @@ MESSAGES, PORT = 400, 5555
 AWAIT_END = """
 from delta3_pacdrive.ros.clients.robot_client import operating
 with operating('/') as operator:
-    operator.wait_until(lambda: operator.progress.get('finished'), 'end of the program', 200.0)
-    print(operator.progress['lost_telegrams'], operator.progress['fault'])
+    operator.wait_until(lambda: operator.progress.finished, 'end of the program', 200.0)
+    print(operator.progress.lost_telegrams, operator.progress.fault)
 """
 SEND = f"""
 import socket, sys, time

@@ -46,20 +46,20 @@ class Up:
         now = time.monotonic()
         self._graph.spin_until(lambda: operator.progress_s > now, 'the robot')
         operator.take_control('the tests', by_force=True)
-        if operator.progress['state'] != 'idle':
+        if operator.progress.state != 'idle':
             with suppress(RefusedError):  # it may have come to rest since
                 operator.call('abort')
-            self._wait(lambda: operator.progress['state'] == 'idle')
+            self._wait(lambda: operator.progress.state == 'idle')
         operator.override(100.0)
         operator.call('clear')
         if not self._at_home():
             operator.send_program(f'moves: [{{move_l: {{to_m: {HOME_M}}}}}]')
             operator.call('start')
-            self._wait(lambda: operator.progress['state'] == 'idle' and self._at_home())
+            self._wait(lambda: operator.progress.state == 'idle' and self._at_home())
         operator.release_control()
 
     def _at_home(self) -> bool:
-        return math.dist(self._operator.progress['tcp_m'], HOME_M) < THERE_M
+        return math.dist(self._operator.progress.tcp_m, HOME_M) < THERE_M
 
     def _wait(self, condition: Callable[[], bool]) -> None:
         self._graph.spin_until(condition, 'a robot at home', 30.0)

@@ -11,6 +11,7 @@ pytest.importorskip('sensor_msgs', reason='the checkers read ROS messages')
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RefusedError, RobotFault, RunError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.verification.fault_catalogue.cases import Case, Outcome, State, cases
 from delta3_pacdrive.verification.fault_catalogue.runner import judge_reference
 from delta3_pacdrive.verification.fault_catalogue.signatures import (
@@ -477,11 +478,11 @@ def test_the_record_of_a_fourth_axis_is_its_own():
 class Operated(AutomatedOperator):
     """An operator of a robot that is only told of."""
 
-    progress = {'fault': '', 'in_torque': True}  # noqa: RUF012
+    progress = MotionProgress(in_torque=True)
 
     def __init__(self, state, fault, in_torque):
         self.operator = SimpleNamespace(state=state)
-        self.progress = {'fault': fault, 'in_torque': in_torque}
+        self.progress = MotionProgress(fault=fault, in_torque=in_torque)
 
 
 @pytest.mark.parametrize(
@@ -529,7 +530,7 @@ def test_a_program_that_may_not_start_does_not_wait_before_the_next_one(monkeypa
         one.drive([{'dwell': {'time_s': 0.1}}])
     assert asked == ['start', 'clear']
     one, asked = told_to_start(Code.BUS)
-    one.progress['fault'] = 'axis1 silent'
+    one.progress = MotionProgress(fault='axis1 silent', in_torque=True)
     with pytest.raises(RefusedError):
         one.drive([{'dwell': {'time_s': 0.1}}])
     assert asked == ['start', 'clear']

@@ -27,6 +27,7 @@ from delta3_pacdrive.control.operation.script_service import ScriptService
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.learned_torques import Learned
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.faults.fault import UNIT_ROBOT, Fault
 from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.sercos import master
@@ -269,7 +270,7 @@ class RobotController:
 
     # reports ----------------------------------------------------------------------------------------------------------
 
-    def progress(self) -> dict[str, Any]:
+    def progress(self) -> MotionProgress:
         """Return the state of bus and program, as published in ``motion/progress``."""
         task, state, cycles = self.task, self.state, self.cycles
         move, distance, speed = task.progress()
@@ -278,43 +279,43 @@ class RobotController:
         place = task.answer['tcp_actual'] if answered else state.tcp_m if state.located else None
         remaining = max(end - answered, 0) if end < NEVER else 0
         stops = task.loaded and task.held  # the remaining time then depends on the resume
-        return {
-            'session': self.bus.session.decode(),
-            'phase': self.bus.phase.name,
-            'waiting': str(self.waiting() or ''),
-            'missing': list(self.bus.missing),
-            'fault': str(state.fault or ''),
+        return MotionProgress(
+            session=self.bus.session.decode(),
+            phase=self.bus.phase.name,
+            waiting=str(self.waiting() or ''),
+            missing=tuple(self.bus.missing),
+            fault=str(state.fault or ''),
             **RobotFault.facts(state.fault),
-            'state': str(state.motion),
-            'finished': state.finished,
-            'settling': task.settling(answered - 1),
-            'in_torque': state.in_torque,
-            'enabled': state.enabled,
-            'operator': operator.name if operator else '',
-            'operator_identity': operator.identity if operator else '',
-            'control': self.control.changes,
-            'tcp_m': None if place is None else place.tolist(),
-            'cycles': answered,
-            'bus_time_s': answered * cycle_time,
-            'wall_time_s': cycles.last_answer_s - (self._start_s or 0.0),
-            'move': move,
-            'moves': task.moves,
-            'end_s': (state.ends if state.ends < NEVER else answered) * cycle_time,
-            'remaining_s': None if stops else remaining * cycle_time,
-            'master_m': distance,
-            'master_speed_m_s': speed,
-            'rate': 1.0 if task.profile is None else task.profile.override,
-            'outputs': task.outputs,
-            'payload_kg': task.payload,
-            'following_error_rad': max(abs(value) for value in task.answer['following_error'].tolist()),
-            'overruns': cycles.scheduler.overruns,
-            'slip_s': cycles.scheduler.slip_s,
-            'lost_telegrams': cycles.answers.lost + cycles.inputs.lost,
-            'learned_torques': task.learned.exist,
-            'unlearned': task.learned.reason,
-            'repeated_telegrams': cycles.answers.repeated,
-            **({} if (turning := task.turning) is None else {'turn_rad': turning.feedback[1]}),
-        }
+            state=str(state.motion),
+            finished=state.finished,
+            settling=task.settling(answered - 1),
+            in_torque=state.in_torque,
+            enabled=state.enabled,
+            operator=operator.name if operator else '',
+            operator_identity=operator.identity if operator else '',
+            control=self.control.changes,
+            tcp_m=None if place is None else tuple(place.tolist()),
+            cycles=answered,
+            bus_time_s=answered * cycle_time,
+            wall_time_s=cycles.last_answer_s - (self._start_s or 0.0),
+            move=move,
+            moves=task.moves,
+            end_s=(state.ends if state.ends < NEVER else answered) * cycle_time,
+            remaining_s=None if stops else remaining * cycle_time,
+            master_m=distance,
+            master_speed_m_s=speed,
+            rate=1.0 if task.profile is None else task.profile.override,
+            outputs=task.outputs,
+            payload_kg=task.payload,
+            following_error_rad=max(abs(value) for value in task.answer['following_error'].tolist()),
+            overruns=cycles.scheduler.overruns,
+            slip_s=cycles.scheduler.slip_s,
+            lost_telegrams=cycles.answers.lost + cycles.inputs.lost,
+            learned_torques=task.learned.exist,
+            unlearned=task.learned.reason,
+            repeated_telegrams=cycles.answers.repeated,
+            turn_rad=None if task.turning is None else task.turning.feedback[1],
+        )
 
     def totals(self) -> dict[str, Any]:
         """Return totals of bus and program."""

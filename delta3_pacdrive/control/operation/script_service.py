@@ -6,7 +6,6 @@ control of the robot; if it loses control, the robot stops on its path.
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, fields
 from typing import Any
 
 from delta3_pacdrive.belts.image import belts_text
@@ -21,7 +20,7 @@ from delta3_pacdrive.control.operation.orders import Orders
 from delta3_pacdrive.control.operation.robot_state import STOPPED_OFF_BELT, RobotState
 from delta3_pacdrive.control.operation.script_gate import GateEvent, GateState, ScriptGate
 from delta3_pacdrive.control.operation.wait_condition import Commanded, WaitCondition
-from delta3_pacdrive.errors import Code, Reason, shown
+from delta3_pacdrive.errors import Code, Reason, TelegramError, shown
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 
 ATTACH, LOOK, WAIT, HOLD, LEAVE = 'attach', 'look', 'wait', 'hold', 'leave'
@@ -136,9 +135,10 @@ class ScriptService:
         return self._snapshot()
 
     def _wait(self, request: Request) -> Reason | str | None:
-        condition = read_condition(request.text)
-        if isinstance(condition, Reason):
-            return condition
+        try:
+            condition = WaitCondition.from_json(request.text)
+        except TelegramError as error:
+            return Reason(Code.CONTENT, str(error))
         held, self._held_outside = self._held_outside, None
         if held is not None and (held is not HELD or self._held_profile() is not None):
             return held
@@ -337,32 +337,3 @@ class ScriptService:
         task = self._task
         profile = task.profile if task.loaded and task.held else None
         return None if profile is None else profile.to_array().tolist()
-
-
-def condition_text(condition: WaitCondition) -> str:
-    """Return a condition as the text of a request."""
-    return json.dumps(asdict(condition))
-
-
-def read_condition(text: str) -> WaitCondition | Reason:
-    """Return the condition of a request, or why it is invalid."""
-    try:
-        values = json.loads(text)
-    except (ValueError, RecursionError):
-        values = None
-    names = {field.name for field in fields(WaitCondition)}
-    if not isinstance(values, dict) or set(values) != names:
-        return Reason(Code.CONTENT, f'a script waits for a condition, not {shown(text)}')
-    whole = {name: value for name, value in values.items() if name not in ('over', 'left_cycles')}
-    if values['left_cycles'] is not None:
-        whole['left_cycles'] = values['left_cycles']
-    for name, value in whole.items():
-        if isinstance(value, bool) or not isinstance(value, int) or not -1 <= value < NEVER:
-            return Reason(
-                Code.CONTENT, f'{name} of a condition is {shown(value)}, but must be a whole number'
-            )
-    if not isinstance(values['over'], bool):
-        return Reason(
-            Code.CONTENT, f'over of a condition is {shown(values["over"])}, but must be true or false'
-        )
-    return WaitCondition(**values)

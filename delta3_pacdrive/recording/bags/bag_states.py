@@ -9,6 +9,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording.bags.bag_reader import Sessions
+from delta3_pacdrive.recording.motion_progress import NO_REPORT, MotionProgress
 from delta3_pacdrive.recording.signals import CELL_INPUTS, OUTPUT_COLUMNS
 from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
@@ -93,12 +94,11 @@ class _States:
 
     def progress(self, message: Any) -> None:
         """Add a progress report."""
-        report = json.loads(message.data)
-        counters = [float(report[name]) for name in COUNTERS]
-        fault = int(report['fault_cycle']) if report['fault'] else -1
-        if np.isfinite(counters).all() and abs(fault) < CYCLE_MAX:
-            cycle = self._cycle(float(report['bus_time_s']))
-            self._reports.append((cycle, str(report['session']), fault, counters))
+        # recordings of earlier versions lack some keys
+        report = MotionProgress.from_fields(NO_REPORT.to_fields() | json.loads(message.data))
+        counters = [float(getattr(report, name)) for name in COUNTERS]
+        fault = report.fault_cycle if report.fault else -1
+        self._reports.append((self._cycle(report.bus_time_s), report.session, fault, counters))
 
     def _cycle(self, time_s: float) -> int:
         cycle = round(time_s / self._period_s)

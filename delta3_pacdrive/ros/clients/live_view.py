@@ -118,7 +118,7 @@ class LiveView:
         if robot.update_parameters():
             page.use(robot.parameters)
             page.show_path(robot.planned.points_m)
-        session = str(self._operator.progress.get('session', ''))
+        session = self._operator.progress.session
         if session != self._session:
             self._session = session
             page.clear_history()

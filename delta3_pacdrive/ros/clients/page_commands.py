@@ -99,7 +99,7 @@ class PageCommands:
                 self._wait_for_standstill()
         except RunError as error:
             self._page.report(str(error), refused=True)
-            if self._robot.available and self._operator.progress['state'] in IN_MOTION:
+            if self._robot.available and self._operator.progress.state in IN_MOTION:
                 self._jog.unconfirmed()
                 return
         self._jog.stopped(time.monotonic())
@@ -111,7 +111,7 @@ class PageCommands:
         def is_at_rest() -> bool:
             if self._operator.progress is not seen[-1]:
                 seen.append(self._operator.progress)
-            return len(seen) > REPORTS and self._operator.progress['state'] not in IN_MOTION
+            return len(seen) > REPORTS and self._operator.progress.state not in IN_MOTION
 
         with suppress(RunError):
             self._operator.wait_until(is_at_rest, 'report of standstill', STANDSTILL_S)
@@ -226,7 +226,7 @@ class PageCommands:
         """Return the TCP position [m]; raises RunError without a robot."""
         if not self._robot.available:
             raise RunError('there is no robot')
-        place = np.array(self._operator.progress['tcp_m'], dtype=np.float64)
+        place = np.array(self._operator.progress.tcp_m, dtype=np.float64)
         if not np.isfinite(place).all():
             raise RunError(
                 'robot pose unknown: it is not measured yet, or forward kinematics has no solution'

@@ -29,9 +29,9 @@ from delta3_pacdrive.errors import (
     TelegramError,
 )
 from delta3_pacdrive.planning.program.adaptation import AS_IT_IS, Adaptation
+from delta3_pacdrive.recording.motion_progress import NO_REPORT, MotionProgress
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.present_robot import PresentRobot
-from delta3_pacdrive.ros.task.progress_report import read_progress
 from delta3_pacdrive.ros.wire import discovery, domain, interfaces
 from delta3_pacdrive.ros.wire.polling import PollingNode
 
@@ -70,7 +70,7 @@ class OperatorNode(PollingNode):
         self.identity = secrets.token_hex(8)
         self.in_control = False  # as far as this client knows
         self.interruptible = True  # a signal ends a wait
-        self.progress: dict[str, Any] = {}  # newest motion/progress
+        self.progress = NO_REPORT  # newest motion/progress
         self.progress_s = time.monotonic()  # when it arrived
         self.queue: QueueReport | None = None
         self.state = ''
@@ -98,14 +98,17 @@ class OperatorNode(PollingNode):
         self.create_timer(ALIVE_S, self._send_heartbeat)
 
     def _on_progress(self, message: String) -> None:
-        progress = read_progress(message.data)
-        if progress is None or not self.present.accepts(progress):
+        try:
+            progress = MotionProgress.from_json(message.data)
+        except TelegramError:
+            return
+        if not self.present.accepts(progress):
             return
         self.progress, self.progress_s = progress, time.monotonic()
         before, self._alone = self._alone, self.present.is_alone
         if not (before and self._alone):  # a motion/state may have been missed
-            self._set_state(progress['state'])
-        if self.progress['control'] >= self._control and self.progress['operator_identity'] != self.identity:
+            self._set_state(progress.state)
+        if self.progress.control >= self._control and self.progress.operator_identity != self.identity:
             self.in_control = False
 
     def _on_queue(self, message: String) -> None:
@@ -187,7 +190,7 @@ class OperatorNode(PollingNode):
     def _receiver(self, whom: str) -> str:
         """Return the identity of the receiver, empty until it is known."""
         if whom in BUS_RECEIVERS:
-            return str(self.progress.get('session', ''))
+            return self.progress.session
         return self.queue.identity if self.queue else ''
 
     def _clear_receiver(self, whom: str, receiver: str) -> None:
@@ -195,7 +198,7 @@ class OperatorNode(PollingNode):
         if self._receiver(whom) != receiver:
             return
         if whom in BUS_RECEIVERS:
-            self.progress = {}
+            self.progress = NO_REPORT
         else:
             self.queue = None
 

@@ -72,7 +72,7 @@ class RobotReader:
     @property
     def available(self) -> bool:
         """Whether a report of the robot was received recently."""
-        return bool(self.operator.progress) and time.monotonic() - self.operator.progress_s < SILENT_S
+        return self.operator.progress.received and time.monotonic() - self.operator.progress_s < SILENT_S
 
     def instant(self) -> Instant | None:
         """Return the state of the newest joint states, None without new ones."""
@@ -117,27 +117,27 @@ class RobotReader:
             where = self.operator.get_namespace()
             return Facts(waiting=f'no report from a robot in namespace {where}')
         return Facts(
-            state=p['state'],
-            enabled=p['enabled'],
-            in_torque=p['in_torque'],
-            phase=p['phase'],
-            cycle=int(p['cycles']),
-            bus_time_s=p['bus_time_s'],
-            override=queue.override if queue else p['rate'],
-            overruns=int(p['overruns']),
-            lost_telegrams=int(p['lost_telegrams']),
-            waiting=p['waiting'],
-            fault=p['fault'],
-            sources=sources_of(p['fault_source']),
+            state=p.state,
+            enabled=p.enabled,
+            in_torque=p.in_torque,
+            phase=p.phase,
+            cycle=p.cycles,
+            bus_time_s=p.bus_time_s,
+            override=queue.override if queue else p.rate,
+            overruns=p.overruns,
+            lost_telegrams=p.lost_telegrams,
+            waiting=p.waiting,
+            fault=p.fault,
+            sources=sources_of(p.fault_source),
             drives=tuple(self._drives),
-            move=int(p['move']),
-            moves=int(p['moves']),
-            remaining_s=p['remaining_s'],
+            move=p.move,
+            moves=p.moves,
+            remaining_s=p.remaining_s,
             queue=queue.moves if queue else 0,
             working=queue.working if queue else '',
-            operator=p['operator'],
-            payload_kg=None if brings_parts(self.cell.now.things) else _payload(p['payload_kg']),
-            outputs=int(p['outputs']),
+            operator=p.operator,
+            payload_kg=None if brings_parts(self.cell.now.things) else _payload(p.payload_kg),
+            outputs=p.outputs,
             inputs=self.cell.inputs,
             controller=self._controller,
         )
@@ -169,7 +169,7 @@ class RobotReader:
 
     def update_parameters(self) -> bool:
         """Request the parameters of the robot once per session; return whether they have changed."""
-        session = str(self.operator.progress.get('session', '')) if self.available else ''
+        session = self.operator.progress.session if self.available else ''
         if session and session != self._requested_in and self._remote.ready:
             self._requested_in = session
             self._remote.ask()

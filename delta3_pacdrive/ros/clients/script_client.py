@@ -24,7 +24,6 @@ from delta3_pacdrive.control.operation.script_service import (
     LEAVE,
     LOOK,
     WAIT,
-    condition_text,
 )
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.control.queue.plan_rows import PlanRows
@@ -136,7 +135,7 @@ class ScriptNode(OperatorNode):
 
     def wait(self, condition: WaitCondition) -> dict[str, Any]:
         """Run the bus until a condition is met or times out; return the state then."""
-        return self._facts(WAIT, condition_text(condition))
+        return self._facts(WAIT, condition.to_json())
 
     def hold(self, cycle: int) -> dict[str, Any]:
         """Run the bus to a cycle, then stop the robot on its path."""
@@ -193,7 +192,7 @@ class ScriptNode(OperatorNode):
         return self._verdict(self._orders)
 
     def _numbered(self, kind: str, number: int, values: Any) -> Any:
-        session = str(self.progress.get('session', ''))
+        session = self.progress.session
         return numbers(values, Origin(kind, self.identity, session, number).label())
 
     def _verdict(self, number: int) -> int:

@@ -62,7 +62,7 @@ class FaultObserver(AutomatedOperator):
         telegrams = self._log.read().get(SHAFTS)
         if telegrams is not None:
             self._newest = int(telegrams.cycles[-1])
-        if self.progress.get('fault') and self._failed_s is None:
+        if self.progress.fault and self._failed_s is None:
             self._failed_s = time.time()
 
     def _inject(self, case: Case, after_s: float = 0.0) -> None:
@@ -98,7 +98,7 @@ class FaultObserver(AutomatedOperator):
 
     def _disable(self) -> None:
         self.operator.enable(False)
-        self.wait(lambda: not self.fresh()['in_torque'], 'brakes')
+        self.wait(lambda: not self.fresh().in_torque, 'brakes')
 
     def _child(self, target: str) -> ManagedProcess:
         return next(child for child in self._bringup.processes() if child.name == PROCESS_OF[target])
@@ -106,9 +106,9 @@ class FaultObserver(AutomatedOperator):
     def _counters(self, case: Case) -> tuple[int, int]:
         """Return the numbers of lost, and of late or repeated telegrams of the axis."""
         if case.kind in AT_LOSSES:
-            return int(self.fresh()['lost_telegrams']), 0
+            return int(self.fresh().lost_telegrams), 0
         if case.kind == 'duplicate_at':
-            return 0, int(self.fresh()['repeated_telegrams'])
+            return 0, int(self.fresh().repeated_telegrams)
         if case.kind in MDT_LOSSES:
             return self.mdt_losses(case.target), 0
         if case.kind == 'duplicate_mdt':

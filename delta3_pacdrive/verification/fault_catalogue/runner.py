@@ -113,7 +113,7 @@ class Catalogue(FaultObserver):
         self.drive(self._moves(self._away, self._home))
         self.wait(self.is_at_rest, 'end of the reference move')
         self.let_pass(SETTLE_S)
-        return judge_reference(self._log.tcp(), self._home, self._away, self.progress['fault'])
+        return judge_reference(self._log.tcp(), self._home, self._away, self.progress.fault)
 
     def _moves(self, *points: Floats, **limits: float) -> list[dict[str, Any]]:
         """Return moves to these points; the tool of a rotary axis rotates on the way, and is at 0 at home."""
@@ -127,7 +127,7 @@ class Catalogue(FaultObserver):
     def make_ready(self, home_m: Sequence[float]) -> None:
         """Make the robot ready, and return the tool of a rotary axis to 0; raises Delta3Error."""
         super().make_ready(home_m)
-        if abs(self.progress.get('turn_rad', 0.0)) > THERE_RAD:
+        if abs(self.progress.turn_rad or 0.0) > THERE_RAD:
             self.drive([{'turn': {'to_deg': 0.0}}])
             self.wait(self.is_at_rest, 'end of the turn')
 
@@ -167,7 +167,7 @@ class Catalogue(FaultObserver):
         if case.state != State.STOPPED_BY_FAULT:
             return self.observe(OBSERVED_S + case.fault.get('for_s', 0.0))
         self.let_pass(OBSERVED_S)
-        self.wait(lambda: self.fresh()['phase'] == 'CP4', 'cyclic operation')
+        self.wait(lambda: self.fresh().phase == 'CP4', 'cyclic operation')
         self.let_pass(EXPLANATION_S)
         return self.fault
 
@@ -237,7 +237,7 @@ class Catalogue(FaultObserver):
     def _while_held(self, case: Case) -> Floats:
         self.drive(self._moves(self._away), **self._program)
         # before the move starts, the distance is that of the last program, which ended at the other end
-        self.wait(lambda: HELD_FROM_M < self.progress['master_m'] < HELD_TO_M, 'motion')
+        self.wait(lambda: HELD_FROM_M < self.progress.master_m < HELD_TO_M, 'motion')
         self.operator.call('hold')
         self.wait(lambda: self.operator.state == 'stopped', 'standstill')
         self._inject(case)
@@ -245,7 +245,7 @@ class Catalogue(FaultObserver):
 
     def _while_stopped_by_fault(self, case: Case) -> Floats:
         self.operator.call('emergency_stop')
-        self.wait(lambda: self.fresh()['fault'] and not self.progress['in_torque'], 'standstill')
+        self.wait(lambda: self.fresh().fault and not self.progress.in_torque, 'standstill')
         self._inject(case)
         return self._home
 
@@ -254,7 +254,7 @@ class Catalogue(FaultObserver):
         plant = self._child(PLANT)
         plant.send(signal.SIGSTOP)
         try:
-            self.wait(lambda: self.progress['phase'] == 'CP0', 'fall of the phase')
+            self.wait(lambda: self.progress.phase == 'CP0', 'fall of the phase')
         finally:
             plant.send(signal.SIGKILL)
         self.wait(lambda: self._child(PLANT) is not plant, 'replacement of the plant')
@@ -276,27 +276,27 @@ class Catalogue(FaultObserver):
     def _exercise(self, case: Case) -> None:
         """Finish a held motion; then disable, enable, move away and back while the fault lasts."""
         operator = self.operator
-        self.wait(lambda: operator.state != 'stopping' or self.progress['fault'], 'standstill')
+        self.wait(lambda: operator.state != 'stopping' or self.progress.fault, 'standstill')
         if operator.state == 'stopped':
             self._resume()
         again = 'for_s' in case.fault
-        if not (case.lasts or again or case.kind == 'payload_lost') or self.fresh()['fault']:
+        if not (case.lasts or again or case.kind == 'payload_lost') or self.fresh().fault:
             return
         self._disable()
         if again:
             self._inject(case)  # the first injection has expired
         self.let_pass(DISABLED_S)
-        if self.fresh()['fault']:
+        if self.fresh().fault:
             self.observe(0.0)
             return
         operator.enable(True)
-        self.wait(lambda: self.fresh()['in_torque'] or self.progress['fault'], 'torque')
+        self.wait(lambda: self.fresh().in_torque or self.progress.fault, 'torque')
         is_away = float(np.linalg.norm(self._log.tcp(MDT)[-1] - self._away)) < THERE_M
         way = (self._home, self._away, self._home) if is_away else (self._away, self._home)
         try:
             self.drive(self._moves(*way), **self._program)
         except ProgramError:
-            if not self.fresh()['fault']:
+            if not self.fresh().fault:
                 raise
         self.observe(0.0)
 
@@ -317,7 +317,7 @@ class Catalogue(FaultObserver):
             {'output': {'name': 'gripper', 'value': True, 'payload_kg': HEAVY_KG}},
         ]
         self.drive(moves)
-        self.wait(lambda: self.is_at_rest() and self.progress['payload_kg'] == HEAVY_KG, 'payload')
+        self.wait(lambda: self.is_at_rest() and self.progress.payload_kg == HEAVY_KG, 'payload')
         self.let_pass(SETTLE_S)
 
     def _static_torque(self) -> float:

@@ -129,7 +129,7 @@ class Soak(AutomatedOperator):
     def run(self, seconds: float, show: Callable[[Figures], None], replay: int | None = None) -> None:
         """Run for a time [s], or only the program of a given number."""
         started = time.monotonic()
-        first_cycle = self.fresh()['cycles']
+        first_cycle = self.fresh().cycles
         self.make_ready(HOME_M)
         numbers: Iterable[int] = count(1) if replay is None else (replay,)
         for number in numbers:
@@ -137,14 +137,14 @@ class Soak(AutomatedOperator):
                 break
             self._drawn = draw(self._seed, self._pace, number)
             self._run_program(self._drawn)
-            self.figures.cycles = self.progress['cycles'] - first_cycle
+            self.figures.cycles = self.progress.cycles - first_cycle
             self.figures.unseen = max(self._invariants.unseen.values())
             self._measure_memory()
             show(self.figures)
             if len(self.figures.violations) >= VIOLATIONS_SHOWN:
                 break
         self._drawn = Drawn(0, [], [])  # memory growth is not caused by the last program alone
-        self._invariants.check_memory(self._growth, self.progress['cycles'])
+        self._invariants.check_memory(self._growth, self.progress.cycles)
 
     def _measure_memory(self) -> None:
         """Compare the memory of the processes with that after the warm-up."""
@@ -189,7 +189,7 @@ class Soak(AutomatedOperator):
             self.make_ready(HOME_M)
             figures.survived += len(drawn.faults)
         except Delta3Error as error:
-            self._violate(f'not recovered: {error}', self.progress['cycles'])
+            self._violate(f'not recovered: {error}', self.progress.cycles)
             self.replace_the_machine()
             self.make_ready(HOME_M)
         self._compare(drawn, before, complete=reported is None)
@@ -209,7 +209,7 @@ class Soak(AutomatedOperator):
     def _count(self) -> _Counters:
         """Read the counters of lost telegrams."""
         mdt = tuple(self.mdt_losses(axis) for axis in DRIVES)
-        return _Counters(self._invariants.session, int(self.fresh()['lost_telegrams']), mdt)
+        return _Counters(self._invariants.session, int(self.fresh().lost_telegrams), mdt)
 
     def _compare(self, drawn: Drawn, before: _Counters, complete: bool) -> None:
         """Compare the telegrams lost during program and recovery with the injected losses."""
@@ -217,7 +217,7 @@ class Soak(AutomatedOperator):
         if now.session != before.session or 'kill' in drawn.kinds:
             return  # the counters have restarted, or drives have stopped without a master
         complete = complete and not PROCESS_FAULTS.intersection(drawn.kinds)
-        figures, cycle = self.figures, self.progress['cycles']
+        figures, cycle = self.figures, self.progress.cycles
         injected, apart = drawn.lost(AT_LOSSES)
         figures.lost_at += now.at - before.at
         figures.lost_at_injected += injected

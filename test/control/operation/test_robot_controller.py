@@ -94,7 +94,7 @@ class Cell:
     @property
     def fault(self) -> str:
         """The fault as a sentence, empty if there is none."""
-        return str(self.robot.progress()['fault'])
+        return str(self.robot.progress().fault)
 
     # what happens -----------------------------------------------------------------------------------------------------
 
@@ -156,11 +156,11 @@ def test_a_robot_waits_in_cp3_until_all_of_its_bus_clock_are_ready_and_says_so()
     with pytest.raises(AssertionError):
         cell.come_up()
     assert cell.phases[-1] == Phase.CP3
-    assert cell.robot.progress()['waiting'] == 'waiting for the robots that share its bus clock'
+    assert cell.robot.progress().waiting == 'waiting for the robots that share its bus clock'
     assert other.ready(0.0)
     cell.come_up()
     assert cell.phases[-1] == Phase.CP4
-    assert cell.robot.progress()['waiting'] == ''
+    assert cell.robot.progress().waiting == ''
 
 
 def test_the_bus_comes_up_phase_by_phase_and_the_robot_stands_where_the_drives_say() -> None:
@@ -169,7 +169,7 @@ def test_the_bus_comes_up_phase_by_phase_and_the_robot_stands_where_the_drives_s
     cell.come_up()
     assert cell.phases == [Phase.CP1, Phase.CP2, Phase.CP3, Phase.CP4]
     assert cell.robot.closed() is None
-    assert cell.robot.progress()['tcp_m'] == pytest.approx(ROBOT.motion.home_m, abs=1e-6)
+    assert cell.robot.progress().tcp_m == pytest.approx(ROBOT.motion.home_m, abs=1e-6)
 
 
 def test_the_ticks_of_cycles_begin_with_their_schedule_before_the_phase_is_told(cell: Cell) -> None:
@@ -207,7 +207,7 @@ def test_a_repeated_at_counts_and_changes_nothing_but_two_that_differ_stop_the_r
     cell.answer(0)
     content = ((float(cell.sent[0].motors[0]), 0.0, 0.0), READY, 0)
     cell.robot.cycles.take(0, 0, content, 0)
-    assert cell.robot.progress()['repeated_telegrams'] == 1
+    assert cell.robot.progress().repeated_telegrams == 1
     assert cell.fault == ''
     cell.robot.cycles.take(0, 0, ((1.0, 0.0, 0.0), READY, 0), 0)
     assert 'there is a second writer' in cell.fault
@@ -293,7 +293,7 @@ def test_an_injected_emergency_stop_begins_with_the_command_of_its_cycle() -> No
     cell = Cell({'fault': 'emergency_stop', 'after_s': 0.02}).come_up()
     cell.run(40)
     assert cell.fault == 'emergency stop in bus cycle 20'
-    assert cell.robot.progress()['fault_cycle'] == 20
+    assert cell.robot.progress().fault_cycle == 20
     assert cell.told[-1] == 39  # cycles go on
 
 
@@ -384,7 +384,7 @@ def test_a_cycle_is_evaluated_with_its_inputs_and_not_before() -> None:
     assert cell.told == [0, 1, 2]
     assert cell.robot.cycles.inputs.bits == 0b10
     # they count as any lost AT does
-    assert cell.robot.progress()['lost_telegrams'] == cell.robot.totals()['input_losses'] == 1
+    assert cell.robot.progress().lost_telegrams == cell.robot.totals()['input_losses'] == 1
 
 
 def test_inputs_of_a_cycle_to_come_are_refused() -> None:

@@ -7,9 +7,10 @@ from delta3_pacdrive import scripting
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.control import Operator
 from delta3_pacdrive.control.operation.script_gate import GateEvent, GateState
-from delta3_pacdrive.control.operation.script_service import ATTACH, HOLD, LEAVE, LOOK, WAIT, condition_text
+from delta3_pacdrive.control.operation.script_service import ATTACH, HOLD, LEAVE, LOOK, WAIT
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, ScriptError
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.sercos.configuration_check import Identity
 from delta3_pacdrive.scripting.connected_link import ConnectedLink, connected
 from delta3_pacdrive.scripting.robot import Robot
@@ -48,7 +49,7 @@ def moving(node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     assert node.controller.state.motion is MotionState.MOVING
-    node.post(WAIT, condition_text(WaitCondition(10**6, 10**6)))
+    node.post(WAIT, WaitCondition(10**6, 10**6).to_json())
     for _ in range(20):
         node.bus.exchange()
     assert node.replies == []
@@ -88,9 +89,9 @@ def test_an_action_that_there_is_not_is_refused(node, called):
 
 
 @pytest.mark.parametrize(
-    'text', ['', 'null', '[]', '{}', '{"first": 1}', condition_text(WaitCondition(0, 10**30)),
-             condition_text(WaitCondition(0, 5)).replace('5', '5.5'),
-             condition_text(WaitCondition(0, 5)).replace('false', '0')],
+    'text', ['', 'null', '[]', '{}', '{"first": 1}', WaitCondition(0, 10**30).to_json(),
+             WaitCondition(0, 5).to_json().replace('5', '5.5'),
+             WaitCondition(0, 5).to_json().replace('false', '0')],
 )  # fmt: skip
 def test_a_condition_that_is_none_is_refused_and_the_bus_waits_on(node, called, text):
     reason, _ = node.ask(WAIT, text)
@@ -139,7 +140,7 @@ def test_a_hold_from_outside_ends_the_wait_and_the_script_may_resume(node, calle
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     held_at = node.bus.commands
-    node.post(WAIT, condition_text(WaitCondition(10**6, 10**6)))
+    node.post(WAIT, WaitCondition(10**6, 10**6).to_json())
     assert isinstance(node.controller.scripts.hold(), str)
     reason, _, _ = node.replies[-1]
     assert (reason.code, str(reason)) == (
@@ -166,7 +167,7 @@ def test_a_script_whose_wait_is_held_by_somebody_follows_that_and_resumes(robot,
 
     def held(condition):
         monkeypatch.setattr(node, 'wait', wait)
-        node.post(WAIT, condition_text(condition))
+        node.post(WAIT, condition.to_json())
         node.controller.scripts.hold()
         return wait(condition) if node.replies[-1][0] is None else refuse(node.replies[-1][0])
 
@@ -194,7 +195,7 @@ def test_an_abort_from_outside_ends_the_script(node, called):
 
 def test_an_abort_that_is_refused_because_nothing_is_driven_leaves_the_script_waiting(node, called):
     called.wait_time(0.1)
-    node.post(WAIT, condition_text(WaitCondition(10**6, 10**6)))
+    node.post(WAIT, WaitCondition(10**6, 10**6).to_json())
     assert node.controller.scripts.abort().code is Code.STATE
     assert node.controller.scripts.operator == node.identity
     assert node.replies == []
@@ -214,7 +215,7 @@ def test_a_fault_ends_a_wait_with_its_sentence(node, called):
 def test_a_script_that_asks_again_waits_for_the_newest_alone(node, called):
     moving(node, called)
     cycle = node.bus.controller.gate.cycle
-    reason, _ = node.ask(WAIT, condition_text(WaitCondition(0, cycle + 200)))
+    reason, _ = node.ask(WAIT, WaitCondition(0, cycle + 200).to_json())
     assert reason is None
 
 
@@ -255,7 +256,7 @@ def test_an_order_of_a_script_that_has_left_does_not_look_like_one_of_the_planne
 class InterruptedNode(ServedNode):
     """A client that is interrupted while it waits for the verdict on its first order."""
 
-    progress = True
+    progress = MotionProgress()
     stopped = False
 
     def wait_until(self, condition, what):

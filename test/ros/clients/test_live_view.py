@@ -10,6 +10,7 @@ import pytest
 
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.ros import present_robot
 from delta3_pacdrive.ros.clients import live_view
 from delta3_pacdrive.ros.clients import page_commands as page_wishes
@@ -128,7 +129,7 @@ class Cell:
         if self.silent:
             return
         self.progress_s = self.now
-        self.progress = {'session': 'a', 'tcp_m': [0.0, 0.0, -0.75], 'state': self.states[0]}
+        self.progress = MotionProgress(session='a', tcp_m=(0.0, 0.0, -0.75), state=self.states[0])
 
     def update_parameters(self) -> bool:
         return False

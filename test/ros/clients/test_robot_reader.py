@@ -51,9 +51,9 @@ def operator(graph: Any) -> OperatorNode:
     task = graph.robot(**ON_REQUEST)
     graph.add(UnitRobotNode, **ON_REQUEST)
     operator = graph.add(OperatorNode, graph.spin_for)
-    graph.spin_until(lambda: task.progress()['in_torque'] and operator.state, 'torque')
+    graph.spin_until(lambda: task.progress().in_torque and operator.state, 'torque')
     send(graph, A)
-    graph.spin_until(lambda: task.progress()['master_m'] > ON_ITS_WAY_M, 'a robot on its way')
+    graph.spin_until(lambda: task.progress().master_m > ON_ITS_WAY_M, 'a robot on its way')
     return operator
 
 

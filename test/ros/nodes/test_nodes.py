@@ -243,9 +243,9 @@ def test_strangers_on_the_cyclic_topics_change_nothing(graph: Any) -> None:
         stranger.publish(message)
     refused = task.statistics()['refused_telegrams']
     graph.spin_until(lambda: task.statistics()['refused_telegrams'] >= refused + 3, 'three refusals')
-    cycles = task.progress()['cycles']
-    graph.spin_until(lambda: task.progress()['cycles'] > cycles + 100, 'operation to go on')
-    assert task.progress()['fault'] == ''
+    cycles = task.progress().cycles
+    graph.spin_until(lambda: task.progress().cycles > cycles + 100, 'operation to go on')
+    assert task.progress().fault == ''
 
 
 def test_program_on_request_and_enable_by_service(graph: Any) -> None:
@@ -253,15 +253,15 @@ def test_program_on_request_and_enable_by_service(graph: Any) -> None:
     answers = graph.listen(String, 'unit_robot/answer', LATCHED)
     task = graph.robot(motion__start_cycle=-1, motion__enable_cycle=-1)
     graph.add(UnitRobotNode, program='experiment1', motion__start_cycle=-1, motion__enable_cycle=-1)
-    graph.spin_until(lambda: task.progress()['cycles'] > 10 and answers, 'cyclic operation and the plan')
+    graph.spin_until(lambda: task.progress().cycles > 10 and answers, 'cyclic operation and the plan')
     assert answers[-1].data.startswith('accepted: planned "experiment 1')
     assert graph.call(SetBool, 'enable', SetBool.Request(data=True)).success
     assert graph.call(Trigger, 'start', Trigger.Request()).success
-    graph.spin_until(lambda: task.progress()['finished'], 'the end')
+    graph.spin_until(lambda: task.progress().finished, 'the end')
     assert task.statistics()['figures']['final_tcp_m'] == pytest.approx([0.0, 0.0, -0.75], abs=2e-5)
     graph.spin_until(lambda: len(located) == 2, 'the place where the next program may start')
     assert graph.call(SetBool, 'enable', SetBool.Request(data=False)).success
-    graph.spin_until(lambda: not task.progress()['in_torque'], 'brakes')
+    graph.spin_until(lambda: not task.progress().in_torque, 'brakes')
 
 
 def test_a_program_begins_with_one_of_its_statements(graph: Any) -> None:
@@ -271,7 +271,7 @@ def test_a_program_begins_with_one_of_its_statements(graph: Any) -> None:
     answers = graph.listen(String, 'unit_robot/answer', LATCHED)
     task = graph.robot(**there)
     graph.add(UnitRobotNode, program='experiment1', first_statement=4, **there)
-    graph.spin_until(lambda: task.progress()['in_torque'] and answers, 'torque and the plan')
+    graph.spin_until(lambda: task.progress().in_torque and answers, 'torque and the plan')
     assert answers[-1].data.startswith(f'accepted: planned "{rest.name}": 3 moves, ')
 
 
@@ -279,11 +279,11 @@ def test_a_program_without_enabled_drives_is_refused_and_can_be_started_later(gr
     answers = graph.listen(String, 'unit_robot/answer', LATCHED)
     task = graph.robot(motion__start_cycle=-1, motion__enable_cycle=-1)
     graph.add(UnitRobotNode, program='experiment1', motion__start_cycle=-1, motion__enable_cycle=-1)
-    graph.spin_until(lambda: task.progress()['cycles'] > 10 and answers, 'cyclic operation and the plan')
+    graph.spin_until(lambda: task.progress().cycles > 10 and answers, 'cyclic operation and the plan')
     graph.call(Trigger, 'start', Trigger.Request())
     graph.spin_until(lambda: 'the drives are not enabled' in answers[-1].data, 'the refusal')
-    assert task.progress()['state'] == 'idle'
-    assert task.progress()['fault'] == ''
+    assert task.progress().state == 'idle'
+    assert task.progress().fault == ''
 
 
 def test_a_refused_program_leaves_the_robot_ready(graph: Any, tmp_path: Any) -> None:
@@ -296,10 +296,10 @@ def test_a_refused_program_leaves_the_robot_ready(graph: Any, tmp_path: Any) -> 
         lambda: any(m.data.startswith(f'refused: {program}:1:9: moves[0].move_l') for m in answers),
         'the refusal',
     )
-    cycles = task.progress()['cycles']
-    graph.spin_until(lambda: task.progress()['cycles'] > cycles + 100, 'operation to go on')
-    assert task.progress()['moves'] == 0
-    assert task.progress()['fault'] == ''
+    cycles = task.progress().cycles
+    graph.spin_until(lambda: task.progress().cycles > cycles + 100, 'operation to go on')
+    assert task.progress().moves == 0
+    assert task.progress().fault == ''
 
 
 def test_identity_is_announced_with_every_fact(graph: Any) -> None:

@@ -47,7 +47,7 @@ class Shown:
         task = graph.robot(**ON_REQUEST)
         graph.add(UnitRobotNode, **ON_REQUEST)
         operator = graph.add(OperatorNode, graph.spin_for)
-        graph.spin_until(lambda: task.progress()['in_torque'] and operator.state, 'torque')
+        graph.spin_until(lambda: task.progress().in_torque and operator.state, 'torque')
         graph.spin_for(0.6)
         self.read_before = set(readers(graph))
         self.arrays = graph.listen(MarkerArray, 'markers')
@@ -58,7 +58,7 @@ class Shown:
         operator.take_control('Anna')
         operator.send_program(PROGRAM)
         operator.call('start')
-        graph.spin_until(lambda: task.progress()['finished'], 'the end')
+        graph.spin_until(lambda: task.progress().finished, 'the end')
         graph.spin_for(1.5)  # every marker has come after the end
 
     def newest(self) -> dict[tuple[str, int], Marker]:

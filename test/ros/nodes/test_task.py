@@ -46,7 +46,7 @@ def test_who_was_there_before_the_robot_is_greeted_on_every_cyclic_topic(graph: 
     graph.robot(('plant', '1', '2', '3'))
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
     graph.spin_until(
-        lambda: all(heard.values()) and task.progress()['phase'] == 'CP3', 'greetings in CP3', SOON_S
+        lambda: all(heard.values()) and task.progress().phase == 'CP3', 'greetings in CP3', SOON_S
     )
     assert {message.header.stamp.sec for found in heard.values() for message in found} == {-1}
 
@@ -56,16 +56,16 @@ def test_a_fault_is_refused_where_it_cannot_be_and_told_with_the_cycle_of_its_st
     graph.robot(('plant', '1', '2', '3'))
     task = graph.add(TransformationTaskNode, real_time_factor=0.0, wait_for_program=True)
     operator = graph.add(OperatorNode, graph.spin_for)
-    graph.spin_until(lambda: task.progress()['phase'] == 'CP3', 'CP3')
+    graph.spin_until(lambda: task.progress().phase == 'CP3', 'CP3')
     with pytest.raises(ProgramError, match='a fault needs cyclic operation, the bus is in CP3'):
         operator.inject('{fault: encoder_failure, axis: axis2}')
     graph.add(UnitRobotNode, program='experiment1')
-    graph.spin_until(lambda: task.progress()['in_torque'], 'torque')
+    graph.spin_until(lambda: task.progress().in_torque, 'torque')
     with pytest.raises(ProgramError, match='all nodes of this robot are in one process'):
         operator.inject('{fault: freeze, node: plant, seconds: 0.01}')
     said = operator.inject('{fault: encoder_failure, axis: axis2}')
     first = int(said.removesuffix(' on').rpartition(' ')[2])
-    graph.spin_until(lambda: task.progress()['fault'] and not task.progress()['in_torque'], 'the stop')
+    graph.spin_until(lambda: task.progress().fault and not task.progress().in_torque, 'the stop')
     known = len(reports)
     graph.spin_until(lambda: len(reports) > known + 1, 'a report')
     fault = json.loads(reports[-1].data)
@@ -102,7 +102,7 @@ def test_diagnostics_tell_level_sentence_and_drive(graph: Any) -> None:
         lambda: newest('/transformation_task').level == DiagnosticStatus.ERROR, 'the task says so'
     )
     assert newest('/mc4_drive_2').message.startswith('8171 ')
-    assert newest('/transformation_task').message == task.progress()['fault']
+    assert newest('/transformation_task').message == task.progress().fault
     assert newest('/mc4_drive_1').level == DiagnosticStatus.OK
 
 

@@ -245,7 +245,7 @@ def test_an_invalid_goal_is_rejected_and_its_reason_published(driver: Driver) ->
     assert driver.rejection(message((1.0, still(0.1)), names=['a', 'b', 'c'])).startswith('joint_names are ')
     assert driver.rejection(message((1.0, still(np.nan)))).startswith('point 1: positions of axis1 is nan')
     assert driver.rejection(JointTrajectory()).startswith('the trajectory has no points')
-    cell.graph.spin_until(lambda: cell.task.progress()['bus_time_s'] > 1.0, 'bus time')
+    cell.graph.spin_until(lambda: cell.task.progress().bus_time_s > 1.0, 'bus time')
     late = message((0.5, still(0.1)), stamp=Time(nanosec=1))
     assert driver.rejection(late).startswith('it is over')
     assert len({report['id'] for report in driver.reports}) == 5

@@ -1,0 +1,71 @@
+"""Report of the transformation task on bus and program: ``motion/progress``."""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from delta3_pacdrive.configuration.json_message import JsonMessage, nullable
+
+NUMBER_MAX = 1e15  # beyond it whole numbers are not exact
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionProgress(JsonMessage):
+    """State of bus and program; the keys of the message are the fields in their order.
+
+    The defaults are those of a robot that has not reported yet.
+    """
+
+    number_max: ClassVar[float] = NUMBER_MAX
+    further: ClassVar[str] = 'statistics'
+
+    session: str = ''  # of the bus
+    phase: str = ''  # of the bus
+    waiting: str = ''  # what the bus waits for, empty if for nothing
+    missing: tuple[str, ...] = ()  # participants that the bus waits for
+    fault: str = (
+        ''  # that stopped the robot, empty without one; the following fields as in ``RobotFault.facts``
+    )
+    fault_code: str = ''
+    fault_number: int = 0
+    fault_source: str = ''
+    fault_cycle: int = 0
+    state: str = ''  # of the motion
+    finished: bool = False  # the program has ended
+    settling: bool = False  # at the end of an exact stop
+    in_torque: bool = False
+    enabled: bool = False
+    operator: str = ''  # name of the operator in control, empty without one
+    operator_identity: str = ''
+    control: int = 0  # number of changes of control
+    # measured, None if not yet; nan if forward kinematics has no solution
+    tcp_m: tuple[float, float, float] | None = nullable(nan=True)
+    cycles: int = 0  # evaluated bus cycles
+    bus_time_s: float = 0.0
+    wall_time_s: float = 0.0
+    move: int = 0  # index of the active move
+    moves: int = 0
+    end_s: float = 0.0  # bus time at which the program ends
+    remaining_s: float | None = nullable()  # None while the robot is held
+    master_m: float = 0.0
+    master_speed_m_s: float = 0.0
+    rate: float = 0.0  # override, 1 = as planned
+    outputs: int = 0  # bit n is output n
+    payload_kg: float = 0.0
+    following_error_rad: float = 0.0  # largest of all arms
+    overruns: int = 0
+    slip_s: float = 0.0
+    lost_telegrams: int = 0
+    learned_torques: bool = False  # the program has some
+    unlearned: str = ''  # why they are not followed, empty if they are
+    repeated_telegrams: int = 0
+    turn_rad: float | None = None  # measured angle of the rotary axis, if present
+    # totals of bus and program, after the end of a program and with a fault
+    statistics: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def received(self) -> bool:
+        """Whether this is a report of a robot."""
+        return self is not NO_REPORT
+
+
+NO_REPORT = MotionProgress()
