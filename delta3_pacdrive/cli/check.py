@@ -176,8 +176,8 @@ def _fault_text(fault: Any) -> str:
 
 def _planned(program: Any, robot: Any) -> dict[str, Any]:
     from delta3_pacdrive.planning import program_planner
+    from delta3_pacdrive.studies.framework.columns import to_dict
     from delta3_pacdrive.studies.places.planning.evaluation import statement_rows
-    from delta3_pacdrive.studies.places.planning.report import statement_documents
 
     start = robot.motion.home_m if program.start_m is None else program.start_m
     planned = program_planner.plan(program, start, robot)
@@ -188,7 +188,7 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
         move, rows = planned.plan.moves[number], statement_rows(planned, number, robot)
         moves.append({'kind': move.kind.name.lower(), 'length_m': move.length_m, 'time_s': move.duration_s})
         if rows:
-            moves[-1]['by_statement'] = statement_documents(rows)
+            moves[-1]['by_statement'] = to_dict(rows)
     return {
         'kind': 'program',
         'program': planned.name,

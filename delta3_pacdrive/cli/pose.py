@@ -78,14 +78,16 @@ def _written(options: Options, robot: 'Parameters', pose: 'Pose', lines: list[st
     """Write figures, table and page; return the file names."""
     from pathlib import Path
 
+    from delta3_pacdrive.studies.framework.columns import csv_table
     from delta3_pacdrive.studies.framework.provenance import Provenance
-    from delta3_pacdrive.studies.framework.report_folder import ReportFolder, Table
-    from delta3_pacdrive.studies.places.pose import figures, report
+    from delta3_pacdrive.studies.framework.report_folder import ReportFolder
+    from delta3_pacdrive.studies.places.pose import figures
+    from delta3_pacdrive.studies.places.pose.study import Solution
 
     origin = Provenance.of(options.command_line, robot, options.parameters)
     folder = ReportFolder(Path(options.output or '.'), origin)
     folder.figures(figures.by_name(pose, robot))
-    folder.table(Table('solutions.csv', *report.solution_columns(pose)))
+    folder.table(csv_table('solutions.csv', pose.solutions, of=Solution))
     folder.page('A pose of the robot', lines)
     return folder.files
 

@@ -16,7 +16,7 @@ from delta3_pacdrive.studies.calibration import figures as calibration_figures
 from delta3_pacdrive.studies.estimation import figures as estimation_figures
 from delta3_pacdrive.studies.estimation import report as estimation_report
 from delta3_pacdrive.studies.estimation import thesis_setup as chapter_9
-from delta3_pacdrive.studies.framework.report_folder import Table
+from delta3_pacdrive.studies.framework.columns import csv_table
 from delta3_pacdrive.studies.places.planning import evaluation as plans
 from delta3_pacdrive.studies.places.planning import report as plan_report
 from delta3_pacdrive.studies.places.pose import evaluation as poses
@@ -68,7 +68,7 @@ def test_the_map_of_the_workspace_agrees_with_its_document(robot):
 @pytest.mark.parametrize('place', [(0.2, 0.1, -0.85), (-0.3, 0.15, -0.75)])
 def test_a_pose_agrees_with_its_document(place, robot):
     pose = poses.of_point(place, robot)
-    table = Table('solutions.csv', *pose_report.solution_columns(pose))
+    table = csv_table('solutions.csv', pose.solutions)
     read(pose_report.document(pose, robot), pose_report.text(pose, robot), [table])
 
 

@@ -437,7 +437,7 @@ def path_points(found):
 
 def over_path(found):
     s = found.samples
-    starts = [s.distance_m[np.searchsorted(s.move, row.number - 1)] for row in found.rows[1:]]
+    starts = [s.distance_m[np.searchsorted(s.move, row.number)] for row in found.rows[1:]]
     marks = [mark(place) for place in starts] if len(found.rows) <= 40 else []
     rows = (('TCP speed', s.tcp_speed_m_s, s.speed_limit_m_s),
             ('TCP acceleration', s.tcp_acceleration_m_s2, s.acceleration_limit_m_s2),

@@ -493,8 +493,8 @@ def deviation_over_condition(found, arm):
 
 
 def quantity_map(found, slices, parameters, quantity):
-    known = [quantity.scale * grid.values[quantity.key] for grid in found.slices]
-    assert quantity.scale == FACTORS.get(quantity.shown_unit, 1.0), quantity.key
+    scale = FACTORS.get(quantity.shown_unit, 1.0)
+    known = [scale * grid.values[quantity.key] for grid in found.slices]
     assert (quantity.unit, quantity.shown_unit) in ((quantity.unit, quantity.unit), ('m', 'um'))
 
     def check(axes, values, plane):

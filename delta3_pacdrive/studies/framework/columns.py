@@ -8,6 +8,7 @@ A record is a dataclass. The name of a field is its key in JSON, and ``Column`` 
         delay_s: Annotated[float, Column('delay [s]')]
         tcp_error_m: Annotated[Floats, Column('TCP error {} [m]', 'xyz')]  # three columns
         current_a: list[float]  # in JSON only
+        use: Annotated[Use, Column('{}')]  # another record: its own columns
         samples: Annotated[Samples, HIDDEN]  # in neither of them
 
     document = {'cases': to_dict(cases)}                       # JSON
@@ -42,25 +43,29 @@ from delta3_pacdrive.studies.framework.report_folder import Table
 # unit in a text: SI value of one
 SIZES = {unit: size for unit, (_, size) in UNITS.items()} | {
     '%': 0.01, 'um': 1e-6, 'mrad': 1e-3, 'e-3 deg': math.radians(1e-3), 'deg/s3': math.radians(1.0), 'g': 1e-3,
-    'm/s3': 1.0, 'Hz': 1.0, 'kHz': 1e3, 'kg cm2': 1e-4,
+    'm/s3': 1.0, 'm/rad': 1.0, 'Hz': 1.0, 'kHz': 1e3, 'kg cm2': 1e-4,
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Column:
-    """Heading of a field in CSV, with its unit.
+    """Heading of a field in CSV, with its unit, and exceptions from the usual form of JSON and CSV.
 
     ``{}`` in the heading is replaced by a label for each value along the last axis of the field; a mapping is labelled
-    by its keys. ``form`` is the format of a cell as in ``fill``; without it, CSV contains the shortest exact number.
+    by its keys, a record by its own headings.
     """
 
     heading: str = ''  # empty: not in CSV
     labels: Sequence[str] = '123'
-    form: str = ''
+    form: str = ''  # of a cell in CSV, as in ``fill``; empty: the shortest exact number
+    # in JSON if it is not the name of the field; ``{unit!k}`` in it is the unit in the field ``unit``
+    key: str = ''
     in_json: bool = True
+    optional: bool = False  # not in JSON if it is None or empty
 
 
 HIDDEN = Column(in_json=False)
+_USUAL = Column()
 
 
 @dataclass(frozen=True)
@@ -72,16 +77,30 @@ class TextColumn:
     align: str = '>'  # or '<'
 
 
+def key_of_unit(unit: str) -> str:
+    """Return a unit as the end of a key: ``m/s2`` as ``_m_s2``, no unit as an empty string."""
+    return f'_{unit.lower().replace("/", "_").replace(" ", "_")}' if unit else ''
+
+
+def in_unit(value: Any, unit: str) -> Any:
+    """Return an SI value or array in a unit; unchanged without one."""
+    return value * (1.0 / SIZES[unit]) if unit else value
+
+
 def to_dict(record: Any) -> Any:
-    """Return a record, or a sequence or mapping of records, ready for JSON; numbers that are not finite are None."""
+    """Return a record, or a sequence or mapping of records, ready for JSON.
+
+    Numbers that are not finite are None; an enumeration is its ``key`` if it has one, otherwise its value.
+    """
     if is_dataclass(record):
         kind: Any = type(record)
         declared = _declared(kind)
-        return {
-            field.name: to_dict(getattr(record, field.name))
-            for field in fields(record)
-            if field.name not in declared or declared[field.name].in_json
-        }
+        found = {}
+        for field in fields(record):
+            column, value = declared.get(field.name, _USUAL), getattr(record, field.name)
+            if column.in_json and not (column.optional and (value is None or value == ())):
+                found[fill(column.key, record) if column.key else field.name] = to_dict(value)
+        return found
     if isinstance(record, Mapping):
         return {to_dict(key): to_dict(value) for key, value in record.items()}
     if isinstance(record, np.ndarray | np.generic):
@@ -89,7 +108,7 @@ def to_dict(record: Any) -> Any:
     if isinstance(record, list | tuple):
         return [to_dict(value) for value in record]
     if isinstance(record, Enum):
-        return record.value
+        return getattr(record, 'key', record.value)
     return None if isinstance(record, float) and not math.isfinite(record) else record
 
 
@@ -103,10 +122,11 @@ def cells(record: Any) -> dict[str, Any]:
     return found
 
 
-def csv_table(name: str, records: Iterable[Any], rows_each: int = 0) -> Table:
-    """Return the table of one or more records, one row each.
+def csv_table(name: str, records: Iterable[Any], rows_each: int = 0, of: Any = None) -> Table:
+    """Return the table of records, one row each.
 
-    With ``rows_each``, a record has that number of rows, and each of its sequences has one value per row.
+    With ``rows_each``, a record has that number of rows, and each of its sequences has one value per row. A table that
+    may be empty requires the class ``of`` its records, whose columns are single or have labels.
     """
     rows = [cells(record) for record in records]
     if rows_each:
@@ -118,6 +138,9 @@ def csv_table(name: str, records: Iterable[Any], rows_each: int = 0) -> Table:
             for row in rows
             for n in range(rows_each)
         ]
+    if not rows:
+        empty = [_cells(None, column) for column in _declared(of).values() if column.heading]
+        return Table(name, [heading for found in empty for heading in found], [])
     return Table.of_rows(name, rows)
 
 
@@ -135,7 +158,9 @@ def _declared(kind: Any) -> dict[str, Column]:
 
 def _cells(value: Any, column: Column) -> dict[str, Any]:
     found = {column.heading: value}
-    if isinstance(value, Mapping):
+    if is_dataclass(value):
+        found = {column.heading.format(heading): one for heading, one in cells(value).items()}
+    elif isinstance(value, Mapping):
         found = {column.heading.format(label): one for label, one in value.items()}
     elif '{}' in column.heading:
         parts = [None] * len(column.labels) if value is None else _along_last_axis(value)
@@ -150,7 +175,9 @@ def _cell(value: Any, form: str) -> str | None:
 
 
 def _along_last_axis(value: Any) -> Sequence[Any]:
-    return list(np.moveaxis(value, -1, 0)) if isinstance(value, np.ndarray) and value.ndim > 1 else value
+    if isinstance(value, np.ndarray):
+        return list(np.moveaxis(value, -1, 0)) if value.ndim > 1 else list(value.tolist())
+    return list(value)
 
 
 class _Filler(string.Formatter):
@@ -161,19 +188,24 @@ class _Filler(string.Formatter):
             return args[key]
         return kwargs[key] if isinstance(kwargs, Mapping) else getattr(kwargs, key)
 
+    def convert_field(self, value: Any, conversion: str | None) -> Any:
+        return key_of_unit(value) if conversion == 'k' else super().convert_field(value, conversion)
+
     def format_field(self, value: Any, format_spec: str) -> str:
         return _formatted(value, format_spec)
 
 
 def _formatted(value: Any, spec: str) -> str:
     form, _, unit = spec.partition(' ')
-    if isinstance(value, np.ndarray | list | tuple):
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
         name = unit.removeprefix('in ')
         text = ' / '.join(_formatted(one, f'{form} in {name}' if name else form) for one in value)
     elif value is None:
         return '-'.rjust(len(_formatted(0.0, spec)))
     else:
-        text = format(value / SIZES[unit.removeprefix('in ')] if unit else value, form)
+        text = format(in_unit(value, unit.removeprefix('in ')), form)
     return f'{text} {unit}' if unit and not unit.startswith('in ') else text
 
 
@@ -186,19 +218,24 @@ def fill(template: str, values: Any) -> str:
 
 
 def text_table(rows: Iterable[Any], columns: Sequence[TextColumn], gap: str = '  ') -> list[str]:
-    """Return the lines of a table of records or mappings, with headings; columns are as wide as their contents."""
+    """Return the lines of a table of records or mappings, with headings."""
     depth = max(column.heading.count('\n') for column in columns) + 1
     heads = [(column.heading.split('\n') + [''] * depth)[:depth] for column in columns]
     filled = [
         [fill(column.cell, row) if isinstance(column.cell, str) else column.cell(row) for column in columns]
         for row in rows
     ]
-    lines = [*zip(*heads, strict=True), *filled]
-    widths = [max(map(len, texts)) for texts in zip(*lines, strict=True)]
-    return [
-        gap.join(
-            format(text, f'{column.align}{width}')
-            for text, column, width in zip(line, columns, widths, strict=True)
-        ).rstrip()
-        for line in lines
+    return aligned([*zip(*heads, strict=True), *filled], [column.align for column in columns], gap)
+
+
+def aligned(rows: Sequence[Sequence[str]], aligns: Sequence[str], gap: str = '  ') -> list[str]:
+    """Return the lines of a table of texts; columns are as wide as their contents, and aligned ``<`` or ``>``."""
+    forms = [
+        f'{align}{max(map(len, texts))}' for align, texts in zip(aligns, zip(*rows, strict=True), strict=True)
     ]
+    return [gap.join(map(format, row, forms)).rstrip() for row in rows]
+
+
+def named_lines(rows: Iterable[tuple[str, str]], width: int) -> list[str]:
+    """Return lines of text with a name in front of each."""
+    return [f'{name:>{width}}  {line}'.rstrip() for name, line in rows]

@@ -1,6 +1,6 @@
 """Facts about columns: one declaration gives the key in JSON, the heading in CSV and the number in the text."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Annotated
 
@@ -40,6 +40,25 @@ class Case:
     samples: Annotated[Floats | None, HIDDEN] = None
 
 
+@dataclass(frozen=True)
+class Short:
+    """Record with other keys, and a value in a unit of its own."""
+
+    n: Annotated[int, Column('n', key='number')]
+    error_m: Annotated[Floats | None, Column('error {} [m]', 'xyz')]
+    value: Annotated[float, Column('value [s]', key='value{unit!k}')]
+    unit: Annotated[str, Column('unit', in_json=False)]
+    note: Annotated[tuple[str, ...], Column(optional=True)] = ()
+
+
+@dataclass(frozen=True)
+class Outer:
+    """Record that contains another one."""
+
+    count: Annotated[int, Column('count')]
+    short: Annotated[Short, Column('{}')]
+
+
 CASE = Case(Kind.FAST, 2.5e-3, np.array([1.0, 2.0, np.nan]), {'speed': 0.5}, 0.0123456, [1.25, 2.0, 0.5])
 
 
@@ -69,6 +88,25 @@ def test_csv_has_a_column_for_each_value_of_a_field_with_labels():
 def test_a_record_may_have_a_row_for_each_value():
     table = csv_table('cases.csv', [CASE, CASE], rows_each=3)
     assert [row[-1] for row in table.rows] == [1, 2, 3, 1, 2, 3]
+
+
+def test_a_table_without_records_has_the_headings_of_their_class():
+    empty = csv_table('short.csv', [], of=Short)
+    assert list(empty.header) == ['n', 'error x [m]', 'error y [m]', 'error z [m]', 'value [s]', 'unit']
+    assert not empty.rows
+
+
+def test_a_field_may_have_another_key_with_the_unit_of_the_record_and_be_left_out():
+    short = Short(1, None, 0.5, 's')
+    assert to_dict([short, replace(short, unit='N m/s', note=('late',))]) == [
+        {'number': 1, 'error_m': None, 'value_s': 0.5},
+        {'number': 1, 'error_m': None, 'value_n_m_s': 0.5, 'note': ['late']},
+    ]
+
+
+def test_a_record_in_a_record_adds_its_columns():
+    (row,) = csv_table('outer.csv', [Outer(2, Short(1, None, 0.5, 's'))]).rows
+    assert row == [2, 1, None, None, None, 0.5, 's']
 
 
 def test_arrays_over_time_keep_their_rows():

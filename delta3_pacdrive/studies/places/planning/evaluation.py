@@ -29,6 +29,7 @@ from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.planning.program_planner import Planned, plan
 from delta3_pacdrive.planning.rotating_move import TurnLimits, turn_motion, turn_violation
 from delta3_pacdrive.planning.timing.move_grid import limits_at
+from delta3_pacdrive.studies.framework.columns import key_of_unit
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
 from delta3_pacdrive.studies.places.planning import limiters
 from delta3_pacdrive.studies.places.planning.limiters import Limiter
@@ -250,11 +251,11 @@ def _turn(part: _Part, parameters: Parameters) -> TurnRow | None:
     speed, acceleration = (float(value) for value in np.abs(turn[:, 1:3]).max(axis=0))
     turns = speed > 0.0
     return TurnRow(
-        start_rad=part.move.start_turn_rad or 0.0,
-        end_rad=part.move.end_turn_rad or 0.0,
-        speed_max_rad_s=speed,
-        acceleration_max_rad_s2=acceleration,
-        current_max_a=(limits.current_per_acceleration * acceleration + limits.friction_a) * turns,
+        from_deg=math.degrees(part.move.start_turn_rad or 0.0),
+        to_deg=math.degrees(part.move.end_turn_rad or 0.0),
+        speed_max_deg_s=math.degrees(speed),
+        acceleration_max_deg_s2=math.degrees(acceleration),
+        motor_current_max_a=(limits.current_per_acceleration * acceleration + limits.friction_a) * turns,
     )
 
 
@@ -344,13 +345,13 @@ def _time(quantity: Quantity, move: Move) -> Use:
 
 
 def _distances(part: _Part, parameters: Parameters) -> dict[str, float]:
-    """Return the least distance of a move to each limit of the pose, by the keys of ``delta3 pose``."""
+    """Return the least distance of a move to each limit of the pose, by the keys of ``delta3 pose`` with units."""
     c = part.coefficients
     bounds = (
         *workspace_bounds(part.dynamics.position_m, parameters),
         *arm_bounds(c[:, THETA], c[:, SWING], c[:, SERIAL], c[:, PARALLEL], parameters),
     )
-    return {bound.key: float(bound.margin.min()) for bound in bounds}
+    return {bound.key + key_of_unit(bound.unit): float(bound.margin.min()) for bound in bounds}
 
 
 def _piece(
@@ -360,7 +361,7 @@ def _piece(
     d, master = part.dynamics, _along_the_path(part, before_m)
     return Samples(
         time_s=start_s + part.times,
-        move=np.full(part.times.shape, n),
+        move=np.full(part.times.shape, n + 1),
         distance_m=master[:, 0],
         speed_m_s=master[:, 1],
         acceleration_m_s2=master[:, 2],

@@ -176,7 +176,7 @@ def over_path(found: PlanStudy) -> Figure:
     figure = figure_of_program('Over the path', found.planned.name, 7.2)
     panels = list(figure.subplots(4, 1, sharex=True))
     for row in found.rows[1:] if len(found.rows) <= MOVES_MARKED else ():
-        begin = MM * float(s.distance_m[np.searchsorted(s.move, row.number - 1)])
+        begin = MM * float(s.distance_m[np.searchsorted(s.move, row.number)])
         for axes in panels:
             axes.axvline(begin, color='#E6E6E6', linewidth=1.0, zorder=0)
     values = (

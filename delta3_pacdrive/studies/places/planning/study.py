@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.limits.energy import Energy
 from delta3_pacdrive.planning.program_planner import Planned
+from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
 
 
 class Quantity(StrEnum):
@@ -26,68 +28,76 @@ class Quantity(StrEnum):
     TIME = 'time given'  # duration given by the program
     ROTARY = 'rotary axis'
 
+    @property
+    def key(self) -> str:
+        """Name in JSON."""
+        return self.value.lower().replace(' ', '_')
+
 
 @dataclass(frozen=True)
 class Samples:
     """A plan over time; arrays (n,) or (n, 3)."""
 
-    time_s: Floats  # from the start of the plan; one sample on either side of a phase boundary
-    move: NDArray[np.int64]
+    # from the start of the plan; one sample on either side of a phase boundary
+    time_s: Annotated[Floats, Column('time [s]')]
+    move: Annotated[NDArray[np.int64], Column('move')]  # from 1
     # master: distance of the TCP since the start and its derivatives along the path
-    distance_m: Floats
-    speed_m_s: Floats
-    acceleration_m_s2: Floats
-    jerk_m_s3: Floats
+    distance_m: Annotated[Floats, Column('distance [m]')]
+    speed_m_s: Annotated[Floats, Column('speed [m/s]')]
+    acceleration_m_s2: Annotated[Floats, Column('acceleration [m/s2]')]
+    jerk_m_s3: Annotated[Floats, Column('jerk [m/s3]')]
     # TCP: position and norms of its derivatives
-    position_m: Floats
-    tcp_speed_m_s: Floats
-    tcp_acceleration_m_s2: Floats
-    tcp_jerk_m_s3: Floats
-    curvature_1_m: Floats  # of the path; nan where the TCP is at rest
+    position_m: Annotated[Floats, Column('{} [m]', 'xyz')]
+    tcp_speed_m_s: Annotated[Floats, Column('TCP speed [m/s]')]
+    tcp_acceleration_m_s2: Annotated[Floats, Column('TCP acceleration [m/s2]')]
+    tcp_jerk_m_s3: Annotated[Floats, Column('TCP jerk [m/s3]')]
+    curvature_1_m: Annotated[Floats, Column('curvature [1/m]')]  # of the path; nan where the TCP is at rest
     # limits of the program; nan without a limit
     speed_limit_m_s: Floats
     acceleration_limit_m_s2: Floats
     jerk_limit_m_s3: Floats
     # axes; torque and current include friction
-    arm_angle_rad: Floats
-    motor_speed_rad_s: Floats
-    motor_torque_n_m: Floats
+    arm_angle_rad: Annotated[Floats, Column('arm angle {} [rad]')]
+    motor_speed_rad_s: Annotated[Floats, Column('motor speed {} [rad/s]')]
+    motor_torque_n_m: Annotated[Floats, Column('motor torque {} [N m]')]
     motor_current_a: Floats
-    used: dict[Quantity, Floats]  # used share of each limit
-    leading: NDArray[np.int64]  # index in Quantity of the limit that a faster motion would violate first
+    used: Annotated[dict[Quantity, Floats], Column('used: {}')]  # used share of each limit
+    # index in Quantity of the limit that a faster motion would violate first
+    leading: Annotated[NDArray[np.int64], Column('leading')]
 
 
 @dataclass(frozen=True)
 class Use:
     """Use of a limit by a move."""
 
-    quantity: Quantity
-    axis: int | None  # motor, 1 to 3; None for the TCP
-    peak: float  # largest value, in ``unit``
-    limit: float  # at the peak
-    unit: str
-    used: float  # largest share of the limit
-    time_share: float  # share of the time in which a faster move would violate this limit first
+    quantity: Annotated[Quantity, Column('limited by')]
+    axis: Annotated[int | None, Column('axis')]  # motor, 1 to 3; None for the TCP
+    peak: Annotated[float, Column(key='peak{unit!k}')]  # largest value, in ``unit``
+    limit: Annotated[float, Column(key='limit{unit!k}')]  # at the peak
+    unit: Annotated[str, HIDDEN]
+    used: Annotated[float, Column('used')]  # largest share of the limit
+    # share of the time in which a faster move would violate this limit first
+    time_share: Annotated[float, Column('share of its time')]
 
 
 @dataclass(frozen=True)
 class TurnRow:
     """Rotation of the tool during a move."""
 
-    start_rad: float
-    end_rad: float
-    speed_max_rad_s: float
-    acceleration_max_rad_s2: float
-    current_max_a: float
+    from_deg: float
+    to_deg: float
+    speed_max_deg_s: float
+    acceleration_max_deg_s2: float
+    motor_current_max_a: float
 
 
 @dataclass(frozen=True)
 class StatementRow:
     """Statement of a blended sequence, from the end of the previous blend to the end of its own."""
 
-    name: str
+    name: Annotated[str, Column(key='statement')]
     start_s: float  # from the start of the sequence
-    duration_s: float
+    duration_s: Annotated[float, Column(key='time_s')]
     length_m: float
     speed_min_m_s: float  # of the TCP in space
     speed_max_m_s: float
@@ -98,28 +108,28 @@ class StatementRow:
 class MoveRow:
     """One move of a plan."""
 
-    number: int  # from 1
-    name: str  # of its statements
-    kind: str  # 'line', 'arc', ...
-    start_s: float
-    duration_s: float
-    length_m: float  # of the TCP path
-    payload_kg: float  # at the start
+    number: Annotated[int, Column('move')]  # from 1
+    name: Annotated[str, Column('statements', key='statements')]
+    kind: Annotated[str, Column('kind')]  # 'line', 'arc', ...
+    start_s: Annotated[float, Column('start [s]')]
+    duration_s: Annotated[float, Column('time [s]', key='time_s')]
+    length_m: Annotated[float, Column('length [m]')]  # of the TCP path
+    payload_kg: Annotated[float, Column('payload [kg]')]  # at the start
     # of the TCP in space
-    speed_max_m_s: float
-    acceleration_max_m_s2: float
-    jerk_max_m_s3: float
+    speed_max_m_s: Annotated[float, Column('speed [m/s]')]
+    acceleration_max_m_s2: Annotated[float, Column('acceleration [m/s2]')]
+    jerk_max_m_s3: Annotated[float, Column('jerk [m/s3]')]
     # of each motor; torque and current include friction
-    motor_speed_max_rad_s: tuple[float, ...]
-    motor_torque_max_n_m: tuple[float, ...]
-    motor_current_rms_a: tuple[float, ...]
-    uses: tuple[Use, ...]  # of all limits, the most limiting first
-    limited_by: Use
-    distances: dict[
-        str, float
-    ]  # least distance to workspace [m], arm angle and swing limits [deg], singularities
-    turn: TurnRow | None = None  # None if the move does not define the rotation
-    statements: tuple[StatementRow, ...] = ()  # of a blended sequence
+    motor_speed_max_rad_s: Annotated[tuple[float, ...], Column('motor speed {} [rad/s]')]
+    motor_torque_max_n_m: Annotated[tuple[float, ...], Column('motor torque {} [N m]')]
+    motor_current_rms_a: Annotated[tuple[float, ...], Column('rms current {} [A]')]
+    limited_by: Annotated[Use, Column('{}')]
+    uses: Annotated[tuple[Use, ...], Column(key='limits')]  # of all limits, the most limiting first
+    turn: Annotated[TurnRow | None, Column(optional=True)]  # None if the move does not define the rotation
+    # least distance to workspace [m], arm angle and swing limits [deg], singularities, by key with unit
+    distances: dict[str, float]
+    # of a blended sequence
+    statements: Annotated[tuple[StatementRow, ...], Column(key='by_statement', optional=True)]
 
 
 @dataclass(frozen=True)

@@ -104,8 +104,9 @@ def _solutions(point: Floats, parameters: Parameters) -> tuple[Solution, ...]:
     found = []
     for number, theta in enumerate(kinematics.inverse_all(point, parameters)):
         degrees = np.degrees(theta)
-        legal = (degrees >= k.arm_angle_min_deg) & (degrees <= k.arm_angle_max_deg)
-        found.append(Solution(number, theta, loop_error(theta, point, parameters), bool(legal.all())))
+        legal = bool(((degrees >= k.arm_angle_min_deg) & (degrees <= k.arm_angle_max_deg)).all())
+        sides = tuple('in' if number >> i & 1 else 'out' for i in range(3))
+        found.append(Solution(number, sides, theta, legal, loop_error(theta, point, parameters)))
     return tuple(found)
 
 

@@ -1,39 +1,39 @@
 """Data of an analysed pose."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.limits.capability import Capability
+from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
 
 
 @dataclass(frozen=True)
 class Solution:
     """Solution of the inverse kinematics (Fig. 4.6)."""
 
-    number: int  # 0 to 7: bit i is set if arm i + 1 has its elbow inward
-    arm_angle_rad: Floats  # shape (3,); nan for an arm that cannot reach
-    loop_error_m: float  # largest deviation of a forearm length; nan without a solution
-    is_legal: bool  # all arm angles are within their limits
-
-    @property
-    def elbows(self) -> tuple[str, ...]:
-        """Direction of each elbow, ``out`` or ``in``."""
-        return tuple('in' if self.number >> i & 1 else 'out' for i in range(3))
+    number: Annotated[int, Column('solution')]  # 0 to 7: bit i is set if arm i + 1 has its elbow inward
+    elbows: Annotated[tuple[str, ...], Column('elbow {}')]  # direction of each, ``out`` or ``in``
+    # shape (3,); nan for an arm that cannot reach
+    arm_angle_rad: Annotated[Floats, Column('theta_{} [rad]', key='arm_angles_rad')]
+    # all arm angles are within their limits
+    is_legal: Annotated[bool, Column('within arm limits', key='within_arm_limits')]
+    loop_error_m: Annotated[float, Column('loop error [m]')]  # of the forearm lengths; nan without a solution
 
 
 @dataclass(frozen=True)
 class Margin:
     """Distance of one quantity to one of its limits."""
 
-    name: str  # of the quantity with the number of its arm
-    key: str  # name in results
+    name: Annotated[str, HIDDEN]  # of the quantity with the number of its arm
+    key: Annotated[str, Column(key='quantity')]  # name in results
     arm: int | None  # 1 to 3; None for the whole robot
-    value: float
-    limit: float  # largest allowed value, or smallest if not is_upper
-    is_upper: bool
-    distance: float  # to the limit, negative beyond it
-    unit: str
-    is_kept: bool  # up to rounding
+    value: Annotated[float, Column(key='value{unit!k}')]
+    limit: Annotated[float, Column(key='limit{unit!k}')]  # largest allowed value, or smallest if not is_upper
+    is_upper: Annotated[bool, HIDDEN]
+    distance: Annotated[float, Column(key='distance{unit!k}')]  # to the limit, negative beyond it
+    unit: Annotated[str, HIDDEN]
+    is_kept: Annotated[bool, Column(key='kept')]  # up to rounding
 
     @property
     def sentence(self) -> str:

@@ -13,6 +13,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import CODES, OUT_OF_REACH, REACHED, Capability, capability
 from delta3_pacdrive.planning.limits.limits import OF_WORKSPACE, Limit
+from delta3_pacdrive.studies.framework.columns import key_of_unit
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
 from delta3_pacdrive.studies.places.workspace.study import Extreme, Grid, Quantity, Results, Settings, Slice
 
@@ -20,21 +21,20 @@ POSES_MAX = 20_000_000  # of a volume: 2 GB of results
 SLICE_POINTS = 241  # along the longer side of a slice
 BEYOND = 1.35  # extent of a slice relative to the workspace
 QUANTITIES = (
-    Quantity('condition', 'condition of the Jacobian', '', 1.0, '', worst_is_large=True),
-    Quantity('singular_min', 'smallest singular value of the Jacobian', 'm/rad', 1.0, 'm/rad', worst_is_large=False),
-    Quantity('serial', 'distance from the serial singularity, least of the arms', '', 1.0, '', worst_is_large=False),
-    Quantity('parallel', 'distance from the parallel singularity', '', 1.0, '', worst_is_large=False),
-    Quantity('speed', 'TCP speed in every direction', 'm/s', 1.0, 'm/s', worst_is_large=False),
-    Quantity('acceleration', 'TCP acceleration in every direction at peak current', 'm/s2', 1.0, 'm/s2',
-             worst_is_large=False),
-    Quantity('acceleration_nominal', 'TCP acceleration in every direction at nominal current', 'm/s2', 1.0, 'm/s2',
-             worst_is_large=False),
-    Quantity('payload', 'payload within the limit of the robot', 'kg', 1.0, 'kg', worst_is_large=False),
-    Quantity('payload_held', 'payload held at rest by nominal current and brakes', 'kg', 1.0, 'kg',
-             worst_is_large=False),
-    Quantity('payload_peak', 'payload accelerated at peak current', 'kg', 1.0, 'kg', worst_is_large=False),
-    Quantity('increment', 'TCP motion for one increment of each motor', 'm', 1e6, 'um', worst_is_large=True),
-)  # fmt: skip
+    Quantity('condition', 'condition of the Jacobian', worst_is_large=True),
+    Quantity('singular_min', 'smallest singular value of the Jacobian', 'm/rad', 'm/rad'),
+    Quantity('serial', 'distance from the serial singularity, least of the arms'),
+    Quantity('parallel', 'distance from the parallel singularity'),
+    Quantity('speed', 'TCP speed in every direction', 'm/s', 'm/s'),
+    Quantity('acceleration', 'TCP acceleration in every direction at peak current', 'm/s2', 'm/s2'),
+    Quantity(
+        'acceleration_nominal', 'TCP acceleration in every direction at nominal current', 'm/s2', 'm/s2'
+    ),
+    Quantity('payload', 'payload within the limit of the robot', 'kg', 'kg'),
+    Quantity('payload_held', 'payload held at rest by nominal current and brakes', 'kg', 'kg'),
+    Quantity('payload_peak', 'payload accelerated at peak current', 'kg', 'kg'),
+    Quantity('increment', 'TCP motion for one increment of each motor', 'm', 'um', worst_is_large=True),
+)
 _CODES = {
     REACHED: 'the robot may be here',
     OUT_OF_REACH: 'out of reach',
@@ -52,19 +52,10 @@ LIMITS = tuple(_CODES[code] for code in range(len(_CODES)))
 
 def values_of(found: Capability) -> dict[str, Floats]:
     """Return the mapped quantities by their keys."""
-    return {
-        'condition': found.condition,
-        'singular_min': found.singular_min_m_rad,
-        'serial': found.serial.min(axis=-1),
-        'parallel': found.parallel,
-        'speed': found.speed_m_s,
-        'acceleration': found.acceleration_m_s2,
-        'acceleration_nominal': found.acceleration_nominal_m_s2,
-        'payload': found.payload_kg,
-        'payload_held': found.payload_held_kg,
-        'payload_peak': found.payload_peak_kg,
-        'increment': found.increment_m,
+    values = {
+        quantity.key: getattr(found, quantity.key + key_of_unit(quantity.unit)) for quantity in QUANTITIES
     }
+    return values | {'serial': found.serial.min(axis=-1)}
 
 
 def default_slices(parameters: Parameters) -> tuple[Slice, ...]:

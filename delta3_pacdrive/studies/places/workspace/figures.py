@@ -10,6 +10,7 @@ import numpy as np
 
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import REACHED
+from delta3_pacdrive.studies.framework.columns import in_unit
 from delta3_pacdrive.studies.framework.figure_style import MUTED, empty_figure, panel_title
 from delta3_pacdrive.studies.framework.report_folder import Drawings
 from delta3_pacdrive.studies.places.workspace.evaluation import LIMITS, QUANTITIES
@@ -53,7 +54,7 @@ def quantity_map(
     colours = 'viridis_r' if quantity.worst_is_large else 'viridis'
     filled = None
     for axes, plane, grid in zip(panels, slices, found.slices, strict=True):
-        across, up, values = _plane(grid, plane, quantity.scale * grid.values[quantity.key])
+        across, up, values = _plane(grid, plane, in_unit(grid.values[quantity.key], quantity.shown_unit))
         if np.isfinite(values).any():
             filled = axes.contourf(across, up, values, levels, cmap=colours, extend='both')
             axes.contour(across, up, values, levels, colors='white', linewidths=0.4, alpha=0.6)
@@ -72,7 +73,7 @@ def _unit(quantity: Quantity) -> str:
 
 def _inside(grid: Grid, quantity: Quantity) -> Any:
     """Return the values that determine the colours: those in the workspace, or all if the slice is outside."""
-    values = quantity.scale * grid.values[quantity.key]
+    values = in_unit(grid.values[quantity.key], quantity.shown_unit)
     chosen = values[grid.limit == REACHED]
     return chosen if len(chosen) else values[np.isfinite(values)]
 

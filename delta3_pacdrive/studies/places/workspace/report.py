@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +12,13 @@ from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import ReportError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import REACHED
+from delta3_pacdrive.studies.framework.columns import TextColumn, in_unit, key_of_unit, text_table, to_dict
 from delta3_pacdrive.studies.framework.provenance import os_errors_as
 from delta3_pacdrive.studies.framework.report_folder import Table
 from delta3_pacdrive.studies.places.workspace.evaluation import LIMITS, QUANTITIES
-from delta3_pacdrive.studies.places.workspace.study import Extreme, Grid, Quantity, Results, Settings
+from delta3_pacdrive.studies.places.workspace.study import Grid, Quantity, Results, Settings
 
-JSON_UNITS = {'': '', 'm': '_m', 'm/s': '_m_s', 'm/s2': '_m_s2', 'm/rad': '_m_rad', 'kg': '_kg'}
 MM = 1e3
-
-
-def key_of(quantity: Quantity) -> str:
-    """Return the name of a quantity in results, including its unit."""
-    return quantity.key + JSON_UNITS[quantity.unit]
 
 
 def document(found: Results, settings: Settings, parameters: Parameters) -> dict[str, Any]:
@@ -40,7 +36,7 @@ def document(found: Results, settings: Settings, parameters: Parameters) -> dict
         'payload_kg': payload,
         'acceleration_m_s2': acceleration,
         'quantities': {
-            key_of(quantity): _extreme(found.extremes[quantity.key])
+            quantity.key + key_of_unit(quantity.unit): to_dict(found.extremes[quantity.key])
             for quantity in QUANTITIES
             if quantity.key in found.extremes
         },
@@ -57,61 +53,45 @@ def assumed(settings: Settings, parameters: Parameters) -> tuple[float, float]:
     return parameters.dynamics.payload_mass_kg, default if acceleration is None else acceleration
 
 
-def _extreme(one: Extreme) -> dict[str, Any]:
-    return {
-        'least': one.least,
-        'least_at_m': list(one.least_at_m),
-        'median': one.median,
-        'largest': one.largest,
-        'largest_at_m': list(one.largest_at_m),
-    }
-
-
 def text(found: Results, settings: Settings, parameters: Parameters) -> list[str]:
     """Return the results as text."""
     inside = int((found.volume.limit == REACHED).sum())
     rate = found.poses / found.seconds / 1e6
     payload, acceleration = assumed(settings, parameters)
-    lines = [
+    columns = [
+        TextColumn('', lambda row: f'{row.title} ({row.shown_unit})' if row.shown_unit else row.title),
+        *(TextColumn(name, partial(_shown, found, name)) for name in ('least', 'median', 'largest')),
+        TextColumn(' worst at (mm)', partial(_worst, found), '<'),
+    ]
+    return [
         f'{found.poses} poses, {MM * settings.resolution_m:g} mm apart, in {found.seconds:.2f} s '
         f'({rate:.2f} M poses/s); the robot may be at {inside} of them',
         f'accelerations with {payload:g} kg, payloads with {acceleration:g} m/s2',
-        f'{"":>62} {"least":>9} {"median":>9} {"largest":>9}   worst at (mm)',
+        *text_table([one for one in QUANTITIES if one.key in found.extremes], columns),
     ]
-    for quantity in QUANTITIES:
-        if quantity.key not in found.extremes:
-            continue
-        one = found.extremes[quantity.key]
-        name = f'{quantity.title} ({quantity.shown_unit})' if quantity.shown_unit else quantity.title
-        x, y, z = (
-            round(MM * value) for value in (one.largest_at_m if quantity.worst_is_large else one.least_at_m)
-        )
-        values = ' '.join(f'{quantity.scale * value:9.4g}' for value in (one.least, one.median, one.largest))
-        lines.append(f'{name:>62} {values}   ({x}, {y}, {z})')
-    return lines
+
+
+def _shown(found: Results, name: str, quantity: Quantity) -> str:
+    return f'{in_unit(getattr(found.extremes[quantity.key], name), quantity.shown_unit):.4g}'
+
+
+def _worst(found: Results, quantity: Quantity) -> str:
+    one = found.extremes[quantity.key]
+    x, y, z = (
+        round(MM * value) for value in (one.largest_at_m if quantity.worst_is_large else one.least_at_m)
+    )
+    return f' ({x}, {y}, {z})'
 
 
 def extremes_table(found: Results) -> Table:
     """Return the table of extremes."""
-    header = [
-        'quantity',
-        'unit',
-        'least',
-        'x [m]',
-        'y [m]',
-        'z [m]',
-        'median',
-        'largest',
-        'x [m]',
-        'y [m]',
-        'z [m]',
-    ]
+    point = ['x [m]', 'y [m]', 'z [m]']
     rows = []
     for quantity in QUANTITIES:
         if (one := found.extremes.get(quantity.key)) is not None:
             values = [one.least, *one.least_at_m, one.median, one.largest, *one.largest_at_m]
             rows.append([quantity.key, quantity.unit, *values])
-    return Table('extremes.csv', header, rows)
+    return Table('extremes.csv', ['quantity', 'unit', 'least', *point, 'median', 'largest', *point], rows)
 
 
 def volume_columns(volume: Grid) -> dict[str, Any]:
@@ -142,7 +122,7 @@ def save_volume(volume: Grid, path: Path, meta: Mapping[str, str]) -> Path:
     """
     arrays: dict[str, Any] = {'x_m': volume.x_m, 'y_m': volume.y_m, 'z_m': volume.z_m, 'limit': volume.limit}
     for quantity in QUANTITIES:
-        arrays[key_of(quantity)] = volume.values[quantity.key].astype(np.float32)
+        arrays[quantity.key + key_of_unit(quantity.unit)] = volume.values[quantity.key].astype(np.float32)
     about = {'limits': list(LIMITS), **meta}
     with os_errors_as(f'cannot write {path}'):
         path.parent.mkdir(parents=True, exist_ok=True)

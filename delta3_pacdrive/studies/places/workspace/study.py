@@ -10,14 +10,13 @@ from delta3_pacdrive.numerics.types import Floats
 
 @dataclass(frozen=True)
 class Quantity:
-    """Mapped quantity."""
+    """Mapped quantity; its attribute of ``Capability``, and its key in JSON, is the key with the unit."""
 
     key: str  # name in files and results
     title: str  # name in text
-    unit: str  # empty if dimensionless
-    scale: float  # factor to ``shown_unit``
-    shown_unit: str
-    worst_is_large: bool  # large values are worse than small ones
+    unit: str = ''  # empty if dimensionless
+    shown_unit: str = ''  # in text and figures
+    worst_is_large: bool = False  # large values are worse than small ones
 
 
 @dataclass(frozen=True)

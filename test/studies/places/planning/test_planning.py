@@ -75,7 +75,7 @@ def test_a_long_plan_keeps_fewer_samples_and_the_same_rows(robot, monkeypatch):
     assert report.used_max(whole) == {quantity: used.max() for quantity, used in whole.samples.used.items()}
     assert 250 < len(thinned.samples.time_s) < 350 < 1000 < len(whole.samples.time_s)
     assert set(thinned.samples.time_s) < set(whole.samples.time_s)
-    for n in range(6):
+    for n in range(1, 7):
         ends = [
             samples.time_s[samples.move == n][[0, -1]].tolist()
             for samples in (whole.samples, thinned.samples)
@@ -215,12 +215,12 @@ def test_distances_of_a_move_are_the_least_over_its_path(robot):
     swing = np.degrees(kinematics.forearm_swing(points, robot.kinematics))
     k = robot.kinematics
     wanted = {
-        'radius': 0.6 - np.hypot(points[:, 0], points[:, 1]).max(),
-        'top': -0.7 - points[:, 2].max(),
-        'bottom': points[:, 2].min() + 0.95,
-        'arm_angle_max': k.arm_angle_max_deg - np.degrees(theta).max(),
-        'arm_angle_min': np.degrees(theta).min() - k.arm_angle_min_deg,
-        'forearm_swing': k.forearm_swing_max_deg - swing.max(),
+        'radius_m': 0.6 - np.hypot(points[:, 0], points[:, 1]).max(),
+        'top_m': -0.7 - points[:, 2].max(),
+        'bottom_m': points[:, 2].min() + 0.95,
+        'arm_angle_max_deg': k.arm_angle_max_deg - np.degrees(theta).max(),
+        'arm_angle_min_deg': np.degrees(theta).min() - k.arm_angle_min_deg,
+        'forearm_swing_deg': k.forearm_swing_max_deg - swing.max(),
         'serial_singularity': serial.min() - k.serial_singularity_min,
         'parallel_singularity': parallel.min() - k.parallel_singularity_min,
     }
