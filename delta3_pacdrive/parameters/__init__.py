@@ -38,6 +38,8 @@ from delta3_pacdrive.parameters.records import (
     Rich,
 )
 from delta3_pacdrive.parameters.robot import (
+    ARMS,
+    AXES_MAX,
     PLANTS,
     Parameters,
     flat_document,
@@ -46,11 +48,13 @@ from delta3_pacdrive.parameters.robot import (
     groups,
     is_rich,
 )
-from delta3_pacdrive.parameters.rotary import Rotary
+from delta3_pacdrive.parameters.rotary import Rotary, numbered
 from delta3_pacdrive.parameters.rotary_axis import rotary_axis_parameters
 from delta3_pacdrive.parameters.rules import CYCLE_TIMES_S, ELASTIC_EXCHANGE_S, EXCHANGE_PERIODS_S
 
 __all__ = [
+    'ARMS',
+    'AXES_MAX',
     'CUBIC',
     'CYCLE_TIMES_S',
     'DECOUPLED',
@@ -93,6 +97,7 @@ __all__ = [
     'groups',
     'is_rich',
     'load',
+    'numbered',
     'of_run',
     'parts',
     'rotary_axis_parameters',

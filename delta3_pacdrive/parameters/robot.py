@@ -31,6 +31,7 @@ from delta3_pacdrive.parameters.rules import broken_rules
 
 PLANTS = ('plain', 'rich')
 ARMS = 3
+AXES_MAX = ARMS + len(ROTARY_GROUPS)
 
 
 @dataclass(frozen=True)

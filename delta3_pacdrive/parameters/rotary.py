@@ -7,9 +7,17 @@ from typing import Any
 
 from delta3_pacdrive.parameters.field_types import quantity
 
-GROUPS = ('rotary', 'rotary_2')  # parameter groups of the rotary axes, in order
+ROTARY_AXES_MAX = 2
 SMALLEST = math.nextafter(0.0, 1.0)
 ANGLE_MAX_DEG = 36_000.0  # a hundred turns
+
+
+def numbered(name: str, number: int) -> str:
+    """Return the name of a value of rotary axis ``number``, from 0: ``name``, ``name_2``."""
+    return f'{name}_{number + 1}' if number else name
+
+
+GROUPS = tuple(numbered('rotary', number) for number in range(ROTARY_AXES_MAX))
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ class SimulatedLink:
         bits = self._inputs.bits(cycle)
         u, v, w = (x, y, z) if self.tracking is None else task.state['planned'][0].tolist()
         outputs, payload = commanded.outputs, commanded.payload_kg
-        turn = None if task.turning is None else task.turning.angle_rad
+        turn = next(iter(task.turns_rad), None)
         return Snapshot(cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w), turn)
 
     @property
@@ -265,5 +265,5 @@ def combined(figures: Sequence[Figures]) -> Figures:
         of_axes('current_rms_a', rms),
         of_axes('at_current_peak_a', max),
         of_axes('at_current_rms_a', rms),
-        combined_turns([one.turn for one in figures if one.turn is not None]),
+        tuple(map(combined_turns, zip(*(one.turns for one in figures), strict=True))),
     )

@@ -199,7 +199,7 @@ class SimulatedOperation:
             if fault.kind in PROCESS_FAULTS:
                 raise RunError(f'{fault.text}: a simulation has no processes, use delta3 run')
             self._schedule.add(Scheduled.of(fault, self._start, parameters.bus.cycle_time_s))
-        if (robot.tool is None) != (task.turning is None):
+        if (robot.tool is None) != (not task.rotary):
             raise RunError('controller and machine must both have a rotary axis, or none (rotary.present)')
         self._axes = AxisMonitor(parameters)
         self._controller = ControllerCycle(task, self._axes, parameters)
@@ -319,10 +319,11 @@ class SimulatedOperation:
 
     def _tool_parts(self) -> tuple[Any, ...] | None:
         """Return the arguments of the compiled code for the rotary axis; None without one."""
-        tool, turning = self._robot.tool, self._task.turning
-        if tool is None or turning is None:
+        tool = self._robot.tool
+        if tool is None:
             return None
-        return turning.turns, turning.record, tool.record, tool.currents, self._turn_signals
+        (axis,) = self._task.rotary
+        return axis.turns, axis.record, tool.record, tool.currents, self._turn_signals
 
     def _begin(self, cycle: int) -> None:
         """Apply faults, command, and exchange telegrams with the simulated robot."""
@@ -333,7 +334,7 @@ class SimulatedOperation:
             # outputs of the previous MDT are active now
             turn_rad = 0.0 if robot.tool is None else robot.tool.axis.angle_rad
             self._world.step(cycle, robot.plant.tcp().tolist(), self._task.outputs, turn_rad)
-        motors, torques, control, payload, *_ = self._controller.command(cycle)
+        motors, torques, control, payload, _ = self._controller.command(cycle)
         carried = None if self._world is None else self._world.carried_kg
         if carried is not None:
             # the controller only assumes its payload; the plant carries that of the cell
@@ -341,13 +342,13 @@ class SimulatedOperation:
             robot.grip(carried)
         note_command(cycle, motors, torques, robot.plant.record, self._signals)
         received = [self._schedule.telegram(MDT_LOSSES, axis, cycle) is None for axis in DRIVES]
-        robot.cycle(motors, control, payload, received, torques)
+        robot.cycle(motors[:3], control, payload, received, torques[:3])
         note_currents(cycle, robot.record, self._signals)
-        tool, turning = robot.tool, self._task.turning
-        if tool is not None and turning is not None:
+        if (tool := robot.tool) is not None:
+            (axis,) = self._task.rotary
             tool.record['received'] = self._schedule.telegram(MDT_LOSSES, TOOL_DRIVE, cycle) is None
-            note_turn_command(cycle, turning.angle_rad, tool.record, self._turn_signals)
-            tool.cycle(*turning.commanded, control, float(robot.plant.state['carried'][0]))
+            note_turn_command(cycle, axis.angle_rad, tool.record, self._turn_signals)
+            tool.cycle(motors[3], torques[3], control, float(robot.plant.state['carried'][0]))
 
     def _evaluate(self, cycle: int) -> None:
         """Evaluate the feedback that reaches the master, and react to faults."""

@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from delta3_pacdrive.control.cycle.transformation import TOOL
 from delta3_pacdrive.errors import ParameterError
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import ARMS as TOOL
 from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
 from delta3_pacdrive.recording.acquisition import Acquisition
 from delta3_pacdrive.robot.drive.mc4 import MC4, mc4_run_period

@@ -85,15 +85,14 @@ def command_tool(cycle, control, task, timeline, payload_kg, parts):
     control, payload_kg
         As above.
     parts
-        Rotations, ``TURNING`` and ``TOOL`` records, currents, and signals of shape (6, cycles).
+        Rotations, ``ROTARY`` and ``TOOL`` records, currents, and signals of shape (6, cycles).
 
     """
-    turns, turning, tool, currents, signals = parts
-    before = tool[0].status
-    command_turn(cycle, task, timeline, turns, turning)
-    t = turning[0].state
-    note_turn_command(cycle, t.angle, tool, signals)
-    run_tool(t.motor, t.torque, control, payload_kg, tool, currents)
+    turns, rotary, tool, currents, signals = parts
+    before, c = tool[0].status, rotary[0].constants
+    command_turn(cycle, task, timeline, turns, rotary)
+    note_turn_command(cycle, rotary[0].state.angle, tool, signals)
+    run_tool(task[0].motors[c.index], task[0].torques[c.index], control, payload_kg, tool, currents)
     return before != tool[0].status
 
 
@@ -126,18 +125,16 @@ def note_turn(cycle, parts):
         As in ``answer_tool``.
 
     """
-    _, turning, tool, _, signals = parts
+    _, rotary, tool, _, signals = parts
     answer, constants = tool[0].drive[0].state.answer, tool[0].drive[0].constants
-    t, ratio = turning[0].state, turning[0].constants.gear_ratio
+    t, ratio = rotary[0].state, rotary[0].constants.gear_ratio
     signals[TURN_POSITION, cycle] = answer[0] / ratio
     signals[TURN_ERROR, cycle] = t.error
     signals[TURN_SPEED, cycle] = answer[1] / ratio
     signals[TURN_CURRENT, cycle] = answer[2] / constants.torque_constant
     r = tool[0]
     before, r.true_error = r.true_error, t.due - signals[TURN_TRUE, cycle]
-    r.true_place_error_max = max(
-        r.true_place_error_max, error_at_places(cycle, r.true_error, before, turning)
-    )
+    r.true_place_error_max = max(r.true_place_error_max, error_at_places(cycle, r.true_error, before, rotary))
 
 
 class ToolDrive:

@@ -135,24 +135,24 @@ def test_where_moves_end_is_known_at_an_override(machine):
     )
     wanted = np.abs(np.interp(np.array([over, rest]) + delay, cycles, errors)).max()
     assert over - start > 1.5 * end / 1e-3
-    assert task.figures().turn.place_error_max_rad == pytest.approx(wanted, rel=1e-6)
+    assert task.figures().turns[0].place_error_max_rad == pytest.approx(wanted, rel=1e-6)
 
 
 def test_a_second_program_has_figures_of_its_own(machine):
     stepped, _, task = operation(machine, LINE)
     stepped.go_to(task.last_cycle + 1)
-    assert task.figures().turn.error_max_rad > 1e-5
+    assert task.figures().turns[0].error_max_rad > 1e-5
     task.load(
         program_planner.plan(
             program([{'dwell': {'time_s': 0.05}}], machine, start_m=[0.1525, 0.0, -0.85]),
             task.state['tcp'][0],
             machine,
-            turn_rad=task.turning.angle_rad,
+            turn_rad=task.rotary[0].angle_rad,
         ).plan
     )
     task.start(task.next_cycle + 5)
     stepped.go_to(task.last_cycle + 1)
-    figures = task.figures().turn
+    figures = task.figures().turns[0]
     assert figures.measured_cycles == 50 + 100
     assert figures.place_error_max_rad <= figures.error_max_rad < 1e-5
 
@@ -210,7 +210,7 @@ def operation(machine, moves, **head):
 def off_the_path(task):
     """How far the command of the tool is from what the plan has at the distance of the master [rad]."""
     number, distance, _ = task.progress()
-    return task.turning.angle_rad - task.timeline.plan.move(number).turn_rad(distance)
+    return task.rotary[0].angle_rad - task.timeline.plan.move(number).turn_rad(distance)
 
 
 LINE = [{'move_l': {'to_m': [0.1525, 0.0, -0.85], 'turn_deg': 180, 'speed_m_s': 0.5}}]
@@ -226,19 +226,19 @@ def test_hold_override_and_resume_keep_the_tool_with_the_path(machine):
     _, held_at, speed = task.progress()
     assert speed == 0.0
     assert 0.05 < held_at < 0.25
-    angle = task.turning.angle_rad
+    angle = task.rotary[0].angle_rad
     assert angle == pytest.approx(
         math.pi * held_at / 0.305, rel=1e-5
     )  # the robot stands on its grid at first
     stepped.go_to(start + 550)
-    assert task.turning.angle_rad == angle
+    assert task.rotary[0].angle_rad == angle
     task.change(resume(task.timeline, task.next_cycle, 0.5))
     for cycle in range(start + 600, start + 900, 50):
         stepped.go_to(cycle)
         assert abs(off_the_path(task)) < 1e-12
     stepped.go_to(task.end_cycle + 50)
-    assert math.degrees(task.turning.angle_rad) == pytest.approx(180.0, rel=1e-12)
-    assert math.degrees(task.turning.state['actual'][0]) == pytest.approx(180.0, abs=0.05)
+    assert math.degrees(task.rotary[0].angle_rad) == pytest.approx(180.0, rel=1e-12)
+    assert math.degrees(task.rotary[0].state['actual'][0]) == pytest.approx(180.0, abs=0.05)
 
 
 def test_a_pure_turn_is_held_and_resumed_as_any_move(machine):
@@ -247,11 +247,11 @@ def test_a_pure_turn_is_held_and_resumed_as_any_move(machine):
     stepped.go_to(start + 60)
     task.hold()
     stepped.go_to(start + 200)
-    held_deg = math.degrees(task.turning.angle_rad)
+    held_deg = math.degrees(task.rotary[0].angle_rad)
     assert 20.0 < held_deg < 280.0
     task.change(resume(task.timeline, task.next_cycle, 1.0))
     stepped.go_to(task.pending_last_cycle)
-    assert math.degrees(task.turning.angle_rad) == pytest.approx(300.0, rel=1e-12)
+    assert math.degrees(task.rotary[0].angle_rad) == pytest.approx(300.0, rel=1e-12)
 
 
 # faults

@@ -19,13 +19,11 @@ from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
 class Command(NamedTuple):
     """Command to the drives in the MDT of a bus cycle."""
 
-    motors: Floats  # (3,) motor shafts [rad], on the increment grid; overwritten by the next command
-    torques: Floats  # (3,) additive motor torques [N m], S-0-0081, if enabled in the parameters, else 0
+    motors: Floats  # (axes,) motor shafts [rad], on the increment grid; overwritten by the next command
+    torques: Floats  # (axes,) additive motor torques [N m], S-0-0081, if enabled in the parameters, else 0
     control: int  # S-0-0134
     payload: float  # gripped [kg]
     outputs: int  # bit n is output n
-    # motor shaft [rad] and torque [N m] of the rotary axis, if present
-    turn: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,6 @@ class ControllerCycle:
             control=task.control(cycle),
             payload=task.payload,
             outputs=task.outputs,
-            turn=None if task.turning is None else task.turning.commanded,
         )
 
     def evaluate(

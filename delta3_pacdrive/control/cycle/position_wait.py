@@ -6,17 +6,16 @@ motion does not depend on the number of outstanding cycles.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from delta3_pacdrive.errors import FaultCode, RobotFault
-from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
+from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import ARMS, Parameters, rotary_axis_parameters
 from delta3_pacdrive.planning.execution import MotionProfile, Timeline
 from delta3_pacdrive.planning.paths.move import MoveKind
 from delta3_pacdrive.planning.paths.virtual_master import PHASE_COLUMNS, rest
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
 
 NONE = -1  # no move
 
@@ -28,9 +27,10 @@ class PositionWait:
         bus, motion = parameters.bus, parameters.motion
         self._cycle_time_s, self._reaction = bus.cycle_time_s, bus.outstanding_cycles_max
         self._cycles, self._timeout_s = parameters.in_position_cycles, motion.in_position_timeout_s
-        self._windows_rad = [parameters.drive.position_window_rad] * len(DRIVES)
-        if parameters.rotary.present:
-            self._windows_rad.append(rotary_axis_parameters(parameters, 0).drive.position_window_rad)
+        self._windows_rad = [parameters.drive.position_window_rad] * ARMS
+        for number in range(len(parameters.rotary_axes)):
+            self._windows_rad.append(rotary_axis_parameters(parameters, number).drive.position_window_rad)
+        self._axes = parameters.axes
         self._stops = np.zeros(0, np.int64)  # numbers of the moves
         self._passed = NONE  # last exact stop that was left
         self._resting: MotionProfile | None = None
@@ -103,19 +103,18 @@ class PositionWait:
         self._leaving = MotionProfile(first, self.number, np.zeros((1, PHASE_COLUMNS)), override)
         return self._leaving
 
-    def fault(self, cycle: int, since: int, where: str, state: Any, tool: Any = None) -> RobotFault | None:
+    def fault(self, cycle: int, since: int, where: str, off_rad: Floats, within: int) -> RobotFault | None:
         """Return the fault of a robot that is not in position by a bus cycle, None before the timeout.
 
-        ``state`` is the ``STATE`` of the task, ``tool`` that of the rotary axis, if present.
+        ``off_rad`` are the deviations of all motors from their commands, ``within`` is the number of consecutive
+        cycles within their windows.
         """
         waited_s = (cycle - since) * self._cycle_time_s
         if waited_s < self._timeout_s:
             return None
-        off, within = np.abs(state['off']), int(state['within'])
-        if tool is not None:
-            off, within = np.append(off, abs(tool['off'])), min(within, int(tool['within']))
+        off = np.abs(off_rad)
         worst = int(np.argmax(np.where(np.isfinite(off), off / self._windows_rad, np.inf)))
-        axis, window = (*DRIVES, TOOL_DRIVE)[worst], self._windows_rad[worst]
+        axis, window = self._axes[worst], self._windows_rad[worst]
         sentence = f'not in position {waited_s:.3g} s after the set points came to rest {where}'
         if off[worst] <= window:
             counted = min(within, cycle + 1 - since)

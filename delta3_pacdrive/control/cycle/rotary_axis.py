@@ -1,4 +1,4 @@
-"""The rotary axis in the controller: its command in each bus cycle, and the evaluation of its feedback.
+"""A rotary axis in the controller: its command in each bus cycle, and the evaluation of its feedback.
 
 The angle of the tool is a function of the distance on the path, so it stays synchronous with the TCP through override,
 hold and resume. Without an angle in the plan the tool keeps its commanded angle.
@@ -11,8 +11,8 @@ Arguments of the kernels here:
     As in ``task_cycle``: array of one record ``TASK``, shape (1,), and ``motion.execution.TimelineArrays``.
 ``turns``
     Rotations of the plan: a ``motion.turns.TurnTables``, empty if the plan contains none.
-``turning``
-    Array of one record ``TURNING``, shape (1,).
+``rotary``
+    Array of one record ``ROTARY``, shape (1,).
 ``position``, ``torque``
     Position [rad] and torque [N m] of the motor shaft in the AT of the axis.
 """
@@ -29,7 +29,7 @@ from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.control.cycle.task_cycle import coming_payload, is_over
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.kernel import kernel
-from delta3_pacdrive.parameters import Parameters, rotary_axis_parameters
+from delta3_pacdrive.parameters import ARMS, Parameters, rotary_axis_parameters
 from delta3_pacdrive.planning.execution import Timeline, plan_time_at, profile_at
 from delta3_pacdrive.planning.paths.rotations import JOINED_RAD, TURN_COLUMNS, TurnTables, turn_at
 from delta3_pacdrive.planning.plan import Plan
@@ -38,12 +38,10 @@ from delta3_pacdrive.robot.motor import MOTOR, friction_torque, motor
 from delta3_pacdrive.robot.sercos.bus_time import HISTORY
 from delta3_pacdrive.robot.sercos.increments import on_grid
 
-TURNING_STATE = np.dtype(
+STATE = np.dtype(
     [
         ('angle', 'f8'),  # of the tool, commanded [rad]
         ('angle_history', 'f8', (HISTORY,)),
-        ('motor', 'f8'),  # motor command [rad]
-        ('torque', 'f8'),  # additive torque command [N m], 0 without feed-forward
         ('move', 'i8'),  # number of the active move; one more after the end of the program
         # cycles from the end of a move to this cycle, if within the last one; else PASSED_NONE
         ('passed_history', 'f8', (HISTORY,)),
@@ -64,8 +62,9 @@ TURNING_STATE = np.dtype(
     align=True,
 )
 
-TURNING_CONSTANTS = np.dtype(
+CONSTANTS = np.dtype(
     [
+        ('index', 'i8'),  # of the axis, after the arms
         ('gear_ratio', 'f8'),
         ('increments_per_rad', 'f8'),
         ('cycle_time', 'f8'),
@@ -80,7 +79,7 @@ TURNING_CONSTANTS = np.dtype(
     align=True,
 )
 
-TURNING = np.dtype([('state', TURNING_STATE), ('constants', TURNING_CONSTANTS), ('motor', MOTOR)], align=True)
+ROTARY = np.dtype([('state', STATE), ('constants', CONSTANTS), ('motor', MOTOR)], align=True)
 
 
 # reset at the start of a program
@@ -108,10 +107,8 @@ class TurnFigures:
         }
 
 
-def combined_turns(figures: Sequence[TurnFigures]) -> TurnFigures | None:
-    """Return the combined results of several programs, None without any."""
-    if not figures:
-        return None
+def combined_turns(figures: Sequence[TurnFigures]) -> TurnFigures:
+    """Return the combined results of several programs at the same axis."""
     cycles = sum(one.measured_cycles for one in figures)
     square_sum = sum(one.measured_cycles * one.current_rms_a**2 for one in figures)
     return TurnFigures(
@@ -123,9 +120,10 @@ def combined_turns(figures: Sequence[TurnFigures]) -> TurnFigures | None:
     )
 
 
-def _constants(parameters: Parameters) -> NDArray[Any]:
-    rotary, axis = parameters.rotary, rotary_axis_parameters(parameters, 0)
-    record = np.zeros(1, TURNING_CONSTANTS)
+def _constants(parameters: Parameters, number: int) -> NDArray[Any]:
+    rotary, axis = parameters.rotary_axes[number], rotary_axis_parameters(parameters, number)
+    record = np.zeros(1, CONSTANTS)
+    record['index'] = ARMS + number
     record['gear_ratio'] = rotary.gear_ratio
     record['increments_per_rad'] = parameters.bus.increments_per_rev / math.tau
     record['cycle_time'] = parameters.bus.cycle_time_s
@@ -140,16 +138,16 @@ def _constants(parameters: Parameters) -> NDArray[Any]:
 
 
 @kernel
-def command_turn(cycle, task, timeline, turns, turning):
-    """Set the command of the axis for a bus cycle, after ``command_cycle`` for the same one."""
-    s, t, c = task[0].state, turning[0].state, turning[0].constants
+def command_turn(cycle, task, timeline, turns, rotary):
+    """Set the command of the axis in the task for a bus cycle, after ``command_cycle`` for the same one."""
+    s, t, c = task[0].state, rotary[0].state, rotary[0].constants
     turns_now = turns.rows.shape[0] > 0 and cycle >= s.start_cycle
     if turns_now:
         t.angle, _, _ = turn_at(s.master, s.move, turns)
     t.angle_history[cycle % HISTORY] = t.angle
     t.passed_history[cycle % HISTORY] = _passed(cycle, s, timeline, t, c)
-    t.motor = on_grid(t.angle * c.gear_ratio, c.increments_per_rad)
-    t.torque = 0.0
+    task[0].motors[c.index] = on_grid(t.angle * c.gear_ratio, c.increments_per_rad)
+    task[0].torques[c.index] = 0.0
     if c.sends_torque != 0.0:
         speed, acceleration = 0.0, 0.0
         if turns.rows.shape[0] > 0 and (s.start_cycle - cycle) * c.cycle_time <= c.torque_lead:
@@ -159,8 +157,8 @@ def command_turn(cycle, task, timeline, turns, turning):
             speed, acceleration = first * v, second * v * v + first * a
         inertia = c.inertia + c.part_inertia * coming_payload(cycle, task, timeline)
         torque = inertia * c.gear_ratio * acceleration
-        torque += friction_torque(c.gear_ratio * speed, turning[0].motor)
-        t.torque = min(max(torque, -c.torque_max), c.torque_max)
+        torque += friction_torque(c.gear_ratio * speed, rotary[0].motor)
+        task[0].torques[c.index] = min(max(torque, -c.torque_max), c.torque_max)
 
 
 @kernel
@@ -180,18 +178,18 @@ def _passed(cycle, s, timeline, t, c):
 
 
 @kernel
-def error_at_places(cycle, error, before, turning):
+def error_at_places(cycle, error, before, rotary):
     """Return the error of the tool at the end of a move [rad], 0 if no move ends between the last two set points.
 
     Parameters
     ----------
-    cycle, turning
+    cycle, rotary
         As above.
     error, before
         Errors of the angle [rad], set-point delay removed, in the feedback of this cycle and of the one before.
 
     """
-    passed, delay = turning[0].state.passed_history, turning[0].constants.set_point_delay
+    passed, delay = rotary[0].state.passed_history, rotary[0].constants.set_point_delay
     whole = math.floor(delay)
     share, found = delay - whole, 0.0
     for back in range(2):
@@ -203,9 +201,9 @@ def error_at_places(cycle, error, before, turning):
 
 
 @kernel
-def answer_turn(cycle, position, torque, task, turning):
+def answer_turn(cycle, position, torque, task, rotary):
     """Evaluate the feedback of the axis in a bus cycle."""
-    s, t, c = task[0].state, turning[0].state, turning[0].constants
+    s, t, c = task[0].state, rotary[0].state, rotary[0].constants
     whole = math.floor(c.set_point_delay)
     share = c.set_point_delay - whole
     newer = max(cycle - int(whole), 0) % HISTORY
@@ -217,10 +215,10 @@ def answer_turn(cycle, position, torque, task, turning):
     t.off = t.answered * c.gear_ratio - position
     t.within = t.within + 1 if abs(t.off) <= c.position_window else 0
     if s.start_cycle <= cycle < s.end_cycle + SETTLE_CYCLES:
-        current = torque / turning[0].motor.torque_constant
+        current = torque / rotary[0].motor.torque_constant
         t.measured_cycles += 1
         t.error_max = max(t.error_max, abs(t.error))
-        t.place_error_max = max(t.place_error_max, error_at_places(cycle, t.error, before, turning))
+        t.place_error_max = max(t.place_error_max, error_at_places(cycle, t.error, before, rotary))
         t.current_peak = max(t.current_peak, abs(current))
         t.current_square_sum += current * current
 
@@ -230,17 +228,18 @@ NO_TURNS = TurnTables(
 )
 
 
-class Turning:
-    """Commands of the rotary axis, starting with the tool at ``rotary.home_deg``."""
+class RotaryAxis:
+    """Commands of rotary axis ``number``, from 0, starting with the tool at its home angle."""
 
-    def __init__(self, parameters: Parameters) -> None:
-        self.record: NDArray[Any] = np.zeros(1, TURNING)
-        self.record['constants'] = _constants(parameters)
-        self.record['motor'] = motor(rotary_axis_parameters(parameters, 0))
+    def __init__(self, parameters: Parameters, number: int) -> None:
+        self._number = number
+        self.record: NDArray[Any] = np.zeros(1, ROTARY)
+        self.record['constants'] = _constants(parameters, number)
+        self.record['motor'] = motor(rotary_axis_parameters(parameters, number))
         self.state: NDArray[Any] = self.record['state']
         self.turns = NO_TURNS  # of the active plan
         self.state['passed_history'] = PASSED_NONE
-        self.set_angle(parameters.rotary.home_rad)
+        self.set_angle(parameters.rotary_axes[number].home_rad)
 
     def precompile(self, task: NDArray[Any], timeline: Timeline) -> None:
         """Call the compiled code once on a copy, so that it is not compiled during a bus cycle."""
@@ -255,8 +254,9 @@ class Turning:
         state['answered'] = state['due'] = state['actual'] = angle_rad
 
     def set_position(self, position_rad: float) -> None:
-        """Initialize command and history by the position of the motor shaft."""
-        self.set_angle(position_rad / float(self.record['constants']['gear_ratio'][0]))
+        """Initialize command and history by the position of the motor shaft, unless it is within its window."""
+        if self.off_rad(position_rad) > 0.0:
+            self.set_angle(position_rad / float(self.record['constants']['gear_ratio'][0]))
 
     def off_rad(self, position_rad: float) -> float:
         """Return the deviation of the tool from its command; 0 within the position window of the motor."""
@@ -268,12 +268,6 @@ class Turning:
     def angle_rad(self) -> float:
         """Commanded angle of the tool."""
         return float(self.state['angle'][0])
-
-    @property
-    def commanded(self) -> tuple[float, float]:
-        """Motor shaft [rad] and torque [N m] of the last command."""
-        state = self.state[0]
-        return float(state['motor']), float(state['torque'])
 
     @property
     def feedback(self) -> list[float]:
@@ -288,7 +282,7 @@ class Turning:
 
     def follow(self, plan: Plan) -> None:
         """Use the rotations of a plan from the next command on."""
-        self.turns = NO_TURNS if plan.turns is None else plan.turns
+        self.turns = NO_TURNS if plan.turns is None or self._number else plan.turns
 
     def begin(self) -> None:
         """Reset the results at the start of a program."""
@@ -317,15 +311,15 @@ class Turning:
         answer_turn(cycle, position_rad, torque_n_m, task, self.record)
 
 
-def require_turns(turning: Turning | None, plan: Plan) -> None:
+def require_turns(rotary: Sequence[RotaryAxis], plan: Plan) -> None:
     """Raise ProgramError if a plan starts at another tool angle, or turns a tool that does not exist."""
     start = plan.start_turn_rad
     if start is None:
         return
-    if turning is None:
+    if not rotary:
         raise ProgramError(f'the plan cannot be loaded: {NO_AXIS}')
-    if not abs(start - turning.angle_rad) <= JOINED_RAD:
+    if not abs(start - rotary[0].angle_rad) <= JOINED_RAD:
         raise ProgramError(
             f'the plan begins with the tool at {math.degrees(start):.6g} deg, but it is at '
-            f'{math.degrees(turning.angle_rad):.6g} deg'
+            f'{math.degrees(rotary[0].angle_rad):.6g} deg'
         )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from delta3_pacdrive.dynamics import INERTIA, rotor_inertia
 from delta3_pacdrive.kinematics import GEOMETRY
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import AXES_MAX, Parameters
 from delta3_pacdrive.robot.motor import MOTOR
 from delta3_pacdrive.robot.sercos.bus_time import HISTORY
 
@@ -96,8 +96,9 @@ TASK = np.dtype(
         ('geometry', GEOMETRY),
         ('inertia', INERTIA),  # with the payload of the feed-forward
         ('motor', MOTOR),
-        ('motors', 'f8', (3,)),  # motor commands [rad]
-        ('torques', 'f8', (3,)),  # additive torque commands [N m], 0 without feed-forward
+        # of the arms, then of the rotary axes
+        ('motors', 'f8', (AXES_MAX,)),  # motor commands [rad]
+        ('torques', 'f8', (AXES_MAX,)),  # additive torque commands [N m], 0 without feed-forward
         ('answer', ANSWER),  # of the last evaluated cycle
     ],
     align=True,

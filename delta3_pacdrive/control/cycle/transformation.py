@@ -18,14 +18,14 @@ from delta3_pacdrive.belts.meeting import BeltAxes
 from delta3_pacdrive.belts.tracking import BeltTracking
 from delta3_pacdrive.control.cycle.learned_torques import FAULT, LearnedTorques
 from delta3_pacdrive.control.cycle.position_wait import PositionWait
-from delta3_pacdrive.control.cycle.rotary_axis import TurnFigures, Turning, require_turns
+from delta3_pacdrive.control.cycle.rotary_axis import RotaryAxis, TurnFigures, require_turns
 from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES, TASK, initialize_history, task_constants
 from delta3_pacdrive.control.cycle.task_cycle import answer_cycle, command_cycle, give
 from delta3_pacdrive.dynamics import gravity, inertia
 from delta3_pacdrive.errors import ProgramError, RobotFault, RunError
 from delta3_pacdrive.kinematics import geometry
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ARMS, Parameters, numbered
 from delta3_pacdrive.planning.execution import MasterState, MotionProfile, Timeline
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.planning.paths.curves import point
@@ -34,7 +34,6 @@ from delta3_pacdrive.planning.paths.virtual_master import rest
 from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.robot.motor import motor
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.words import (
     CONTROL_ENABLE,
     CONTROL_MEASURE,
@@ -49,7 +48,6 @@ MEASURED = (
 )  # fmt: skip
 # each iteration reduces the error about a thousandfold, as gravity torque hardly changes within the twist
 TWIST_ITERATIONS = 4
-TOOL = len(DRIVES)  # index of the rotary axis, after the arms
 DISABLE_CYCLES = 40  # from standstill of the set points to disabling, for drives to detect their standstill
 
 
@@ -70,14 +68,16 @@ class Figures:
     current_rms_a: list[float | None]
     at_current_peak_a: list[float]
     at_current_rms_a: list[float]
-    turn: TurnFigures | None = None  # of the rotary axis, if present
+    turns: tuple[TurnFigures, ...] = ()  # of the rotary axes
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures under their names in run results."""
-        turn = {} if self.turn is None else self.turn.to_dict()
-        return {name: value for name, value in vars(self).items() if name != 'turn'} | turn
-        of_tool = {} if self.turn is None else self.turn.to_dict()
-        return {name: value for name, value in vars(self).items() if name != 'turn'} | of_tool
+        of_rotary = {
+            numbered(name, number): value
+            for number, turn in enumerate(self.turns)
+            for name, value in turn.to_dict().items()
+        }
+        return {name: value for name, value in vars(self).items() if name != 'turns'} | of_rotary
 
 
 class Transformation:
@@ -99,8 +99,9 @@ class Transformation:
         record['constants'], record['geometry'] = task_constants(parameters), geometry(parameters.kinematics)
         record['inertia'], record['motor'] = inertia(parameters), motor(parameters)
         self.state: NDArray[Any] = record['state']
-        self.motors: Floats = record['motors'][0]
-        self.torques: Floats = record['torques'][0]
+        axes = len(parameters.axes)
+        self.motors: Floats = record['motors'][0, :axes]
+        self.torques: Floats = record['torques'][0, :axes]
         self.answer: np.void = record['answer'][0]
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
         self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
@@ -114,9 +115,9 @@ class Transformation:
         self.extensions = 0  # plan extensions so far
         self._wait = PositionWait(parameters)
         self.tracking: BeltTracking | None = None
-        self.turning = Turning(parameters) if parameters.rotary.present else None
-        if self.turning is not None:
-            self.turning.precompile(record, self.timeline)
+        self.rotary = tuple(RotaryAxis(parameters, number) for number in range(axes - ARMS))
+        for axis in self.rotary:
+            axis.precompile(record, self.timeline)
         self.own_profile: MotionProfile | None = None  # the last one that the task generated itself
         self.enable_cycle = self.disable_cycle = (
             NEVER  # drives are enabled from the first to before the second
@@ -137,7 +138,7 @@ class Transformation:
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
         """Set the commanded position from the motor shafts by forward kinematics (6); return the TCP [m].
 
-        ``motor_positions_rad`` are those of the arms, followed by the rotary axis if known.
+        ``motor_positions_rad`` are those of the arms, followed by the rotary axes if known.
         """
         theta, twist, tcp = self._place(motor_positions_rad)
         initialize_history(theta, twist, tcp, self.state[0])
@@ -145,16 +146,20 @@ class Transformation:
         return tcp
 
     def locate_tool(self, motor_positions_rad: ArrayLike) -> None:
-        """Set the commanded tool angle from its shaft, unless that is within the position window."""
-        if self.tool_off_rad(motor_positions_rad) > 0.0 and self.turning is not None:
-            self.turning.set_position(float(np.asarray(motor_positions_rad)[TOOL]))
+        """Set the commanded tool angles from the shafts that are not within their position windows."""
+        for axis, position in self._shafts(motor_positions_rad):
+            axis.set_position(position)
 
     def tool_off_rad(self, motor_positions_rad: ArrayLike) -> float:
-        """Return the deviation of the tool from its command [rad]; 0 within the position window of its drive."""
-        shafts = np.asarray(motor_positions_rad, dtype=np.float64)
-        if self.turning is None or len(shafts) <= TOOL:
-            return 0.0
-        return self.turning.off_rad(float(shafts[TOOL]))
+        """Return the largest deviation of a tool angle from its command [rad]; 0 within the position windows."""
+        return max(
+            (axis.off_rad(position) for axis, position in self._shafts(motor_positions_rad)), default=0.0
+        )
+
+    def _shafts(self, motor_positions_rad: ArrayLike) -> list[tuple[RotaryAxis, float]]:
+        """Return the rotary axes with their shafts [rad], if known."""
+        shafts = np.asarray(motor_positions_rad, dtype=np.float64)[ARMS:]
+        return list(zip(self.rotary, shafts.tolist(), strict=False))
 
     def distance_m(self, motor_positions_rad: ArrayLike) -> float:
         """Return the distance of the TCP from its commanded position [m]; raises UnreachableError."""
@@ -164,7 +169,7 @@ class Transformation:
     def _place(self, motor_positions_rad: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return arm angles and gear twists [rad], and the TCP [m], of a robot at rest."""
         parameters = self._parameters
-        shaft = np.asarray(motor_positions_rad, dtype=np.float64)[:TOOL] / parameters.dynamics.gear_ratio
+        shaft = np.asarray(motor_positions_rad, dtype=np.float64)[:ARMS] / parameters.dynamics.gear_ratio
         theta, twist = shaft, np.zeros(3)
         if parameters.gear_gives:
             compliance, half = parameters.gear_compliance_rad_n_m, 0.5 * parameters.control.gear_backlash_rad
@@ -179,8 +184,8 @@ class Transformation:
         """Load a program, to be started by ``start``; raises ProgramError if its tool starts at another angle."""
         self.require_turns(plan)
         self.timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
-        if self.turning is not None:
-            self.turning.follow(plan)
+        for axis in self.rotary:
+            axis.follow(plan)
         self.state['end_cycle'] = self.timeline.end_cycle
         self._clear_pending()
         self.learned.load(plan)
@@ -192,7 +197,7 @@ class Transformation:
 
     def require_turns(self, plan: Plan) -> None:
         """Raise ProgramError if the plan starts at another tool angle, or turns a tool that does not exist."""
-        require_turns(self.turning, plan)
+        require_turns(self.rotary, plan)
 
     def start(self, cycle: int, override: float = 1.0) -> int:
         """Start the loaded program at a future cycle; return the first cycle in which the TCP is at its end."""
@@ -207,8 +212,8 @@ class Transformation:
         state['payload'] = payload_on_grid(self.timeline.plan.move(0).payload_kg)
         for name in MEASURED:
             state[name] = 0
-        if self.turning is not None:
-            self.turning.begin()
+        for axis in self.rotary:
+            axis.begin()
         self.current_peak, self.current_rms = [None] * 3, [None] * 3
         self._mark_measured()
         self._wait.begin(self.timeline)
@@ -308,8 +313,8 @@ class Transformation:
             return
         self.timeline, left_out = self._pending_plan
         self._pending_plan = None
-        if self.turning is not None:
-            self.turning.follow(self.timeline.plan)
+        for axis in self.rotary:
+            axis.follow(self.timeline.plan)
         self.state['move'] -= left_out
         self.state['end_cycle'] = self.timeline.end_cycle
         self._mark_measured()
@@ -417,8 +422,8 @@ class Transformation:
         command_cycle(cycle, self.record, self.timeline.arrays, self.learned.torques)
         if self.tracking is not None:
             self.tracking.watch_speed(cycle, self.timeline if self.loaded else None)
-        if self.turning is not None:
-            self.turning.command(cycle, self.record, self.timeline)
+        for axis in self.rotary:
+            axis.command(cycle, self.record, self.timeline)
         self.next_cycle = cycle + 1
         return self.motors
 
@@ -486,10 +491,14 @@ class Transformation:
         return self._wait.is_long_enough(min(self.within, stood))
 
     @property
+    def turns_rad(self) -> tuple[float, ...]:
+        """Commanded tool angles of the rotary axes."""
+        return tuple(axis.angle_rad for axis in self.rotary)
+
+    @property
     def within(self) -> int:
         """Number of consecutive bus cycles for which every drive has been within its position window."""
-        within = int(self.state['within'][0])
-        return within if self.turning is None else min(within, self.turning.within)
+        return min([int(self.state['within'][0]), *(axis.within for axis in self.rotary)])
 
     def settle(self, cycle: int) -> RobotFault | None:
         """Leave an exact stop once the feedback of a cycle shows the robot in position.
@@ -505,15 +514,15 @@ class Transformation:
             return None
         if wait.waits:
             return wait.fault(
-                cycle, wait.since, f'at the end of move {wait.number}', self.state[0], self._tool
+                cycle, wait.since, f'at the end of move {wait.number}', self._off(), self.within
             )
         if cycle < self.last_cycle:
             return None
-        return wait.fault(cycle, end, 'at the end of the program', self.state[0], self._tool)
+        return wait.fault(cycle, end, 'at the end of the program', self._off(), self.within)
 
-    @property
-    def _tool(self) -> np.void | None:
-        return None if self.turning is None else self.turning.state[0]
+    def _off(self) -> Floats:
+        """Return the deviations of all motors from their commands [rad]."""
+        return np.concatenate([self.state['off'][0], *(axis.state['off'] for axis in self.rotary)])
 
     def commanded_to(self, cycle: int) -> None:
         """Set the next cycle, after compiled code has commanded the cycles before it."""
@@ -522,11 +531,13 @@ class Transformation:
     def receive(self, cycle: int, positions_rad: Floats, torques_n_m: Floats) -> np.void:
         """Evaluate the feedback of a cycle, in order; return it as a record ``ANSWER``.
 
-        Values of the rotary axis follow those of the arms, if known.
+        Values of the rotary axes follow those of the arms, if known.
         """
         answer_cycle(cycle, positions_rad, torques_n_m, self.record)
-        if self.turning is not None and len(positions_rad) > TOOL:
-            self.turning.receive(cycle, float(positions_rad[TOOL]), float(torques_n_m[TOOL]), self.record)
+        for axis, position, torque in zip(
+            self.rotary, positions_rad[ARMS:], torques_n_m[ARMS:], strict=False
+        ):
+            axis.receive(cycle, float(position), float(torque), self.record)
         return self.answer
 
     def progress(self) -> tuple[int, float, float]:
@@ -548,7 +559,7 @@ class Transformation:
             current_rms_a=list(self.current_rms),
             at_current_peak_a=s['current_peak'].tolist(),
             at_current_rms_a=np.sqrt(s['current_square_sum'] / cycles).tolist(),
-            turn=None if self.turning is None else self.turning.figures(),
+            turns=tuple(axis.figures() for axis in self.rotary),
         )
 
 

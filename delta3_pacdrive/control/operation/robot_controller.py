@@ -314,7 +314,7 @@ class RobotController:
             learned_torques=task.learned.exist,
             unlearned=task.learned.reason,
             repeated_telegrams=cycles.answers.repeated,
-            turn_rad=None if task.turning is None else task.turning.feedback[1],
+            turn_rad=next((axis.feedback[1] for axis in task.rotary), None),
         )
 
     def totals(self) -> dict[str, Any]:

@@ -158,7 +158,7 @@ class RobotState:
         """Set the position from which the robot can start a program."""
         self.located += 1
         self.tcp_m = tcp_m.copy()
-        self.turn_rad = None if self._task.turning is None else self._task.turning.angle_rad
+        self.turn_rad = next(iter(self._task.turns_rad), None)
         self.actions.append(robot_actions.Located(self.tcp_m, cycle))
         self.actions.append(robot_actions.Switched(cycle))
 

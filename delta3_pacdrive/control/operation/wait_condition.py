@@ -29,7 +29,7 @@ class Commanded:
     @classmethod
     def of(cls, task: Transformation) -> Self:
         """Return the state after the last command of a task."""
-        turn = None if task.turning is None else task.turning.angle_rad
+        turn = next(iter(task.turns_rad), None)
         held = task.loaded and task.held
         left = cls(task.end_cycle, held, task.outputs, task.payload, turn_rad=turn)
         if task.tracking is None:

@@ -41,7 +41,7 @@ class CommandSender:
 
     def send(self, stamp: tuple[int, int], command: Command) -> None:
         """Send the MDT of a bus cycle."""
-        motors, torques, control, payload, outputs, turn = command
+        motors, torques, control, payload, outputs = command
         if self._requests.busy:
             words = self._requests.to_send()
             frame = telegrams.mdt_frame(Phase.CP4, control, payload, self._session, words, outputs)
@@ -51,12 +51,9 @@ class CommandSender:
                 Phase.CP4, control, payload, self._session, self._idle, outputs
             )
             self._frames[control, payload, outputs] = frame
-        values, efforts = motors.tolist(), torques.tolist()
-        if turn is not None:
-            values.append(turn[0])
-            efforts.append(turn[1])
+        values = motors.tolist()
         if self._torques:
-            values += efforts
+            values += torques.tolist()
         self._last = self._codec.encode(stamp, frame, values)
         self.publish(self._last)
 

@@ -75,9 +75,10 @@ class TaskOutputs:
         telegram = joint_states(parameters.axes)
         self._joint_states = TelegramOutput(node, interfaces.JOINT_STATES, telegram)
         self.master = TelegramOutput(node, interfaces.MASTER)
-        self._turning = controller.task.turning
-        self._turn = None if self._turning is None else TelegramOutput(node, interfaces.TURN)
-        self._ratio, self._tool_ratio = parameters.dynamics.gear_ratio, parameters.rotary.gear_ratio
+        self._rotary = controller.task.rotary
+        self._turns = [(TelegramOutput(node, interfaces.TURN), axis) for axis in self._rotary[:1]]
+        self._ratio = parameters.dynamics.gear_ratio
+        self._tool_ratios = [rotary.gear_ratio for rotary in parameters.rotary_axes]
         self._geometry = geometry(parameters)
         self._rates, self._tree = np.zeros((1, 3)), np.zeros((1, 2, len(JOINTS)))
         self._joint_states_every = max(1, round(JOINT_STATES_S / parameters.bus.cycle_time_s))
@@ -93,28 +94,28 @@ class TaskOutputs:
             is_position = output.topic in (interfaces.TCP_ACTUAL, interfaces.TCP_COMMAND)
             output.send(ACYCLIC, self._state.tcp_m.tolist() if is_position else [0.0] * len(values))
         self.master.send(ACYCLIC, [0.0] * 3)
-        if self._turn is not None and self._turning is not None:
-            angle_rad = self._turning.angle_rad
-            self._turn.send(ACYCLIC, [angle_rad, angle_rad, 0.0])
+        for output, axis in self._turns:
+            output.send(ACYCLIC, [axis.angle_rad, axis.angle_rad, 0.0])
 
     def send(self, cycle: int, stamp: tuple[int, int]) -> None:
         """Publish the results of a cycle."""
         for output, values in self._answers:
             if output.wanted:
                 output.send(stamp, values.tolist())
-        if self._turn is not None and self._turning is not None and self._turn.wanted:
-            self._turn.send(stamp, self._turning.feedback)
+        for output, axis in self._turns:
+            if output.wanted:
+                output.send(stamp, axis.feedback)
         if self._through_jacobian is not None:
             self._through_jacobian.send(cycle, stamp, self._tcp_command)
         if self._joint_states.wanted and cycle % self._joint_states_every == 0:
             # at the joints: arms and tool at the output side of their gears
             torques = self._axes.torques.tolist()
             arms = [torque * self._ratio for torque in torques[:ARMS]]
-            angle = [] if self._turning is None else [self._turning.feedback[1]]
-            speed = [speed / self._tool_ratio for speed in self._axes.speeds[ARMS:]]
-            tool = [torque * self._tool_ratio for torque in torques[ARMS:]]
+            angles = [axis.feedback[1] for axis in self._rotary]
+            speeds = [speed / k for speed, k in zip(self._axes.speeds[ARMS:], self._tool_ratios, strict=True)]
+            tool = [torque * k for torque, k in zip(torques[ARMS:], self._tool_ratios, strict=True)]
             positions, rates = self._joint_motion()
-            self._joint_states.send(stamp, [*positions, *angle, *rates, *speed, *arms, *AT_EASE, *tool])
+            self._joint_states.send(stamp, [*positions, *angles, *rates, *speeds, *arms, *AT_EASE, *tool])
 
     def _joint_motion(self) -> list[list[float]]:
         """Return positions and speeds of all joints of the tree except the tool."""

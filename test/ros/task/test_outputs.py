@@ -29,9 +29,7 @@ def told(graph: Any, robot: parameters.Parameters, theta: list[float]) -> JointS
     answer = np.zeros(1, ANSWER)[0]
     answer['theta'] = theta
     axes = SimpleNamespace(speeds=[32.0, 0.0, -64.0], torques=np.array([0.1, 0.2, 0.3]))
-    controller: Any = SimpleNamespace(
-        task=SimpleNamespace(answer=answer, turning=None), axes=axes, state=None
-    )
+    controller: Any = SimpleNamespace(task=SimpleNamespace(answer=answer, rotary=()), axes=axes, state=None)
     outputs = TaskOutputs(graph.add(Node, 'teller'), robot, controller)
 
     def heard_it() -> bool:
@@ -68,9 +66,7 @@ def test_joint_motion_is_told_of_the_cycle_before_and_only_if_it_is_asked_for(
         for topic in (JOINT_MOTION, JACOBIAN)
     }
     answer = np.zeros(1, ANSWER)[0]
-    controller: Any = SimpleNamespace(
-        task=SimpleNamespace(answer=answer, turning=None), axes=None, state=None
-    )
+    controller: Any = SimpleNamespace(task=SimpleNamespace(answer=answer, rotary=()), axes=None, state=None)
     node = graph.add(Node, 'teller')
     outputs = TaskOutputs(node, ROBOT, controller, asked)
     assert {name: node.count_publishers(name) for name in heard} == dict.fromkeys(heard, int(asked))
