@@ -85,7 +85,7 @@ class SimulatedLink:
         self._task.locate(self._robot.encoder_positions())
         self._task.enable(motion.enable_cycle)
         if around is not None and around.belts:
-            self._task.tracking = BeltTracking(parameters, axes_of(around))
+            self._task.follow_belts(axes_of(around))
         self._log = MotionLog(bus.cycle_time_s)
         self._figures: list[Figures] = []
         self._end_cycle = begin
@@ -114,7 +114,7 @@ class SimulatedLink:
     @property
     def tracking(self) -> BeltTracking | None:
         """Belt tracking of the controller; None without belts."""
-        return self._task.tracking
+        return self._task.tracking if self._task.tracking.belts else None
 
     def get_on(self, order: TrackOrder) -> None:
         """Set the belt for the next event of the plan that enters a belt."""
@@ -130,8 +130,6 @@ class SimulatedLink:
     def abandon(self, cycle: int) -> None:
         """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
         task, tracking = self._task, self._task.tracking
-        if tracking is None:
-            return
         with suppress(RefusedError):  # a robot that loses its belt stops automatically
             self._run_bus(WaitCondition(cycle - 1, cycle - 1))
         if task.loaded:

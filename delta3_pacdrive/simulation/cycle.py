@@ -334,7 +334,7 @@ class SimulatedOperation:
             # outputs of the previous MDT are active now
             turn_rad = 0.0 if robot.tool is None else robot.tool.axis.angle_rad
             self._world.step(cycle, robot.plant.tcp().tolist(), self._task.outputs, turn_rad)
-        motors, torques, control, payload, _ = self._controller.command(cycle)
+        motors, torques, control, payload, _ = self._task.command(cycle)
         carried = None if self._world is None else self._world.carried_kg
         if carried is not None:
             # the controller only assumes its payload; the plant carries that of the cell
@@ -367,7 +367,7 @@ class SimulatedOperation:
             self._require_torque(status, cycle)
         starts = NEVER if self.stopped else self._start
         stop = self._controller.evaluate(cycle, received, starts, bool(self.stopped))
-        if self._task.tracking is not None and self._world is not None:
+        if self._task.tracking.belts and self._world is not None:
             self._task.tracking.observe(cycle, readings(self._world))
         note_answers(cycle, answers, self._task.record, self._signals)
         if (parts := self._tool_parts()) is not None:

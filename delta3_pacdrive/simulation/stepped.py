@@ -75,7 +75,7 @@ class SteppedOperation(SimulatedOperation):
 
     def _raise_loss(self) -> None:
         task, tracking = self._task, self._task.tracking
-        if tracking is None or tracking.lost is None:
+        if tracking.lost is None:
             self._loss_reported = False
         elif not self._loss_reported and 0 < tracking.rest_cycle < self.cycle:
             if task.loaded and not (task.held and task.end_cycle < self.cycle):

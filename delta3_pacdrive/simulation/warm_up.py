@@ -167,7 +167,7 @@ def load_cyclic_kernels(parameters: Parameters) -> None:
 
 def _call_all(parameters: Parameters) -> None:
     robot, task = _started(_rehearsal(parameters), parameters)
-    robot.cycle(task.command(0), task.control(0), task.payload)
+    robot.cycle(task.command(0).motors, task.control(0), task.payload)
     task.receive(0, robot.answers[0], robot.answers[2])
     _precompile_plant(parameters)
     _precompile_drive(parameters)

@@ -265,7 +265,8 @@ class Controlled(Bench):
     def __init__(self):
         super().__init__(steady)
         self.task = Transformation(self.robot)
-        self.task.tracking = self.tracking
+        self.task.follow_belts([BELT])
+        self.tracking = self.task.tracking
         self.task.locate(
             kinematics.inverse((0.0, 0.0, -0.8), self.robot.kinematics) * self.robot.dynamics.gear_ratio
         )
@@ -323,23 +324,14 @@ def test_the_plan_gets_on_and_leaves_and_ends_where_it_is_told():
 
 
 def test_torques_on_a_belt_are_those_of_the_whole_motion():
-    class Moves:
-        offset = Motion((0.05, -0.02, 0.01), (0.8, -0.3, 0.2), (6.0, 9.0, -4.0))
-        lost, clears_at_rest = None, False
-
-        def step(self, cycle, asked):
-            return True
-
-        def watch_speed(self, cycle, timeline):
-            pass
-
+    offset = Motion((0.05, -0.02, 0.01), (0.8, -0.3, 0.2), (6.0, 9.0, -4.0))
     robot = parameters.load(parameters.MODEL_CONTROLLER)
     task = Transformation(robot)
     task.locate(kinematics.inverse((0.0, 0.0, -0.8), robot.kinematics) * robot.dynamics.gear_ratio)
-    task.tracking = Moves()
+    task.state['tracks'], task.state['offset'] = 1, offset
     task.command(0)
     lead = robot.drive.position_period_s + robot.torque_dead_time_s
-    place, velocity, acceleration = (np.array(one) for one in Moves.offset)
+    place, velocity, acceleration = (np.array(one) for one in offset)
     there = (0.0, 0.0, -0.8) + place + lead * velocity + 0.5 * lead**2 * acceleration
     theta = kinematics.inverse(there, robot.kinematics)
     along = tuple(there), tuple(velocity + lead * acceleration), tuple(acceleration)

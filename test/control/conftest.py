@@ -122,7 +122,7 @@ class Rig:
         """Let bus cycles pass."""
         for _ in range(cycles):
             cycle = self.next_cycle
-            self.cycle.command(cycle)
+            self.task.command(cycle)
             self.next_cycle = cycle + 1
             self.state.commanded(cycle)
             enabled = self.task.enable_cycle + ENABLING <= cycle < self.task.disable_cycle

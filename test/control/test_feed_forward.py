@@ -124,7 +124,7 @@ def test_set_points_are_the_same_bits_with_and_without_torque(robot, model):
     commands = []
     for one in (robot, model):
         task, _ = started(one)
-        commands.append(np.array([task.command(k).copy() for k in range(task.end_cycle + 5)]))
+        commands.append(np.array([task.command(k).motors.copy() for k in range(task.end_cycle + 5)]))
     np.testing.assert_array_equal(*commands)
 
 
@@ -179,7 +179,7 @@ def test_a_stop_on_the_path_has_the_torque_of_its_deceleration(model):
     cycles = np.arange(START + 60, START + 200)
     motors, torques = [], []
     for cycle in cycles:
-        motors.append(task.command(cycle).copy())
+        motors.append(task.command(cycle).motors.copy())
         torques.append(task.torques.copy())
     assert task.disable_cycle < NEVER or task.enable_cycle == NEVER
     theta = np.array(motors) / GEAR
@@ -199,7 +199,7 @@ def test_a_place_out_of_reach_has_no_torque_and_leaves_no_wrong_one_behind(model
     task, _ = started(model)
     torques_of(task, 5)
     task.state['tcp'] = [0.0, 0.0, -3.0]
-    assert np.isnan(task.command(5)).all()
+    assert np.isnan(task.command(5).motors).all()
     assert np.isnan(task.torques).all()
     task.state['tcp'] = HOME_M
     task.command(6)
@@ -212,7 +212,7 @@ INCREMENT = 2.0 * np.pi / 2**19 / GEAR  # arm side
 
 
 def shafts_of(task, cycles):
-    return np.array([task.command(k).copy() for k in range(task.next_cycle, cycles)]) / GEAR
+    return np.array([task.command(k).motors.copy() for k in range(task.next_cycle, cycles)]) / GEAR
 
 
 def test_shafts_are_ahead_of_their_arms_by_what_elastic_gears_give(robot):
@@ -249,7 +249,7 @@ def test_what_is_gripped_winds_elastic_gears_up_with_the_cycle_in_which_it_hangs
     task, _ = started(elastic, moves, payload_kg=0.0)
     payloads, shafts = [], []
     for k in range(task.end_cycle):
-        shafts.append(task.command(k).copy() / GEAR)
+        shafts.append(task.command(k).motors.copy() / GEAR)
         payloads.append(task.payload)
     (gripped,) = (k for k in range(START + 1, task.end_cycle) if payloads[k] > payloads[k - 1])
     jumps = np.abs(np.diff(shafts[START:], axis=0)).max(axis=1)

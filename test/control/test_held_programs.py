@@ -24,14 +24,14 @@ class Course:
         self.reached = 0
         self.told: list[str] = []
         self.here, self.way = np.array(rig.robot.motion.home_m), np.zeros(3)
-        command = rig.cycle.command
+        command = rig.task.command
 
         def commanded(cycle: int) -> Any:
             result = command(cycle)
             self._look(rig.task.state['tcp'][0])
             return result
 
-        rig.cycle.command = commanded
+        rig.task.command = commanded
         rig.enable()
 
     def _look(self, tcp: np.ndarray) -> None:

@@ -88,7 +88,7 @@ def test_random_trajectories_are_followed_within_the_grid_at_their_points(robot)
         points = random_points(generator, robot)
         plan = as_received(plan_of(robot, points), robot)
         task = started(robot, plan)
-        commands = np.array([task.command(cycle).copy() for cycle in range(task.end_cycle + 2)])
+        commands = np.array([task.command(cycle).motors.copy() for cycle in range(task.end_cycle + 2)])
         for point in points:
             missed = commands[BEGIN + round(point.time_s / CYCLE_S)] - GEAR * np.array(point.angles_rad)
             assert np.abs(missed).max() <= HALF
@@ -101,7 +101,7 @@ def test_between_the_points_arms_and_tcp_follow_the_polynomials(robot, home):
     plan = plan_of(robot, swing(home))
     task, move = started(robot, plan), plan.move(0)
     for cycle in range(task.end_cycle):
-        motors = task.command(cycle).copy()
+        motors = task.command(cycle).motors.copy()
         if cycle >= BEGIN:
             angles = sample_path([(cycle - BEGIN) * CYCLE_S], move.segments)[0, 0]
             assert np.abs(motors - GEAR * angles).max() <= HALF
@@ -112,28 +112,28 @@ def test_between_the_points_arms_and_tcp_follow_the_polynomials(robot, home):
 
 def test_a_program_that_is_over_leaves_the_arms_where_they_are_within_the_grid(robot, home):
     task = started(robot, plan_of(robot, swing(home)))
-    last = [task.command(cycle).copy() for cycle in range(task.end_cycle + 1)][-1]
+    last = [task.command(cycle).motors.copy() for cycle in range(task.end_cycle + 1)][-1]
     task.clear_program()
-    assert np.abs(task.command(task.next_cycle) - last).max() <= INCREMENT_RAD * (1.0 + 1e-6)
+    assert np.abs(task.command(task.next_cycle).motors - last).max() <= INCREMENT_RAD * (1.0 + 1e-6)
 
 
 def test_a_hold_in_the_middle_stays_on_the_trajectory_and_a_resume_ends_at_the_goal(robot, home):
     points = swing(home)
     plan = plan_of(robot, points)
     task = started(robot, plan)
-    commands = [task.command(cycle).copy() for cycle in range(BEGIN + 500)]
+    commands = [task.command(cycle).motors.copy() for cycle in range(BEGIN + 500)]
     held = task.hold()
     while task.next_cycle < task.end_cycle + 50:
-        commands.append(task.command(task.next_cycle).copy())
+        commands.append(task.command(task.next_cycle).motors.copy())
     stands = task.master(task.next_cycle).distance_m
     assert held.held
     assert 0.5 < stands < 0.7
     angles = sample_path([stands], plan.move(0).segments)[0, 0]
     assert np.abs(commands[-1] - GEAR * angles).max() <= HALF
     task.change(resume(task.timeline, task.next_cycle, 1.0))
-    commands.append(task.command(task.next_cycle).copy())
+    commands.append(task.command(task.next_cycle).motors.copy())
     while task.next_cycle <= task.end_cycle:
-        commands.append(task.command(task.next_cycle).copy())
+        commands.append(task.command(task.next_cycle).motors.copy())
     assert np.abs(commands[-1] - GEAR * np.array(points[-1].angles_rad)).max() <= HALF
     steps = np.abs(np.diff(np.array(commands), axis=0)).max()
     assert steps <= GEAR * 0.9 * CYCLE_S  # no jump anywhere: as fast as the trajectory itself

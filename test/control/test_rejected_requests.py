@@ -411,8 +411,8 @@ def test_a_move_that_was_rejected_is_not_driven_by_the_next_command(
 
     monkeypatch.setattr(robot_client, 'operating', operating)
     path: list[np.ndarray] = []
-    command = rig.cycle.command
-    rig.cycle.command = lambda cycle: (command(cycle), path.append(rig.task.state['tcp'][0].copy()))[0]
+    command = rig.task.command
+    rig.task.command = lambda cycle: (command(cycle), path.append(rig.task.state['tcp'][0].copy()))[0]
     lines = ('disable', 'l 0.2 0 -0.8', 'enable', 'l 0 0.05 -0.82', 'l 0.2 0 -0.8 --queue')
     assert [move.main(line.split()) for line in lines] == [0, 1, 0, 0, 0]
     assert path[-1] == pytest.approx([0.0, 0.05, -0.82], abs=1e-9)

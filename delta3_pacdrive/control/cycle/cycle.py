@@ -1,29 +1,19 @@
-"""The controller's part of a bus cycle, without a bus: command, and later evaluation of the drives' feedback.
+"""The controller's evaluation of the drives' feedback in a bus cycle, without a bus.
 
-The simulation runs both halves of a cycle in turn. A node calls ``command`` when it sends the MDT of a cycle and
-``evaluate`` when its feedback is complete, each in the order of the cycles; a few cycles may be outstanding in between.
+The simulation calls ``Transformation.command`` and ``evaluate`` of a cycle in turn. A node calls the first when it
+sends the MDT of a cycle and the second when its feedback is complete, each in the order of the cycles; a few cycles may
+be outstanding in between.
 The decision which fault stops the robot, and how, is made only here.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import FaultCode, RobotFault
-from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
-
-
-class Command(NamedTuple):
-    """Command to the drives in the MDT of a bus cycle."""
-
-    motors: Floats  # (axes,) motor shafts [rad], on the increment grid; overwritten by the next command
-    torques: Floats  # (axes,) additive motor torques [N m], S-0-0081, if enabled in the parameters, else 0
-    control: int  # S-0-0134
-    payload: float  # gripped [kg]
-    outputs: int  # bit n is output n
 
 
 @dataclass(frozen=True)
@@ -43,7 +33,7 @@ def emergency_stop(cycle: int) -> Stop:
 
 
 class ControllerCycle:
-    """The controller's part of each bus cycle.
+    """The controller's part of each bus cycle after its feedback has arrived.
 
     A stop starts ``bus.outstanding_cycles_max`` cycles after the one with the fault in its feedback.
     """
@@ -51,18 +41,6 @@ class ControllerCycle:
     def __init__(self, task: Transformation, axes: AxisMonitor, parameters: Parameters) -> None:
         self._task, self._axes = task, axes
         self._reaction_cycles = parameters.bus.outstanding_cycles_max
-
-    def command(self, cycle: int) -> Command:
-        """Return the command of the next cycle."""
-        motors = self._task.command(cycle)
-        task = self._task
-        return Command(
-            motors=motors,
-            torques=task.torques,
-            control=task.control(cycle),
-            payload=task.payload,
-            outputs=task.outputs,
-        )
 
     def evaluate(
         self, cycle: int, answers: Sequence[tuple[Any, ...] | None], program_starts: int, stopped: bool

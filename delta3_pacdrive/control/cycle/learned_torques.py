@@ -5,8 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.control.cycle.stages import Stage
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.execution import Timeline
 from delta3_pacdrive.planning.learned_torques import Learned, Origin
 from delta3_pacdrive.planning.plan import Plan
 
@@ -17,7 +19,7 @@ _NOTHING_YET = 'no program has been started'
 _NONE: Floats = np.zeros((0, 3))
 
 
-class LearnedTorques:
+class LearnedTorques(Stage):
     """Torques that are commanded only with the plan they were learned for.
 
     Parameters
@@ -57,14 +59,26 @@ class LearnedTorques:
         if self._learned is not None:
             self._misfit = self._other_robot or self._learned.plan_refusal(plan)
 
-    def start(self, cycle: int, override: float) -> None:
-        """Command the torques from a cycle on if they fit the program that starts there, at an override of 1."""
-        if self._learned is None:
+    def start(self, timeline: Timeline) -> None:
+        """Command the torques if they fit the program that starts, at an override of 1."""
+        if self._learned is None or timeline.profile is None:
             return
-        as_planned = override == 1.0
+        as_planned = timeline.profile.override == 1.0
         self.reason = self._misfit if self._misfit or as_planned else _OVERRIDDEN
         self.torques = _NONE if self.reason else self._learned.torques
-        self._state['corrected_from'] = cycle
+        self._state['corrected_from'] = timeline.start_cycle
+
+    def follow(self, timeline: Timeline, reason: str) -> None:
+        """Fade the torques out: another motion profile does not follow the plan."""
+        self.fade_out(timeline.start_cycle, reason)
+
+    def extend(self, timeline: Timeline, left_out: int) -> None:
+        """Fade the torques out: they were learned for the plan before."""
+        self.fade_out(timeline.start_cycle, 'moves were appended to the program')
+
+    def clear_program(self, cycle: int, reason: str) -> None:
+        """Fade the torques out."""
+        self.fade_out(cycle, reason)
 
     def fade_out(self, cycle: int, reason: str, for_good: bool = False) -> None:
         """Fade the torques to zero from a cycle on, because the motion no longer follows their plan."""

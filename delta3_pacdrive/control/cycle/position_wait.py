@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from delta3_pacdrive.control.cycle.stages import Event, Schedule, Stage
 from delta3_pacdrive.errors import FaultCode, RobotFault
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import ARMS, Parameters, rotary_axis_parameters
@@ -20,10 +21,11 @@ from delta3_pacdrive.robot.sercos.bus_time import NEVER
 NONE = -1  # no move
 
 
-class PositionWait:
+class PositionWait(Stage):
     """Waits of one program after the other at exact stops."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, schedule: Schedule) -> None:
+        self._schedule = schedule  # Event.EXACT_STOP: the master reaches the next exact stop
         bus, motion = parameters.bus, parameters.motion
         self._cycle_time_s, self._reaction = bus.cycle_time_s, bus.outstanding_cycles_max
         self._cycles, self._timeout_s = parameters.in_position_cycles, motion.in_position_timeout_s
@@ -35,11 +37,8 @@ class PositionWait:
         self._passed = NONE  # last exact stop that was left
         self._resting: MotionProfile | None = None
         self._leaving: MotionProfile | None = None
-        self.first_cycle = NEVER  # in which the master reaches the next exact stop
-        self.number, self.since = (
-            NONE,
-            NEVER,
-        )  # active exact stop as a move number, and first cycle of the wait
+        # active exact stop as a move number, and first cycle of the wait
+        self.number, self.since = NONE, NEVER
 
     @property
     def waits(self) -> bool:
@@ -50,40 +49,44 @@ class PositionWait:
         """Whether drives that were within their windows for ``cycles`` cycles are in position."""
         return cycles >= self._cycles
 
-    def begin(self, timeline: Timeline) -> None:
-        """Start with a new program."""
+    def start(self, timeline: Timeline) -> None:
+        """Find the exact stops of the program."""
         self._passed = self.number = NONE
         self._note_stops(timeline)
-        self.follow(timeline)
+        self.follow(timeline, '')
 
-    def lengthen(self, timeline: Timeline, left_out: int) -> None:
-        """Switch to an extended plan, which omits the first ``left_out`` moves."""
+    def extend(self, timeline: Timeline, left_out: int) -> None:
+        """Find the exact stops of an extended plan."""
         self._passed = max(self._passed - left_out, NONE)
         self.number = max(self.number - left_out, NONE)
         self._note_stops(timeline)
-        self.follow(timeline)
+        self.follow(timeline, '')
 
-    def clear(self) -> None:
-        """Clear the wait of a program that has been cancelled."""
+    def clear_program(self, cycle: int, reason: str) -> None:
+        """Clear the wait."""
+        self._clear()
+
+    def _clear(self) -> None:
         self._resting = self._leaving = None
-        self.first_cycle = NEVER
+        self._schedule.cancel(Event.EXACT_STOP)
 
     def _note_stops(self, timeline: Timeline) -> None:
         waits = np.array([move.kind == MoveKind.IN_POSITION for move in timeline.plan.moves])
         self._stops = np.flatnonzero(waits[timeline.plan.tables.order])
 
-    def follow(self, timeline: Timeline) -> None:
-        """Find the cycle in which a new motion profile reaches the next exact stop."""
+    def follow(self, timeline: Timeline, reason: str) -> None:
+        """Schedule the next exact stop of another motion profile."""
         profile = timeline.profile
         if profile is None or profile is self._resting:
             return
         if profile is self._leaving:
             self._passed = profile.number
-        self.clear()
+        self._clear()
         coming = self._stops[self._stops >= max(profile.number, self._passed + 1)]
         if not profile.held and len(coming):
             # a profile that starts at the stop takes effect for a cycle before the next wait, so that it is published
-            self.first_cycle = max(timeline.first_cycle_in(int(coming[0])), profile.cycle + 1)
+            first = max(timeline.first_cycle_in(int(coming[0])), profile.cycle + 1)
+            self._schedule.set(Event.EXACT_STOP, first)
 
     def rest_at(self, cycle: int, timeline: Timeline) -> MotionProfile:
         """Return the motion profile that rests at the exact stop reached in a bus cycle."""
@@ -92,7 +95,6 @@ class PositionWait:
         longest_s = self._timeout_s + (self._cycles + 2 * self._reaction) * self._cycle_time_s
         override = 1.0 if profile is None else profile.override
         self._resting = MotionProfile(cycle, number, rest(longest_s), override)
-        self.first_cycle = NEVER
         return self._resting
 
     def departure(self, cycle: int, timeline: Timeline) -> MotionProfile:

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from delta3_pacdrive.control.cycle.stages import Stage
 from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.control.cycle.task_cycle import coming_payload, is_over
 from delta3_pacdrive.errors import ProgramError
@@ -228,7 +229,7 @@ NO_TURNS = TurnTables(
 )
 
 
-class RotaryAxis:
+class RotaryAxis(Stage):
     """Commands of rotary axis ``number``, from 0, starting with the tool at its home angle."""
 
     def __init__(self, parameters: Parameters, number: int) -> None:
@@ -280,11 +281,15 @@ class RotaryAxis:
         """Number of consecutive bus cycles within the position window of the motor."""
         return int(self.state['within'][0])
 
-    def follow(self, plan: Plan) -> None:
+    def load(self, plan: Plan) -> None:
         """Use the rotations of a plan from the next command on."""
         self.turns = NO_TURNS if plan.turns is None or self._number else plan.turns
 
-    def begin(self) -> None:
+    def extend(self, timeline: Timeline, left_out: int) -> None:
+        """Use the rotations of an extended plan."""
+        self.load(timeline.plan)
+
+    def start(self, timeline: Timeline) -> None:
         """Reset the results at the start of a program."""
         self.state['move'] = 0
         for name in MEASURED:
@@ -302,9 +307,9 @@ class RotaryAxis:
             math.sqrt(float(s['current_square_sum']) / max(cycles, 1)),
         )
 
-    def command(self, cycle: int, task: NDArray[Any], timeline: Timeline) -> None:
+    def command(self, cycle: int, record: NDArray[Any], timeline: Timeline) -> None:
         """Compute the command of a bus cycle, after that of the arms; see ``command_turn``."""
-        command_turn(cycle, task, timeline.arrays, self.turns, self.record)
+        command_turn(cycle, record, timeline.arrays, self.turns, self.record)
 
     def receive(self, cycle: int, position_rad: float, torque_n_m: float, task: NDArray[Any]) -> None:
         """Evaluate the feedback of a bus cycle; see ``answer_turn``."""

@@ -8,17 +8,18 @@ because several cycles may be outstanding.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.belts.meeting import BeltAxes
-from delta3_pacdrive.belts.tracking import BeltTracking
+from delta3_pacdrive.control.cycle.belt_stage import BeltStage
 from delta3_pacdrive.control.cycle.learned_torques import FAULT, LearnedTorques
 from delta3_pacdrive.control.cycle.position_wait import PositionWait
 from delta3_pacdrive.control.cycle.rotary_axis import RotaryAxis, TurnFigures, require_turns
+from delta3_pacdrive.control.cycle.stages import Event, Schedule, Stage
 from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES, TASK, initialize_history, task_constants
 from delta3_pacdrive.control.cycle.task_cycle import answer_cycle, command_cycle, give
 from delta3_pacdrive.dynamics import gravity, inertia
@@ -49,6 +50,16 @@ MEASURED = (
 # each iteration reduces the error about a thousandfold, as gravity torque hardly changes within the twist
 TWIST_ITERATIONS = 4
 DISABLE_CYCLES = 40  # from standstill of the set points to disabling, for drives to detect their standstill
+
+
+class Command(NamedTuple):
+    """Command to the drives in the MDT of a bus cycle."""
+
+    motors: Floats  # (axes,) motor shafts [rad], on the increment grid; overwritten by the next command
+    torques: Floats  # (axes,) additive motor torques [N m], S-0-0081, if enabled in the parameters, else 0
+    control: int  # S-0-0134, the same for all drives
+    payload: float  # gripped [kg]
+    outputs: int  # bit n is output n
 
 
 @dataclass(frozen=True)
@@ -106,24 +117,26 @@ class Transformation:
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
         self.state['payload'] = payload_on_grid(parameters.dynamics.payload_mass_kg)
         self.timeline = Timeline(_NO_PLAN, parameters.bus.cycle_time_s)
-        self._pending_profile: MotionProfile | None = None
-        # extended plan that takes effect at its profile's cycle, and the number of leading moves it omits
-        self._pending_plan: tuple[Timeline, int] | None = None
-        self.learned = LearnedTorques(parameters, learned, _NO_PLAN, self.state)
+        self._schedule = Schedule(
+            {
+                Event.PROFILE: lambda _, profile: self._follow(profile),
+                Event.PLAN: lambda _, pending: self._switch_plan(*pending),
+                Event.STOP: self._stop,
+                Event.EXACT_STOP: self._begin_wait,
+                Event.DISABLE: lambda *_: self.disable(),
+            }
+        )
         self.next_cycle = 0
         self.loaded = False
         self.extensions = 0  # plan extensions so far
-        self._wait = PositionWait(parameters)
-        self.tracking: BeltTracking | None = None
+        self.own_profile: MotionProfile | None = None  # the last one that the task generated itself
+        self.enable_cycle = NEVER  # drives are enabled from this cycle to before ``disable_cycle``
+        self.learned = LearnedTorques(parameters, learned, _NO_PLAN, self.state)
+        self._wait = PositionWait(parameters, self._schedule)
         self.rotary = tuple(RotaryAxis(parameters, number) for number in range(axes - ARMS))
         for axis in self.rotary:
             axis.precompile(record, self.timeline)
-        self.own_profile: MotionProfile | None = None  # the last one that the task generated itself
-        self.enable_cycle = self.disable_cycle = (
-            NEVER  # drives are enabled from the first to before the second
-        )
-        self._stop_cycle = NEVER
-        self._stop_hard = False
+        self.follow_belts(())
         # first cycle that counts for the figures of the program, and the first after those
         self._measured = NEVER, NEVER
         # motor currents of the program [A] by axis over all samples; None until read from the drives
@@ -132,8 +145,10 @@ class Transformation:
 
     def follow_belts(self, belts: Sequence[BeltAxes]) -> None:
         """Use these belts from now on and discard all earlier belt state."""
-        self.clear_belt()
-        self.tracking = BeltTracking(self._parameters, belts) if belts else None
+        self.tracking = BeltStage(self._parameters, belts, self.state, self._stop_off_belt)
+        # stages that take part in the command of each bus cycle
+        self._commanding: list[Stage] = [*([self.tracking] if belts else []), *self.rotary]
+        self._stages: list[Stage] = [self.learned, self._wait, *self._commanding]
 
     def locate(self, motor_positions_rad: ArrayLike) -> Floats:
         """Set the commanded position from the motor shafts by forward kinematics (6); return the TCP [m].
@@ -184,16 +199,14 @@ class Transformation:
         """Load a program, to be started by ``start``; raises ProgramError if its tool starts at another angle."""
         self.require_turns(plan)
         self.timeline = Timeline(plan, self._parameters.bus.cycle_time_s)
-        for axis in self.rotary:
-            axis.follow(plan)
-        self.state['end_cycle'] = self.timeline.end_cycle
-        self._clear_pending()
-        self.learned.load(plan)
+        self._schedule.cancel(Event.PROFILE, Event.PLAN)
         self.loaded = True
         state = self.state[0]
-        state['start_cycle'] = NEVER
+        state['start_cycle'], state['end_cycle'] = NEVER, self.timeline.end_cycle
         state['move'] = state['event'] = 0
         self._mark_measured()
+        for stage in self._stages:
+            stage.load(plan)
 
     def require_turns(self, plan: Plan) -> None:
         """Raise ProgramError if the plan starts at another tool angle, or turns a tool that does not exist."""
@@ -206,18 +219,16 @@ class Transformation:
         if cycle < self.next_cycle:
             raise RunError(f'bus cycle {cycle} is over, the next one is {self.next_cycle}')
         self.timeline.start(cycle, override)
-        self.state['end_cycle'] = self.timeline.end_cycle
         state = self.state[0]
-        state['start_cycle'], state['move'], state['event'] = cycle, 0, 0
+        state['start_cycle'], state['end_cycle'] = cycle, self.timeline.end_cycle
+        state['move'] = state['event'] = 0
         state['payload'] = payload_on_grid(self.timeline.plan.move(0).payload_kg)
         for name in MEASURED:
             state[name] = 0
-        for axis in self.rotary:
-            axis.begin()
         self.current_peak, self.current_rms = [None] * 3, [None] * 3
         self._mark_measured()
-        self._wait.begin(self.timeline)
-        self.learned.start(cycle, override)
+        for stage in self._stages:
+            stage.start(self.timeline)
         return self.end_cycle
 
     def hold(self, acceleration_m_s2: float = 0.0) -> MotionProfile:
@@ -226,8 +237,9 @@ class Transformation:
         The deceleration is that of the move, or ``acceleration_m_s2`` if larger.
         """
         cycle = max(self.next_cycle, self.timeline.start_cycle)
-        self._switch_to_pending_plan(cycle)
-        self._clear_pending()
+        if cycle >= self._schedule.cycles[Event.PLAN]:
+            self._switch_plan(*self._schedule.contents[Event.PLAN])
+        self._schedule.cancel(Event.PROFILE, Event.PLAN)
         profile = self.timeline.stop(cycle, acceleration_m_s2)
         self._follow(profile)
         self._halt(hard=acceleration_m_s2 > 0.0)
@@ -235,10 +247,15 @@ class Transformation:
 
     def _halt(self, hard: bool) -> None:
         """Bring the belt offset to rest from the next cycle on."""
-        if self.tracking is not None:
-            self.tracking.halt(self.next_cycle, hard)
-            if self.loaded:
-                self.state['end_cycle'] = max(self.end_cycle, self.tracking.rest_cycle)
+        self.tracking.halt(self.next_cycle, hard)
+        if self.loaded:
+            self.state['end_cycle'] = max(self.end_cycle, self.tracking.rest_cycle)
+
+    def _stop_off_belt(self) -> None:
+        """Stop plan and belt offset of a robot that cannot stay on its belt."""
+        if self.loaded and not self.held:
+            self.own_profile = self.hold()
+        self._halt(hard=False)
 
     def stop_at(self, cycle: int, hard: bool = False) -> None:
         """Stop on the path from a future cycle on, then disable the drives.
@@ -246,8 +263,8 @@ class Transformation:
         A hard stop uses ``motion.fault_stop_acceleration_m_s2`` where the move allows less: while one axis does not
         follow, the TCP leaves its path the more, the longer the other axes move.
         """
-        self._stop_cycle = min(self._stop_cycle, max(cycle, self.next_cycle))
-        self._stop_hard = self._stop_hard or hard
+        first = min(self._schedule.cycles[Event.STOP], max(cycle, self.next_cycle))
+        self._schedule.set(Event.STOP, first, hard or bool(self._schedule.contents[Event.STOP]))
 
     def enable(self, cycle: int) -> None:
         """Enable the drives from a future cycle on."""
@@ -257,91 +274,82 @@ class Transformation:
         """Disable the drives from the next cycle on."""
         self.enable_cycle = NEVER
 
+    @property
+    def disable_cycle(self) -> int:
+        """First cycle in which a stop disables the drives; ``NEVER`` without a stop."""
+        return self._schedule.cycles[Event.DISABLE]
+
     def clear(self) -> None:
         """Clear program, pending stop and enabling, because cyclic operation has ended."""
         self.clear_program()
-        self.clear_belt()
+        self.tracking.clear()
         self.learned.fade_out(self.next_cycle, FAULT, for_good=True)
-        self._stop_cycle = self.enable_cycle = self.disable_cycle = NEVER
-        self._stop_hard = False
+        self._schedule.cancel(Event.STOP, Event.DISABLE)
+        self.disable()
 
-    def _stop(self, cycle: int) -> None:
-        hard, self._stop_hard = self._stop_hard, False
-        self._stop_cycle = NEVER
-        self._clear_pending()  # a robot at rest stays at rest
+    def _stop(self, cycle: int, hard: bool) -> None:
+        self._schedule.cancel(Event.PROFILE, Event.PLAN)  # a robot at rest stays at rest
         self.learned.fade_out(cycle, FAULT, for_good=True)
         if self.enable_cycle > cycle:
-            self.enable_cycle = NEVER
+            self.disable()
         if self.loaded and cycle < int(self.state['start_cycle'][0]):
             self.clear_program()
         if self.loaded and (not self.held or (hard and cycle < self.end_cycle)):
             self.hold(self._parameters.motion.fault_stop_acceleration_m_s2 if hard else 0.0)
         self._halt(hard)
-        rest_cycle = max(self.end_cycle, cycle) if self.loaded else cycle
-        if self.tracking is not None:
-            rest_cycle = max(rest_cycle, self.tracking.rest_cycle)
-        self.disable_cycle = min(self.disable_cycle, rest_cycle + DISABLE_CYCLES)
+        rest_cycle = max(cycle, self.tracking.rest_cycle, self.end_cycle if self.loaded else 0)
+        self._schedule.set(Event.DISABLE, min(self.disable_cycle, rest_cycle + DISABLE_CYCLES))
 
     def change(self, profile: MotionProfile) -> None:
         """Switch to another motion profile at its cycle, which must be in the future; raises ProgramError."""
         if profile.cycle < self.next_cycle:
             raise ProgramError(f'bus cycle {profile.cycle} is over, the next one is {self.next_cycle}')
         self.timeline.check(profile)
-        self._pending_profile = profile
+        self._schedule.set(Event.PROFILE, profile.cycle, profile)
 
     def extend(self, first: int, kept: int, more: Plan, profile: MotionProfile) -> None:
         """Switch to an extended plan at its profile's cycle, which must be in the future; raises ProgramError."""
         timeline = self.timeline
-        if self._pending_profile is not None:
+        if self._schedule.cycles[Event.PROFILE] < NEVER:
             timeline = timeline.copy()
-            timeline.change(self._pending_profile)
+            timeline.change(self._schedule.contents[Event.PROFILE])
         if first != timeline.at(profile.cycle - 1).number:
             raise ProgramError(f'move {first} is not the one that is driven in bus cycle {profile.cycle - 1}')
         longer = timeline.plan.extended(first, kept, more)
         if timeline.plan.turns is None:
             self.require_turns(longer)
-        self._pending_plan = timeline.extended(longer, profile), first
+        self._schedule.set(Event.PLAN, profile.cycle, (timeline.extended(longer, profile), first))
 
     @property
     def extending(self) -> bool:
         """Whether an extended plan is pending."""
-        return self._pending_plan is not None
+        return self._schedule.cycles[Event.PLAN] < NEVER
 
-    def _switch_to_pending_plan(self, cycle: int) -> None:
-        """Activate the pending plan once its cycle is reached."""
-        if self._pending_plan is None or cycle < self._pending_plan[0].start_cycle:
-            return
-        self.timeline, left_out = self._pending_plan
-        self._pending_plan = None
-        for axis in self.rotary:
-            axis.follow(self.timeline.plan)
+    def _switch_plan(self, timeline: Timeline, left_out: int) -> None:
+        """Follow an extended plan, which omits the first ``left_out`` moves of the present one."""
+        self.timeline = timeline
         self.state['move'] -= left_out
-        self.state['end_cycle'] = self.timeline.end_cycle
+        self.state['end_cycle'] = timeline.end_cycle
         self._mark_measured()
-        self._wait.lengthen(self.timeline, left_out)
-        self.learned.fade_out(cycle, 'moves were appended to the program')
+        for stage in self._stages:
+            stage.extend(timeline, left_out)
         self.extensions += 1
-
-    def _clear_pending(self) -> None:
-        self._pending_profile = self._pending_plan = None
 
     @property
     def pending_last_cycle(self) -> int:
         """``last_cycle`` once the pending profile or plan takes effect."""
-        if self._pending_plan is not None:
-            return self._pending_plan[0].end_cycle + SETTLE_CYCLES - 1
-        if self._pending_profile is None:
+        if self.extending:
+            return int(self._schedule.contents[Event.PLAN][0].end_cycle) + SETTLE_CYCLES - 1
+        if self._schedule.cycles[Event.PROFILE] == NEVER:
             return self.last_cycle
-        return self.timeline.end_cycle_of(self._pending_profile) + SETTLE_CYCLES - 1
+        return self.timeline.end_cycle_of(self._schedule.contents[Event.PROFILE]) + SETTLE_CYCLES - 1
 
-    def _follow(
-        self, profile: MotionProfile, unlearned: str = 'the program is not executed as planned'
-    ) -> None:
+    def _follow(self, profile: MotionProfile, reason: str = 'the program is not executed as planned') -> None:
         self.timeline.change(profile)
-        self.learned.fade_out(profile.cycle, unlearned)
         self.state['end_cycle'] = self.timeline.end_cycle
-        self._wait.follow(self.timeline)
         self._mark_measured()
+        for stage in self._stages:
+            stage.follow(self.timeline, reason)
 
     def _mark_measured(self) -> None:
         """Set the range of cycles that count for the figures of the program."""
@@ -350,9 +358,9 @@ class Transformation:
     def clear_program(self) -> None:
         """Clear the program; the TCP stays at its commanded position."""
         over = self.next_cycle >= self.end_cycle
-        self.learned.fade_out(self.next_cycle, '' if over else 'the program was aborted')
-        self._wait.clear()
-        self._clear_pending()
+        for stage in self._stages:
+            stage.clear_program(self.next_cycle, '' if over else 'the program was aborted')
+        self._schedule.cancel(Event.PROFILE, Event.PLAN)
         self.loaded = False
         self.state['start_cycle'] = self.state['end_cycle'] = NEVER
         self._mark_measured()
@@ -398,81 +406,53 @@ class Transformation:
 
     def control(self, cycle: int) -> int:
         """Return the control word S-0-0134 of a cycle, the same for all drives."""
-        word = CONTROL_ENABLE if self.enable_cycle <= cycle < self.disable_cycle else CONTROL_ON
+        enabled = self.enable_cycle <= cycle < self._schedule.cycles[Event.DISABLE]
+        word = CONTROL_ENABLE if enabled else CONTROL_ON
         first, end = self._measured
         if cycle < first:
             return word
         return word | (CONTROL_MEASURE if cycle < end else CONTROL_PROGRAM)
 
-    def command(self, cycle: int) -> Floats:
-        """Return the motor shaft commands [rad] of a cycle, on the increment grid; call once per cycle, in order."""
-        if self._pending_profile is not None and cycle >= self._pending_profile.cycle:
-            profile, self._pending_profile = self._pending_profile, None
-            self._follow(profile)
-        if self._pending_plan is not None:
-            self._switch_to_pending_plan(cycle)
-        if cycle >= self._stop_cycle:
-            self._stop(cycle)
-        if cycle >= self._wait.first_cycle:
-            self._begin_wait(cycle)
-        if cycle >= self.disable_cycle:
-            self.enable_cycle = self.disable_cycle = NEVER
-        if self.tracking is not None:
-            self._track(cycle, self.tracking)
+    def command(self, cycle: int) -> Command:
+        """Return the command of a cycle; call once per cycle, in order."""
+        if cycle >= self._schedule.next_cycle:
+            self._schedule.handle(cycle)
+        for stage in self._commanding:
+            stage.prepare(cycle)
         command_cycle(cycle, self.record, self.timeline.arrays, self.learned.torques)
-        if self.tracking is not None:
-            self.tracking.watch_speed(cycle, self.timeline if self.loaded else None)
-        for axis in self.rotary:
-            axis.command(cycle, self.record, self.timeline)
+        for stage in self._commanding:
+            stage.command(cycle, self.record, self.timeline)
         self.next_cycle = cycle + 1
-        return self.motors
-
-    def _track(self, cycle: int, tracking: BeltTracking) -> None:
-        """Add the belt offset to the command of a cycle; hold the plan if the robot cannot stay on its belt."""
         state = self.state[0]
-        if tracking.lost is not None:
-            if self.loaded and not self.held:
-                self.own_profile = self.hold()
-            self._halt(hard=False)
-        if tracking.step(cycle, bool(state['outputs'] & TRACK_BIT)):
-            state['tracks'], state['offset'] = 1, tracking.offset
-        elif state['tracks']:
-            state['tracks'], state['tcp'] = 0, state['planned']
-        if tracking.clears_at_rest and not self.loaded and cycle > tracking.rest_cycle:
-            self.clear_belt()
-
-    @property
-    def has_lost_belt(self) -> bool:
-        """Whether the robot has lost its belt and the loss has not been cleared."""
-        return self.tracking is not None and self.tracking.lost is not None
+        return Command(
+            motors=self.motors,
+            torques=self.torques,
+            control=self.control(cycle),
+            payload=float(state['payload']),
+            outputs=int(state['outputs']) & (TRACK_BIT - 1),
+        )
 
     def cancel_tracking(self) -> None:
         """Stop the belt offset from the next cycle on, and clear belt and program once it is at rest."""
-        if self.tracking is not None and not self.tracking.free:
+        if not self.tracking.free:
             self._halt(hard=False)
             self.tracking.clears_at_rest = True
 
     def clear_belt(self) -> None:
         """Clear belt and program of a robot at rest; the belt offset becomes part of its position."""
-        if self.tracking is None:
-            return
-        state = self.state[0]
-        if self.loaded:
-            self.clear_program()
-        self.tracking.clear()
-        state['outputs'] &= TRACK_BIT - 1
-        state['tracks'], state['planned'] = 0, state['tcp']
+        if self.tracking.belts:
+            if self.loaded:
+                self.clear_program()
+            self.tracking.clear()
 
     def next_event(self, cycle: int) -> int:
         """Return the first cycle from a cycle on in which more happens than continuing the motion profile."""
-        coming = NEVER if self._pending_profile is None else self._pending_profile.cycle
-        longer = NEVER if self._pending_plan is None else self._pending_plan[0].start_cycle
         # the control word changes at both ends of the measured range
         edge = next((edge for edge in self._measured if edge > cycle), NEVER)
-        due = min(coming, longer, edge, self._stop_cycle, self.disable_cycle, self._wait.first_cycle)
+        due = min(edge, self._schedule.next_cycle)
         return max(cycle, due if self.enable_cycle < cycle else min(due, self.enable_cycle))
 
-    def _begin_wait(self, cycle: int) -> None:
+    def _begin_wait(self, cycle: int, _: Any) -> None:
         self.own_profile = self._wait.rest_at(cycle, self.timeline)
         self._follow(self.own_profile, 'the program waits at an exact stop, for a time unknown in advance')
 
@@ -507,10 +487,11 @@ class Transformation:
         """
         if not self.settling(cycle):
             return None
-        wait, end = self._wait, self.end_cycle
+        wait = self._wait
         if self.in_position(cycle):
-            if wait.waits and self._pending_profile is None and self._pending_plan is None:
-                self._pending_profile = self.own_profile = wait.departure(cycle, self.timeline)
+            if wait.waits and self._schedule.cycles[Event.PROFILE] == NEVER and not self.extending:
+                self.own_profile = wait.departure(cycle, self.timeline)
+                self._schedule.set(Event.PROFILE, self.own_profile.cycle, self.own_profile)
             return None
         if wait.waits:
             return wait.fault(
@@ -518,7 +499,7 @@ class Transformation:
             )
         if cycle < self.last_cycle:
             return None
-        return wait.fault(cycle, end, 'at the end of the program', self._off(), self.within)
+        return wait.fault(cycle, self.end_cycle, 'at the end of the program', self._off(), self.within)
 
     def _off(self) -> Floats:
         """Return the deviations of all motors from their commands [rad]."""

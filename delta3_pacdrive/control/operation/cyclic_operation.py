@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 from delta3_pacdrive.belts.image import BeltImage
 from delta3_pacdrive.belts.tracking import BeltReading
-from delta3_pacdrive.control.cycle.cycle import Command, ControllerCycle, emergency_stop
-from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.control.cycle.cycle import ControllerCycle, emergency_stop
+from delta3_pacdrive.control.cycle.transformation import Command, Transformation
 from delta3_pacdrive.control.operation.robot_state import RobotState
 from delta3_pacdrive.control.operation.script_gate import GateEvent, ScriptGate
 from delta3_pacdrive.errors import FaultCode, RobotFault
@@ -20,6 +20,7 @@ from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.faults.telegram_faults import FaultyLink
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor
 from delta3_pacdrive.robot.sercos.buffers import AnswerBuffer, InputImage
+from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.robot.sercos.losses import NO_ANSWER
 from delta3_pacdrive.robot.sercos.scheduler import BusStatistics, CycleScheduler
 from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests
@@ -103,7 +104,7 @@ class CyclicOperation:
         # feedback of the drives, inputs and belts, until a cycle is complete
         self.answers: AnswerBuffer[Content] = AnswerBuffer(len(parts.services.drives))
         self.inputs, self.belts = InputImage(), BeltImage()
-        self._observed = -1  # last bus cycle with belt readings known to the task
+        self._observed = NEVER  # last bus cycle with belt readings known to the task; NEVER without belts
         self.running = False
         self.next_cycle = self.answered = 0  # next cycle to start, and first one without complete feedback
         self.last_answer_s = 0.0  # time of the last complete cycle
@@ -117,11 +118,11 @@ class CyclicOperation:
         self.next_cycle = self.answered = cycle
         self.answers.begin(cycle)
         self.inputs.begin(cycle, inputs)
-        tracking = self._task.tracking
-        self.belts.begin(cycle, 0 if tracking is None else len(tracking.belts))
-        self._observed = cycle - 1
+        belts = self._task.tracking.belts
+        self.belts.begin(cycle, len(belts))
+        self._observed = cycle - 1 if belts else NEVER
         # a command requires the belt readings of the cycle before, so two cycles cannot start together
-        self.scheduler.catches_up = tracking is None
+        self.scheduler.catches_up = not belts
         self._link.clear()
         self.last_answer_s = self._now_s()
         self.watchdog.received(self.last_answer_s)
@@ -152,7 +153,7 @@ class CyclicOperation:
                 self._begin_faults(cycle)
             if self._observed < cycle - 1:
                 self._observe(cycle - 1)
-            command = self._cycle.command(cycle)
+            command = self._task.command(cycle)
             self.statistics.sent(cycle, outstanding, self.scheduler.late_s, self._now_ns())
             self._callbacks.send(cycle, command)
             self.next_cycle = cycle + 1
@@ -175,7 +176,7 @@ class CyclicOperation:
     def _observe(self, cycle: int) -> None:
         """Pass the belt readings up to a bus cycle to the task."""
         tracking = self._task.tracking
-        while tracking is not None and self._observed < cycle:
+        while self._observed < cycle:
             self._observed += 1
             tracking.observe(self._observed, self.belts.take(self._observed))
 

@@ -121,7 +121,7 @@ class RobotState:
 
     @property
     def _goes_with_belt(self) -> bool:
-        return self._task.tracking is not None and not self._task.tracking.free
+        return not self._task.tracking.free
 
     def refusal(self) -> Reason | None:
         """Return why no program can be started now, None if one can."""
@@ -200,16 +200,13 @@ class RobotState:
         if self.motion in UNDER_WAY:
             self.abort()
         rest_cycle = task.end_cycle if task.loaded else 0
-        if tracking is None:
-            return rest_cycle
         task.cancel_tracking()
         tracking.clear_loss()
         return max(tracking.rest_cycle, rest_cycle)
 
     def _belt_refusal(self) -> Reason | None:
         """Return why a robot stopped while following a belt cannot take moves yet, None if it can."""
-        tracking = self._task.tracking
-        return STOPPED_OFF_BELT if tracking is not None and tracking.clears_at_rest else None
+        return STOPPED_OFF_BELT if self._task.tracking.clears_at_rest else None
 
     def _content_refusal(self, order: Order) -> Reason | None:
         """Return why start cycle or start position of an order do not fit, None if they do."""
@@ -219,8 +216,7 @@ class RobotState:
                 f'an order starts in bus cycle {order.cycle:g}, but must be between 0 and {latest}, or -1'
             )
             return Reason(Code.CONTENT, sentence)
-        # excluding the belt offset
-        position = self._task.state['tcp' if self._task.tracking is None else 'planned'][0]
+        position = self._task.state['planned'][0]  # excluding the belt offset
         away = float(sum((order.plan.start_m() - position) ** 2)) ** 0.5
         if away > STANDING_M:
             return Reason(Code.CONTENT, f'it starts {away * 1e3:.3f} mm away from the position of the robot')
@@ -256,7 +252,7 @@ class RobotState:
             self._task.change(profile)
         except ProgramError as error:
             return Reason.of(error)
-        if self.motion is MotionState.STOPPED and self._task.tracking is not None:
+        if self.motion is MotionState.STOPPED:
             self._task.tracking.resume()
         self.ends = self._task.pending_last_cycle
         self._due = NEVER
@@ -268,7 +264,7 @@ class RobotState:
     def _rejoin_refusal(self) -> Reason | None:
         """Return why a robot held while following a belt cannot resume, None if it can."""
         tracking = self._task.tracking
-        if self.motion is not MotionState.STOPPED or tracking is None or tracking.free:
+        if self.motion is not MotionState.STOPPED or tracking.free:
             return None
         if tracking.again_cycle < 0:
             return Reason(
@@ -341,7 +337,7 @@ class RobotState:
     def _leave_belt(self) -> str:
         """Stop following a belt when no moves remain; return a description, empty if no belt is followed."""
         tracking = self._task.tracking
-        if tracking is None or not tracking.works or self.motion is not MotionState.IDLE:
+        if not tracking.works or self.motion is not MotionState.IDLE:
             return ''
         self._task.cancel_tracking()
         return f'no longer follows its belt, at rest in bus cycle {tracking.rest_cycle}'
@@ -388,7 +384,11 @@ class RobotState:
         task = self._task
         if task.own_profile is not self._own_published:
             self._own_published = task.own_profile
-            if self._own_published is not None and self.motion == MotionState.MOVING and task.has_lost_belt:
+            if (
+                self._own_published is not None
+                and self.motion == MotionState.MOVING
+                and task.tracking.lost is not None
+            ):
                 self._update_extension()
                 self._follow()
                 self._enter(Event.HOLD)
@@ -403,7 +403,7 @@ class RobotState:
             self.actions.append(robot_actions.Switched(cycle))
         if self.motion == MotionState.ERROR and task.loaded and task.profile is not self._published:
             self._publish_profile()
-        if task.tracking is not None:
+        if task.tracking.belts:
             self._update_belt(cycle)
         if cycle >= self._due:
             self._due = NEVER
@@ -414,7 +414,7 @@ class RobotState:
 
     def _update_belt(self, cycle: int) -> None:
         """Locate the robot when it no longer follows a belt."""
-        on_belt = self._task.tracking is not None and not self._task.tracking.free
+        on_belt = not self._task.tracking.free
         if self._was_on_belt and not on_belt and self.motion is MotionState.IDLE:
             self.locate(self._task.state['tcp'][0], cycle)
         self._was_on_belt = on_belt

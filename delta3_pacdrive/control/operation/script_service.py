@@ -118,14 +118,14 @@ class ScriptService:
             self._orders.script = ''
             return Reason(Code.LATE, f'the script begins in bus cycle {self._gate.begins}: ask again then')
         tracking = self._task.tracking
-        if tracking is not None and not tracking.free:
+        if not tracking.free:
             self._orders.script = ''
             return Reason(Code.LATE, 'the robot still follows a belt: try again once it has left it')
         self._gate.begins = NEVER
         self._held_outside = None
         self._gate.attach(self._cycles.answered)
         axes = '[]'
-        if tracking is not None:
+        if tracking.belts:
             axes = belts_text(tracking.belts)
             tracking.begin(self._gate.cycle)
         return self._snapshot(inputs=list(self._cycles.inputs.names), clock=self._gate.has_clock, axes=axes)
@@ -169,8 +169,8 @@ class ScriptService:
             order = TrackOrder.from_document(json.loads(request.text))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError):
             return Reason(Code.CONTENT, f'getting on a belt needs an order, not {shown(request.text)}')
-        belts = () if tracking is None else tracking.belts
-        if tracking is None or not 0 <= order.belt < len(belts) or belts[order.belt].window is None:
+        belts = tracking.belts
+        if not 0 <= order.belt < len(belts) or belts[order.belt].window is None:
             return Reason(Code.CONTENT, f'the robot cannot work on belt number {order.belt}, of {len(belts)}')
         tracking.order(order)
         return 'the order counts for the next event that gets on a belt'
@@ -179,7 +179,7 @@ class ScriptService:
         cycle, tracking = self._cycle_of(request), self._task.tracking
         if isinstance(cycle, Reason):
             return cycle
-        if tracking is None or tracking.free:
+        if tracking.free:
             return Reason(Code.STATE, 'the robot is on no belt')
         if self._state.motion is not MotionState.STOPPED:
             return Reason(
@@ -318,7 +318,7 @@ class ScriptService:
         if commanded.turn_rad is not None:
             seen['turn_rad'] = commanded.turn_rad
         tracking, tracked = self._task.tracking, commanded.tracked
-        if tracking is not None and tracked is not None:
+        if tracked is not None:
             seen['planned_m'] = commanded.planned_m
             more['belts'] = tracking.to_document(gate.cycle, tracked)
         return json.dumps({'seen': seen, 'held': self._held_profile(), **more})

@@ -32,7 +32,7 @@ class Commanded:
         turn = next(iter(task.turns_rad), None)
         held = task.loaded and task.held
         left = cls(task.end_cycle, held, task.outputs, task.payload, turn_rad=turn)
-        if task.tracking is None:
+        if not task.tracking.belts:
             return left
         x, y, z = task.state['planned'][0].tolist()
         return replace(left, planned_m=(x, y, z), tracked=task.tracking.tracked)

@@ -12,7 +12,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from delta3_pacdrive.control.cycle.cycle import Command
+from delta3_pacdrive.control.cycle.transformation import Command
 from delta3_pacdrive.control.operation.cyclic_operation import Timing
 from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.errors import ParameterError

@@ -34,7 +34,7 @@ class BeltReceiver(CellReceiver):
     def _on_message(self, data: bytes) -> None:
         controller = self._controller
         tracking, session = controller.task.tracking, controller.bus.session
-        if session == NO_SESSION or not controller.bus.cyclic or tracking is None:
+        if session == NO_SESSION or not controller.bus.cyclic or not tracking.belts:
             return
         if self._codec is None or tracking.belts != self._belts:
             self._belts = tracking.belts

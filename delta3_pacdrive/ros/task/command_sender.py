@@ -2,7 +2,7 @@
 
 from rclpy.node import Node
 
-from delta3_pacdrive.control.cycle.cycle import Command
+from delta3_pacdrive.control.cycle.transformation import Command
 from delta3_pacdrive.robot.sercos import master, telegrams
 from delta3_pacdrive.robot.sercos.bus_time import ACYCLIC_SEC
 from delta3_pacdrive.robot.sercos.service_requests import ServiceRequests

@@ -160,9 +160,9 @@ def run(
     scope = Oscilloscope(robot, cycles * steps, left)
     answers, tcp_error = np.empty((cycles, 3, 3)), np.empty((cycles, 3))
     for cycle in range(cycles):
-        commands = task.command(cycle)
-        robot.take_payload(task.payload)
-        status = scope.begin_cycle(commands, task.control(cycle), task.torques)
+        command = task.command(cycle)
+        robot.take_payload(command.payload)
+        status = scope.begin_cycle(command.motors, command.control, command.torques)
         for i, drive in enumerate(robot.drives):
             answers[cycle, :, i] = drive.answer
         for _ in range(steps // scope.per_exchange):

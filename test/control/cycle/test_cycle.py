@@ -41,8 +41,8 @@ def controller(robot):
 
 def test_a_command_holds_shafts_control_word_and_payload(controller, robot):
     controller.task.enable(1)
-    assert controller.cycle.command(0).control == CONTROL_ON
-    motors, torques, control, payload, *_ = controller.cycle.command(1)
+    assert controller.task.command(0).control == CONTROL_ON
+    motors, torques, control, payload, *_ = controller.task.command(1)
     assert control == CONTROL_ENABLE
     assert payload == robot.dynamics.payload_mass_kg
     assert not torques.any()
@@ -50,7 +50,7 @@ def test_a_command_holds_shafts_control_word_and_payload(controller, robot):
 
 
 def test_answers_of_drives_that_do_well_stop_nobody_and_are_evaluated(controller, robot):
-    controller.cycle.command(0)
+    controller.task.command(0)
     assert controller.evaluate(0, starts=0) is None
     assert controller.task.answer['tcp_actual'] == pytest.approx(robot.motion.home_m)
 

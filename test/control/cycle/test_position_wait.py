@@ -8,6 +8,7 @@ import yaml
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.control.cycle.position_wait import PositionWait
+from delta3_pacdrive.control.cycle.stages import Event, Schedule
 from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import Code, FaultCode
@@ -239,7 +240,8 @@ def test_a_program_that_is_given_up_before_its_start_waits_at_no_stop(robot: Par
 def test_a_robot_that_is_there_but_not_for_long_enough_is_told_so(robot):
     impatient = robot.replace(motion__in_position_timeout_s=0.004)
     off = np.array([0.0, 2.2e-5, 0.0])
-    fault = PositionWait(impatient).fault(104, 100, 'at the end of the program', off, within=2)
+    schedule = Schedule({event: lambda *_: None for event in Event})
+    fault = PositionWait(impatient, schedule).fault(104, 100, 'at the end of the program', off, within=2)
     assert str(fault) == (
         'not in position 0.004 s after the set points came to rest at the end of the program: all drives are within '
         'their position windows (S-0-0057) for only 2 bus cycles, 20 are needed'

@@ -46,7 +46,7 @@ def tcp_of(motors, robot):
 
 
 def commands_of(task, cycles):
-    return np.array([task.command(k).copy() for k in range(cycles)])
+    return np.array([task.command(k).motors.copy() for k in range(cycles)])
 
 
 def test_before_the_start_the_command_is_where_the_motors_stand_to_the_last_bit(robot):
@@ -135,7 +135,7 @@ def test_a_program_can_start_again_after_its_end(robot):
     first = commands_of(task, end)
     again = task.start(end + 100)
     assert again == 2 * end + 100
-    second = np.array([task.command(k).copy() for k in range(end + 100, again)])
+    second = np.array([task.command(k).motors.copy() for k in range(end + 100, again)])
     assert np.array_equal(first, second)
     assert task.figures().measured_cycles == 0
 
@@ -177,8 +177,8 @@ def test_a_point_that_no_arm_reaches_has_no_command(robot):
     master = plan_master(2.0, 1.0, 10.0, math.inf)
     task.load(Plan.of([Move(MoveKind.LINE, master, line(START, (0, 0, -2.75)).segments)]))
     end = task.start(0)
-    assert np.isfinite(task.command(0)).all()
-    assert np.isnan(task.command(end)).all()
+    assert np.isfinite(task.command(0).motors).all()
+    assert np.isnan(task.command(end).motors).all()
 
 
 def test_the_following_error_of_a_drive_1_75_cycles_late_is_zero_at_constant_joint_speed(robot):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from delta3_pacdrive import kinematics, parameters
-from delta3_pacdrive.control.cycle.cycle import Command
+from delta3_pacdrive.control.cycle.transformation import Command
 from delta3_pacdrive.control.operation.cyclic_operation import Timing
 from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.robot.faults.fault import parse

@@ -24,14 +24,14 @@ class Driver:
     def __init__(self, rig: Any) -> None:
         self.rig = rig
         self.tcp: list[np.ndarray] = []
-        command = rig.cycle.command
+        command = rig.task.command
 
         def commanded(cycle: int) -> Any:
             result = command(cycle)
             self.tcp.append(rig.task.state['tcp'][0].copy())
             return result
 
-        rig.cycle.command = commanded
+        rig.task.command = commanded
         rig.enable()
 
     def ask(self, text: str, action: str = 'move') -> str:
