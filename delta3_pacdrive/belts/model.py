@@ -8,11 +8,19 @@ The encoder is on the shaft. Parts move with the surface, which may slip on the 
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+from delta3_pacdrive.configuration.fields import Rules, derived, own_name, quantity, reference
+
 Place = tuple[float, float, float]  # [m]
-WIDTH_M = 0.4
+REACH_M = 10.0
+LENGTH_MIN_M = 1e-4
+TIME_MAX_S = 1e5
+DELAY_MAX_S = 10.0
+PARTS_MAX = 100_000
+BELT_MAX_M_S = 10.0
 BOUNCES_MAX = 3  # false latches of a light barrier after a part
 
 
@@ -20,71 +28,126 @@ BOUNCES_MAX = 3  # false latches of a light barrier after a part
 class SpeedChange:
     """Change to a new speed with a constant acceleration, starting at a time after program start."""
 
-    after_s: float
-    speed_m_s: float
-    acceleration_m_s2: float = 2.0
+    after_s: float = quantity('from program start', 0.0, TIME_MAX_S)
+    speed_m_s: float = quantity('new speed', -BELT_MAX_M_S, BELT_MAX_M_S)
+    acceleration_m_s2: float = quantity('of the change', 0.01, 100.0, default=2.0)
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """Encoder on the shaft of a belt."""
+
+    bits: int = quantity('of a revolution', 4, 24)
+    circumference_m: float = quantity('travel of a revolution', 0.01, REACH_M)
+
+    @property
+    def increments_per_m(self) -> float:
+        """Increments per metre of travel."""
+        return 2.0**self.bits / self.circumference_m
+
+
+@dataclass(frozen=True)
+class Jitter:
+    """Sinusoidal speed error."""
+
+    speed_m_s: float = quantity('amplitude', 0.0, 1.0)
+    frequency_hz: float = quantity('frequency', 0.1, 100.0)
 
 
 @dataclass(frozen=True)
 class Stream:
     """Parts arriving on a belt; deviations from the nominal position are uniformly distributed."""
 
-    part: str
-    count: int
-    spacing_m: float
-    spread_m: tuple[float, float] = (0.0, 0.0)  # largest deviation along and across the belt
-    spread_rad: float = 0.0  # largest rotation
-    also: tuple[str, ...] = ()  # further part types, drawn with equal probability
+    part: str = reference('type of the parts', 'parts')
+    count: int = quantity('number of parts', 1, PARTS_MAX)
+    spacing_m: float = quantity('nominal distance', LENGTH_MIN_M, REACH_M)
+    spread_m: tuple[float, float] = quantity(
+        'largest deviation along and across the belt', 0.0, REACH_M, default=(0.0, 0.0)
+    )
+    spread_rad: float = quantity('largest rotation', 0.0, math.pi, default=0.0)
+    also: tuple[str, ...] = reference('further part types, drawn with equal probability', 'parts', default=())
 
 
 @dataclass(frozen=True)
 class LightBarrier:
     """A light barrier across the belt, which latches the encoder count when the middle of a part passes."""
 
-    at_m: float  # distance from the start of the belt
-    delay_s: float = 0.0  # from passing to latching; the latched count is that of the later instant
-    bounce_s: float = 0.0  # period after a part in which up to ``BOUNCES_MAX`` false latches occur
+    at_m: float = quantity('distance from the start of the belt, within its length', 0.0, REACH_M)
+    delay_s: float = quantity(
+        'from passing to latching; the latched count is that of the later instant',
+        0.0,
+        DELAY_MAX_S,
+        default=0.0,
+    )
+    bounce_s: float = quantity(
+        'period after a part in which up to ``BOUNCES_MAX`` false latches occur',
+        0.0,
+        DELAY_MAX_S,
+        default=0.0,
+    )
 
 
 @dataclass(frozen=True)
 class Camera:
     """A camera that takes a picture each time the belt has moved a certain distance."""
 
-    at_m: float  # centre of the field of view along the belt
-    length_m: float  # of the field of view
-    every_m: float  # belt travel between pictures
-    latency_s: float = 0.0  # from exposure to result
-    noise_m: float = 0.0  # standard deviation of measured positions, along and across
-    noise_rad: float = 0.0  # standard deviation of measured angles
-    missed_share: float = 0.0  # probability that a visible part is not reported
-    doubled_share: float = 0.0  # probability that a visible part is reported twice
+    at_m: float = quantity('centre of the field of view along the belt, within its length', 0.0, REACH_M)
+    length_m: float = quantity('of the field of view', LENGTH_MIN_M, REACH_M)
+    every_m: float = quantity('belt travel between pictures', LENGTH_MIN_M, REACH_M)
+    latency_s: float = quantity('from exposure to result', 0.0, DELAY_MAX_S, default=0.0)
+    noise_m: float = quantity(
+        'standard deviation of measured positions, along and across', 0.0, 0.1, default=0.0
+    )
+    noise_rad: float = quantity('standard deviation of measured angles', 0.0, math.pi, default=0.0)
+    missed_share: float = quantity('probability that a visible part is not reported', 0.0, 1.0, default=0.0)
+    doubled_share: float = quantity(
+        'probability that a visible part is reported twice', 0.0, 1.0, default=0.0
+    )
 
 
 @dataclass(frozen=True)
 class Belt:
-    """A belt as described in the cell file.
+    """A belt as described in the cell file."""
 
-    Attributes
-    ----------
-    window_m
-        Begin and end of the section in which a robot may work [m]; None: no section.
-
-    """
-
-    name: str
-    origin_m: Place  # middle of the surface at the start of the belt
-    direction_rad: float  # direction of travel about the vertical, 0 along x
-    length_m: float
-    increments_per_m: float
+    name: str = own_name()
+    origin_m: Place = quantity('middle of the surface at the start of the belt', -REACH_M, REACH_M)
+    direction_rad: float = quantity(
+        'direction of travel about the vertical, 0 along x', -math.tau, math.tau, absent=0.0
+    )
+    length_m: float = quantity('length', LENGTH_MIN_M, REACH_M)
+    increments_per_m: float = derived(Encoder, lambda encoder: encoder.increments_per_m, key='encoder')
     speed: tuple[SpeedChange, ...] = ()  # in order of time; the belt is at rest before the first change
-    jitter_m_s: float = 0.0  # amplitude of a sinusoidal speed error
-    jitter_hz: float = 0.0  # its frequency
-    slip: float = 0.0  # fraction of the shaft's travel by which the surface lags
+    jitter: Jitter | None = None
+    slip: float = quantity("fraction of the shaft's travel by which the surface lags", -0.5, 0.5, default=0.0)
     stream: Stream | None = None
     barrier: LightBarrier | None = None
     camera: Camera | None = None
-    window_m: tuple[float, float] | None = None
-    width_m: float = WIDTH_M
+    window_m: tuple[float, float] | None = quantity(
+        'begin and end of the section in which a robot may work; None: no section', 0.0, REACH_M, default=None
+    )
+    width_m: float = quantity('width', LENGTH_MIN_M, REACH_M, default=0.4)
+
+    def broken_rules(self) -> Rules:
+        """Yield violated rules between values."""
+        for n, (before, after) in enumerate(pairwise(self.speed), 1):
+            if after.after_s <= before.after_s:
+                yield (
+                    ('speed', n),
+                    f'is at {after.after_s:g} s, but the change before it is at {before.after_s:g} s',
+                )
+        begin, end = self.window_m or (0.0, self.length_m)
+        if not begin < end:
+            yield ('window_m',), f'is from {begin:g} m to {end:g} m, but must go forward'
+        for path, at_m in (
+            (('barrier', 'at_m'), self.barrier.at_m if self.barrier else 0.0),
+            (('camera', 'at_m'), self.camera.at_m if self.camera else 0.0),
+            (('window_m',), end),
+        ):
+            if at_m > self.length_m:
+                yield (
+                    path,
+                    f'is {at_m:g}, but must be between 0 and {self.length_m:g}, the length of the belt',
+                )
 
     def place_m(self, along_m: float, across_m: float = 0.0) -> Place:
         """Position on the surface [m]; ``across_m`` is to the left of the direction of travel."""
@@ -132,9 +195,10 @@ class BeltMotion:
         begin, at, speed, acceleration = self._rows[bisect_right(self._times, time_s) - 1]
         t = 0.0 if math.isinf(begin) else time_s - begin
         travel = at + t * (speed + 0.5 * acceleration * t)
-        if self._belt.jitter_hz > 0.0 and time_s > 0.0:
-            rate = math.tau * self._belt.jitter_hz
-            travel += self._belt.jitter_m_s / rate * (1.0 - math.cos(rate * time_s))
+        jitter = self._belt.jitter
+        if jitter is not None and time_s > 0.0:
+            rate = math.tau * jitter.frequency_hz
+            travel += jitter.speed_m_s / rate * (1.0 - math.cos(rate * time_s))
         return travel
 
     def surface_m(self, time_s: float) -> float:

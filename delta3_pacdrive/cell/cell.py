@@ -1,14 +1,32 @@
 """Contents of a cell file as frozen records. Positions in frame ``base`` [m]; times from program start [s]."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
 
-from delta3_pacdrive.belts.model import Belt
+from delta3_pacdrive.belts.model import DELAY_MAX_S, LENGTH_MIN_M, PARTS_MAX, REACH_M, TIME_MAX_S, Belt, Place
+from delta3_pacdrive.configuration.fields import (
+    Rules,
+    choice,
+    entries,
+    internal,
+    own_name,
+    quantity,
+    reference,
+    switch,
+    text,
+)
+from delta3_pacdrive.errors import shown
 from delta3_pacdrive.planning.paths.move import OUTPUTS
 from delta3_pacdrive.planning.program.output_names import NamedOutput, OutputNames
+from delta3_pacdrive.recording.signals import CELL_BELTS, CELL_INPUTS
+from delta3_pacdrive.robot.sercos.words import PAYLOAD_MAX_KG
 
-Place = tuple[float, float, float]  # [m]
-
+NAME_MAX = 60  # characters
+NAMES_MAX = 1000  # per section
+PLACES_MAX = 1000  # of a box, along x or y
+ATMOSPHERE_PA = 101_325.0
 STANDARD_GRAVITY_M_S2 = 9.80665
 FALLEN_FAR_M = 0.005  # a part released higher than this above its support counts as dropped
 
@@ -25,43 +43,54 @@ def turned(place_m: Place, angle_rad: float) -> Place:
 class Delays:
     """Delays of a binary signal after a change of its source."""
 
-    on_s: float = 0.0
-    off_s: float = 0.0
-    bounce_s: float = 0.0  # random values after each change
+    on_s: float = quantity('after switching on', 0.0, DELAY_MAX_S, default=0.0)
+    off_s: float = quantity('after switching off', 0.0, DELAY_MAX_S, default=0.0)
+    bounce_s: float = quantity('random values after each change', 0.0, DELAY_MAX_S, default=0.0)
 
 
 @dataclass(frozen=True)
 class Change:
     """An input value from a time on, set by the equipment around the cell."""
 
-    after_s: float
-    value: bool
+    after_s: float = quantity('from program start', 0.0, TIME_MAX_S)
+    value: bool = switch('input value')
 
 
 @dataclass(frozen=True)
 class Sensor:
     """Detects parts, lying or gripped, whose horizontal distance from ``at_m`` is within a radius, at any height."""
 
-    at_m: Place
-    radius_m: float
+    at_m: Place = quantity('position', -REACH_M, REACH_M)
+    radius_m: float = quantity('radius', LENGTH_MIN_M, REACH_M)
 
 
 @dataclass(frozen=True)
 class Input:
     """An input with its source: scheduled changes, a sensor, or an output of the robot."""
 
-    name: str
+    ALTERNATIVES: ClassVar = ('changes', 'sensor', 'follows')
+
+    name: str = own_name()
     delays: Delays = Delays()
     changes: tuple[Change, ...] = ()  # in order of time; empty with another source
     sensor: Sensor | None = None
-    follows: str = ''  # output of the robot, with the delays of that output
+    follows: str = reference('output of the robot, with the delays of that output', 'outputs', default='')
+
+    def broken_rules(self) -> Rules:
+        """Yield violated rules between values."""
+        for n, (before, after) in enumerate(pairwise(self.changes), 1):
+            if after.after_s < before.after_s:
+                yield (
+                    ('changes', n),
+                    f'is at {after.after_s:g} s, but the change before it is at {before.after_s:g} s',
+                )
 
 
 @dataclass(frozen=True)
 class CellOutput:
     """A named output of the robot, with the delays of the connected device."""
 
-    output: str
+    output: str = choice('output of the robot', OUTPUTS, required=True)
     delays: Delays = Delays()
 
 
@@ -69,34 +98,46 @@ class CellOutput:
 class VacuumSwitch:
     """Vacuum switch: an input with hysteresis, on at ``on_pa`` and off below ``off_pa``."""
 
-    input: str
-    on_pa: float
-    off_pa: float
+    input: str = text('name of the input', NAME_MAX)
+    on_pa: float = quantity('on from this vacuum on', 0.0, ATMOSPHERE_PA)
+    off_pa: float = quantity('off below this vacuum', 0.0, ATMOSPHERE_PA)
     delays: Delays = Delays()
 
 
 @dataclass(frozen=True)
 class Cup:
-    """Vacuum cup with its valve.
+    """Vacuum cup with its valve; without ``valve`` in the file, its output has the delays given in ``outputs``."""
 
-    Attributes
-    ----------
-    height_tolerance_m, lateral_tolerance_m
-        Largest vertical and horizontal distance between cup and top centre of a part at which the cup seals [m].
-
-    """
-
-    output: str  # output of the robot that opens the valve
-    diameter_m: float  # diameter of the effective area
-    vacuum_pa: float  # vacuum that the pump reaches with the cup closed, relative to ambient pressure
+    output: str = reference('output of the robot that opens the valve', 'outputs')
+    diameter_m: float = quantity('diameter of the effective area', 1e-3, 1.0)
+    vacuum_pa: float = quantity(
+        'vacuum that the pump reaches with the cup closed, relative to ambient pressure', 100.0, ATMOSPHERE_PA
+    )
     valve: Delays = Delays()
-    open_share: float = 0.1  # fraction of that vacuum reached without a part
-    build_up_s: float = 0.0  # time constant of the build-up
-    decay_s: float = 0.0  # time constant of the decay
-    height_tolerance_m: float = 0.0015
-    lateral_tolerance_m: float = 0.005
-    offset_m: Place = (0.0, 0.0, 0.0)  # from the TCP to the centre of the cup
+    open_share: float = quantity('fraction of that vacuum reached without a part', 0.0, 1.0, default=0.1)
+    build_up_s: float = quantity('time constant of the build-up', 0.0, DELAY_MAX_S, default=0.0)
+    decay_s: float = quantity('time constant of the decay', 0.0, DELAY_MAX_S, default=0.0)
+    height_tolerance_m: float = quantity(
+        'largest vertical distance between cup and top centre of a part at which the cup seals',
+        0.0,
+        REACH_M,
+        default=0.0015,
+    )
+    lateral_tolerance_m: float = quantity('the same, horizontally', 0.0, REACH_M, default=0.005)
+    offset_m: Place = quantity(
+        'from the TCP to the centre of the cup', -REACH_M, REACH_M, default=(0.0, 0.0, 0.0)
+    )
     switch: VacuumSwitch | None = None
+
+    def broken_rules(self) -> Rules:
+        """Yield violated rules between values."""
+        if self.switch is not None:
+            for name, value, high in (
+                ('on_pa', self.switch.on_pa, self.vacuum_pa),
+                ('off_pa', self.switch.off_pa, self.switch.on_pa),
+            ):
+                if value > high:
+                    yield ('switch', name), f'is {value:g}, but must be between 0 and {high:g}'
 
     @property
     def area_m2(self) -> float:
@@ -108,34 +149,44 @@ class Cup:
 class PartType:
     """A type of parts."""
 
-    name: str
-    mass_kg: float
-    size_m: Place
-    friction: float  # coefficient between cup and part
+    name: str = own_name()
+    mass_kg: float = quantity('mass', 1e-3, PAYLOAD_MAX_KG)
+    size_m: Place = quantity('along x, y and z', LENGTH_MIN_M, REACH_M)
+    friction: float = quantity('coefficient between cup and part', 0.01, 10.0)
 
 
 @dataclass(frozen=True)
 class Supply:
     """A position at which parts are supplied one after the other."""
 
-    name: str
-    part: str
-    at_m: Place  # middle of the underside of a part
-    angle_rad: float = 0.0
-    count: int = 1
-    refill_s: float = 0.0  # from removal of a part to the next one
+    name: str = own_name()
+    part: str = reference('type of the parts', 'parts')
+    at_m: Place = quantity('middle of the underside of a part', -REACH_M, REACH_M)
+    angle_rad: float = quantity('of the parts about the vertical', -math.tau, math.tau, default=0.0)
+    count: int = quantity('number of parts', 1, PARTS_MAX, default=1)
+    refill_s: float = quantity('from removal of a part to the next one', 0.0, TIME_MAX_S, default=0.0)
 
 
 @dataclass(frozen=True)
 class Box:
     """A box, tray or pallet: a grid of places for parts, stacked in layers."""
 
-    name: str
-    at_m: Place  # middle of the underside of a part in the first place
-    columns: int = 1  # along x
-    rows: int = 1  # along y
-    pitch_m: tuple[float, float] = (0.0, 0.0)
-    clears_s: float = math.inf  # time after which a placed part is removed
+    name: str = own_name()
+    at_m: Place = quantity('middle of the underside of a part in the first place', -REACH_M, REACH_M)
+    columns: int = quantity('places along x', 1, PLACES_MAX, default=1)
+    rows: int = quantity('places along y', 1, PLACES_MAX, default=1)
+    pitch_m: tuple[float, float] = quantity(
+        'between the places along x and y', -REACH_M, REACH_M, default=(0.0, 0.0)
+    )
+    clears_s: float = quantity('time after which a placed part is removed', 0.0, TIME_MAX_S, default=math.inf)
+
+    def broken_rules(self) -> Rules:
+        """Yield violated rules between values."""
+        for name, count, pitch in zip(
+            ('columns', 'rows'), (self.columns, self.rows), self.pitch_m, strict=True
+        ):
+            if count > 1 and pitch == 0.0:
+                yield (name,), f'is {count}, but pitch_m of that direction is 0'
 
     def place_m(self, number: int) -> Place:
         """Return the position of a place [m], counted from 0, along x first."""
@@ -160,11 +211,11 @@ def _index(distance: float, pitch: float, count: int) -> int:
 class CellFault:
     """A scheduled failure of the cell."""
 
-    kind: str  # one of ``KINDS``
-    target: str = ''
-    value: float = 0.0  # parameter of this kind
-    after_s: float = 0.0
-    for_s: float = math.inf
+    kind: str = internal()  # one of ``KINDS``
+    target: str = internal(default='')
+    value: float = internal(default=0.0)  # parameter of this kind
+    after_s: float = quantity('from program start', 0.0, TIME_MAX_S, default=0.0)
+    for_s: float = quantity('duration', 1e-3, TIME_MAX_S, default=math.inf)
 
 
 # kinds of failure: section of the target's name, key of the value
@@ -180,17 +231,37 @@ KINDS: dict[str, tuple[str, str]] = {
 class Cell:
     """A packaging cell."""
 
-    name: str = 'cell'
-    seed: int = 1
-    drop_max_m: float = FALLEN_FAR_M  # largest height above the support for releasing a part
+    name: str = text('name of the cell', NAME_MAX, default='cell')
+    seed: int = quantity('of all random effects', 0, 2**32 - 1, default=1)
+    drop_max_m: float = quantity(
+        'largest height above the support for releasing a part', 0.0, REACH_M, default=FALLEN_FAR_M
+    )
     cup: Cup | None = None
-    inputs: dict[str, Input] = field(default_factory=dict)
-    outputs: dict[str, CellOutput] = field(default_factory=dict)
-    parts: dict[str, PartType] = field(default_factory=dict)
-    supplies: dict[str, Supply] = field(default_factory=dict)
-    boxes: dict[str, Box] = field(default_factory=dict)
-    belts: dict[str, Belt] = field(default_factory=dict)
+    inputs: dict[str, Input] = entries('by name', most=NAMES_MAX, default_factory=dict)
+    outputs: dict[str, CellOutput] = entries('by name', most=NAMES_MAX, default_factory=dict)
+    parts: dict[str, PartType] = entries('by name', most=NAMES_MAX, default_factory=dict)
+    supplies: dict[str, Supply] = entries('by name', most=NAMES_MAX, default_factory=dict)
+    boxes: dict[str, Box] = entries('by name', most=NAMES_MAX, default_factory=dict)
+    belts: dict[str, Belt] = entries('by name', most=NAMES_MAX, default_factory=dict)
     faults: tuple[CellFault, ...] = ()
+
+    def broken_rules(self) -> Rules:
+        """Yield violated rules between sections."""
+        names: dict[str, str] = {}
+        for name, one in self.outputs.items():
+            if name in OUTPUTS:
+                yield ('outputs', name), 'is the name of an output of the robot: use another name'
+            elif one.output in names:
+                yield ('outputs', name), f'is {one.output}, which already has the name {names[one.output]}'
+            names.setdefault(one.output, name)
+        if self.cup is not None and self.cup.switch is not None and self.cup.switch.input in self.inputs:
+            yield ('cup',), f'has the switch {shown(self.cup.switch.input)}, which is already in inputs'
+        for section, count, most in (
+            ('inputs', len(self.input_names), CELL_INPUTS),
+            ('belts', len(self.belts), CELL_BELTS),
+        ):
+            if count > most:
+                yield (section,), f'holds {count} entries, but must hold at most {most}'
 
     @property
     def input_names(self) -> tuple[str, ...]:

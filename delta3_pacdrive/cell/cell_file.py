@@ -49,65 +49,24 @@ faults:
 Lengths may be given in mm and angles in deg, according to the key. Times count from program start.
 """
 
-import math
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from delta3_pacdrive.cell.belt_file import read_belt
-from delta3_pacdrive.cell.cell import (
-    FALLEN_FAR_M,
-    KINDS,
-    Box,
-    Cell,
-    CellFault,
-    CellOutput,
-    Change,
-    Cup,
-    Delays,
-    Input,
-    PartType,
-    Sensor,
-    Supply,
-    VacuumSwitch,
-)
-from delta3_pacdrive.cell.cell_values import (
-    NAMES_MAX,
-    PARTS_MAX,
-    PLACES_MAX,
-    REACH_M,
-    TIME_MAX_S,
-    VACUUM_MAX_PA,
-    delay_s,
-    distance_m,
-    length_m,
-    listed,
-    no_parts,
-    pitch_m,
-    place_m,
-    size_m,
-    time_s,
-)
+from delta3_pacdrive.cell.cell import KINDS, Cell, CellFault, Delays
 from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.configuration.source_positions import place_in, place_of, place_of_key
-from delta3_pacdrive.configuration.strict_reader import Errors, Section, nearest_of, refuse
-from delta3_pacdrive.configuration.value_readers import (
-    flag,
-    line_of_text,
-    number_between,
-    one_of,
-    whole_number_between,
-)
+from delta3_pacdrive.configuration.schema import RecordReader
+from delta3_pacdrive.configuration.source_positions import place_in
+from delta3_pacdrive.configuration.strict_reader import Errors, Section, chosen_kind, read_document, refuse
+from delta3_pacdrive.configuration.value_readers import flag, number_between, one_of
 from delta3_pacdrive.errors import CellError, shown
 from delta3_pacdrive.parameters import config_directory
 from delta3_pacdrive.planning.paths.move import OUTPUTS
-from delta3_pacdrive.recording.signals import CELL_BELTS, CELL_INPUTS
-from delta3_pacdrive.robot.sercos.words import PAYLOAD_MAX_KG
 
-_NAME = line_of_text(60)
-_Value = TypeVar('_Value')
+JUMP_MAX_M = 10.0
+SECTIONS = ('cup', 'parts', 'supplies', 'boxes', 'belts', 'inputs', 'outputs')  # identify a cell file
 
 
 def load(path: str | Path) -> Cell:
@@ -144,251 +103,54 @@ def find(path: str | Path) -> Path:
 
 def parse(document: Any, file: str = '') -> Cell:
     """Build a cell from a parsed document; raises CellError, as ``load`` does."""
-    errors = Errors(getattr(document, 'source', file))
-    cells: list[Cell] = []
-    with errors.raised_as(CellError), errors.noted(place_of(document)):
-        cells.append(_cell(document, errors))
-    return cells[0]
-
-
-_SECTIONS = ('parts', 'supplies', 'boxes', 'belts', 'inputs', 'outputs')
-SECTIONS = ('cup', *_SECTIONS)  # identify a cell file
+    return read_document(document, file, CellError, _cell)
 
 
 def _cell(document: Any, errors: Errors) -> Cell:
-    fields = Section(document, 'cell', errors, ('name', 'seed', 'drop_max_m', 'cup', 'faults', *_SECTIONS))
-    names = {key: _names_of(document, key) for key in _SECTIONS}
+    def fault(value: Any, where: str) -> CellFault:
+        return _fault(reader, value, where)
 
-    def named(key: str, read: Callable[..., _Value]) -> dict[str, _Value]:
-        return fields.read(key, partial(_named, read, errors), {}, prefix='')
-
-    outputs = named('outputs', _output)
-    _require_single(outputs, document, errors)
-    cup = fields.read('cup', partial(_cup, outputs, errors), prefix='')
-    inputs = named('inputs', partial(_input, outputs))
-    if cup is not None and cup.switch is not None and cup.switch.input in inputs:
-        with errors.noted(place_in(document, 'cup')):
-            refuse(f'cup.switch.input is {shown(cup.switch.input)}, which is already in inputs')
-    every_input = (*inputs, *([cup.switch.input] if cup is not None and cup.switch is not None else ()))
-    if len(every_input) > CELL_INPUTS:
-        with errors.noted(place_in(document, 'inputs')):
-            refuse(f'the cell has {len(every_input)} inputs, but must have at most {CELL_INPUTS}')
-    belts = named('belts', partial(read_belt, names['parts']))
-    if len(belts) > CELL_BELTS:
-        with errors.noted(place_in(document, 'belts')):
-            refuse(f'the cell has {len(belts)} belts, but must have at most {CELL_BELTS}')
-    return Cell(
-        name=fields.read('name', _NAME, 'cell', prefix=''),
-        seed=fields.read('seed', whole_number_between(0, 2**32 - 1), 1, prefix=''),
-        drop_max_m=fields.read('drop_max_m', distance_m, FALLEN_FAR_M, prefix=''),
-        cup=cup,
-        inputs=inputs,
-        outputs=outputs,
-        parts=named('parts', _part),
-        supplies=named('supplies', partial(_supply, names['parts'])),
-        boxes=named('boxes', _box),
-        belts=belts,
-        faults=fields.read(
-            'faults', partial(_faults, errors, {'inputs': every_input, 'belts': tuple(belts)}), (), prefix=''
-        ),
-    )
+    reader = RecordReader(errors, _names_of(document), {CellFault: fault})
+    cell = reader.record(Cell, document, 'cell', prefix='')
+    if cell.cup is None:
+        return cell
+    delays = next((one.delays for one in cell.outputs.values() if one.output == cell.cup.output), Delays())
+    if 'valve' not in document['cup']:
+        return replace(cell, cup=replace(cell.cup, valve=delays))
+    if delays != Delays():
+        with errors.noted(place_in(document['cup'], 'valve')):
+            refuse(
+                f'cup.valve: output {cell.cup.output} already has delays in outputs: give only one of them'
+            )
+    return cell
 
 
-def _names_of(document: Any, key: str) -> tuple[str, ...]:
-    found = document.get(key)
-    return tuple(name for name in found if isinstance(name, str)) if isinstance(found, dict) else ()
+def _names_of(document: Any) -> dict[str, dict[str, Any]]:
+    """Return the names in each section that other sections use, also those of invalid records."""
+
+    def named(key: str) -> dict[Any, Any]:
+        found = document.get(key) if isinstance(document, dict) else None
+        return found if isinstance(found, dict) else {}
+
+    names = {key: {name: name for name in named(key)} for key in ('parts', 'inputs', 'belts')}
+    switch = named('cup').get('switch')
+    if isinstance(switch, dict) and isinstance(switch.get('input'), str):
+        names['inputs'][switch['input']] = switch['input']
+    outputs = {name: one.get('output') for name, one in named('outputs').items() if isinstance(one, dict)}
+    return names | {'outputs': {name: name for name in OUTPUTS} | outputs}
 
 
-def _named(read: Callable[..., _Value], errors: Errors, value: Any, where: str) -> dict[str, _Value]:
-    """Read a mapping of names, each value with ``read``."""
-    if not isinstance(value, dict):
-        refuse(f'{where} must be a mapping of names, not {shown(value)}')
-    if len(value) > NAMES_MAX:
-        refuse(f'{where} holds {len(value)} names, but must hold at most {NAMES_MAX}')
-    found = {}
-    for name, one in value.items():
-        with errors.noted(place_of_key(value, name)):
-            if not _NAME(name, f'a name in {where}'):
-                refuse(f'a name in {where} is empty')
-        with errors.noted(place_in(value, name)):
-            found[str(name)] = read(errors, str(name), one, f'{where}.{name}')
-    return found
-
-
-def _delays(errors: Errors, value: Any, where: str) -> Delays:
-    fields = Section(value, where, errors, ('on_s', 'off_s', 'bounce_s'))
-    return Delays(*(fields.read(key, delay_s, 0.0) for key in ('on_s', 'off_s', 'bounce_s')))
-
-
-def _output(errors: Errors, name: str, value: Any, where: str) -> CellOutput:
-    if name in OUTPUTS:
-        refuse(f'{where}: {shown(name)} is the name of an output of the robot: use another name')
-    fields = Section(value, where, errors, ('output', 'delays'), ('output',))
-    return CellOutput(
-        fields.read('output', one_of(OUTPUTS), ''), fields.read('delays', partial(_delays, errors), Delays())
-    )
-
-
-def _require_single(outputs: Mapping[str, CellOutput], document: Any, errors: Errors) -> None:
-    """Reject two names for one output of the robot."""
-    names: dict[str, str] = {}
-    for name, one in outputs.items():
-        if one.output in names:
-            with errors.noted(place_in(document['outputs'], name)):
-                refuse(
-                    f'outputs.{name}.output is {one.output}, which already has the name {names[one.output]}'
-                )
-        names.setdefault(one.output, name)
-
-
-def _named_output(outputs: Mapping[str, CellOutput], value: Any, where: str) -> str:
-    """Read an output by its name in the cell or on the robot; return the robot's name."""
-    name = one_of((*OUTPUTS, *outputs))(value, where)
-    return outputs[name].output if name in outputs else name
-
-
-def _cup(outputs: Mapping[str, CellOutput], errors: Errors, value: Any, where: str) -> Cup:
-    keys = ('diameter_m', 'vacuum_pa', 'output')
-    optional = ('open_share', 'build_up_s', 'decay_s', 'height_tolerance_m', 'lateral_tolerance_m')
-    fields = Section(value, where, errors, (*keys, *optional, 'offset_m', 'valve', 'switch'), keys)
-    own = Cup('', 0.0, 0.0)
-    vacuum = fields.read('vacuum_pa', number_between(100.0, VACUUM_MAX_PA), VACUUM_MAX_PA)
-    output = fields.read('output', partial(_named_output, outputs), '')
-    delays = next((one.delays for one in outputs.values() if one.output == output), Delays())
-    if 'valve' in fields and delays != Delays():
-        with errors.noted(place_in(value, 'valve')):
-            refuse(f'{where}.valve: output {output} already has delays in outputs: give only one of them')
-    return Cup(
-        output=output,
-        diameter_m=fields.read('diameter_m', number_between(1e-3, 1.0), 1e-3),
-        vacuum_pa=vacuum,
-        valve=fields.read('valve', partial(_delays, errors), delays),
-        open_share=fields.read('open_share', number_between(0.0, 1.0), own.open_share),
-        build_up_s=fields.read('build_up_s', delay_s, own.build_up_s),
-        decay_s=fields.read('decay_s', delay_s, own.decay_s),
-        height_tolerance_m=fields.read('height_tolerance_m', distance_m, own.height_tolerance_m),
-        lateral_tolerance_m=fields.read('lateral_tolerance_m', distance_m, own.lateral_tolerance_m),
-        offset_m=fields.read('offset_m', place_m, own.offset_m),
-        switch=fields.read('switch', partial(_switch, errors, vacuum)),
-    )
-
-
-def _switch(errors: Errors, vacuum_pa: float, value: Any, where: str) -> VacuumSwitch:
-    keys = ('input', 'on_pa', 'off_pa')
-    fields = Section(value, where, errors, (*keys, 'delays'), keys)
-    on = fields.read('on_pa', number_between(0.0, vacuum_pa), vacuum_pa)
-    return VacuumSwitch(
-        fields.read('input', _NAME, ''),
-        on,
-        fields.read('off_pa', number_between(0.0, on), 0.0),
-        fields.read('delays', partial(_delays, errors), Delays()),
-    )
-
-
-def _part(errors: Errors, name: str, value: Any, where: str) -> PartType:
-    keys = ('mass_kg', 'size_m', 'friction')
-    fields = Section(value, where, errors, keys, keys)
-    return PartType(
-        name,
-        fields.read('mass_kg', number_between(1e-3, PAYLOAD_MAX_KG), 1.0),
-        fields.read('size_m', size_m),
-        fields.read('friction', number_between(0.01, 10.0), 1.0),
-    )
-
-
-def _supply(parts: tuple[str, ...], errors: Errors, name: str, value: Any, where: str) -> Supply:
-    keys = ('part', 'at_m')
-    fields = Section(value, where, errors, (*keys, 'angle_rad', 'count', 'refill_s'), keys)
-    return Supply(
-        name=name,
-        part=fields.read('part', one_of(parts) if parts else no_parts, ''),
-        at_m=fields.read('at_m', place_m),
-        angle_rad=fields.read('angle_rad', number_between(-math.tau, math.tau), 0.0),
-        count=fields.read('count', whole_number_between(1, PARTS_MAX), 1),
-        refill_s=fields.read('refill_s', time_s, 0.0),
-    )
-
-
-def _box(errors: Errors, name: str, value: Any, where: str) -> Box:
-    fields = Section(value, where, errors, ('at_m', 'columns', 'rows', 'pitch_m', 'clears_s'), ('at_m',))
-    count = whole_number_between(1, PLACES_MAX)
-    columns, rows = fields.read('columns', count, 1), fields.read('rows', count, 1)
-    pitch = fields.read('pitch_m', pitch_m, (0.0, 0.0))
-    for key, many, one in (('columns', columns, pitch[0]), ('rows', rows, pitch[1])):
-        if many > 1 and one == 0.0:
-            with errors.noted(place_in(value, key)):
-                refuse(f'{where}.{key} is {many}, but pitch_m of that direction is 0')
-    return Box(
-        name=name,
-        at_m=fields.read('at_m', place_m),
-        columns=columns,
-        rows=rows,
-        pitch_m=pitch,
-        clears_s=fields.read('clears_s', time_s, math.inf),
-    )
-
-
-def _input(outputs: Mapping[str, CellOutput], errors: Errors, name: str, value: Any, where: str) -> Input:
-    sources = ('changes', 'sensor', 'follows')
-    fields = Section(value, where, errors, ('delays', *sources))
-    given = [key for key in sources if key in fields]
-    if len(given) > 1:
-        refuse(f'{where} holds {" and ".join(given)}: give one of them')
-    return Input(
-        name,
-        fields.read('delays', partial(_delays, errors), Delays()),
-        fields.read('changes', partial(_changes, errors), ()),
-        fields.read('sensor', partial(_sensor, errors)),
-        fields.read('follows', partial(_named_output, outputs), ''),
-    )
-
-
-def _sensor(errors: Errors, value: Any, where: str) -> Sensor:
-    keys = ('at_m', 'radius_m')
-    fields = Section(value, where, errors, keys, keys)
-    return Sensor(fields.read('at_m', place_m), fields.read('radius_m', length_m, 1.0))
-
-
-def _changes(errors: Errors, value: Any, where: str) -> tuple[Change, ...]:
-    found: list[Change] = []
-    for one, own, place in listed(value, where):
-        with errors.noted(place):
-            fields = Section(one, own, errors, ('after_s', 'value'), ('after_s', 'value'))
-            after = fields.read('after_s', time_s, found[-1].after_s if found else 0.0)
-            if found and after < found[-1].after_s:
-                refuse(f'{own}.after_s is {after:g}, but the change before it is at {found[-1].after_s:g}')
-            found.append(Change(after, fields.read('value', flag, False)))
-    return tuple(found)
-
-
-def _faults(
-    errors: Errors, names: Mapping[str, tuple[str, ...]], value: Any, where: str
-) -> tuple[CellFault, ...]:
-    found = []
-    for one, own, place in listed(value, where):
-        with errors.noted(place):
-            found.append(_fault(errors, names, one, own))
-    return tuple(found)
-
-
-def _fault(errors: Errors, names: Mapping[str, tuple[str, ...]], value: Any, where: str) -> CellFault:
-    if not isinstance(value, dict):
-        refuse(f'{where} must be a mapping, not {shown(value)}')
-    kind = value.get('fault')
-    if not isinstance(kind, str) or kind not in KINDS:
-        refuse(
-            f'{where}.fault is {shown(kind)}, but must be one of {", ".join(KINDS)}{nearest_of(kind, KINDS)}',
-            place_in(value, 'fault') if 'fault' in value else None,
-        )
+def _fault(reader: RecordReader, value: Any, where: str) -> CellFault:
+    """Read a fault, whose kind determines its keys."""
+    kind = chosen_kind(value, where, 'fault', KINDS)
     section, key = KINDS[kind]
     target = section.removesuffix('s')
     required = [name for name in ('fault', target, key) if name]
-    fields = Section(value, where, errors, (*required, 'after_s', 'for_s'), required)
-    read = flag if key == 'value' else number_between(-REACH_M, REACH_M)
+    fields = Section(value, where, reader.errors, (*required, 'after_s', 'for_s'), required)
+    read = flag if key == 'value' else number_between(-JUMP_MAX_M, JUMP_MAX_M)
     return CellFault(
         kind,
-        fields.read(target, one_of(names[section]), '') if target else '',
+        fields.read(target, one_of(tuple(reader.names[section])), '') if target else '',
         float(fields.read(key, read, 0.0)) if key else 0.0,
-        fields.read('after_s', time_s, 0.0),
-        fields.read('for_s', number_between(1e-3, TIME_MAX_S), math.inf),
+        **reader.values(CellFault, fields),
     )

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from typing import Any
 
-from delta3_pacdrive.belts.model import Belt
-from delta3_pacdrive.cell.cell import Box, Cell, Place
+from delta3_pacdrive.belts.model import Belt, Place
+from delta3_pacdrive.cell.cell import Box, Cell
 from delta3_pacdrive.errors import TelegramError, shown
 
 BEAM_M = 0.004  # displayed width of a light barrier

@@ -5,8 +5,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from delta3_pacdrive.belts.model import Place
 from delta3_pacdrive.cell.binary_signal import BinarySignal
-from delta3_pacdrive.cell.cell import Cup, Place, turned
+from delta3_pacdrive.cell.cell import Cup, turned
 from delta3_pacdrive.cell.parts import Miss, Outcome, Part
 from delta3_pacdrive.cell.vacuum import Vacuum, force_needed_n
 

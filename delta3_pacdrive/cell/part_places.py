@@ -2,7 +2,8 @@
 
 import math
 
-from delta3_pacdrive.cell.cell import Place, turned
+from delta3_pacdrive.belts.model import Place
+from delta3_pacdrive.cell.cell import turned
 from delta3_pacdrive.cell.parts import How, Stay
 
 

@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from delta3_pacdrive.cell.cell import Box, PartType, Place, turned
+from delta3_pacdrive.belts.model import Place
+from delta3_pacdrive.cell.cell import Box, PartType, turned
 
 
 class Outcome(StrEnum):

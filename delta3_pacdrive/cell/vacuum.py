@@ -9,7 +9,8 @@ n pulls the part off; l pushes it along the cup and is held by friction mu under
 
 import math
 
-from delta3_pacdrive.cell.cell import STANDARD_GRAVITY_M_S2, Cup, Place
+from delta3_pacdrive.belts.model import Place
+from delta3_pacdrive.cell.cell import STANDARD_GRAVITY_M_S2, Cup
 
 
 def force_needed_n(mass_kg: float, friction: float, acceleration_m_s2: Place) -> tuple[float, float]:

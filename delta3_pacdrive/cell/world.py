@@ -8,10 +8,10 @@ from zlib import crc32
 import numpy as np
 
 from delta3_pacdrive.belts.camera import CameraState, Sighting
-from delta3_pacdrive.belts.model import BeltState, OnBelt
+from delta3_pacdrive.belts.model import BeltState, OnBelt, Place
 from delta3_pacdrive.cell import cell_scene
 from delta3_pacdrive.cell.binary_signal import BinarySignal
-from delta3_pacdrive.cell.cell import Box, Cell, CellFault, Delays, Input, Place
+from delta3_pacdrive.cell.cell import Box, Cell, CellFault, Delays, Input
 from delta3_pacdrive.cell.gripper import Gripper
 from delta3_pacdrive.cell.parts import How, Landing, Miss, Outcome, Part, PartRecord, landing
 from delta3_pacdrive.cell.parts_report import report_of

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NoReturn, TypeVar
 
@@ -23,6 +23,13 @@ class Refusal(Exception):  # noqa: N818 (it never leaves a reader)
     def __init__(self, sentence: str, place: Place | None = None) -> None:
         super().__init__(sentence)
         self.place = place
+
+
+class Reported(Refusal):
+    """A value is invalid, and the errors are recorded."""
+
+    def __init__(self) -> None:
+        super().__init__('')
 
 
 class _EnoughError(Exception):
@@ -53,6 +60,8 @@ class Errors:
         """Record the rejection that ends this block, and continue after it."""
         try:
             yield
+        except Reported:
+            pass
         except Refusal as refusal:
             self.add(refusal, place)
 
@@ -66,6 +75,20 @@ class Errors:
             more = [f'the search ended after {ERRORS_MAX} errors']
         if self._found:
             raise kind.of_all([*sorted(self._found, key=lambda one: self._found[one]), *more])
+
+
+def read_document(
+    document: Any, file: str, kind: type[Delta3Error], read: Callable[[Any, Errors], _Value]
+) -> _Value:
+    """Return a document as read by ``read``; ``file`` names a document that was not read from a file.
+
+    All errors are raised as one exception of a kind, each with its place.
+    """
+    errors = Errors(getattr(document, 'source', file))
+    found: list[_Value] = []
+    with errors.raised_as(kind), errors.noted(place_of(document)):
+        found.append(read(document, errors))
+    return found[0]
 
 
 class Section:
@@ -105,6 +128,12 @@ class Section:
     def __contains__(self, key: str) -> bool:
         return key in self._given
 
+    def require_one(self, alternatives: Iterable[str]) -> None:
+        """Reject more than one of several keys."""
+        given = [key for key in alternatives if key in self._given]
+        if len(given) > 1:
+            refuse(f'{self._where} holds {" and ".join(given)}: give one of them')
+
     def read(
         self,
         key: str,
@@ -122,10 +151,21 @@ class Section:
             try:
                 return reader(value, where)
             except Refusal as refusal:
-                if given == key:
+                if given == key or isinstance(refusal, Reported):
                     raise
                 raise Refusal(f'{refusal} (in {base_unit(given)})', refusal.place) from None
         return default
+
+
+def chosen_kind(value: Any, where: str, key: str, kinds: Collection[str]) -> str:
+    """Return the kind of a mapping, which one of its keys gives."""
+    if not isinstance(value, dict):
+        refuse(f'{where} must be a mapping, not {shown(value)}')
+    kind = value.get(key)
+    if not isinstance(kind, str) or kind not in kinds:
+        names = f'{", ".join(kinds)}{nearest_of(kind, kinds)}'
+        refuse(f'{where}.{key} is {shown(kind)}, but must be one of {names}', place_in(value, key))
+    return kind
 
 
 def expected(value: Any, allowed: Iterable[str]) -> str:

@@ -23,11 +23,12 @@ def number(value: Any, where: str) -> float:
 
 def number_between(low: float, high: float) -> Callable[[Any, str], float]:
     """Return a reader of numbers from ``low`` to ``high``."""
+    rule = range_text(low, high)
 
     def read(value: Any, where: str) -> float:
         found = number(value, where)
         if not low <= found <= high:
-            refuse(f'{where} is {found:g}, but must be between {low:g} and {high:g}')
+            refuse(f'{where} is {found:g}, but must be {rule}')
         return found
 
     return read
@@ -38,10 +39,34 @@ def whole_number_between(low: int, high: int) -> Callable[[Any, str], int]:
 
     def read(value: Any, where: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            refuse(f'{where} is {shown(value)}, but must be a whole number between {low} and {high}')
+            refuse(f'{where} is {shown(value)}, but must be a whole number {range_text(low, high)}')
         return value
 
     return read
+
+
+def numbers_between(
+    count: int, low: float, high: float, whole: bool = False
+) -> Callable[[Any, str], tuple[Any, ...]]:
+    """Return a reader of a list of ``count`` numbers from ``low`` to ``high``."""
+    one: Callable[[Any, str], float] = (
+        whole_number_between(int(low), int(high)) if whole else number_between(low, high)
+    )
+
+    def read(value: Any, where: str) -> tuple[Any, ...]:
+        if not isinstance(value, (list, tuple)) or len(value) != count:
+            refuse(f'{where} must be a list of {count} numbers, not {shown(value)}')
+        return tuple(one(item, f'{where}[{n}]') for n, item in enumerate(value))
+
+    return read
+
+
+def range_text(low: float, high: float) -> str:
+    """Return a closed range in words."""
+    if 0.0 < low < 1e-300:
+        return 'positive' if high == math.inf else f'positive and at most {high:g}'
+    least, most = (str(limit) if isinstance(limit, int) else f'{limit:g}' for limit in (low, high))
+    return f'at least {least}' if high == math.inf else f'between {least} and {most}'
 
 
 def one_of(names: Sequence[str]) -> Callable[[Any, str], str]:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.parameters.field_types import positive, quantity
+from delta3_pacdrive.configuration.fields import positive, quantity
 
 PerArm = tuple[float, float, float]
 EQUAL: PerArm = (0.0, 0.0, 0.0)

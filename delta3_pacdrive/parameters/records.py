@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.parameters.field_types import choice, positive, quantity, switch
+from delta3_pacdrive.configuration.fields import choice, positive, quantity, switch
 from delta3_pacdrive.parameters.geometry import ArmDeviations, radians
 
 LINEAR, CUBIC = INTERPOLATIONS = ('linear', 'cubic')

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from delta3_pacdrive.parameters.field_types import quantity
+from delta3_pacdrive.configuration.fields import quantity
 
 ROTARY_AXES_MAX = 2
 SMALLEST = math.nextafter(0.0, 1.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from delta3_pacdrive.belts.model import Belt, BeltMotion, BeltState, LightBarrier, SpeedChange, Stream
+from delta3_pacdrive.belts.model import Belt, BeltMotion, BeltState, Jitter, LightBarrier, SpeedChange, Stream
 from delta3_pacdrive.cell import cell_file
 from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.errors import CellError
@@ -49,7 +49,7 @@ def test_a_belt_follows_its_speeds_with_their_accelerations_also_if_one_comes_be
 
 
 def test_the_speed_swings_about_its_profile():
-    motion = BeltMotion(belt(speed=(SpeedChange(0.0, 0.5, 100.0),), jitter_m_s=0.02, jitter_hz=5.0))
+    motion = BeltMotion(belt(speed=(SpeedChange(0.0, 0.5, 100.0),), jitter=Jitter(0.02, 5.0)))
     times = np.arange(0.2, 0.6, 1e-4)
     speeds = np.gradient([motion.shaft_m(time) for time in times], times)
     assert (speeds.min(), speeds.max()) == pytest.approx((0.48, 0.52), abs=1e-4)
@@ -145,7 +145,7 @@ def test_a_belt_of_a_cell_file_is_there_in_si_units():
     assert (line.origin_m, line.length_m) == ((-0.3, 0.1, -0.87), 0.4)
     assert line.direction_rad == pytest.approx(math.pi / 2)
     assert line.speed == (SpeedChange(0.1, 0.5, 2.0),)
-    assert (line.jitter_m_s, line.jitter_hz, line.slip) == (0.01, 8.0, 0.002)
+    assert (line.jitter, line.slip) == (Jitter(0.01, 8.0), 0.002)
     assert line.stream == Stream('bar', 2, 0.15, (0.001, 0.002), pytest.approx(math.pi / 6))
     assert line.barrier == LightBarrier(0.05, 0.001)
 
@@ -164,7 +164,11 @@ def test_a_belt_of_a_cell_file_is_there_in_si_units():
             {'bits': 30, 'circumference_mm': 200},
             'bits is 30, but must be a whole number between 4 and 24',
         ),
-        ('barrier', {'at_mm': 500}, 'at_mm is 0.5, but must be between 0 and 0.4 (in m)'),
+        (
+            'barrier',
+            {'at_mm': 500},
+            'barrier.at_m is 0.5, but must be between 0 and 0.4, the length of the belt',
+        ),
         ('stream', {'part': 'box', 'count': 1, 'spacing_mm': 9}, "part is 'box', but must be one of bar"),
     ],
 )
@@ -175,7 +179,7 @@ def test_a_belt_that_cannot_be_is_refused(key, value, told):
 
 
 def test_a_cell_has_at_most_as_many_belts_as_a_trace_has_columns():
-    with pytest.raises(CellError, match='the cell has 5 belts, but must have at most 4'):
+    with pytest.raises(CellError, match='belts holds 5 entries, but must hold at most 4'):
         cell_file.parse(CELL | {'belts': {str(n): CELL['belts']['line'] for n in range(5)}})
 
 

@@ -98,18 +98,18 @@ WRONG = {
         'line 1, column 24: parts.bar.mass_kg is 100, but must be between 0.001 and 10'
     ),
     'supplies: {a: {part: bar, at_mm: [0, 0, 0]}}': (
-        "line 1, column 22: supplies.a.part is 'bar', but the cell has no parts"
+        "line 1, column 22: supplies.a.part is 'bar', but there are no parts"
     ),
     'boxes: {a: {at_mm: [0, 0, 0], columns: 2}}': (
         'line 1, column 40: boxes.a.columns is 2, but pitch_m of that direction is 0'
     ),
     'inputs: {a: {changes: [{after_s: 1, value: true}, {after_s: 0.5, value: false}]}}': (
-        'inputs.a.changes[1].after_s is 0.5, but the change before it is at 1'
+        'inputs.a.changes[1] is at 0.5 s, but the change before it is at 1 s'
     ),
-    'outputs: {gripper: {output: output2}}': "outputs.gripper: 'gripper' is the name of an output of the robot",
+    'outputs: {gripper: {output: output2}}': 'outputs.gripper is the name of an output of the robot',
     'outputs: {a: {output: outpt2}}': "outputs.a.output is 'outpt2', but must be one of",
     'outputs: {a: {output: output2}, b: {output: output2}}': (
-        'outputs.b.output is output2, which already has the name a'
+        'outputs.b is output2, which already has the name a'
     ),
     'inputs: {a: {follows: grippr}}': 'did you mean gripper?',
     'outputs: {a: {output: gripper, delays: {on_s: 1}}}\n'
@@ -131,7 +131,7 @@ WRONG = {
     'inputs: {"": {changes: []}}': 'line 1, column 10: a name in inputs is empty',
     'inputs: {3: {}}': 'line 1, column 10: a name in inputs must be a text, not 3',
     f'inputs: {{{", ".join(f"i{n}: {{}}" for n in range(17))}}}': (
-        'the cell has 17 inputs, but must have at most 16'
+        'inputs holds 17 entries, but must hold at most 16'
     ),
     '3': 'cell must be a mapping, not 3',
     'cup: {output: gripper, diameter_mm: 40, vacuum_pa: 2e5}': (
@@ -144,7 +144,7 @@ WRONG = {
         'cup.switch.off_pa is 40000, but must be between 0 and 30000'
     ),
     'cup: {output: gripper, diameter_mm: 4, vacuum_pa: 5e4, switch: {input: v, on_pa: 3, off_pa: 1}}\n'
-    'inputs: {v: {}}': "cup.switch.input is 'v', which is already in inputs",
+    'inputs: {v: {}}': "cup has the switch 'v', which is already in inputs",
 }
 
 

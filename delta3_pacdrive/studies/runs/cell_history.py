@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.belts.model import Place
 from delta3_pacdrive.cell import cell_scene
-from delta3_pacdrive.cell.cell import Place
 from delta3_pacdrive.cell.cell_scene import Kind, Thing
 from delta3_pacdrive.cell.part_places import angle_rad, place_m
 from delta3_pacdrive.cell.parts import How, Stay
