@@ -1,6 +1,6 @@
 """``delta3 bench cell``: throughput and accuracy of picking from a belt at several belt speeds and part rates."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from delta3_pacdrive.parameters import MODEL_CONTROLLER, Parameters, load
 from delta3_pacdrive.scripting.simulation import Simulation, simulate
 from delta3_pacdrive.studies.framework.figure_style import COLOURS, dress, titled_figure
 from delta3_pacdrive.studies.framework.report_folder import Drawings, Table
+from delta3_pacdrive.studies.framework.study import OnProgress, silent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -129,7 +130,7 @@ def measure(
     speeds_m_s: Sequence[float] = SPEEDS_M_S,
     rates_per_min: Sequence[float] = RATES_PER_MIN,
     seconds: float = SECONDS,
-    show: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    show: OnProgress = silent,
 ) -> dict[str, Any]:
     """Return the figures of each speed and rate, and the throughput limit at each speed.
 

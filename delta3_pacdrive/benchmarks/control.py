@@ -1,7 +1,7 @@
 """``delta3 bench control``: the packaging cycle with each controller, on the robot it knows and on others."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +20,7 @@ from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.drives.tuning.proposal import Kept, margins_kept, spread
-from delta3_pacdrive.studies.framework.study import silent
+from delta3_pacdrive.studies.framework.study import OnProgress, silent
 from delta3_pacdrive.studies.learning.responses import with_masses
 from delta3_pacdrive.studies.learning.run import Study
 from delta3_pacdrive.studies.learning.study import Settings
@@ -78,7 +78,7 @@ class Row:
 def measure(
     controllers: Sequence[str] = tuple(CONTROLLERS),
     robots: Sequence[str] = ROBOTS,
-    show: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    show: OnProgress = silent,
 ) -> dict[str, Any]:
     """Return the figures of every controller on every robot; a failed run contains its error message.
 
@@ -176,32 +176,32 @@ def _figures(trace: Trace, machine: Parameters, planning_s: float) -> Row:
     )
 
 
-def show(result: dict[str, Any]) -> None:
-    """Print the results, one line per controller and robot."""
-    print(f'{result["program"]}; time-optimal: {result["time_optimal_program"]}. TCP errors max / rms [mm]')
-    print(
+def text(result: dict[str, Any]) -> Iterator[str]:
+    """Yield the results as lines of text, one line per controller and robot."""
+    yield f'{result["program"]}; time-optimal: {result["time_optimal_program"]}. TCP errors max / rms [mm]'
+    yield (
         f'{"controller":>13} {"robot":>14} {"encoders":>15} {"true":>15} {"peak":>7} {"rms":>7} {"heat":>6} '
         f'{"lost":>7} {"round":>8} {"planned in":>10}'
     )
     for controller, robots in result['controllers'].items():
         for robot, row in robots.items():
             if 'failed' in row:
-                print(f'{controller:>13} {robot:>14} {row["failed"]}')
+                yield f'{controller:>13} {robot:>14} {row["failed"]}'
                 continue
             own = Row(**row)
-            print(
+            yield (
                 f'{controller:>13} {robot:>14} {MM * own.error_max_m:7.3f} /{MM * own.error_rms_m:6.3f} '
                 f'{MM * own.true_error_max_m:7.3f} /{MM * own.true_error_rms_m:6.3f} {own.peak_current_a:5.2f} A '
                 f'{own.rms_current_a:5.2f} A {100.0 * own.heat:4.0f} % '
                 f'{own.lost_j:5.1f} J {own.cycle_s:6.3f} s {MM * own.planning_s:7.0f} ms'
             )
-    print(
+    yield (
         f'\nleast margins over loops, workspace, and 0 to {core.RATED_PAYLOAD_KG:g} kg, of every controller'
     )
     for robot, margin in result['margins'].items():
         kept = Kept(**margin)
         state = '' if kept.stable else ', not stable'
-        print(
+        yield (
             f'{robot:>28} {kept.gain_db:5.1f} dB ({kept.gain_where}), '
             f'{kept.phase_deg:4.1f} deg ({kept.phase_where}){state}'
         )

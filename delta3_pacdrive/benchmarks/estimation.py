@@ -5,7 +5,7 @@ Built robots: one simulation per seed with different sensor noise in the loops, 
 values with the derivatives there; the remaining residuals determine the interval as in an estimation.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -109,12 +109,12 @@ def _result(found: dict[str, tuple[Floats, float]]) -> dict[str, Any]:
     }
 
 
-def show(result: dict[str, Any]) -> None:
-    """Print the coverage, one line per quantity."""
-    print(f'{result["program"]}, {result["seeds"]} seeds: how often 95 % intervals contain the true value')
+def text(result: dict[str, Any]) -> Iterator[str]:
+    """Yield the coverage, one line per quantity."""
+    yield f'{result["program"]}, {result["seeds"]} seeds: how often 95 % intervals contain the true value'
     for kind in ('nominal', 'built'):
         own = result[kind]
-        print(f'{kind} robots: {100.0 * own["pooled"]:.1f} % over all quantities')
+        yield f'{kind} robots: {100.0 * own["pooled"]:.1f} % over all quantities'
         for symbol, rate in own['coverage'].items():
             width = 100.0 * own['half_width_relative'][symbol]
-            print(f'{symbol:>12}  {100.0 * rate:5.1f} %   half width {width:.2g} %')
+            yield f'{symbol:>12}  {100.0 * rate:5.1f} %   half width {width:.2g} %'

@@ -366,29 +366,29 @@ def _page(result: dict[str, Any]) -> str:
     )
 
 
-def show(results: dict[str, dict[str, Any]]) -> None:
-    """Print the columns side by side."""
-    print('times and outstanding cycles as p50 / p99 / p99.9 / max')
+def text(results: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """Yield the columns side by side."""
+    yield 'times and outstanding cycles as p50 / p99 / p99.9 / max'
     for case, columns in results.items():
         texts = {scheduling: _rows(result) for scheduling, result in columns.items()}
-        print(f'\n{TITLES[case]}')
+        yield f'\n{TITLES[case]}'
         if case != 'fast':
-            print(f'  {"":>16}' + ''.join(f'  {COLUMNS[scheduling]:<36}' for scheduling in texts).rstrip())
+            yield f'  {"":>16}' + ''.join(f'  {COLUMNS[scheduling]:<36}' for scheduling in texts).rstrip()
         for row in next(iter(texts.values())):
-            print(f'  {row:>16}' + ''.join(f'  {text[row]:<36}' for text in texts.values()).rstrip())
+            yield f'  {row:>16}' + ''.join(f'  {text[row]:<36}' for text in texts.values()).rstrip()
         for result in columns.values():
             if 'cores' in result:
-                print(f'  {"cores":>16}  {_each(result["cores"], 2)}')
+                yield f'  {"cores":>16}  {_each(result["cores"], 2)}'
     if 'bare' in results and 'separate' in results:
         for scheduling in results['bare']:
-            _print_ratios(scheduling, results['separate'][scheduling], results['bare'][scheduling])
+            yield from _ratios_text(scheduling, results['separate'][scheduling], results['bare'][scheduling])
 
 
-def _print_ratios(scheduling: str, robot: dict[str, Any], baseline: dict[str, Any]) -> None:
-    print(f'\nrobot / bare nodes, {COLUMNS[scheduling]}')
+def _ratios_text(scheduling: str, robot: dict[str, Any], baseline: dict[str, Any]) -> Iterator[str]:
+    yield f'\nrobot / bare nodes, {COLUMNS[scheduling]}'
     pairs = [('processor us per cycle', robot['us_per_cycle'], baseline['us_per_cycle'])]
     for share in ('p50', 'p99', 'p99.9'):
         times = (case['mdt_to_last_at_ms'][share] for case in (robot, baseline))
         pairs.append((f'MDT to last AT {share}', *times))
     for name, ours, theirs in pairs:
-        print(f'  {name:>22}  {ours:.2f} / {theirs:.2f} = {ours / theirs:.2f}')
+        yield f'  {name:>22}  {ours:.2f} / {theirs:.2f} = {ours / theirs:.2f}'

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -223,38 +223,38 @@ def _measure_planning_load(seconds: float, plans_per_s: float) -> dict[str, Any]
     return measure(seconds, plans_per_s, program_planner.plan(program, robot.motion.home_m, robot).plan)
 
 
-def show(result: dict[str, Any]) -> None:
-    """Print the results."""
-    print('planning with all checks, and cost of a command per cycle (plan, path, inverse kinematics)')
+def text(result: dict[str, Any]) -> Iterator[str]:
+    """Yield the results as lines of text."""
+    yield 'planning with all checks, and cost of a command per cycle (plan, path, inverse kinematics)'
     for name, spent in result['planning_ms'].items():
         cost = result['cycle_us'][name]['mean']
-        print(f'  {name:>36}  {spent["p50"]:6.2f} ms (max {spent["max"]:.2f}), {cost:.2f} us per cycle')
-    print(f'planning of {PICKS} random picks, up, over and down, time-optimal: p50 / p90 / max')
+        yield f'  {name:>36}  {spent["p50"]:6.2f} ms (max {spent["max"]:.2f}), {cost:.2f} us per cycle'
+    yield f'planning of {PICKS} random picks, up, over and down, time-optimal: p50 / p90 / max'
     for name, spent in result['picks_ms'].items():
-        print(f'  {name:>36}  {" / ".join(f"{spent[key]:.1f}" for key in ("p50", "p90", "max"))} ms')
+        yield f'  {name:>36}  {" / ".join(f"{spent[key]:.1f}" for key in ("p50", "p90", "max"))} ms'
     errors = result['errors']
-    print('errors')
-    print(f'  {"MoveC from the true circle":>36}  {errors["circle_m"] * 1e9:.2f} nm')
-    print(f'  {"MoveSB from its points":>36}  {errors["points_m"] * 1e9:.2f} nm')
-    print(
+    yield 'errors'
+    yield f'  {"MoveC from the true circle":>36}  {errors["circle_m"] * 1e9:.2f} nm'
+    yield f'  {"MoveSB from its points":>36}  {errors["points_m"] * 1e9:.2f} nm'
+    yield (
         f'  {"MoveSB, TCP speed on the cruise":>36}  within {errors["cruise_speed"]:.4%} '
         f'({errors["cruise_share"]:.0%} of the time)'
     )
-    print('packaging cycle 25/305/25 mm, there with 0.5 kg and back')
+    yield 'packaging cycle 25/305/25 mm, there with 0.5 kg and back'
     for name in PACKAGING:
         facts = result['packaging'][name]
-        print(
+        yield (
             f'  {name:>36}  {facts["cycle_s"]:.4f} s, {facts["per_minute"]:.1f} per minute, '
             f'{facts["rms_current_a"]:.2f} A rms'
         )
     bounds = result['packaging']['bounds']
     for name, value in bounds.items():
-        print(f'  {"half cycle, " + name:>36}  {value:.4f} s ({bounds["planned"] / value:.3f})')
+        yield f'  {"half cycle, " + name:>36}  {value:.4f} s ({bounds["planned"] / value:.3f})'
     for name, case in result.get('plans_arriving', {}).items():
-        print(
+        yield (
             f'task {name} plans arriving: {case["plans"]} of {case["plan_bytes"]} bytes in {case["cycles"]} cycles; '
             'times as p50 / p99 / p99.9 / max'
         )
-        print(f'  {"overruns":>36}  {case["overruns"]}')
-        print(f'  {"cycle start late":>36}  {times_text(case["lateness_ms"])}')
-        print(f'  {"MDT to last AT":>36}  {times_text(case["mdt_to_last_at_ms"])}')
+        yield f'  {"overruns":>36}  {case["overruns"]}'
+        yield f'  {"cycle start late":>36}  {times_text(case["lateness_ms"])}'
+        yield f'  {"MDT to last AT":>36}  {times_text(case["mdt_to_last_at_ms"])}'

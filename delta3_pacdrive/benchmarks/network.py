@@ -5,7 +5,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any
 from delta3_pacdrive.benchmarks.case import program_file
 from delta3_pacdrive.benchmarks.two_hosts import Conditions, Host, Link, end, two_hosts
 from delta3_pacdrive.errors import RunError
+from delta3_pacdrive.studies.framework.study import OnProgress, silent
 
 MS = 1e-3
 START = (
@@ -82,9 +83,7 @@ def robot(
         end(nodes)
 
 
-def measure(
-    cases: Sequence[str] | None, seconds: float, show: Callable[[str, int, int], None] = lambda *_: None
-) -> dict[str, Any]:
+def measure(cases: Sequence[str] | None, seconds: float, show: OnProgress = silent) -> dict[str, Any]:
     """Return the result of each case; raises RunError if two hosts are not possible."""
     names = list(cases or CASES)
     found: dict[str, Any] = {}
@@ -131,17 +130,17 @@ def next_line(operator: 'subprocess.Popen[str]', key: str) -> dict[str, Any]:
     return line
 
 
-def show(result: dict[str, Any]) -> None:
-    """Print one line per case."""
-    print(
+def text(result: dict[str, Any]) -> Iterator[str]:
+    """Yield one line per case."""
+    yield (
         f'drives on another host, {result["seconds"]:g} s of motion in real time; delays are those of one way'
     )
-    print(f'{"link":>40} {"overruns":>16} {"slip":>9} {"lost":>5} {"bus / wall":>10} {"back in":>8}  fault')
+    yield f'{"link":>40} {"overruns":>16} {"slip":>9} {"lost":>5} {"bus / wall":>10} {"back in":>8}  fault'
     for name, case in result['cases'].items():
         cycles, overruns = case['cycles'], case['overruns']
         share = overruns / max(cycles, 1)
         pace = case['bus_time_s'] / max(case['wall_time_s'], 1e-3)
-        print(
+        yield (
             f'{name:>40} {overruns:7d} {share:8.2%} {case["slip_s"]:7.3f} s {case["lost_telegrams"]:5d} '
             f'{pace:10.3f} {case["back_s"]:6.1f} s  {case["fault"] or "none"}'
         )

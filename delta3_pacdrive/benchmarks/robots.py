@@ -6,7 +6,7 @@ Each robot has its nodes in one process, as with ``delta3 up --robots``, and rep
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from delta3_pacdrive import interrupts
@@ -86,16 +86,16 @@ def _title(case: str, count: int) -> str:
     return f'{robots}, {"as fast as possible" if case == "fast" else "real time"}'
 
 
-def show(results: dict[str, Any]) -> None:
-    """Print a line per robot, and the totals."""
+def text(results: dict[str, Any]) -> Iterator[str]:
+    """Yield a line per robot, and the totals."""
     for case, result in results.items():
         robots = result['robots']
         if 'error' in result:
-            print(f'\n{case}: {result["error"]}')
+            yield f'\n{case}: {result["error"]}'
             continue
-        print(f'\n{_title(case, len(robots))}')
+        yield f'\n{_title(case, len(robots))}'
         if result['crowded']:
-            print(f'  {result["crowded"]}')
+            yield f'  {result["crowded"]}'
         for namespace, one in robots.items():
             share = one['overruns'] / max(one['cycles'], 1)
             rate = one['bus_time_s'] / one['wall_time_s']
@@ -105,10 +105,10 @@ def show(results: dict[str, Any]) -> None:
                 else f'{one["overruns"]} overruns ({share:.3%}), cycle start late '
                 f'{times_text(one["lateness_ms"])}'
             )
-            print(f'  {namespace:<10} {one["cycles"]} cycles, {facts}, {one["lost_telegrams"]} lost AT')
+            yield f'  {namespace:<10} {one["cycles"]} cycles, {facts}, {one["lost_telegrams"]} lost AT'
             for note in one['notes']:
-                print(f'  {"":<10} {note}')
+                yield f'  {"":<10} {note}'
         if case == 'fast':
             rates = [one['bus_time_s'] / one['wall_time_s'] for one in robots.values()]
-            print(f'  together   {sum(rates):.1f} x real time')
-    print('\ntimes as p50 / p99 / p99.9 / max')
+            yield f'  together   {sum(rates):.1f} x real time'
+    yield '\ntimes as p50 / p99 / p99.9 / max'

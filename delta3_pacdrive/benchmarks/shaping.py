@@ -1,7 +1,7 @@
 """``delta3 bench shaping``: vibration of the built robot after random moves, with each kind of input shaping."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import RATED_PAYLOAD_KG, Parameters
 from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.studies.framework.residual_vibration import swing_after
+from delta3_pacdrive.studies.framework.study import OnProgress, silent
 
 MOVES, SEED = 100, 1
 SHORTEST_M = 0.05
@@ -51,7 +52,7 @@ def measure(
     count: int = MOVES,
     kinds: Sequence[str] = core.SHAPINGS,
     robots: Sequence[str] = ROBOTS,
-    show: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    show: OnProgress = silent,
 ) -> dict[str, Any]:
     """Return the vibration of every kind of shaping on each robot, and its reduction.
 
@@ -115,19 +116,19 @@ def _figures(swing_m: Floats, unshaped_m: Floats, longer_s: Floats) -> dict[str,
     }
 
 
-def show(result: dict[str, Any]) -> None:
-    """Print the results, one line per robot and kind."""
-    print(
+def text(result: dict[str, Any]) -> Iterator[str]:
+    """Yield the results as lines of text, one line per robot and kind."""
+    yield (
         f'{result["moves"]} random moves (seed {result["seed"]}), 0 to {result["payload_max_kg"]:g} kg: swing of the '
         f'true TCP after the stop'
     )
-    print(
+    yield (
         f'{"robot":>14} {"shaping":>8} {"longer":>8} {"median":>9} {"largest":>9} {"reduced by: least":>18} '
         f'{"5 %":>8} {"median":>8} {f"{PROMISED_DB:g} dB":>8}'
     )
     for robot, kinds in result['robots'].items():
         for kind, one in kinds.items():
-            print(
+            yield (
                 f'{robot:>14} {kind:>8} {MS * one["longer_s"]:5.0f} ms {MM * one["swing_median_m"]:6.3f} mm '
                 f'{MM * one["swing_max_m"]:6.3f} mm {one["less_min_db"]:15.1f} dB {one["less_5_percent_db"]:5.1f} dB '
                 f'{one["less_median_db"]:5.1f} dB {100.0 * one["promised_share"]:6.0f} %'

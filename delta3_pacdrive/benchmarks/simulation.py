@@ -23,7 +23,7 @@ from delta3_pacdrive.robot.plant.plant import Plant
 from delta3_pacdrive.scene.mjcf import mjcf
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 REAL_TIME_FACTOR_AIM = 100.0
 START_AIM_S = 2.0
@@ -154,8 +154,8 @@ def _own_mechanism(robot: Parameters, torque: Floats, steps: int) -> tuple[float
     return float(np.median(spent)), plant.tcp()
 
 
-def show_simulation(result: dict[str, Any]) -> None:
-    """Print the results."""
+def simulation_text(result: dict[str, Any]) -> Iterator[str]:
+    """Yield the results as lines of text."""
     rows = [
         (name, f'{factor:.1f} x real time, {factor / REAL_TIME_FACTOR_AIM:.2f} of the aim')
         for name, factor in result['real_time_factors'].items()
@@ -188,15 +188,15 @@ def show_simulation(result: dict[str, Any]) -> None:
     else:
         rows.append(('MuJoCo', 'not installed: pip install mujoco'))
     for name, text in rows:
-        print(f'{name:>16}  {text}')
+        yield f'{name:>16}  {text}'
 
 
-def show_kinematics(result: dict[str, Any]) -> None:
-    """Print the results."""
+def kinematics_text(result: dict[str, Any]) -> Iterator[str]:
+    """Yield the results as lines of text."""
     for name, rates in result['poses_per_s'].items():
         aim = POSES_PER_S_AIM.get(name)
         share = f', {rates["median"] / aim:.2f} of the aim' if aim else ''
-        print(
+        yield (
             f'{name:>16}  {rates["median"] / 1e6:.1f} M poses/s median, {rates["best"] / 1e6:.1f} best{share}'
         )
-    print(f'{"round trip":>16}  {result["round_trip_max_m"]:.1e} m at most, {result["poses"]} poses')
+    yield f'{"round trip":>16}  {result["round_trip_max_m"]:.1e} m at most, {result["poses"]} poses'

@@ -3,7 +3,7 @@
 import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from delta3_pacdrive.studies.fleet.sweep.design import Sweep
 from delta3_pacdrive.studies.fleet.sweep.run import require_engine
 from delta3_pacdrive.studies.fleet.sweep.sampling import values_of
 from delta3_pacdrive.studies.fleet.sweep.single_run import Row, Runner
+from delta3_pacdrive.studies.framework.study import OnProgress, silent
 
 RUNS = 300  # default, for each number of workers
 LOOPED = 60  # runs of a loop in one process
@@ -43,10 +44,9 @@ VARIED = {
   drive.position_gain_rad_s_rad: {uniform: [55.0, 65.0]}
 """,
 }
-Show = Callable[[str, int, int], None]
 
 
-def measure(runs: int = RUNS, show: Show = lambda stage, done, total: None) -> dict[str, Any]:
+def measure(runs: int = RUNS, show: OnProgress = silent) -> dict[str, Any]:
     """Return the figures; ``runs`` applies to each number of workers. Raises SweepError."""
     require_engine()
     sweeps = {name: _sweep(varied, runs) for name, varied in VARIED.items()}
@@ -68,7 +68,7 @@ def _sweep(varied: str, runs: int) -> Sweep:
         return specification.load(path)
 
 
-def _looped(sweep: Sweep, name: str, show: Show) -> dict[str, float]:
+def _looped(sweep: Sweep, name: str, show: OnProgress) -> dict[str, float]:
     """Measure the runs of a sweep in this process: processor time per run [ms], and share of planning."""
     values, runner = values_of(sweep), Runner(sweep)
     numbers = [1 + n % sweep.runs for n in range(LOOPED)]
@@ -106,7 +106,7 @@ def _plain(sweep: Sweep) -> dict[str, float]:
     return {'cpu_ms_a_run': 1e3 * each_s, 'compiled_ms_a_run': 1e3 * bound_s}
 
 
-def _swept(sweep: Sweep, workers: int, show: Show) -> dict[str, Any]:
+def _swept(sweep: Sweep, workers: int, show: OnProgress) -> dict[str, Any]:
     """Measure a sweep on workers of this machine."""
     values, done = values_of(sweep), 0
     every = range(1, sweep.runs + 1)
@@ -136,8 +136,8 @@ def usage() -> dict[str, float]:
     return {'memory_mb': psutil.Process().memory_info().rss / 1e6, 'cpu_s': time.process_time()}
 
 
-def show(result: Mapping[str, Any]) -> None:
-    """Print the results."""
+def text(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the results as lines of text."""
     rows = []
     for name, loop in result['loops'].items():
         share = loop['planning_share']
@@ -167,7 +167,7 @@ def show(result: Mapping[str, Any]) -> None:
         )
     )
     for name, text in rows:
-        print(f'{name:>20}  {text}')
+        yield f'{name:>20}  {text}'
 
 
 def _per_core(cpu_ms: float) -> str:

@@ -1,16 +1,17 @@
 """``delta3 bench``: benchmarks of graph, planner, simulation and studies."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from delta3_pacdrive.benchmarks import graph, network, robots
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import integer_within
-from delta3_pacdrive.cli.output import print_json
+from delta3_pacdrive.cli.output import Output, with_provenance
 from delta3_pacdrive.cli.progress import Progress
 from delta3_pacdrive.cli.up import ROBOTS_MAX
 
+Text = Callable[[Any], Iterable[str]]
 SECONDS, NETWORK_SECONDS = 60.0, 4.0
 KINDS = (
     'graph', 'robots', 'motion', 'simulate', 'kinematics', 'estimation', 'control', 'cell', 'sweep', 'network',
@@ -81,20 +82,16 @@ class Options(JsonOptions):
         return ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive import parameters as core
 
-    show, result = _measured(options, SECONDS if options.seconds is None else options.seconds)
-    if options.json:
-        print_json(result, options, core.load())
-    else:
-        show(result)
-    return 0
+    text, result = _measured(options, SECONDS if options.seconds is None else options.seconds)
+    return Output(with_provenance(result, options, core.load()), text(result))
 
 
-def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], dict[str, Any]]:
-    """Return the function that prints the result, and the result.
+def _measured(options: Options, seconds: float) -> tuple[Text, dict[str, Any]]:
+    """Return the function that converts the result to lines of text, and the result.
 
     Heavy modules are imported late: they would disturb the measurement of the graph.
     """
@@ -103,42 +100,42 @@ def _measured(options: Options, seconds: float) -> tuple[Callable[[Any], None], 
         cases = options.case or tuple(
             dict.fromkeys(case for cases, yes in beside.items() if yes for case in cases)
         )
-        return graph.show, graph.measure(seconds, cases, options.scheduling, options.json)
+        return graph.text, graph.measure(seconds, cases, options.scheduling, options.json)
     if options.what == 'robots':
-        return robots.show, robots.measure(seconds, options.robots, options.json)
+        return robots.text, robots.measure(seconds, options.robots, options.json)
     if options.what == 'cell':
         return _cell(options)
     if options.what == 'network':
         with Progress() as progress:
-            return network.show, network.measure(
+            return network.text, network.measure(
                 options.link, options.seconds or NETWORK_SECONDS, progress.show
             )
     if options.what == 'sweep':
         from delta3_pacdrive.benchmarks import sweep
 
         with Progress() as progress:
-            return sweep.show, sweep.measure(options.runs or sweep.RUNS, progress.show)
+            return sweep.text, sweep.measure(options.runs or sweep.RUNS, progress.show)
     if options.what == 'shaping':
         from delta3_pacdrive.benchmarks import shaping
 
         with Progress() as progress:
-            return shaping.show, shaping.measure(options.moves or shaping.MOVES, show=progress.show)
+            return shaping.text, shaping.measure(options.moves or shaping.MOVES, show=progress.show)
     from delta3_pacdrive.benchmarks import control, estimation, motion, simulation
 
     if options.what == 'estimation':
-        return estimation.show, estimation.measure(options.seeds or estimation.SEEDS)
+        return estimation.text, estimation.measure(options.seeds or estimation.SEEDS)
 
     if options.what == 'control':
         with Progress() as progress:
-            return control.show, control.measure(show=progress.show)
+            return control.text, control.measure(show=progress.show)
     if options.what == 'motion':
-        return motion.show, motion.measure(None if options.no_graph else seconds)
+        return motion.text, motion.measure(None if options.no_graph else seconds)
     if options.what == 'simulate':
-        return simulation.show_simulation, simulation.measure_simulation(seconds)
-    return simulation.show_kinematics, simulation.measure_kinematics()
+        return simulation.simulation_text, simulation.measure_simulation(seconds)
+    return simulation.kinematics_text, simulation.measure_kinematics()
 
 
-def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
+def _cell(options: Options) -> tuple[Text, dict[str, Any]]:
     from pathlib import Path
 
     from delta3_pacdrive.benchmarks import belts as belt_bench
@@ -152,7 +149,7 @@ def _cell(options: Options) -> tuple[Callable[[Any], None], dict[str, Any]]:
         folder = ReportFolder(Path(options.output), Provenance.of(options.command_line))
         drawings, lines = belt_bench.drawings(result), belt_bench.text(result)
         result = folder.results('Picking from a belt', result, lines, [belt_bench.table(result)], drawings)
-    return lambda measured: print('\n'.join(belt_bench.text(measured))), result
+    return belt_bench.text, result
 
 
 main = Command(

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option, settings_of
 from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.studies import run_study
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.studies.framework.study import OnProgress
 
 PLAN, FIT, HOME = 'plan', 'fit', 'home'
 ACTIONS = {
@@ -117,38 +114,35 @@ class Options(JsonOptions):
         return ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.studies.calibration import report
-    from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
-
-    require_writable_folder(options.output)
-    text = report.plan_text if options.action == PLAN else report.text
-    if options.parameters is None:
-        options.parameters = options.simulate
-    return run_study(options, lambda show: _work(options, show), text)
-
-
-def _work(options: Options, show: OnProgress) -> dict[str, Any]:
     from delta3_pacdrive.studies.calibration.data import Method, Requirements
     from delta3_pacdrive.studies.calibration.run import Study
     from delta3_pacdrive.studies.calibration.study import Settings
 
+    if options.parameters is None:
+        options.parameters = options.simulate
     method = 'level' if options.action == HOME else options.method
-    requirements = Requirements(
-        Method(method),
-        NUMBERS[method] if options.number is None else options.number,
-        (0 if method == 'level' else 8) if options.checks is None else options.checks,
-        MM * options.noise,
-        None if options.height is None else MM * options.height,
-        MM * options.diameter,
-        options.arm,
+    requirements = settings_of(
+        Requirements,
+        options,
+        method=Method(method),
+        number=NUMBERS[method] if options.number is None else options.number,
+        checks=(0 if method == 'level' else 8) if options.checks is None else options.checks,
+        noise_m=MM * options.noise,
+        height_m=None if options.height is None else MM * options.height,
+        diameter_m=MM * options.diameter,
     )
-    settings = Settings(options.parameters, options.simulate, requirements, options.seed, options.columns)
-    study = Study(settings, Path(options.output), options.command_line, show)
-    if options.action == PLAN:
-        return study.plan()
-    return study.fit(None if options.file is None else Path(options.file))
+    settings = settings_of(Settings, options, requirements=requirements)
+    folder, measured = Path(options.output), None if options.file is None else Path(options.file)
+    return run_study(
+        options,
+        lambda show: Study(settings, folder, options.command_line, show),
+        report.plan_text if options.action == PLAN else report.text,
+        folder,
+        lambda study: study.plan() if options.action == PLAN else study.fit(measured),
+    )
 
 
 main = Command(

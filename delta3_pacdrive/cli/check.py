@@ -1,14 +1,14 @@
 """``delta3 check``: validate files, plan programs, and report all errors."""
 
-import json
 import math
-import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.configuration.packaged import program_names
 from delta3_pacdrive.errors import Delta3Error, ParameterError, ProgramError
 
@@ -33,17 +33,17 @@ class Options(JsonOptions):
         'motor)',
         'NEW',
     )
-    overwrite: bool = flag('let --derive replace an existing file')
+    overwrite: bool = flag('let --derive replace an existing file', needs='--derive')
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
         if self.derive is not None and len(self.file) > 1:
             return f'--derive takes one parameter file, not {len(self.file)} files'
-        return '--overwrite requires --derive' if self.overwrite and self.derive is None else ''
+        return ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.cell import cell_file
     from delta3_pacdrive.planning.program.output_names import OWN
@@ -57,12 +57,9 @@ def run(options: Options) -> int:
     if options.derive is not None and results[0]['ok']:
         results[0] |= _derived(options.file[0], results[0]['kind'], Path(options.derive), options.overwrite)
     ok = all(result['ok'] for result in results)
-    if options.json:
-        print(json.dumps({'ok': ok, 'files': results}))
-        return int(not ok)
-    for result in results:
-        _print(result)
-    return int(not ok)
+    lines = [line for result in results for line in _text(result)]
+    errors = [f'error: {error}' for result in results for error in result.get('errors', ())]
+    return Output({'ok': ok, 'files': results}, lines, int(not ok), errors)
 
 
 def _result(name: str, robot: Any, outputs: Any) -> dict[str, Any]:
@@ -203,44 +200,43 @@ def _planned(program: Any, robot: Any) -> dict[str, Any]:
     }
 
 
-def _print(result: dict[str, Any]) -> None:
+def _text(result: dict[str, Any]) -> Iterator[str]:
+    """Yield the result of a file as lines of text."""
     from delta3_pacdrive.control.motion_state import percent_allowed
     from delta3_pacdrive.planning.paths.move import MoveKind
     from delta3_pacdrive.planning.plan_times import WITHOUT_LENGTH
     from delta3_pacdrive.studies.places.planning.report import limit_text_of, part_text
 
     if not result['ok']:
-        for error in result['errors']:
-            print(f'error: {error}', file=sys.stderr)
         return
-    print(f'{result["file"]}: good, {result["kind"]}')
+    yield f'{result["file"]}: good, {result["kind"]}'
     for number, move in enumerate(result.get('moves', ())):
         has_length = MoveKind[move['kind'].upper()] not in WITHOUT_LENGTH
         length = f'{move["length_m"] * 1e3:9.3f} mm' if has_length else ''
-        print(f'{number + 1:>6}  {move["kind"]:<8} {length:>12}  {move["time_s"]:8.3f} s')
+        yield f'{number + 1:>6}  {move["kind"]:<8} {length:>12}  {move["time_s"]:8.3f} s'
         statements = move.get('by_statement', ())
         width = max((len(one['statement']) for one in statements), default=0)
         for one in statements:
             limit = part_text(one['length_m'], limit_text_of(one['limited_by']))
-            print(
+            yield (
                 f'{"":>8}{one["statement"]:<{width}} {one["length_m"] * 1e3:9.3f} mm  {one["time_s"]:8.3f} s  '
                 f'{one["speed_min_m_s"]:.3f} to {one["speed_max_m_s"]:.3f} m/s  {limit}'
             )
     if 'time_s' in result:
         rounds = f' in {result["repeat"]} rounds' if result['repeat'] > 1 else ''
-        print(
+        yield (
             f' whole  {result["time_s"]:.3f} s{rounds}, override up to {percent_allowed(result["override_max"])} %'
         )
     for name, key in (('note', 'notices'), ('warning', 'warnings'), ('fault', 'faults')):
         for text in result.get(key, ()):
-            print(f'{name:>6}  {text}')
+            yield f'{name:>6}  {text}'
     for key in ('inputs', 'outputs', 'belts', 'parts') if result['kind'] == 'cell' else ():
-        print(f'{key:>9}  {", ".join(result[key]) or "none"}')
+        yield f'{key:>9}  {", ".join(result[key]) or "none"}'
     if 'checksum' in result:
-        print(f'        checksum {result["checksum"]}')
+        yield f'        checksum {result["checksum"]}'
     if 'written' in result:
         how = '' if result['comments_kept'] else ', complete and without comments'
-        print(f'         written {result["written"]}{how}')
+        yield f'         written {result["written"]}{how}'
 
 
 main = Command(

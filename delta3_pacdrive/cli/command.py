@@ -10,7 +10,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from delta3_pacdrive.cli.option_types import FREQUENCY, STATEMENT, non_empty
-from delta3_pacdrive.cli.output import run_and_report
+from delta3_pacdrive.cli.output import Output, print_output, run_and_report
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def argument(help_text: str, *, default: Any = MISSING, only: Sequence[str] = ()
     """
     if default is not MISSING and 'nargs' not in more:
         more['nargs'] = '?'
-    return _declared(default, only, (), {'help': help_text, **more})
+    return _declared({'help': help_text, **more}, None if default is MISSING else default, only=only)
 
 
 def option(
@@ -44,6 +44,8 @@ def option(
     default: Any = None,
     names: Sequence[str] = (),
     only: Sequence[str] = (),
+    needs: str = '',
+    excludes: Sequence[str] = (),
     formerly: str = '',
     **more: Any,
 ) -> Any:
@@ -53,30 +55,27 @@ def option(
     ----------
     names
         Spellings on the command line; default: derived from the field name.
+    needs
+        Option without which this one is rejected.
+    excludes
+        Options that cannot be combined with this one.
     formerly
         Deprecated spelling. It still works, with a message on standard error, but help and completion omit it.
 
     """
-    return _declared(default, only, names, {'help': help_text, 'metavar': metavar, **more}, True, formerly)
+    parser = {'help': help_text, **({} if metavar is None else {'metavar': metavar}), **more}
+    rules = {'names': names, 'only': only, 'needs': needs, 'excludes': excludes, 'formerly': formerly}
+    return _declared(parser, default, optional=True, **rules)
 
 
-def flag(help_text: str, *, names: Sequence[str] = (), only: Sequence[str] = (), formerly: str = '') -> Any:
-    """Declare an option without a value; parameters as for ``option``."""
-    return _declared(False, only, names, {'help': help_text, 'action': 'store_true'}, True, formerly)
+def flag(help_text: str, **rules: Any) -> Any:
+    """Declare an option without a value; ``rules`` are the parameters of ``option`` from ``names`` to ``formerly``."""
+    return option(help_text, default=False, action='store_true', **rules)
 
 
-def _declared(
-    default: Any,
-    only: Sequence[str],
-    names: Sequence[str],
-    more: Any,
-    optional: bool = False,
-    formerly: str = '',
-) -> Any:
-    return field(
-        default=None if default is MISSING else default,
-        metadata={'only': only, 'names': names, 'parser': more, 'optional': optional, 'formerly': formerly},
-    )
+def _declared(parser: dict[str, Any], default: Any, optional: bool = False, **rules: Any) -> Any:
+    known: dict[str, Any] = {'names': (), 'only': (), 'needs': '', 'excludes': (), 'formerly': ''}
+    return field(default=default, metadata=known | rules | {'parser': parser, 'optional': optional})
 
 
 @dataclass
@@ -98,11 +97,21 @@ class Options:
         given, only = self.given(), {name(one): one.metadata['only'] for one in _options(self)}
         return [(one, only[one]) for one in given if only[one] and action not in only[one]]
 
+    def violation(self) -> str:
+        """Return the violated rule ``needs`` or ``excludes`` of a given option; empty if there is none."""
+        given = self.given()
+        for one in _options(self):
+            own, rules = name(one), one.metadata
+            if own in given and rules['needs'] and rules['needs'] not in given:
+                return f'{own} requires {rules["needs"]}'
+            if own in given and any(other in given for other in rules['excludes']):
+                return f'{own} cannot be combined with {_listed(rules["excludes"], "or")}'
+        return ''
+
     def rejection(self, action: str) -> str:
         """Return the error for an option that an action does not support; empty if there is none."""
         for one, only in self.unsupported(action):
-            listed = ' and '.join(filter(None, [', '.join(only[:-1]), only[-1]]))
-            return f'{one} is for {listed}, not for {action}'
+            return f'{one} is for {_listed(only, "and")}, not for {action}'
         return ''
 
 
@@ -168,20 +177,18 @@ class ReferenceOptions(ProgramOptions):
     columns: str | None = option(
         'column file that maps the columns of the reference table to signals; needed if its headings do not',
         'FILE',
+        needs='--reference',
     )
     lowpass: float | None = option(
         'zero-phase low-pass filter for a noisy reference: cut-off [Hz]; the resulting change is reported',
         'HZ',
         type=FREQUENCY,
+        needs='--reference',
         formerly='--smooth',
     )
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
-        if self.columns and not self.reference:
-            return '--columns requires --reference'
-        if self.lowpass and not self.reference:
-            return '--lowpass requires --reference'
         if self.first and (self.reference or self.program.endswith('.py')):
             return f'{NO_PROGRAM} {"reference" if self.reference else "script"}'
         if self.reference and 'program' in self.given():
@@ -201,6 +208,22 @@ def name(one: Any) -> str:
     return str(one.metadata['names'][0]) if one.metadata['names'] else '--' + one.name.replace('_', '-')
 
 
+Settings = TypeVar('Settings')
+
+
+def _listed(texts: Sequence[str], word: str) -> str:
+    return f' {word} '.join(filter(None, [', '.join(texts[:-1]), texts[-1]]))
+
+
+def settings_of(kind: type[Settings], options: Any, **others: Any) -> Settings:
+    """Return settings of a class whose values are those of the options with the same field names.
+
+    ``others`` are values that do not come directly from an option.
+    """
+    names = {one.name for one in fields(kind) if hasattr(options, one.name)}  # type: ignore[arg-type]
+    return kind(**{name: getattr(options, name) for name in names} | others)
+
+
 Chosen = TypeVar('Chosen', bound=Options)
 
 
@@ -214,7 +237,7 @@ class Command(Generic[Chosen]):
     options
         Dataclass of the options.
     run
-        Executes the command and returns the exit status.
+        Executes the command and returns its result.
     actions
         Values of the first argument, with their help texts.
     mixed
@@ -227,7 +250,7 @@ class Command(Generic[Chosen]):
         name: str,
         description: str,
         options: type[Chosen],
-        run: Callable[[Chosen], int],
+        run: Callable[[Chosen], Output],
         actions: dict[str, str] | None = None,
         mixed: bool = False,
     ) -> None:
@@ -270,7 +293,7 @@ class Command(Generic[Chosen]):
         typed = f'{parser.prog} {shlex.join(arguments)}'.strip()
         typed = typed.encode(errors='backslashreplace').decode()  # file names may be invalid UTF-8
         options = self._options(command_line=typed, **vars(found))
-        if rejection := options.check():
+        if rejection := options.violation() or options.check():
             parser.error(rejection)
         return options
 
@@ -291,7 +314,8 @@ class Command(Generic[Chosen]):
     def __call__(self, arguments: Sequence[str] | None = None) -> int:
         """Run with the given arguments, by default those of the process."""
         options = self.read(list(sys.argv[1:] if arguments is None else arguments))
-        return run_and_report(lambda: self._run(options), getattr(options, 'json', False))
+        as_json = getattr(options, 'json', False)
+        return run_and_report(lambda: print_output(self._run(options), as_json), as_json)
 
 
 def warn_renamed(old: str, new: str) -> None:

@@ -1,6 +1,5 @@
 """``delta3 compare``: compare two runs signal by signal and move by move."""
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 from delta3_pacdrive.cli.command import Command, flag, option
 from delta3_pacdrive.cli.option_types import folder
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.progress import Progress
 from delta3_pacdrive.cli.run_options import RunOptions
 
@@ -22,20 +22,18 @@ class Options(RunOptions):
         type=folder,
     )
     no_attribution: bool = flag(
-        'with --output: do not attribute the difference of two simulations to effects'
+        'with --output: do not attribute the difference of two simulations to effects', needs='--output'
     )
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
         if len(self.inputs) != 2:
             return f'compare takes two runs, not {len(self.inputs)}'
-        if self.no_attribution and self.output is None:
-            return '--no-attribution requires --output'
         return super().check()
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.studies.framework.provenance import Provenance
     from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
     from delta3_pacdrive.studies.runs.run_comparison import compare, to_document
@@ -56,14 +54,10 @@ def run(options: Options) -> int:
         with Progress(quiet=options.json) as progress:
             document = PairStudy(pair, options.output, options.command_line, progress.show).run()
     result = {'ok': True, 'runs': names, **to_document(found, first, second), 'model_and_robot': document}
-    if options.json:
-        origin = Provenance.of(
-            options.command_line, first.robot, first.parameter_source, [first.origin, second.origin]
-        )
-        print(json.dumps(result | {'provenance': origin.lines()}))
-    else:
-        print('\n'.join([*_lines(result, names), '', *report.text(document), *document.get('files', ())]))
-    return 0
+    sources = first.parameter_source, [first.origin, second.origin]
+    origin = Provenance.of(options.command_line, first.robot, *sources)
+    text = [*_lines(result, names), '', *report.text(document), *document.get('files', ())]
+    return Output(result | {'provenance': origin.lines()}, text)
 
 
 def _lines(result: dict[str, Any], names: list[str]) -> list[str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from delta3_pacdrive.cli.command import Command, argument
 from delta3_pacdrive.cli.command import Options as CommonOptions
 from delta3_pacdrive.cli.main import COMMANDS, load_command
+from delta3_pacdrive.cli.output import Output
 
 BASH = """\
 _delta3() {{
@@ -21,8 +22,7 @@ _delta3() {{
     fi
     mapfile -t COMPREPLY < <(compgen -W "$words" -- "$word")
 }}
-complete -o default -F _delta3 delta3
-"""
+complete -o default -F _delta3 delta3"""
 
 
 @dataclass
@@ -32,13 +32,12 @@ class Options(CommonOptions):
     shell: str = argument('name of the shell', choices=['bash'])
 
 
-def run(_: Options) -> int:
-    """Run the command; return the exit status."""
+def run(_: Options) -> Output:
+    """Run the command; return its result."""
     cases = '\n'.join(
         f'            {name}) words="{" ".join(load_command(name).words())}" ;;' for name in COMMANDS
     )
-    print(BASH.format(commands=' '.join([*COMMANDS, '--help', '--version']), cases=cases), end='')
-    return 0
+    return Output(text=[BASH.format(commands=' '.join([*COMMANDS, '--help', '--version']), cases=cases)])
 
 
 main = Command(

@@ -1,12 +1,11 @@
 """``delta3 drive``: read and write operation data of a drive through the service channel of a running robot."""
 
 import argparse
-import json
 from dataclasses import dataclass
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument
-from delta3_pacdrive.cli.output import print_answer
+from delta3_pacdrive.cli.output import Output, answered
 
 
 def _axis(text: str) -> str:
@@ -36,16 +35,16 @@ class Options(NodeOptions, JsonOptions):
         return 'an IDN is required' if self.axis != 'list' and self.idn is None else ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
-    return _list(options.json) if options.axis == 'list' else _ask(options)
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
+    return _list() if options.axis == 'list' else _ask(options)
 
 
-def _list(as_json: bool) -> int:
-    from delta3_pacdrive.robot.drive.operation_data import BITS, EXECUTABLE_IN, TABLE
+def _list() -> Output:
+    from delta3_pacdrive.robot.drive.operation_data import EXECUTABLE_IN, TABLE
     from delta3_pacdrive.robot.sercos.service_channel import format_idn
 
-    rows: list[dict[str, Any]] = [
+    rows = [
         {
             'idn': format_idn(idn),
             'name': row.name,
@@ -57,26 +56,25 @@ def _list(as_json: bool) -> int:
         }
         for idn, row in TABLE.items()
     ]
-    if as_json:
-        print(json.dumps(rows))
-        return 0
-    for row in rows:
-        phases = row['writable_in'] or row['executable_in']
-        unit = 'hex' if row['unit'] == BITS else row['unit']
-        print(
-            f'{row["idn"]}  {row["name"]:<45} {unit:<10} {row["group"]:<20} {", ".join(phases) or "read only"}'
-        )
-    return 0
+    return Output(rows, map(_text, rows))
 
 
-def _ask(options: Options) -> int:
+def _text(row: dict[str, Any]) -> str:
+    from delta3_pacdrive.robot.drive.operation_data import BITS
+
+    phases = row['writable_in'] or row['executable_in']
+    unit = 'hex' if row['unit'] == BITS else row['unit']
+    return f'{row["idn"]}  {row["name"]:<45} {unit:<10} {row["group"]:<20} {", ".join(phases) or "read only"}'
+
+
+def _ask(options: Options) -> Output:
     from delta3_pacdrive.ros.clients.robot_client import operating
 
     axis, idn, value = options.axis, options.idn, options.value
     action = 'read' if value is None else 'command' if value == 'command' else 'write'
     request = f'{axis} {action} {idn}' + (f' {value}' if action == 'write' else '')
     with operating(options.namespace) as operator:
-        return print_answer(operator.drive(request), options)
+        return answered(operator.drive(request))
 
 
 main = Command('drive', 'Read or write a drive parameter by its IDN, or list the IDNs.', Options, run)

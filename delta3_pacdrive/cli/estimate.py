@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option, settings_of
 from delta3_pacdrive.cli.option_types import NOISE, SEED, number_within, program_file, trace_file
-from delta3_pacdrive.cli.studies import run_study
+from delta3_pacdrive.cli.output import Output
+from delta3_pacdrive.cli.studies import Task, run_study
 
 if TYPE_CHECKING:
     from delta3_pacdrive.studies.framework.study import OnProgress
+
+
+def _symbols(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(',') if part.strip())
 
 
 @dataclass
@@ -27,14 +31,16 @@ class Options(JsonOptions):
         'parameters to estimate', default='motor', choices=('motor', 'masses', 'geometry', 'thesis')
     )
     parameters: str | None = option('parameter file instead of the packaged one', 'FILE')
-    free: str = option(
+    free: tuple[str, ...] = option(
         'additional quantities to estimate, such as I_brake,w_s, or effects of built robots: '
         'friction,gear,ripple,sensors,geometry',
         'SYMBOLS',
-        default='',
-        type=str,
+        default=(),
+        type=_symbols,
     )
-    known: str = option('quantities to keep fixed, such as m_fb', 'SYMBOLS', default='', type=str)
+    known: tuple[str, ...] = option(
+        'quantities to keep fixed, such as m_fb', 'SYMBOLS', default=(), type=_symbols
+    )
     start_off: float | None = option(
         'relative offset of the start values from the parameter file (default: 0.3 for a program, 0 for traces)',
         'SHARE',
@@ -58,11 +64,11 @@ class Options(JsonOptions):
         type=NOISE,
     )
     seed: int = option('seed of the noise and of --design', default=0, type=SEED)
-    validate: str = option(
+    validate: tuple[str, ...] = option(
         'recordings, or programs of a simulated measurement, for validation only',
         'INPUTS',
-        default='',
-        type=str,
+        default=(),
+        type=_symbols,
     )
     apply: bool = flag('write fitted.yaml and show its effect: figures 11.6 and 11.8 before and after')
     measurement: str | None = option(
@@ -121,8 +127,8 @@ def _require_effective(options: Options) -> None:
             raise EstimationError(f'{why}: {", ".join(ignored)} would have no effect')
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.recording import trace_file
     from delta3_pacdrive.studies.estimation import report
 
@@ -130,32 +136,21 @@ def run(options: Options) -> int:
     if path := options.design:
         return run_study(
             options,
-            lambda show: _design(options, path, show),
+            partial(Task, partial(_design, options, path)),
             lambda found: [f'{found["file"]}: condition {found["condition"]:.4g}'],
-            lambda: 'interrupted: no program was written',
         )
-    studies: list[Any] = []
     summaries: list[dict[str, Any]] = []
 
-    def work(show: OnProgress) -> dict[str, Any]:
-        studies.append(_study(options, show))
-        summary: dict[str, Any] = studies[0].run(Path(options.measurement) if options.measurement else None)
-        summaries.append(summary)
-        return summary
-
-    def unfinished() -> str:
-        if not studies or studies[0].iterate is None:
-            return 'interrupted before the first iteration'
-        again = f'delta3 estimate --resume {shlex.quote(str(studies[0].folder))}'
-        return f'interrupted after iteration {studies[0].iterate.number}; continue with {again}'
+    def estimated(study: Any) -> dict[str, Any]:
+        summaries.append(study.run(Path(options.measurement) if options.measurement else None))
+        return summaries[0]
 
     if options.measurement:
         trace_file.require_writable_trace(options.measurement)
-    status = run_study(options, work, report.text, unfinished, None if options.resume else options.output)
-    if refusal := '' if status else report.refusal(summaries[0]):
-        print(f'error: {refusal}', file=sys.stderr)
-        return 1
-    return status
+    folder = None if options.resume else options.output
+    output = run_study(options, lambda show: _study(options, show), report.text, folder, estimated)
+    refusal = '' if output.status else report.refusal(summaries[0])
+    return replace(output, status=1, message=f'error: {refusal}') if refusal else output
 
 
 def _study(options: Options, show: OnProgress) -> Any:
@@ -165,25 +160,8 @@ def _study(options: Options, show: OnProgress) -> Any:
     if options.resume:
         return run.Study.resumed(Path(options.resume), options.command_line, show)
     program = 'experiment1' if options.group == 'thesis' else 'excitation'
-    settings = Settings(
-        group=options.group,
-        inputs=tuple(options.inputs) or (program,),
-        parameters=options.parameters,
-        sampling=options.sampling,
-        method=options.method,
-        noise=options.noise,
-        seed=options.seed,
-        start_off=options.start_off,
-        free=_symbols(options.free),
-        known=_symbols(options.known),
-        validate=_symbols(options.validate),
-        apply=options.apply,
-    )
+    settings = settings_of(Settings, options, inputs=tuple(options.inputs) or (program,))
     return run.Study(settings, Path(options.output), options.command_line, show)
-
-
-def _symbols(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(',') if part.strip())
 
 
 def _design(options: Options, path: str, show: OnProgress) -> dict[str, Any]:

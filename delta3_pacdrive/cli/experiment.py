@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option, settings_of
 from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.studies import run_study
 
 
@@ -25,30 +26,21 @@ class Options(JsonOptions):
     no_attribution: bool = flag('do not attribute the difference to effects')
     graph: bool = flag('run both robots as ROS nodes and record bags into the folder')
     real_time_factor: float = option(
-        'with --graph: bus time divided by wall time', 'F', default=0.0, type=number_within(0.0, 1000.0)
+        'with --graph: bus time divided by wall time',
+        'F',
+        default=0.0,
+        needs='--graph',
+        type=number_within(0.0, 1000.0),
     )
     output: str | None = option('folder of the report (default: experiment_N)', 'DIR')
 
-    def check(self) -> str:
-        """Return the error in the combination of options; empty if it is valid."""
-        if self.real_time_factor and not self.graph:
-            return '--real-time-factor requires --graph'
-        return ''
 
-
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.cli import experiment_graph
     from delta3_pacdrive.studies.thesis.experiments import report, run, study
 
-    settings = study.Settings(
-        options.number,
-        options.parameters,
-        options.robot,
-        options.seed,
-        not options.no_attribution,
-        options.seeds,
-    )
+    settings = settings_of(study.Settings, options, attributed=not options.no_attribution)
     folder = Path(options.output or f'experiment_{options.number}').absolute()
     graph = None
     if options.graph:
@@ -56,9 +48,9 @@ def run(options: Options) -> int:
         graph = experiment_graph.Graph(folder, options.real_time_factor)
     return run_study(
         options,
-        lambda show: run.Study(settings, folder, options.command_line, show, graph).run(),
+        lambda show: run.Study(settings, folder, options.command_line, show, graph),
         report.text,
-        writes=folder,
+        folder,
     )
 
 

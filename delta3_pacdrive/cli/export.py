@@ -1,12 +1,11 @@
 """``delta3 export``: export the robot model or the signals of a recording for other tools."""
 
-import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from delta3_pacdrive.cli.command import PARAMETERS, Command, argument, flag, option
 from delta3_pacdrive.cli.option_types import integer_within, signal_names
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.run_options import WindowOptions
 
 TRACE = 'trace'
@@ -58,12 +57,12 @@ class Options(WindowOptions):
         return self.rejection(self.format) or super().check()
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     return _trace(options) if options.format == TRACE else _model(options)
 
 
-def _model(options: Options) -> int:
+def _model(options: Options) -> Output:
     from delta3_pacdrive import parameters
     from delta3_pacdrive.scene.mjcf import mjcf
     from delta3_pacdrive.scene.urdf import urdf
@@ -72,13 +71,12 @@ def _model(options: Options) -> int:
     robot = parameters.load(options.parameters)
     text = {'urdf': urdf, 'mjcf': mjcf}[options.format](robot)
     if options.output is None:
-        print(text, end='')
-    else:
-        write_text(text, Path(options.output))
-    return 0
+        return Output(text=[text.removesuffix('\n')])
+    write_text(text, Path(options.output))
+    return Output()
 
 
-def _trace(options: Options) -> int:
+def _trace(options: Options) -> Output:
     from delta3_pacdrive.errors import TraceError
     from delta3_pacdrive.recording import trace_file as files
     from delta3_pacdrive.recording.trace import is_bag
@@ -109,13 +107,8 @@ def _trace(options: Options) -> int:
         'notes': list(notes),
         'provenance': origin.lines(),
     }
-    if options.json:
-        print(json.dumps(result))
-    else:
-        for note in notes:
-            print(f'note: {note}', file=sys.stderr)
-        print(f'{output}: {len(trace.time_s)} rows of {", ".join(trace.signals)}')
-    return 0
+    text = f'{output}: {len(trace.time_s)} rows of {", ".join(trace.signals)}'
+    return Output(result, [text], notes=[f'note: {note}' for note in notes])
 
 
 main = Command(

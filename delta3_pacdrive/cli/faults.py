@@ -1,7 +1,6 @@
 """``delta3 faults``: run the fault catalogue, or inject one fault into a running robot."""
 
-import json
-import sys
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
 from delta3_pacdrive.cli.option_types import csv_file, folder
-from delta3_pacdrive.cli.output import INTERRUPTED, print_answer, print_json
+from delta3_pacdrive.cli.output import INTERRUPTED, Output, answered, with_provenance
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
@@ -52,24 +51,23 @@ class Options(JsonOptions):
         return self.rejection(self.action)
 
 
-def _list(options: Options) -> int:
+def _list(_: Options) -> Output:
     from delta3_pacdrive.robot.faults.fault import KINDS
 
-    if options.json:
-        print(json.dumps({name: vars(kind) for name, kind in KINDS.items()}))
-        return 0
-    for name, kind in KINDS.items():
-        value = f'{kind.value} {kind.low:g} to {kind.high:g}' if kind.value else ''
-        lasts = 'cycles' if kind.telegram else '' if kind.once else 'for_s'
-        print(f'{name:<16} {kind.text:<40} {kind.target or "robot":<6} {lasts:<7} {value}')
-    return 0
+    return Output({name: vars(kind) for name, kind in KINDS.items()}, itertools.starmap(_kind, KINDS.items()))
 
 
-def _inject(options: Options) -> int:
+def _kind(name: str, kind: Any) -> str:
+    value = f'{kind.value} {kind.low:g} to {kind.high:g}' if kind.value else ''
+    lasts = 'cycles' if kind.telegram else '' if kind.once else 'for_s'
+    return f'{name:<16} {kind.text:<40} {kind.target or "robot":<6} {lasts:<7} {value}'
+
+
+def _inject(options: Options) -> Output:
     from delta3_pacdrive.ros.clients.robot_client import operating
 
     with operating(options.namespace) as operator:
-        return print_answer(operator.inject(options.fault), options)
+        return answered(operator.inject(options.fault))
 
 
 def columns(cells: Sequence[str]) -> str:
@@ -116,7 +114,7 @@ def _chosen(options: Options, rotary: bool) -> 'tuple[list[Case], list[CellCase]
         return [], in_cells
 
 
-def _run_catalogue(options: Options) -> int:
+def _run_catalogue(options: Options) -> Output:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.studies.framework.provenance import Provenance, write_table
     from delta3_pacdrive.verification.fault_catalogue import cell_runner as of_cells
@@ -156,21 +154,19 @@ def _run_catalogue(options: Options) -> int:
     if options.csv and rows:
         origin = Provenance.of(options.command_line, robot)
         write_table(options.csv, list(rows[0]), (list(row.values()) for row in rows), origin)
-    if options.json:
-        result = {'ok': not bad and not ended, 'ended': ended, 'cases': rows}
-        print_json(result, options, robot)
-    else:
-        print(f'{len(rows)} of {count} cases, {len(rows) - len(bad)} as expected; * in the exercise')
+    message, status = '', int(bool(bad))
     if ended:
-        print(f'error: {ended}: the table is incomplete', file=sys.stderr)
-        return INTERRUPTED if ended == 'interrupted' else 1
-    if bad and not options.json:
-        raise RunError(f'{len(bad)} of {len(rows)} cases had unexpected results')
-    return int(bool(bad))
+        message = f'error: {ended}: the table is incomplete'
+        status = INTERRUPTED if ended == 'interrupted' else 1
+    elif bad and not options.json:
+        message = f'error: {len(bad)} of {len(rows)} cases had unexpected results'
+    result = {'ok': not bad and not ended, 'ended': ended, 'cases': rows}
+    text = f'{len(rows)} of {count} cases, {len(rows) - len(bad)} as expected; * in the exercise'
+    return Output(with_provenance(result, options, robot), [text], status, message=message)
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     return {'run': _run_catalogue, 'list': _list, 'inject': _inject}[options.action](options)
 
 

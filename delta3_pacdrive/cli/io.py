@@ -4,7 +4,7 @@ import json
 from dataclasses import dataclass
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument
-from delta3_pacdrive.cli.output import print_answer
+from delta3_pacdrive.cli.output import Output, answered
 
 VALUES = {'on': True, 'off': False, 'auto': 'auto'}
 
@@ -19,15 +19,15 @@ class Options(NodeOptions, JsonOptions):
     )
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.errors import ProgramError, shown
     from delta3_pacdrive.ros.clients.robot_client import operating
 
     with operating(options.namespace) as operator:
         if options.name is not None and options.value is not None:
             request = json.dumps({'name': options.name, 'value': VALUES[options.value]})
-            return print_answer(operator.input(request), options)
+            return answered(operator.input(request))
         state = json.loads(operator.input())
     if options.name is not None:
         if options.name not in state['inputs']:
@@ -35,15 +35,14 @@ def run(options: Options) -> int:
             raise ProgramError(f'unknown input {shown(options.name)}, the inputs are: {known}')
         state['inputs'] = {options.name: state['inputs'][options.name]}
         state['outputs'] = {}
-    if options.json:
-        print(json.dumps({'ok': True, **state}))
-        return 0
-    for name, one in state['inputs'].items():
-        print(f'input   {name:<20} {_text(one["value"])}{", forced" if one["forced"] else ""}')
+    lines = [
+        f'input   {name:<20} {_text(one["value"])}{", forced" if one["forced"] else ""}'
+        for name, one in state['inputs'].items()
+    ]
     for name, value in state['outputs'].items():
         own = state['output_names'][name]['output']
-        print(f'output  {name:<20} {_text(value)}{"" if own == name else f", {own} of the robot"}')
-    return 0
+        lines.append(f'output  {name:<20} {_text(value)}{"" if own == name else f", {own} of the robot"}')
+    return Output({'ok': True, **state}, lines)
 
 
 def _text(value: bool) -> str:

@@ -5,7 +5,8 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option, settings_of
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.studies import run_study
 
 SYMBOLS = ('l_A', 'l_B', 'R_A', 'R_B')
@@ -62,25 +63,23 @@ class Options(JsonOptions):
         return f'--error {twice[0]} is given twice: a length has one error' if twice else ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.studies.thesis.jacobian import report, run, study
     from delta3_pacdrive.studies.thesis.jacobian.mapping import Pose
     from delta3_pacdrive.studies.thesis.jacobian.motion import Signals
 
-    settings = study.Settings(
-        tuple(options.inputs),
-        options.parameters,
-        dict(options.error) if options.error else study.ERRORS_M,
-        Pose(options.pose),
-        Signals(options.signals),
-    )
-    return run_study(
+    settings = settings_of(
+        study.Settings,
         options,
-        lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
-        report.text,
-        lambda: f'interrupted: no report was written to {options.output}',
-        options.output,
+        inputs=tuple(options.inputs),
+        errors=dict(options.error) if options.error else study.ERRORS_M,
+        pose=Pose(options.pose),
+        signals=Signals(options.signals),
+    )
+    folder = Path(options.output)
+    return run_study(
+        options, lambda show: run.Study(settings, folder, options.command_line, show), report.text, folder
     )
 
 

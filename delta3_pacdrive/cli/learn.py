@@ -2,15 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option, settings_of
 from delta3_pacdrive.cli.option_types import integer_within, number_within
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.studies import run_study
 from delta3_pacdrive.configuration.packaged import program_names
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.studies.framework.study import OnProgress
 
 
 @dataclass
@@ -36,30 +33,19 @@ class Options(JsonOptions):
     output: str = option('folder for torques, table, figures and report', 'DIR', default='learned')
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.studies.learning import report, run, study
 
     options.parameters = core.of_run(options.parameters, options.program)
     if options.plant is not None:
         options.plant = core.of_run(options.plant, options.program)
-    settings = study.Settings(
-        options.program, options.parameters, options.plant, options.repetitions, options.bandwidth
-    )
+    settings = settings_of(study.Settings, options, machine=options.plant, bandwidth_hz=options.bandwidth)
     folder = Path(options.output).absolute()
-    studies: list[run.Study] = []
-
-    def work(show: 'OnProgress') -> dict[str, Any]:
-        studies.append(run.Study(settings, folder, options.command_line, show))
-        return studies[0].run()
-
-    def unfinished() -> str:
-        if not studies or not studies[0].kept:
-            return 'interrupted before the first result; nothing was written'
-        return f'interrupted: the torques of repetition {studies[0].kept} are in {studies[0].file}'
-
-    return run_study(options, work, report.text, unfinished, folder)
+    return run_study(
+        options, lambda show: run.Study(settings, folder, options.command_line, show), report.text, folder
+    )
 
 
 main = Command(

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, option, settings_of
 from delta3_pacdrive.cli.option_types import SEED, integer_within, number_within
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.studies import run_study
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from delta3_pacdrive.studies.framework.study import OnProgress
 
 MINUTE_S = 60.0
 RULES = ('first come', 'nearest', 'balanced', 'optimal')  # as ``analysis.line.design`` has them
@@ -44,32 +43,30 @@ class Options(JsonOptions):
     parameters = None  # given in the line file
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.errors import LineError
     from delta3_pacdrive.studies.fleet.line import report, run, specification, study
     from delta3_pacdrive.studies.fleet.line.design import Rule
 
-    settings = study.Settings(
-        specification.find(options.specification),
-        None if options.rule is None else Rule(options.rule),
-        options.seed,
-        options.hours,
-        options.plans,
+    settings = settings_of(
+        study.Settings,
+        options,
+        specification=specification.find(options.specification),
+        rule=None if options.rule is None else Rule(options.rule),
     )
     if (options.replay is None) != (options.minute is None):
         raise LineError('--replay and --minute must be given together')
     folder = Path(options.output).absolute()
 
-    def work(show: OnProgress) -> dict[str, Any]:
-        made = run.Study(settings, folder, options.command_line, show)
+    def simulated(made: run.Study) -> dict[str, Any]:
         if options.replay is None or options.minute is None:
             return made.run()
         made.require_robot(options.replay, options.minute)
         summary = made.run()
         from delta3_pacdrive.benchmarks import line_replay
 
-        show(f'{options.replay} again', 0, 0)
+        made.on_progress(f'{options.replay} again', 0, 0)
         belt = made.belt_of(options.replay)
         again = line_replay.replay(made.line, belt, options.replay, MINUTE_S * (options.minute - 1))
         return summary | {'replay': line_replay.summary(again)}
@@ -81,7 +78,9 @@ def run(options: Options) -> int:
 
             yield from ['', *line_replay.text(summary['replay'])]
 
-    return run_study(options, work, text, writes=folder)
+    return run_study(
+        options, lambda show: run.Study(settings, folder, options.command_line, show), text, folder, simulated
+    )
 
 
 main = Command(

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import JsonOptions, argument, option
+from delta3_pacdrive.cli.command import JsonOptions, argument, option, settings_of
 from delta3_pacdrive.cli.option_types import integer_within
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.studies import run_study
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from delta3_pacdrive.studies.fleet.sweep.study import Settings
-    from delta3_pacdrive.studies.framework.study import OnProgress
 
 
 @dataclass
@@ -35,18 +35,21 @@ class ManyRunsOptions(JsonOptions):
     parameters = None  # given in the specification
 
 
-def settings_of(options: Any) -> Settings:
+def run_settings(options: Any) -> Settings:
     """Return the settings of the study; raises SweepError if both workers and scheduler are given."""
     from delta3_pacdrive.errors import SweepError
     from delta3_pacdrive.studies.fleet.sweep.study import Settings
 
     if options.workers and options.scheduler:
         raise SweepError('--workers (local processes) and --scheduler (cluster) exclude each other')
-    return Settings(Path(options.specification), options.workers, options.scheduler or '')
+    specification, scheduler = Path(options.specification), options.scheduler or ''
+    return settings_of(Settings, options, specification=specification, scheduler=scheduler)
 
 
-def run_many(options: Any, study: Callable[..., Any], text: Callable[[dict[str, Any]], Iterable[str]]) -> int:
-    """Execute the runs of a study, print its summary and return the exit status.
+def run_many(
+    options: Any, study: Callable[..., Any], text: Callable[[dict[str, Any]], Iterable[str]]
+) -> Output:
+    """Execute the runs of a study and return its output.
 
     Parameters
     ----------
@@ -58,17 +61,5 @@ def run_many(options: Any, study: Callable[..., Any], text: Callable[[dict[str, 
         Converts the summary to lines of text.
 
     """
-    settings, folder = settings_of(options), Path(options.output).absolute()
-    studies: list[Any] = []
-
-    def work(show: OnProgress) -> dict[str, Any]:
-        studies.append(study(settings, folder, options.command_line, show))
-        found: dict[str, Any] = studies[0].run()
-        return found
-
-    def unfinished() -> str:
-        if not studies:
-            return 'interrupted before the first run'
-        return f'interrupted: {studies[0].kept_text} in {folder}; the same command continues'
-
-    return run_study(options, work, text, unfinished, folder)
+    settings, folder = run_settings(options), Path(options.output).absolute()
+    return run_study(options, lambda show: study(settings, folder, options.command_line, show), text, folder)

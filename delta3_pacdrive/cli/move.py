@@ -20,6 +20,7 @@ from delta3_pacdrive.cli.command import (
     option,
 )
 from delta3_pacdrive.cli.option_types import finite_number
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.control.messages import STOPS
 from delta3_pacdrive.control.motion_state import UNDER_WAY, at_percent
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError, shown
@@ -169,8 +170,8 @@ def _adaptation(options: Options) -> 'Adaptation':
     return Adaptation(caps, options.first, APPROACH_M_S if options.approach else 0.0)
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     _check(options)
     document = _document(options) if options.action in MOVES else ''
     percent = _numbers(options.values, 'move override')[0] if options.action == 'override' else 0.0
@@ -185,13 +186,11 @@ def run(options: Options) -> int:
         sentences = _act(options, operator, document, percent)
         if options.json:
             facts = _state_facts(operator)
-    if options.json:
-        print(json.dumps({'ok': True, 'answers': sentences, **facts}))
-    return 0
+    return Output({'ok': True, 'answers': sentences, **facts})
 
 
-def _run_all(options: Options) -> int:
-    """Perform the action on all robots; return the exit status."""
+def _run_all(options: Options) -> Output:
+    """Perform the action on all robots; return the result."""
     from delta3_pacdrive.ros.clients.robots_client import ask_all
 
     def act(operator: Any) -> dict[str, Any]:
@@ -201,17 +200,16 @@ def _run_all(options: Options) -> int:
         return {'answers': [operator.call(options.action)]}
 
     outcomes = ask_all(act, options.namespace)
-    if options.json:
-        robots = {
-            one.namespace: {'ok': not one.error, **(one.answer or {'error': one.error})} for one in outcomes
-        }
-        print(json.dumps({'ok': not any(one.error for one in outcomes), 'robots': robots}))
-    for one in outcomes:
-        if one.error:
-            print(f'error: {one.namespace}: {one.error}', file=sys.stderr)
-        elif not options.json and one.answer:
-            print(f'{one.namespace}: {" ".join(one.answer["answers"])}')
-    return int(any(one.error for one in outcomes))
+    failed = [f'error: {one.namespace}: {one.error}' for one in outcomes if one.error]
+    robots = {
+        one.namespace: {'ok': not one.error, **(one.answer or {'error': one.error})} for one in outcomes
+    }
+    text = [
+        f'{one.namespace}: {" ".join(one.answer["answers"])}'
+        for one in outcomes
+        if one.answer and not one.error
+    ]
+    return Output({'ok': not failed, 'robots': robots}, text, int(bool(failed)), message='\n'.join(failed))
 
 
 def _act(options: Options, operator: Any, document: str, percent: float) -> list[str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from delta3_pacdrive.cli.command import Command, option
 from delta3_pacdrive.cli.many_runs import ManyRunsOptions, run_many
+from delta3_pacdrive.cli.output import Output
 
 
 @dataclass
@@ -15,8 +16,8 @@ class Options(ManyRunsOptions):
     output: str = option('folder for trials, best trial, figures and report', 'DIR', default='optimisation')
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.studies.fleet.optimisation import report, run
 
     return run_many(options, run.Study, report.text)

@@ -4,14 +4,16 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout, suppress
+from dataclasses import dataclass
 from typing import Any
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.errors import Delta3Error, RunInterruptedError, loading_failure
 from delta3_pacdrive.numerics.units import millimetres
 
+NAME_WIDTH = 14  # of the names in front of lines of text
 WRONG_MAX = 5  # listed parts with a problem
 INTERRUPTED = 130  # exit status after Ctrl-C
 
@@ -100,45 +102,69 @@ def _sentence(error: Exception) -> str | None:
     return loading_failure(error)
 
 
-def print_json(
+@dataclass(frozen=True)
+class Output:
+    """Result of a command. A command that prints while it runs only returns its status."""
+
+    document: Any = None  # for --json: the document, or a function that returns it; None: nothing to print
+    text: Iterable[str] = ()  # the same as lines; each is printed when a generator yields it
+    status: int = 0  # exit status
+    notes: Sequence[str] = ()  # lines on standard error before the text, not with --json
+    message: str = ''  # line on standard error after the result
+
+
+def print_output(output: Output, as_json: bool) -> int:
+    """Print the result of a command as text or JSON; return the exit status."""
+    if as_json:
+        document = output.document() if callable(output.document) else output.document
+        if document is not None:
+            print(json.dumps(document))
+    else:
+        for note in output.notes:
+            print(note, file=sys.stderr)
+        for line in output.text:
+            print(line)
+    if output.message:
+        print(output.message, file=sys.stderr)
+    return output.status
+
+
+def with_provenance(
     result: dict[str, Any],
     options: Any,
     robot: Any = None,
     inputs: Sequence[str] = (),
     seed: int | None = None,
-) -> None:
-    """Print a result with its provenance as JSON."""
-    from delta3_pacdrive.studies.framework.provenance import Provenance
+) -> Callable[[], dict[str, Any]]:
+    """Return a function that returns a result with its provenance, which takes time to compute."""
 
-    source = getattr(options, 'parameters', None)
-    origin = Provenance.of(options.command_line, robot, source, inputs, seed)
-    print(json.dumps(result | {'provenance': origin.lines()}))
+    def document() -> dict[str, Any]:
+        from delta3_pacdrive.studies.framework.provenance import Provenance
+
+        source = getattr(options, 'parameters', None)
+        origin = Provenance.of(options.command_line, robot, source, inputs, seed)
+        return result | {'provenance': origin.lines()}
+
+    return document
 
 
-def print_run(
+def output_of_run(
     result: dict[str, Any],
     options: Any,
     robot: Any,
     inputs: Sequence[str],
     ready: str = '',
     notes: Sequence[str] = (),
-) -> int:
-    """Print the result of a run with its notes; return the exit status."""
+) -> Output:
+    """Return the output of a run with its notes."""
     result = result | {'controller': robot.controller} | currents_used(result, robot)
-    if options.json:
-        print_json(result, options, robot, inputs)
-    else:
-        print(f'{result["program"]}: done{ready}')
-        print_figures(result)
-        for note in notes:
-            print(note)
-    return 0
+    text = [f'{result["program"]}: done{ready}', *figures_text(result), *notes]
+    return Output(with_provenance(result, options, robot, inputs), text)
 
 
-def print_answer(sentence: str, options: Any) -> int:
-    """Print the reply of a robot; return the exit status."""
-    print(json.dumps({'ok': True, 'answer': sentence}) if options.json else sentence)
-    return 0
+def answered(sentence: str) -> Output:
+    """Return the output of a request to a robot, with its reply."""
+    return Output({'ok': True, 'answer': sentence}, [sentence])
 
 
 def currents_used(result: dict[str, Any], robot: Any) -> dict[str, Any]:
@@ -191,8 +217,10 @@ def parts_rows(cell: dict[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def print_figures(result: dict[str, Any]) -> None:
-    """Print the figures of a run as text."""
+def figures_text(result: dict[str, Any]) -> list[str]:
+    """Return the figures of a run as lines of text."""
+    from delta3_pacdrive.studies.framework.columns import named_lines
+
     factor = result['bus_time_s'] / result['wall_time_s']
     rows = [
         ('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles'),
@@ -240,8 +268,7 @@ def print_figures(result: dict[str, Any]) -> None:
     rows += [('warning', warning) for warning in result.get('warnings', ())]
     if 'overruns' in result:
         rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost AT'))
-    for name, text in rows:
-        print(f'{name:>14}  {text}')
+    return named_lines(rows, NAME_WIDTH)
 
 
 def _tool_current(result: dict[str, Any]) -> str:

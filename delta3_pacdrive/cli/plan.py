@@ -13,13 +13,13 @@ from delta3_pacdrive.cli.command import (
     flag,
     option,
 )
-from delta3_pacdrive.cli.output import print_json, stdout_reserved
+from delta3_pacdrive.cli.output import Output, stdout_reserved, with_provenance
+from delta3_pacdrive.cli.studies import written
 from delta3_pacdrive.configuration.packaged import program_names
 
 if TYPE_CHECKING:
     from delta3_pacdrive.cell.cell import Cell
     from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.studies.places.planning.study import PlanStudy
 
 
 @dataclass
@@ -42,7 +42,9 @@ class Options(JsonOptions):
         'predict the residual vibration of the TCP after each shaped move, with and without shaping, by simulation of '
         'the built robot'
     )
-    limits: bool = flag('with --json: the used share of every limit for each move, not only the active one')
+    limits: bool = flag(
+        'with --json: the used share of every limit for each move, not only the active one', needs='--json'
+    )
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
@@ -53,20 +55,21 @@ class Options(JsonOptions):
             return '--vibration requires a program: a script is planned while it runs'
         if self.output is not None and script:
             return '--output requires a program: a script is planned while it runs'
-        return '--limits requires --json' if self.limits and not self.json else ''
+        return ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.cli.progress import Progress
     from delta3_pacdrive.errors import ParameterError
     from delta3_pacdrive.planning.adapted_program import rest_of
     from delta3_pacdrive.planning.program import file_reader as program_file
     from delta3_pacdrive.planning.program.output_names import OWN
+    from delta3_pacdrive.studies.framework.provenance import Provenance
     from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
     from delta3_pacdrive.studies.framework.residual_vibration import predicted_swings
-    from delta3_pacdrive.studies.places.planning import evaluation, report
+    from delta3_pacdrive.studies.places.planning import evaluation, figures, report
     from delta3_pacdrive.studies.runs.inputs import with_digests
 
     robot = core.load(options.parameters)
@@ -90,17 +93,14 @@ def run(options: Options) -> int:
             lines += report.vibration_text(swings)
         if options.output is not None:
             progress.show('drawing')
-            result['files'] = _written(options, robot, found, lines, inputs)
-    if options.json:
-        print_json(result, options, robot, inputs)
-    else:
-        print('\n'.join([*lines, *result.get('files', ())]))
-    return 0
+            origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
+            drawings, title = figures.by_name(found, robot), f'Plan of {found.planned.name}'
+            result['files'] = written(options, title, lines, drawings, report.tables(found), origin)
+    return Output(with_provenance(result, options, robot, inputs), [*lines, *result.get('files', ())])
 
 
-def _run_script(options: Options, robot: 'Parameters') -> int:
-    """Dry-run a script; return the exit status."""
-    from delta3_pacdrive.errors import RunError
+def _run_script(options: Options, robot: 'Parameters') -> Output:
+    """Dry-run a script; return its result."""
     from delta3_pacdrive.scripting import dry_run, script
     from delta3_pacdrive.studies.runs.inputs import with_digests
 
@@ -111,13 +111,13 @@ def _run_script(options: Options, robot: 'Parameters') -> int:
     inputs += more
     with stdout_reserved(options.json):
         found = dry_run.dry_run(read, robot, cell)
-    if not options.json:
-        print('\n'.join(dry_run.text(found)))
-    elif not found.stopped:
-        print_json(dry_run.document(found, options.limits), options, robot, inputs)
-    if found.stopped:
-        raise RunError(found.stopped)
-    return 0
+
+    result = (
+        {'ok': False, 'error': found.stopped} if found.stopped else dry_run.document(found, options.limits)
+    )
+    document = result if found.stopped else with_provenance(result, options, robot, inputs)
+    message = f'error: {found.stopped}' if found.stopped else ''
+    return Output(document, dry_run.text(found), int(bool(found.stopped)), message=message)
 
 
 def _cell_of(options: Options) -> 'tuple[Cell | None, list[str]]':
@@ -129,25 +129,6 @@ def _cell_of(options: Options) -> 'tuple[Cell | None, list[str]]':
 
     found = cell_file.load(options.cell)
     return found, [f'{options.cell} {digest(cell_file.find(options.cell))}']
-
-
-def _written(
-    options: Options, robot: 'Parameters', found: 'PlanStudy', lines: list[str], inputs: list[str]
-) -> list[str]:
-    """Write figures, tables and page; return the file names."""
-    from pathlib import Path
-
-    from delta3_pacdrive.studies.framework.provenance import Provenance
-    from delta3_pacdrive.studies.framework.report_folder import ReportFolder
-    from delta3_pacdrive.studies.places.planning import figures, report
-
-    origin = Provenance.of(options.command_line, robot, options.parameters, inputs)
-    folder = ReportFolder(Path(options.output or '.'), origin)
-    folder.figures(figures.by_name(found, robot))
-    for table in report.tables(found):
-        folder.table(table)
-    folder.page(f'Plan of {found.planned.name}', lines)
-    return folder.files
 
 
 main = Command(

@@ -1,7 +1,6 @@
 """``delta3 plot``: draw the figures of the thesis for a bag or a trace."""
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import Command, argument, option
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.run_options import WindowOptions
 from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
@@ -60,8 +60,8 @@ class Options(WindowOptions):
     columns: str | None = option('column file that maps the columns of a table to signals', 'FILE')
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.recording import trace_csv, trace_file
     from delta3_pacdrive.recording.trace import is_bag
     from delta3_pacdrive.studies.framework.provenance import Provenance
@@ -101,13 +101,8 @@ def run(options: Options) -> int:
     folder.add(trace_csv.metadata_path(data))
     folder.add(data)
     folder.page(f'Figures of {options.recording}')
-    if options.json:
-        print(json.dumps({'ok': True, 'files': folder.files, 'notes': notes, 'provenance': origin.lines()}))
-    else:
-        for note in notes:
-            print(f'note: {note}', file=sys.stderr)
-        print('\n'.join(folder.files))
-    return 0
+    result = {'ok': True, 'files': folder.files, 'notes': notes, 'provenance': origin.lines()}
+    return Output(result, folder.files, notes=[f'note: {note}' for note in notes])
 
 
 def _written(trace: 'Trace', windowed: bool, signals: Sequence[str] | None) -> 'Trace':

@@ -1,16 +1,11 @@
 """``delta3 pose``: analyse one pose of the robot, given by TCP position or arm angles."""
 
-import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, option
 from delta3_pacdrive.cli.option_types import finite_number, number_within
-from delta3_pacdrive.cli.output import print_json
-
-if TYPE_CHECKING:
-    from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.studies.places.pose.study import Pose
+from delta3_pacdrive.cli.output import Output, with_provenance
+from delta3_pacdrive.cli.studies import written
 
 REACH_M, TURN_DEG = 10.0, 360.0
 
@@ -45,13 +40,16 @@ class Options(JsonOptions):
         return ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     import numpy as np
 
     from delta3_pacdrive import parameters as core
+    from delta3_pacdrive.studies.framework.columns import csv_table
+    from delta3_pacdrive.studies.framework.provenance import Provenance
     from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
-    from delta3_pacdrive.studies.places.pose import evaluation, report
+    from delta3_pacdrive.studies.places.pose import evaluation, figures, report
+    from delta3_pacdrive.studies.places.pose.study import Solution
 
     robot = core.load(options.parameters)
     require_writable_folder(options.output)
@@ -62,34 +60,13 @@ def run(options: Options) -> int:
     else:
         pose = evaluation.of_point(options.point or robot.motion.home_m, robot)
     result, lines = report.document(pose, robot), report.text(pose, robot)
-    if options.output is not None:
-        result['files'] = _written(options, robot, pose, lines)
-    if options.json:
-        print_json(result, options, robot)
-    else:
-        print('\n'.join([*lines, *result.get('files', ())]))
-    if pose.is_reachable:
-        return 0
-    print(f'error: {report.sentence(pose)}', file=sys.stderr)
-    return 1
-
-
-def _written(options: Options, robot: 'Parameters', pose: 'Pose', lines: list[str]) -> list[str]:
-    """Write figures, table and page; return the file names."""
-    from pathlib import Path
-
-    from delta3_pacdrive.studies.framework.columns import csv_table
-    from delta3_pacdrive.studies.framework.provenance import Provenance
-    from delta3_pacdrive.studies.framework.report_folder import ReportFolder
-    from delta3_pacdrive.studies.places.pose import figures
-    from delta3_pacdrive.studies.places.pose.study import Solution
-
     origin = Provenance.of(options.command_line, robot, options.parameters)
-    folder = ReportFolder(Path(options.output or '.'), origin)
-    folder.figures(figures.by_name(pose, robot))
-    folder.table(csv_table('solutions.csv', pose.solutions, of=Solution))
-    folder.page('A pose of the robot', lines)
-    return folder.files
+    tables = [csv_table('solutions.csv', pose.solutions, of=Solution)]
+    files = written(options, 'A pose of the robot', lines, figures.by_name(pose, robot), tables, origin)
+    if files:
+        result['files'] = files
+    message = '' if pose.is_reachable else f'error: {report.sentence(pose)}'
+    return Output(with_provenance(result, options, robot), [*lines, *files], int(bool(message)), (), message)
 
 
 main = Command(

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, argument, flag, option
+from delta3_pacdrive.cli.output import Output
 
 WITHOUT_NAMESPACE = 'no-namespace'  # cannot be a namespace: hyphens are not allowed
 
@@ -25,8 +26,8 @@ class Options(NodeOptions):
         return super().check()
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.bringup.scheduling import Schedule, prefer
     from delta3_pacdrive.errors import RunError
@@ -40,7 +41,7 @@ def run(options: Options) -> int:
     namespace = domain.namespace(options.namespace)
     bags = _bags_of_all(folder, namespace) if options.all else {namespace: folder}
     prefer(Schedule.PREFERRED)  # avoids lost messages on a busy machine
-    return record(bags, robot)
+    return Output(status=record(bags, robot))
 
 
 def _bags_of_all(folder: Path, prefix: str) -> dict[str, Path]:

@@ -1,10 +1,10 @@
 """``delta3 report``: write one HTML file with the 3-D view, signals, moves, figures and provenance of runs."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from delta3_pacdrive.cli.command import Command, option
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.run_options import RunOptions
 
 
@@ -28,8 +28,8 @@ class Options(RunOptions):
         return super().check()
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.recording import record_file
     from delta3_pacdrive.robot.motor import thermal_warnings
     from delta3_pacdrive.studies.framework.provenance import Provenance
@@ -50,15 +50,9 @@ def run(options: Options) -> int:
         for one in runs
         if (currents := driven_currents(one)) is not None
     }
-    if options.json:
-        result = {'ok': True, 'files': [str(path)], 'bytes': path.stat().st_size, 'warnings': warnings}
-        print(json.dumps(result | {'provenance': origin.lines()}))
-    else:
-        print(path)
-        for name, sentences in warnings.items():
-            for sentence in sentences:
-                print(f'warning: {name}: {sentence}')
-    return 0
+    result = {'ok': True, 'files': [str(path)], 'bytes': path.stat().st_size, 'warnings': warnings}
+    lines = [f'warning: {name}: {sentence}' for name, found in warnings.items() for sentence in found]
+    return Output(result | {'provenance': origin.lines()}, [str(path), *lines])
 
 
 main = Command(

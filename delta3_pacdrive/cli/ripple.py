@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, option
+from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, argument, option, settings_of
 from delta3_pacdrive.cli.option_types import number_within
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.studies import run_study
 from delta3_pacdrive.configuration.packaged import program_names
 
@@ -41,25 +42,21 @@ class Options(JsonOptions):
     output: str = option('folder for table, figures and report', 'DIR', default='ripple')
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.studies.drives.ripple import report, run, study
 
     times = dict.fromkeys(options.cycle_time or CYCLE_TIMES_MS)
-    settings = study.Settings(
-        options.program,
-        options.parameters,
-        tuple(CYCLE_TIMES_MS[text] for text in times),
-        tuple(dict.fromkeys(options.interpolation or INTERPOLATIONS)),
-        options.axis,
-        options.at,
+    settings = settings_of(
+        study.Settings,
+        options,
+        cycle_times_s=tuple(CYCLE_TIMES_MS[text] for text in times),
+        interpolations=tuple(dict.fromkeys(options.interpolation or INTERPOLATIONS)),
+        at_s=options.at,
     )
     folder = Path(options.output).absolute()
     return run_study(
-        options,
-        lambda show: run.Study(settings, folder, options.command_line, show).run(),
-        report.text,
-        writes=folder,
+        options, lambda show: run.Study(settings, folder, options.command_line, show), report.text, folder
     )
 
 

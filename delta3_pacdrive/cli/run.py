@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import Command, NodeOptions, ReferenceOptions, RobotOptions, flag, option
-from delta3_pacdrive.cli.output import print_json, print_run, stdout_reserved
+from delta3_pacdrive.cli.output import Output, output_of_run, stdout_reserved, with_provenance
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.cli.reference import Chosen, program_of
 from delta3_pacdrive.errors import ProgramError, RunError, RunInterruptedError
@@ -163,15 +163,15 @@ def lacking(result: dict[str, Any], bag: object) -> list[str]:
     return notes
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     with program_of(options) as chosen:
         if Path(chosen.program).suffix == SCRIPT_SUFFIX:
             return _run_script(options, chosen)
         bringup, result = bring_up(options, chosen.program, lambda display, _: partial(show_run, display))
     notes, inputs = [*chosen.notes, *lacking(result, options.bag)], _inputs(options, chosen)
     ready = f', ready after {result["ready_s"]:.2f} s'
-    return print_run(result, options, bringup.robot, inputs, ready, notes)
+    return output_of_run(result, options, bringup.robot, inputs, ready, notes)
 
 
 def _inputs(options: Options, chosen: Chosen) -> list[str]:
@@ -184,8 +184,8 @@ def _inputs(options: Options, chosen: Chosen) -> list[str]:
     return [*chosen.digests(), f'{options.cell} {digest(cell_file.find(options.cell))}']
 
 
-def _run_script(options: Options, chosen: Chosen) -> int:
-    """Start a robot and run a script on it; return the exit status."""
+def _run_script(options: Options, chosen: Chosen) -> Output:
+    """Start a robot and run a script on it; return the result."""
     from delta3_pacdrive.cli.script_run import ScriptRun, held_text, text
     from delta3_pacdrive.scripting import script
 
@@ -211,12 +211,9 @@ def _run_script(options: Options, chosen: Chosen) -> int:
     if not own.ended:
         raise RunError(f'{read.name} did not finish')
     result |= {'controller': bringup.robot.controller}
-    if options.json:
-        print_json(result, options, bringup.robot, _inputs(options, chosen))
-    else:
-        done = f'{read.name}: done, ready after {result["ready_s"]:.2f} s'
-        print('\n'.join([done, *text(result), *lacking(result, options.bag)]))
-    return 0
+    done = f'{read.name}: done, ready after {result["ready_s"]:.2f} s'
+    document = with_provenance(result, options, bringup.robot, _inputs(options, chosen))
+    return Output(document, [done, *text(result), *lacking(result, options.bag)])
 
 
 main = Command(

@@ -1,11 +1,11 @@
 """``delta3 scope``: oscilloscope in the drives of a running robot."""
 
-import json
 import sys
 from dataclasses import dataclass
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, NodeOptions, argument, option
 from delta3_pacdrive.cli.option_types import number_within
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.scope_options import Records, ScopeOptions, record_file
 
 ACTIONS = {'list': 'list the channels with their units'}
@@ -42,24 +42,19 @@ class Options(NodeOptions, JsonOptions, ScopeOptions):
         return super().check()
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
-    return _list(options.json) if options.channels == [LIST] else _record(options)
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
+    return _list() if options.channels == [LIST] else _record(options)
 
 
-def _list(as_json: bool) -> int:
+def _list() -> Output:
     from delta3_pacdrive.robot.drive.channels import CHANNELS
 
     rows = [{'channel': row.name, 'unit': row.unit, 'what': row.what} for row in CHANNELS.values()]
-    if as_json:
-        print(json.dumps(rows))
-        return 0
-    for row in rows:
-        print(f'{row["channel"]:<27} {row["unit"]:<11} {row["what"]}')
-    return 0
+    return Output(rows, [f'{row["channel"]:<27} {row["unit"]:<11} {row["what"]}' for row in rows])
 
 
-def _record(options: Options) -> int:
+def _record(options: Options) -> Output:
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.studies.framework.provenance import Provenance
 
@@ -72,12 +67,8 @@ def _record(options: Options) -> int:
     with operating(options.namespace) as operator:
         client = ScopeClient(operator, setting, records.take)
         acquisition = client.record(options.timeout, lambda text: print(text, file=sys.stderr, flush=True))
-    if options.json:
-        result = {'ok': True, 'scope': records.written, 'lost_samples': acquisition.lost}
-        print(json.dumps(result | {'provenance': origin.lines()}))
-    else:
-        print('\n'.join(records.sentences()))
-    return 0
+    result = {'ok': True, 'scope': records.written, 'lost_samples': acquisition.lost}
+    return Output(result | {'provenance': origin.lines()}, records.sentences())
 
 
 main = Command(

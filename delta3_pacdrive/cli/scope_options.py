@@ -61,10 +61,17 @@ class ScopeOptions(Options):
         'CHANNEL',
     )
     level: float | None = option(
-        'trigger level in the unit of the channel (default: 0)', 'VALUE', type=finite_number
+        'trigger level in the unit of the channel (default: 0)',
+        'VALUE',
+        needs='--trigger',
+        type=finite_number,
     )
-    edge: str | None = option('trigger edge (default: rising; change for an IDN)', 'EDGE', choices=EDGES)
-    pre_trigger: float | None = option('length of a record before its trigger [s]', 'S', type=TIME_S)
+    edge: str | None = option(
+        'trigger edge (default: rising; change for an IDN)', 'EDGE', needs='--trigger', choices=EDGES
+    )
+    pre_trigger: float | None = option(
+        'length of a record before its trigger [s]', 'S', needs='--trigger', type=TIME_S
+    )
     mode: str = option(
         'single: one record; normal: one record per trigger; rolling: the latest samples, until Ctrl-C',
         'MODE',
@@ -77,14 +84,6 @@ class ScopeOptions(Options):
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
-        if self.trigger is None:
-            for name, value in (
-                ('--level', self.level),
-                ('--edge', self.edge),
-                ('--pre-trigger', self.pre_trigger),
-            ):
-                if value is not None:
-                    return f'{name} requires --trigger'
         if self.records is not None and self.mode != 'normal':
             return f'--records requires --mode normal, not {self.mode}'
         return super().check()

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from delta3_pacdrive.bringup.scheduling import Schedule, prefer
-from delta3_pacdrive.cli.output import parts_rows
+from delta3_pacdrive.cli.output import NAME_WIDTH, parts_rows
 from delta3_pacdrive.errors import Delta3Error, Reason, ScriptError
 from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.scripting.connected_link import connected
@@ -114,6 +114,8 @@ class ScriptRun:
 
 def text(result: dict[str, Any]) -> list[str]:
     """Return the result of a script as lines of text."""
+    from delta3_pacdrive.studies.framework.columns import named_lines
+
     rows = [('bus time', f'{result["bus_time_s"]:.3f} s in {result["cycles"]} cycles')]
     if late := result['late_decisions']:
         most = result['late_cycles_max']
@@ -124,7 +126,7 @@ def text(result: dict[str, Any]) -> list[str]:
         rows += parts_rows(result['cell'])
     rows += [('note', notice) for notice in result['notices']]
     rows.append(('bus', f'{result["overruns"]} overruns, {result["lost_telegrams"]} lost AT'))
-    return [f'{name:>14}  {line}' for name, line in rows]
+    return named_lines(rows, NAME_WIDTH)
 
 
 def held_text(cycle: int | None) -> str:

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, option
+from delta3_pacdrive.cli.command import Command, ReferenceOptions, flag, name, option, settings_of
 from delta3_pacdrive.cli.option_types import non_empty, number_within, signal_names, trace_file
-from delta3_pacdrive.cli.output import print_run, stdout_reserved
+from delta3_pacdrive.cli.output import Output, output_of_run, stdout_reserved
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.reference import Chosen, program_of
 from delta3_pacdrive.cli.scope_options import Records, ScopeOptions, record_file
@@ -38,6 +38,7 @@ class Options(ReferenceOptions, ScopeOptions):
         'record up to eight drive channels such as axis1.current_reference,axis1.phase_current_1; delta3 scope list '
         'lists them',
         'CHANNELS',
+        excludes=('--one-motor',),
         type=_channels,
     )
     scope_output: str = option(
@@ -49,6 +50,7 @@ class Options(ReferenceOptions, ScopeOptions):
     learned: str | None = option(
         'add the feed-forward torques of delta3 learn to this program; rejected for other programs',
         'FILE',
+        excludes=('--one-motor',),
     )
     trace: str | None = option(
         'write all signals to this .npz, .csv or .parquet file', 'FILE', type=trace_file
@@ -57,80 +59,79 @@ class Options(ReferenceOptions, ScopeOptions):
         "with --trace: write only these signals, such as tcp_speed,payload,'drive_*', or all: including those that are "
         'not recorded by default',
         'NAMES',
+        needs='--trace',
+        excludes=('--one-motor',),
         type=signal_names,
     )
     report: str | None = option(
         'write a report folder: figures and signals of the run, records and plots of --scope, and a page',
         'DIR',
+        excludes=('--one-motor',),
     )
     cell: str | None = option(
         'simulate a cell: cell file, or cell for the packaged one; the gripper then holds simulated parts, and their '
         'outcomes are reported',
         'FILE',
+        excludes=('--one-motor',),
     )
     one_motor: bool = flag(
         'simulate one MC-4 with one motor and a load instead of the robot, with the motion of one arm: figures 8.2 to '
         '8.4'
     )
     axis: int = option(
-        'with --one-motor: arm whose motion is used', 'N', default=1, type=int, choices=(1, 2, 3)
+        'with --one-motor: arm whose motion is used',
+        'N',
+        default=1,
+        needs='--one-motor',
+        type=int,
+        choices=(1, 2, 3),
     )
     load_inertia: float | None = option(
         'with --one-motor: I_Load at the gear output [kg m2], instead of motor.load_inertia_kg_m2',
         'KG_M2',
+        needs='--one-motor',
         type=number_within(0.0, 1e3, 'kg m2'),
     )
     load_torque: float | None = option(
         'with --one-motor: tau_load at the gear output [N m], instead of motor.load_torque_n_m',
         'N_M',
+        needs='--one-motor',
         type=number_within(-1e4, 1e4, 'N m'),
     )
     coupling: float | None = option(
         'with --one-motor: CE, share of the coupling torque of the robot on the motor, instead of '
         'motor.coupling_effect',
         'SHARE',
+        needs='--one-motor',
         type=number_within(0.0, 1.0),
     )
     output: str | None = option(
-        'with --one-motor: folder for table, figures and report (default: one_motor)', 'DIR'
+        'with --one-motor: folder for table, figures and report (default: one_motor)',
+        'DIR',
+        needs='--one-motor',
     )
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
-        if not self.one_motor:
-            for one in ('--axis', '--load-inertia', '--load-torque', '--coupling', '--output'):
-                if one in self.given():
-                    return f'{one} requires --one-motor'
-        elif self.learned is not None:
-            return '--learned cannot be combined with --one-motor'
-        elif self.scope is not None:
-            return '--scope cannot be combined with --one-motor'
         script = self.program.endswith('.py')
         if script and self.one_motor:
             return '--one-motor requires a program, not a script'
         if script and self.learned is not None:
             return '--learned requires a program: the path of a script is not known in advance'
-        if self.one_motor and self.cell is not None:
-            return '--cell cannot be combined with --one-motor'
         if self.cell is None and (
             asked := [name for name in self.signals or () if name.startswith(OF_CELLS)]
         ):
             return f'--signals includes {asked[0]}, which requires --cell'
-        if self.report is not None:
-            if self.one_motor:
-                return '--report cannot be combined with --one-motor: use --output'
-            if self.scope is not None and Path(self.scope_output).name != self.scope_output:
-                return '--scope-output must be a name without a folder: records are written to the folder of --report'
-        if self.signals and (self.one_motor or not self.trace):
-            return '--signals requires --trace, and cannot be combined with --one-motor'
+        if self.report and self.scope and Path(self.scope_output).name != self.scope_output:
+            return '--scope-output must be a name without a folder: records are written to the folder of --report'
         of_scope = {name(one) for one in fields(ScopeOptions) if one.metadata} | {'--scope-output'}
         if self.scope is None and (unused := [one for one in self.given() if one in of_scope]):
             return f'{unused[0]} requires --scope'
         return super().check()
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     if options.one_motor:
         return _run_one_motor(options)
     from delta3_pacdrive import simulation
@@ -192,7 +193,7 @@ def run(options: Options) -> int:
     if folder is not None:
         result['files'] = folder.files
         notes = (*notes, f'report: {folder.files[0]}')
-    return print_run(result, options, robot, inputs, notes=notes)
+    return output_of_run(result, options, robot, inputs, notes=notes)
 
 
 def _read(options: Options, cell: 'Cell | None') -> 'tuple[Chosen, Parameters, Program | Script]':
@@ -335,8 +336,8 @@ def _driven(
     return simulated.trace
 
 
-def _run_one_motor(options: Options) -> int:
-    """Run the study of a single motor; return the exit status."""
+def _run_one_motor(options: Options) -> Output:
+    """Run the study of a single motor; return its result."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.cli.studies import run_study
     from delta3_pacdrive.planning.adapted_program import rest_of
@@ -350,13 +351,12 @@ def _run_one_motor(options: Options) -> int:
         trace_file.require_writable_trace(options.trace)
     # the thesis ran this experiment in ECAM-4 with its own controller
     options.parameters = options.parameters or core.THESIS_CONTROLLER
-    settings = study.Settings(
-        options.parameters,
-        options.axis,
-        options.load_inertia,
-        options.load_torque,
-        options.coupling,
-        options.trace,
+    settings = settings_of(
+        study.Settings,
+        options,
+        load_inertia_kg_m2=options.load_inertia,
+        load_torque_n_m=options.load_torque,
+        coupling_effect=options.coupling,
     )
     folder = Path(options.output or 'one_motor').absolute()
     with program_of(options) as chosen:
@@ -364,9 +364,9 @@ def _run_one_motor(options: Options) -> int:
         program = rest_of(programs.load(chosen.program, robot.motion), options.first, robot)
     return run_study(
         options,
-        lambda show: run.Study(settings, folder, options.command_line, show, program, chosen.digests()).run(),
+        lambda show: run.Study(settings, folder, options.command_line, show, program, chosen.digests()),
         report.text,
-        writes=folder,
+        folder,
     )
 
 

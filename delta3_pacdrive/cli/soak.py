@@ -2,13 +2,13 @@
 
 import json
 import signal
-import sys
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from delta3_pacdrive.cli import child
 from delta3_pacdrive.cli.command import Command, JsonOptions, option
-from delta3_pacdrive.cli.output import INTERRUPTED, print_json
+from delta3_pacdrive.cli.output import INTERRUPTED, Output, with_provenance
 from delta3_pacdrive.cli.progress import Progress, announce_compilation
 from delta3_pacdrive.errors import RunError
 
@@ -33,8 +33,8 @@ class Options(JsonOptions):
         return ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive import parameters as core
 
     rows: dict[str, dict[str, Any]] = {}
@@ -45,25 +45,24 @@ def run(options: Options) -> int:
         if interrupted:
             break
     ok = all(row['ok'] for row in rows.values()) and not interrupted
-    if options.json:
-        result: dict[str, Any] = {
-            'ok': ok,
-            'interrupted': interrupted,
-            'seed': options.seed,
-            'minutes': options.minutes,
-        }
-        if not ok and not interrupted:
-            result['error'] = _complaint(options, rows)
-        print_json(result | rows, options, core.load(), seed=options.seed)
-    else:
-        for pace, row in rows.items():
-            _print(pace, row)
-    if interrupted:
-        print('interrupted: partial figures', file=sys.stderr)
-        return INTERRUPTED
-    if not ok and not options.json:
-        raise RunError(_complaint(options, rows))
-    return int(not ok)
+    complaint = '' if ok or interrupted else _complaint(options, rows)
+    result: dict[str, Any] = {
+        'ok': ok,
+        'interrupted': interrupted,
+        'seed': options.seed,
+        'minutes': options.minutes,
+    }
+    if complaint:
+        result['error'] = complaint
+    message = 'interrupted: partial figures' if interrupted else ''
+    if complaint and not options.json:
+        message = f'error: {complaint}'
+    return Output(
+        with_provenance(result | rows, options, core.load(), seed=options.seed),
+        [line for pace, row in rows.items() for line in _text(pace, row)],
+        INTERRUPTED if interrupted else int(not ok),
+        message=message,
+    )
 
 
 def _complaint(options: Options, rows: dict[str, dict[str, Any]]) -> str:
@@ -118,7 +117,7 @@ def _soak(options: Options, pace: str) -> dict[str, Any]:
     return asdict(figures) | {'watched': figures.watched, 'ok': figures.ok, 'interrupted': interrupted}
 
 
-def _print(name: str, row: dict[str, Any]) -> None:
+def _text(name: str, row: dict[str, Any]) -> Iterator[str]:
     slope, half = row['growth_mb'], row['growth_half_width_mb']
     grows = (
         'too few programs to estimate the growth of private memory'
@@ -126,7 +125,7 @@ def _print(name: str, row: dict[str, Any]) -> None:
         else f'private memory grows by {slope:.2f} +- {half:.2f} MB in 100,000 cycles'
     )
     kinds = ', '.join(f'{kind} {count}' for kind, count in sorted(row['kinds'].items()))
-    print(f"""{name}:
+    yield f"""{name}:
     {row['programs']} programs in {row['cycles']} cycles, {row['refused']} rejected by the planner; {row['unseen']} \
 cycles not monitored
     {row['injected']} faults injected, {row['survived']} survived; {row['stopped']} programs stopped by them
@@ -136,16 +135,16 @@ ends within {row['end_max_m'] * 1e3:.4f} mm
 {row['lost_mdt']} MDT of {row['lost_mdt_injected']}
     RSS of the surviving processes: {row['rss_start_mb']:.1f} MB, \
 {row['rss_cycles']} cycles later {row['rss_end_mb']:.1f} MB; {grows}
-    {kinds or 'no faults'}""")
+    {kinds or 'no faults'}"""
     for violation in row['violations']:
         if not violation['number']:
-            print(f'    VIOLATED by bus cycle {violation["cycle"]}: {violation["sentence"]}')
+            yield f'    VIOLATED by bus cycle {violation["cycle"]}: {violation["sentence"]}'
             continue
         program = violation['program'].rstrip('\n').replace('\n', '\n        ')
-        print(f"""    VIOLATED in bus cycle {violation['cycle']}: {violation['sentence']}
+        yield f"""    VIOLATED in bus cycle {violation['cycle']}: {violation['sentence']}
         program {violation['number']}: delta3 soak --seed {violation['seed']} --pace {violation['pace']} \
 --replay {violation['number']}
-        {program}""")
+        {program}"""
 
 
 main = Command(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, flag, option
-from delta3_pacdrive.cli.many_runs import ManyRunsOptions, run_many, settings_of
+from delta3_pacdrive.cli.many_runs import ManyRunsOptions, run_many, run_settings
 from delta3_pacdrive.cli.option_types import integer_within
+from delta3_pacdrive.cli.output import Output
 
 
 @dataclass
@@ -22,10 +22,11 @@ class Options(ManyRunsOptions):
     output: str = option('folder for runs, table, figures and report', 'DIR', default='sweep')
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.cli.progress import announce_compilation
     from delta3_pacdrive.errors import SweepError
+    from delta3_pacdrive.recording import trace_file
     from delta3_pacdrive.studies.fleet.sweep import report, run
     from delta3_pacdrive.studies.framework.study import silent
 
@@ -35,22 +36,18 @@ def run(options: Options) -> int:
         raise SweepError('--run can be combined with --trace only')
     if options.run is None and not options.dry_run:
         return run_many(options, run.Study, report.text)
-    settings, folder = settings_of(options), Path(options.output).absolute()
+    settings, folder = run_settings(options), Path(options.output).absolute()
     if options.trace is not None:
-        from delta3_pacdrive.recording import trace_file
-
         trace_file.require_writable_trace(options.trace)
     announce_compilation()
     study = run.Study(settings, folder, options.command_line, silent)
-    if options.run is not None and options.trace is not None:
-        trace = study.again(options.run)
-        trace_file.save(trace, options.trace)
-        result = {'ok': True, 'run': options.run, 'trace': options.trace, 'figures': trace.meta['figures']}
-        print(json.dumps(result) if options.json else f'run {options.run}: {options.trace}')
-    else:
+    if options.run is None or options.trace is None:
         result = study.dry_run()
-        print(json.dumps(result) if options.json else '\n'.join(_dry_run_text(result)))
-    return 0
+        return Output(result, _dry_run_text(result))
+    trace = study.again(options.run)
+    trace_file.save(trace, options.trace)
+    result = {'ok': True, 'run': options.run, 'trace': options.trace, 'figures': trace.meta['figures']}
+    return Output(result, [f'run {options.run}: {options.trace}'])
 
 
 def _dry_run_text(result: dict[str, Any]) -> list[str]:

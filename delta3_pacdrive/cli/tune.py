@@ -2,13 +2,14 @@
 
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from delta3_pacdrive.cli.command import Command, RobotOptions, flag, option
+from delta3_pacdrive.cli.command import Command, RobotOptions, flag, option, settings_of
 from delta3_pacdrive.cli.option_types import NOISE, SEED, finite_number, trace_file
-from delta3_pacdrive.cli.output import print_answer
-from delta3_pacdrive.cli.studies import run_study
+from delta3_pacdrive.cli.output import Output, answered
+from delta3_pacdrive.cli.studies import Task, run_study
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -55,15 +56,20 @@ class Options(RobotOptions):
     propose: bool = flag(
         'propose gains of the velocity and position loops, and a notch filter for elastic gears, that keep the margins '
         'in the whole workspace with any payload up to --payload',
+        excludes=('--set', '--sweep'),
         formerly='--auto',
     )
     phase_margin: float | None = option(
         'phase margin for --propose (default: 45, and only gains better than the present ones)',
         'DEG',
+        needs='--propose',
         type=finite_number,
     )
     gain_margin: float | None = option(
-        'gain margin for --propose, up and down (default: 6, likewise)', 'DB', type=finite_number
+        'gain margin for --propose, up and down (default: 6, likewise)',
+        'DB',
+        needs='--propose',
+        type=finite_number,
     )
     sweep: str | None = option('plot margins and errors over N values of a gain', 'NAME=LOW:HIGH:N')
     program: str | None = option(
@@ -74,6 +80,7 @@ class Options(RobotOptions):
         'write the gains of --propose, or those of an earlier run in the output folder, to this parameter file, or '
         'without FILE to the drives of the running robot; the previous values are kept',
         'FILE',
+        excludes=('--recording',),
         nargs='?',
         const=ROBOT,
     )
@@ -86,21 +93,25 @@ class Options(RobotOptions):
     namespace: str = option('ROS namespace of the robot that --apply writes to', default='/', type=str)
     recording: str | None = option('also evaluate this trace (.npz, .csv) or bag folder', 'FILE')
     excite: str | None = option(
-        'only excite one axis of the simulated robot and write the trace', 'FILE', type=trace_file
+        'only excite one axis of the simulated robot and write the trace',
+        'FILE',
+        excludes=('--recording', '--set', '--sweep', '--propose', '--exchange-period'),
+        type=trace_file,
     )
     place: str = option(
-        'set point to which --excite adds its signal', default='current', choices=('current', 'position')
+        'set point to which --excite adds its signal',
+        default='current',
+        needs='--excite',
+        choices=('current', 'position'),
     )
-    noise: float = option('sensor noise of --excite; 1: typical', 'X', default=0.0, type=NOISE)
-    seed: int = option('seed of the noise', default=0, type=SEED)
+    noise: float = option(
+        'sensor noise of --excite; 1: typical', 'X', default=0.0, needs='--excite', type=NOISE
+    )
+    seed: int = option('seed of the noise', default=0, needs='--excite', type=SEED)
     output: str = option('folder for report, tables and figures', 'FOLDER', default='tuning')
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
-        if self.excite and (self.recording or self.changes or self.sweep or self.propose):
-            return '--excite cannot be combined with --recording, --set, --sweep or --propose'
-        if self.propose and (self.changes or self.sweep):
-            return '--propose cannot be combined with --set or --sweep'
         if self.undo is not None and set(self.given()) - {'--undo', '--output', '--json'}:
             return '--undo can be combined with --output and --json only'
         if self.undo not in (None, ROBOT) and '--output' in self.given():
@@ -109,24 +120,15 @@ class Options(RobotOptions):
             dropped = sorted(set(self.given()) - {'--apply', '--output', '--json', '--namespace'})
             if dropped:
                 return f'--apply without --propose takes the gains from the output folder: {dropped[0]} has no effect'
-        if self.apply is not None and self.recording:
-            return '--apply cannot be combined with --recording'
         if self.namespace != '/' and self.apply != ROBOT:
             return '--namespace requires --apply without a file'
-        for name in ('--phase-margin', '--gain-margin'):
-            if not self.propose and name in self.given():
-                return f'{name} requires --propose'
         if self.axis == TOOL_AXIS and (found := [name for name in OF_ARMS if name in self.given()]):
             return f'{found[0]} applies to the arms only, not to --axis {TOOL_AXIS}'
-        if self.excite and self.exchange_period is not None:
-            return '--excite uses the period of the drives: it takes no --exchange-period'
-        if not self.excite and (self.place != 'current' or self.noise or self.seed):
-            return '--place, --noise and --seed require --excite'
         return ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     if options.undo is not None:
         return _undo(options)
     if options.apply is None:
@@ -134,25 +136,21 @@ def run(options: Options) -> int:
     if options.propose:
         _require_target(options)
         return _study(options, lambda: {'applied': _apply(options)})
-    return print_answer(_apply(options), options)
+    return answered(_apply(options))
 
 
-def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> int:
+def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> Output:
     from delta3_pacdrive.recording import trace_file
     from delta3_pacdrive.studies.drives.tuning import report, run
     from delta3_pacdrive.studies.drives.tuning.study import Settings
 
-    settings = Settings(
-        parameters=options.parameters,
-        pose_m=(options.pose[0], options.pose[1], options.pose[2]) if options.pose else None,
+    settings = settings_of(
+        Settings,
+        options,
+        pose_m=None if options.pose is None else (options.pose[0], options.pose[1], options.pose[2]),
         payload_kg=options.payload,
-        axis=options.axis,
         speed_rad_s=options.speed,
-        amplitude=options.amplitude,
         changes=tuple(options.changes or ()),
-        sweep=options.sweep,
-        program=options.program,
-        recording=options.recording,
         exchange_period_s=options.exchange_period,
         auto=options.propose,
         phase_margin_deg=options.phase_margin,
@@ -160,12 +158,13 @@ def _study(options: Options, then: 'Callable[[], dict[str, str]]' = dict) -> int
     )
     if path := options.excite:
         trace_file.require_writable_trace(path)
-        return run_study(options, lambda show: _excite(options, path, settings, show), _excitation_text)
+        return run_study(options, partial(Task, partial(_excite, options, path, settings)), _excitation_text)
+    folder = Path(options.output)
     return run_study(
         options,
-        lambda show: run.Study(settings, Path(options.output), options.command_line, show).run(),
+        lambda show: run.Study(settings, folder, options.command_line, show),
         report.text,
-        writes=options.output,
+        folder,
         then=then,
     )
 
@@ -200,17 +199,17 @@ def _apply(options: Options) -> str:
     return f'{where}: {gains_text}; undo with {back}'
 
 
-def _undo(options: Options) -> int:
+def _undo(options: Options) -> Output:
     from delta3_pacdrive.studies.drives.tuning import drive_gains as applied
     from delta3_pacdrive.studies.drives.tuning import file_gains as gains_in_file
 
     if options.undo != ROBOT:
         gains_in_file.undo(Path(str(options.undo)))
-        return print_answer(f'{options.undo}: previous gains restored', options)
+        return answered(f'{options.undo}: previous gains restored')
     folder = Path(options.output)
     with _drives(applied.namespace_in(folder)) as channel:
         applied.undo(channel, folder)
-    return print_answer('all drives: previous gains restored', options)
+    return answered('all drives: previous gains restored')
 
 
 @contextmanager

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from delta3_pacdrive.cli.command import Command, JsonOptions, option
-from delta3_pacdrive.cli.output import print_json
+from delta3_pacdrive.cli.output import NAME_WIDTH, Output, with_provenance
+from delta3_pacdrive.cli.studies import written
 
 NUMBER_MAX = 1e6
 
@@ -35,11 +36,13 @@ class Options(JsonOptions):
     velocity: tuple[float, float] | None = option(
         'tool velocity [m/s], to compute joint speeds', ('VX', 'VY'), nargs=2, type=_number
     )
-    figures: str | None = option('write the figures as PNG files to this folder', 'FOLDER')
+    output: str | None = option(
+        'write the figures as PNG files to this folder', 'FOLDER', names=('--figures',)
+    )
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive.studies.thesis.two_link_arm.kinematics import Branch, TwoLinkArm
 
     arm = TwoLinkArm(*options.lengths)
@@ -52,23 +55,12 @@ def run(options: Options) -> int:
         'solutions': {branch.name.lower(): _solution(options, arm, branch) for branch in Branch},
         'files': [],
     }
-    if options.figures is not None:
-        from pathlib import Path
-
-        from delta3_pacdrive.studies.framework.provenance import Provenance
-        from delta3_pacdrive.studies.framework.report_folder import ReportFolder
+    if options.output is not None:
         from delta3_pacdrive.studies.thesis.two_link_arm import figures
 
-        folder = ReportFolder(Path(options.figures), Provenance.of(options.command_line))
-        folder.figures(figures.by_name(arm, options.point))
-        folder.table(figures.table(arm))
-        folder.page('Two-link arm', [_text(result)])
-        result['files'] = folder.files
-    if options.json:
-        print_json(result, options)
-    else:
-        print(_text(result))
-    return 0
+        drawings, tables = figures.by_name(arm, options.point), [figures.table(arm)]
+        result['files'] = written(options, 'Two-link arm', _text(result), drawings, tables)
+    return Output(with_provenance(result, options), _text(result))
 
 
 def _solution(options: Options, arm: Any, branch: Any) -> dict[str, Any]:
@@ -90,7 +82,9 @@ def _solution(options: Options, arm: Any, branch: Any) -> dict[str, Any]:
     return solution
 
 
-def _text(result: dict[str, Any]) -> str:
+def _text(result: dict[str, Any]) -> list[str]:
+    from delta3_pacdrive.studies.framework.columns import named_lines
+
     (a, b), (inner, outer), (x, y) = (result[key] for key in ('lengths_m', 'reach_m', 'point_m'))
     rows = [
         ('arm', f'a = {a:g} m, b = {b:g} m, reaches from {inner:g} to {outer:g} m'),
@@ -122,7 +116,7 @@ def _text(result: dict[str, Any]) -> str:
             rows.append(('joint speeds', f'{first:z.4f} deg/s, {second:z.4f} deg/s'))
     if result['files']:
         rows += [('', ''), *(('figure', file) for file in result['files'])]
-    return '\n'.join(f'{name:>14}  {text}'.rstrip() for name, text in rows)
+    return named_lines(rows, NAME_WIDTH)
 
 
 def _matrix_rows(name: str, matrix: list[list[float]], unit: str) -> list[tuple[str, str]]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from delta3_pacdrive.cli.command import Command, flag, option
 from delta3_pacdrive.cli.option_types import integer_within
-from delta3_pacdrive.cli.output import print_json
+from delta3_pacdrive.cli.output import Output, with_provenance
 from delta3_pacdrive.cli.progress import Progress
 from delta3_pacdrive.cli.run import GraphOptions, bring_up, lacking, show_run
 from delta3_pacdrive.recording.motion_progress import MotionProgress
@@ -29,16 +29,14 @@ class Options(GraphOptions):
         'with --robots: one bus clock for all robots, so that bus cycles with the same number start at the same time; '
         'a slow robot delays all others'
     )
-    separate_processes: bool = flag('with --robots: a separate process for each node')
+    separate_processes: bool = flag(
+        'with --robots: a separate process for each node', needs='--robots', excludes=('--single-process',)
+    )
 
     def check(self) -> str:
         """Return the error in the combination of options; empty if it is valid."""
-        if self.separate_processes and self.robots is None:
-            return '--separate-processes requires --robots: a single robot has separate processes by default'
         if self.shared_clock and (self.robots or 1) < 2:
             return '--shared-clock requires --robots with two or more robots'
-        if self.separate_processes and self.single_process:
-            return '--separate-processes and --single-process exclude each other'
         last = (self.view_port or 0) + (self.robots or 1) - 1
         if self.view_port and self.robots and last > serving.PORT_MAX:
             return (
@@ -74,8 +72,8 @@ class _Announcement:
         show_run(self._display, progress)
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive import parameters as core
 
     options.parameters = core.of_run(options.parameters)
@@ -87,15 +85,12 @@ def run(options: Options) -> int:
     bringup, result = bring_up(
         options, None, lambda display, bringup: _Announcement(display, bringup, options.json).show
     )
-    if options.json:
-        print_json(result | {'controller': bringup.robot.controller}, options, bringup.robot)
-    else:
-        done = (
-            f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '
-            f'{result["lost_telegrams"]} lost AT, {result["restarts"]} processes restarted'
-        )
-        print('\n'.join([done, *lacking(result, options.bag)]))
-    return 0
+    done = (
+        f'bus time {result["bus_time_s"]:.3f} s in {result["cycles"]} cycles, {result["overruns"]} overruns, '
+        f'{result["lost_telegrams"]} lost AT, {result["restarts"]} processes restarted'
+    )
+    document = with_provenance(result | {'controller': bringup.robot.controller}, options, bringup.robot)
+    return Output(document, [done, *lacking(result, options.bag)])
 
 
 main = Command(

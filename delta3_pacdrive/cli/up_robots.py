@@ -1,7 +1,6 @@
 """``delta3 up --robots N``: run several robots under one supervisor, with a table of their states."""
 
 import math
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -9,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from delta3_pacdrive.cli.output import print_json
+from delta3_pacdrive.cli.output import Output, with_provenance
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.run import GraphOptions, asked_for, lacking
 from delta3_pacdrive.errors import RunError
@@ -116,8 +115,8 @@ def _rich_table(robots: Sequence[Any]) -> Any:
     return table
 
 
-def run(options: GraphOptions, count: int, shared_clock: bool) -> int:
-    """Start robots and keep them running until Ctrl-C or until all have ended; return the exit status."""
+def run(options: GraphOptions, count: int, shared_clock: bool) -> Output:
+    """Start robots and keep them running until Ctrl-C or until all have ended; return the result."""
     started_s = time.monotonic()
     from delta3_pacdrive.bringup.environment import bag_of, namespaces, only_one
 
@@ -137,7 +136,7 @@ def run(options: GraphOptions, count: int, shared_clock: bool) -> int:
     supervisor = robots.Robots(each, page, options.view_port, started_s, shared_clock)
     with _Display(options.json) as display:
         supervisor.run(display.show, display.print)
-    return _print_result(options, supervisor.now, bags, supervisor.crowded)
+    return _output(options, supervisor.now, bags, supervisor.crowded)
 
 
 def _folder_of_bags(folder: Path | None) -> Path | None:
@@ -151,23 +150,18 @@ def _folder_of_bags(folder: Path | None) -> Path | None:
     return folder
 
 
-def _print_result(options: GraphOptions, robots: Sequence[Any], bags: Path | None, crowded: str) -> int:
-    dead = [robot for robot in robots if robot.error]
-    if options.json:
-        results = {
-            robot.namespace: (robot.result or {'ok': not robot.error})
-            | ({'error': robot.error} if robot.error else {})
-            | {'notices': robot.notes}
-            for robot in robots
-        }
-        print_json({'ok': not dead, 'real_time': not crowded, 'robots': results}, options)
-    else:
-        for line in result_lines(robots, bags):
-            print(line)
-    if dead:
-        names = ', '.join(robot.namespace for robot in dead)
-        print(f'error: {len(dead)} of {len(robots)} robots ended early: {names}', file=sys.stderr)
-    return int(bool(dead))
+def _output(options: GraphOptions, robots: Sequence[Any], bags: Path | None, crowded: str) -> Output:
+    dead = [robot.namespace for robot in robots if robot.error]
+    results = {
+        robot.namespace: (robot.result or {'ok': not robot.error})
+        | ({'error': robot.error} if robot.error else {})
+        | {'notices': robot.notes}
+        for robot in robots
+    }
+    result = {'ok': not dead, 'real_time': not crowded, 'robots': results}
+    message = f'error: {len(dead)} of {len(robots)} robots ended early: {", ".join(dead)}' if dead else ''
+    document, text = with_provenance(result, options), result_lines(robots, bags)
+    return Output(document, text, int(bool(dead)), message=message)
 
 
 def result_lines(robots: Sequence[Any], bags: Path | None) -> list[str]:

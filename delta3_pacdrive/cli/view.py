@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from delta3_pacdrive import interrupts
 from delta3_pacdrive.cli.command import Command, NodeOptions, argument, flag, option
+from delta3_pacdrive.cli.output import Output
 from delta3_pacdrive.cli.progress import announce_compilation
 from delta3_pacdrive.cli.run_options import require_no_own_parameters
 from delta3_pacdrive.errors import RunError
@@ -67,18 +68,21 @@ class Options(NodeOptions):
         return ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     with serving.held(options.host, options.port) as place:
         try:
-            return _watch(options, place) if options.run is None else _play(options, options.run, place)
+            if options.run is None:
+                _watch(options, place)
+            else:
+                _play(options, options.run, place)
         except KeyboardInterrupt:
             if not place.is_told:
                 raise
-            return 0
+    return Output()
 
 
-def _watch(options: Options, place: serving.Place) -> int:
+def _watch(options: Options, place: serving.Place) -> None:
     """Show a running robot."""
     import os
 
@@ -101,17 +105,17 @@ def _watch(options: Options, place: serving.Place) -> int:
         os.nice(NICENESS)  # only now, to show the first picture quickly
         timeout_s = float('inf') if options.wait else live_view.APPEAR_S
         live_view.run(page, parameters, namespace, timeout_s)
-    return 0
 
 
-def _play(options: Options, name: str, place: serving.Place) -> int:
+def _play(options: Options, name: str, place: serving.Place) -> None:
     """Show a run."""
     from delta3_pacdrive.studies.runs import runs
     from delta3_pacdrive.studies.runs.inputs import is_recording
     from delta3_pacdrive.view import workspace
 
     if workspace.Volume.is_one(Path(name)):
-        return _show_volume(options, Path(name), place)
+        _show_volume(options, Path(name), place)
+        return
     if not is_recording(name):
         announce_compilation(options.parameters)
     found = runs.load(name, options.parameters, columns=options.columns)
@@ -124,10 +128,9 @@ def _play(options: Options, name: str, place: serving.Place) -> int:
     _announce(options, place)
     with _served(options, film.robot, Path(name).name, place) as page:
         playback.run(page, film)
-    return 0
 
 
-def _show_volume(options: Options, path: Path, place: serving.Place) -> int:
+def _show_volume(options: Options, path: Path, place: serving.Place) -> None:
     """Show the robot in the volume of its workspace."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.view import workspace
@@ -136,7 +139,6 @@ def _show_volume(options: Options, path: Path, place: serving.Place) -> int:
     _announce(options, place)
     with _served(options, robot, path.name, place) as page:
         workspace.run(page, robot, volume, path.name)
-    return 0
 
 
 def _announce(options: Options, place: serving.Place) -> None:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from delta3_pacdrive.cli.command import PARAMETERS, Command, JsonOptions, option
 from delta3_pacdrive.cli.option_types import finite_number, number_within
-from delta3_pacdrive.cli.output import print_json
+from delta3_pacdrive.cli.output import Output, with_provenance
+from delta3_pacdrive.cli.studies import written
 
 if TYPE_CHECKING:
-    from delta3_pacdrive.parameters import Parameters
-    from delta3_pacdrive.studies.places.workspace.study import Results, Settings
+    from delta3_pacdrive.studies.places.workspace.study import Results
 
 REACH_M = 10.0
 SLICES_MAX = 9
@@ -50,6 +50,7 @@ class Options(JsonOptions):
         'of arm 1)',
         'AXIS=M',
         names=('--slice',),
+        needs='--output',
         type=_plane,
         action='append',
     )
@@ -67,17 +68,16 @@ class Options(JsonOptions):
         """Return the error in the combination of options; empty if it is valid."""
         if len(self.planes or ()) > SLICES_MAX:
             return f'at most {SLICES_MAX} slices are possible'
-        if self.planes and self.output is None:
-            return '--slice requires --output'
         return ''
 
 
-def run(options: Options) -> int:
-    """Run the command; return the exit status."""
+def run(options: Options) -> Output:
+    """Run the command; return its result."""
     from delta3_pacdrive import parameters as core
     from delta3_pacdrive.cli.progress import Progress, announce_compilation
+    from delta3_pacdrive.studies.framework.provenance import Provenance
     from delta3_pacdrive.studies.framework.report_folder import require_writable_folder
-    from delta3_pacdrive.studies.places.workspace import evaluation, report
+    from delta3_pacdrive.studies.places.workspace import evaluation, figures, report
     from delta3_pacdrive.studies.places.workspace.study import Settings, Slice
 
     robot = core.load(options.parameters)
@@ -96,34 +96,16 @@ def run(options: Options) -> int:
         evaluation.warm_up(robot)
         evaluation.require_reached(planes, robot)
         found = evaluation.study(settings, robot, progress.show)
-        files = _written(options, settings, found, robot)
-    result, lines = report.document(found, settings, robot), report.text(found, settings, robot)
+        lines = report.text(found, settings, robot)
+        origin = Provenance.of(options.command_line, robot, options.parameters)
+        drawings, tables = figures.by_name(found, slices, robot), [report.extremes_table(found)]
+        files = written(options, 'Workspace', lines, drawings, tables, origin)
+        if options.volume is not None:
+            files.append(str(_volume(Path(options.volume), found, origin)))
+    result = report.document(found, settings, robot)
     if files:
         result['files'] = files
-    if options.json:
-        print_json(result, options, robot)
-    else:
-        print('\n'.join([*lines, *files]))
-    return 0
-
-
-def _written(options: Options, settings: 'Settings', found: 'Results', robot: 'Parameters') -> list[str]:
-    """Write figures, tables and volume; return the file names."""
-    from delta3_pacdrive.studies.framework.provenance import Provenance
-    from delta3_pacdrive.studies.framework.report_folder import ReportFolder
-    from delta3_pacdrive.studies.places.workspace import figures, report
-
-    origin = Provenance.of(options.command_line, robot, options.parameters)
-    files: list[str] = []
-    if options.output is not None:
-        folder = ReportFolder(Path(options.output), origin)
-        folder.figures(figures.by_name(found, settings.slices, robot))
-        folder.table(report.extremes_table(found))
-        folder.page('Workspace', report.text(found, settings, robot))
-        files += folder.files
-    if options.volume is not None:
-        files.append(str(_volume(Path(options.volume), found, origin)))
-    return files
+    return Output(with_provenance(result, options, robot), [*lines, *files])
 
 
 def _volume(path: Path, found: 'Results', origin: Any) -> Path:

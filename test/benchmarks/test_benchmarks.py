@@ -32,11 +32,11 @@ def test_array_kinematics_come_back_to_where_they_began(capsys, monkeypatch):
     assert set(result['poses_per_s']) == {'inverse', 'forward', 'jacobian', 'singularity', 'capability'}
 
 
-def test_a_rate_is_compared_with_the_aim_of_its_own_direction(capsys):
+def test_a_rate_is_compared_with_the_aim_of_its_own_direction():
     """Ten million inverse and five million forward solutions a second; no aim for the others."""
     rates = {name: {'median': 4e6, 'best': 6e6} for name in ('inverse', 'forward', 'jacobian')}
-    simulation.show_kinematics({'poses_per_s': rates, 'round_trip_max_m': 1.5e-15, 'poses': 1000})
-    assert [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()] == [
+    text = simulation.kinematics_text({'poses_per_s': rates, 'round_trip_max_m': 1.5e-15, 'poses': 1000})
+    assert [' '.join(line.split()) for line in text] == [
         'inverse 4.0 M poses/s median, 6.0 best, 0.40 of the aim',
         'forward 4.0 M poses/s median, 6.0 best, 0.80 of the aim',
         'jacobian 4.0 M poses/s median, 6.0 best',
@@ -71,13 +71,11 @@ def test_the_benchmark_of_motions_counts_rounds_and_gives_bounds_in_their_order(
     assert bounds['motors alone'] < bounds['free jerk'] < bounds['planned'] == pytest.approx(0.1688, abs=1e-3)
     assert result['errors']['circle_m'] < 1e-6
     assert result['errors']['cruise_speed'] < 1e-3
-    motion.show(
-        result | {'packaging': result['packaging'] | {'packaging_fast': result['packaging']['packaging']}}
-    )
-    assert '150.9 per minute' in capsys.readouterr().out
+    every = result | {'packaging': result['packaging'] | {'packaging_fast': result['packaging']['packaging']}}
+    assert '150.9 per minute' in '\n'.join(motion.text(every))
 
 
-def test_the_speed_of_robots_together_is_the_sum_of_theirs(capsys):
+def test_the_speed_of_robots_together_is_the_sum_of_theirs():
     own = {
         'cycles': 10_000,
         'overruns': 5,
@@ -90,8 +88,10 @@ def test_the_speed_of_robots_together_is_the_sum_of_theirs(capsys):
         'robots': {f'/robot{n}': own | {'bus_time_s': 10.0, 'wall_time_s': 2.0 + n} for n in (0, 2)},
     }
     slow = {'crowded': '', 'robots': {'/': own | {'bus_time_s': 10.0, 'wall_time_s': 10.0}}}
-    robots.show({'one': slow, 'fast': fast, 'several': {'robots': {}, 'crowded': '', 'error': 'too busy'}})
-    rows = [' '.join(line.split()) for line in capsys.readouterr().out.splitlines() if line]
+    lines = robots.text(
+        {'one': slow, 'fast': fast, 'several': {'robots': {}, 'crowded': '', 'error': 'too busy'}}
+    )
+    rows = [' '.join(line.split()) for line in lines]
     assert rows == [
         'one robot, real time',
         '/ 10000 cycles, 5 overruns (0.050%), cycle start late 0.25 / 1.25 / 2.25 / 3.25 ms, 3 lost AT',

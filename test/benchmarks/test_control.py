@@ -106,15 +106,14 @@ def test_the_true_error_is_that_of_the_true_tcp_and_heat_grows_with_the_square_o
     assert row['heat'] == pytest.approx((row['rms_current_a'] / 4.1) ** 2)
 
 
-def test_a_run_that_fails_is_told_in_its_place(monkeypatch, capsys):
+def test_a_run_that_fails_is_told_in_its_place(monkeypatch):
     def fails(*_, **__):
         raise RunError('axis1 is not enabled')
 
     monkeypatch.setattr(control.simulation, 'run', fails)
     found = control.measure(['off'], [control.NOMINAL])
     assert found['controllers']['off'][control.NOMINAL] == {'failed': 'axis1 is not enabled'}
-    control.show(found)
-    assert 'nominal axis1 is not enabled' in capsys.readouterr().out
+    assert 'nominal axis1 is not enabled' in '\n'.join(control.text(found))
 
 
 def test_the_command_prints_a_line_for_each_robot(monkeypatch, capsys):

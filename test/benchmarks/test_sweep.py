@@ -22,7 +22,7 @@ class Here:
         return {'here': function(*arguments)}
 
 
-def test_rates_planning_and_memory_are_told_for_one_worker_and_for_two(monkeypatch, capsys):
+def test_rates_planning_and_memory_are_told_for_one_worker_and_for_two(monkeypatch):
     asked, made = [], []
     monkeypatch.setattr(sweep, 'LOOPED', 3)
     monkeypatch.setattr(sweep, 'WARMED', 1)
@@ -41,8 +41,7 @@ def test_rates_planning_and_memory_are_told_for_one_worker_and_for_two(monkeypat
     one, two = result['workers'].values()
     assert result['efficiency'] == pytest.approx(two['runs_per_s'] / one['runs_per_s'] / 2.0)
     assert one['memory_mb'][0][0] > 50.0
-    sweep.show(result)
-    lines = capsys.readouterr().out.splitlines()
+    lines = list(sweep.text(result))
     assert len(lines) == 7
     assert 'runs/s' in lines[4]
     assert lines[-1].strip().startswith('efficiency')

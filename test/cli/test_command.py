@@ -6,9 +6,10 @@ import pytest
 
 from delta3_pacdrive import parameters, simulation
 from delta3_pacdrive.cli import progress
-from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option
+from delta3_pacdrive.cli.command import Command, JsonOptions, argument, flag, option, settings_of
 from delta3_pacdrive.cli.main import COMMANDS, load_command
 from delta3_pacdrive.cli.option_types import finite_number
+from delta3_pacdrive.cli.output import Output, print_output
 from delta3_pacdrive.numerics import kernel
 
 NAMES_OF_FILES = {
@@ -27,6 +28,7 @@ class Options(JsonOptions):
     changes: list[str] | None = option('what', 'NAME', names=('--set', '-s'), action='append')  # noqa: RUF009
     now: bool = flag('at once', only=('go', 'stop', 'wait'), formerly='--immediately')
     limit: float | None = option('how far', 'M', type=float, formerly='--bound')
+    exact: bool = flag('to the millimetre', needs='--limit', excludes=('--now', '--pose'))
 
     def check(self):
         return self.rejection(self.action)
@@ -36,7 +38,7 @@ def command(seen=None):
     def run(options):
         if seen is not None:
             seen.append(options)
-        return 3
+        return Output(status=3)
 
     return Command('try', 'Tries.', Options, run, ACTIONS, mixed=True)
 
@@ -119,6 +121,43 @@ def test_several_actions_that_obey_an_option_are_listed():
     options = read('go', '--now')
     assert options.rejection('rest') == '--now is for go, stop and wait, not for rest'
     assert options.unsupported('wait') == []
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        (['--exact'], '--exact requires --limit'),
+        (['--exact', '--limit', '1', '--now'], '--exact cannot be combined with --now or --pose'),
+    ],
+)
+def test_the_declared_rules_of_an_option_are_checked(arguments, sentence, capsys):
+    with pytest.raises(SystemExit) as end:
+        read('go', *arguments)
+    assert end.value.code == 2
+    assert f'error: {sentence}\n' in capsys.readouterr().err
+    assert read('go', '--limit', '1', '--exact').exact
+
+
+def test_settings_get_the_options_of_the_same_names():
+    @dataclass
+    class Settings:
+        speed: float
+        limit: float | None
+        place: str = 'home'
+
+    options = read('go', '--speed', '3')
+    assert settings_of(Settings, options, limit=2.0) == Settings(3.0, 2.0)
+    assert settings_of(Settings, options, place='there') == Settings(3.0, None, 'there')
+
+
+def test_one_place_prints_the_result_of_every_command(capsys):
+    output = Output(lambda: {'ok': True}, iter(['a', 'b']), 3, ['note: n'], 'error: e')
+    assert print_output(output, as_json=True) == 3
+    assert capsys.readouterr() == ('{"ok": true}\n', 'error: e\n')
+    assert print_output(output, as_json=False) == 3
+    assert capsys.readouterr() == ('a\nb\n', 'note: n\nerror: e\n')
+    assert print_output(Output(status=2), as_json=True) == 2
+    assert capsys.readouterr() == ('', '')
 
 
 def test_the_help_tells_actions_and_the_defaults_that_say_something():

@@ -7,7 +7,7 @@ import pytest
 
 from delta3_pacdrive.cli import check, completion
 from delta3_pacdrive.cli.main import COMMANDS, load_command, main
-from delta3_pacdrive.cli.output import print_figures
+from delta3_pacdrive.cli.output import figures_text
 from delta3_pacdrive.planning.program import file_reader as programs
 
 FIGURES = {
@@ -24,18 +24,17 @@ FIGURES = {
 }
 
 
-def printed(figures, capsys):
+def printed(figures):
     """Return what people read, by the name of the row; rows of one name as a list."""
-    print_figures(figures)
     rows = {}
-    for line in capsys.readouterr().out.splitlines():
+    for line in figures_text(figures):
         assert line[14:16] == '  '
         rows.setdefault(line[:14].strip(), []).append(line[16:])
     return rows
 
 
-def test_people_read_the_figures_of_a_run_in_their_units(capsys):
-    assert printed(FIGURES, capsys) == {
+def test_people_read_the_figures_of_a_run_in_their_units():
+    assert printed(FIGURES) == {
         'bus time': ['2.500 s in 1250 cycles'],
         'wall time': ['0.500 s (5.00 x real time)'],
         'TCP error': ['0.310 mm max, 0.120 mm rms'],
@@ -47,16 +46,16 @@ def test_people_read_the_figures_of_a_run_in_their_units(capsys):
     }
 
 
-def test_people_read_rounds_notices_and_the_bus(capsys):
+def test_people_read_rounds_notices_and_the_bus():
     more = {'repeat': 6, 'program_s': 12.0, 'notices': ['one', 'two'], 'overruns': 3, 'lost_telegrams': 4}
-    rows = printed(FIGURES | more, capsys)
+    rows = printed(FIGURES | more)
     assert rows['rounds'] == ['6 in 12.000 s: 30.0 per minute']
     assert rows['note'] == ['one', 'two']
     assert rows['bus'] == ['3 overruns, 4 lost AT']
-    assert 'rounds' not in printed(FIGURES | more | {'repeat': 1}, capsys)
+    assert 'rounds' not in printed(FIGURES | more | {'repeat': 1})
 
 
-def test_people_read_what_has_happened_to_parts_and_why(capsys):
+def test_people_read_what_has_happened_to_parts_and_why():
     outcomes = {'waiting': 1, 'in hand': 0, 'placed': 3, 'lost': 7}
     parts = [
         {'number': n, 'type': 'bar', 'outcome': 'lost', 'reason': f'it slid off at {n}'} for n in range(7)
@@ -66,14 +65,14 @@ def test_people_read_what_has_happened_to_parts_and_why(capsys):
         'hold_use_max': 1.25, 'parts': [*parts, {'reason': ''}],
         'misses': [{'closed_cycle': 300, 'reason': 'there is no part'}],
     }  # fmt: skip
-    rows = printed(FIGURES | {'cell': cell}, capsys)
+    rows = printed(FIGURES | {'cell': cell})
     assert rows['parts'] == ['10 picked, 3 placed, 7 lost, 1 missed']
     assert rows['place error'] == ['0.250 mm max, 0.100 mm rms']
     assert rows['cup'] == ['125 % of its force at most']
     assert rows['part'][0] == 'part 0 (bar), lost: it slid off at 0'
     assert rows['part'][5:] == ['and 3 more; --json lists all']
     none = cell | {'place_error_max_m': None, 'hold_use_max': None, 'parts': []}
-    rows = printed(FIGURES | {'cell': none}, capsys)
+    rows = printed(FIGURES | {'cell': none})
     assert rows['part'] == ['missed in bus cycle 300: there is no part']
     assert not {'place error', 'cup'} & rows.keys()
 

@@ -178,6 +178,7 @@ def test_the_minute_of_a_line_that_is_driven_again_is_that_of_its_options(monkey
         line='the line',
         require_robot=lambda *given: required.append(given),
         run=lambda: {'ok': True},
+        on_progress=lambda *_: None,
         belt_of=lambda robot: f'belt of {robot}',
     )
     required = []

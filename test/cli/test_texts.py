@@ -57,7 +57,7 @@ def test_a_place_that_is_rounded_to_zero_has_no_sign():
 
 
 def test_the_figures_of_a_run_are_printed_each_behind_its_name_in_its_unit(capsys):
-    output.print_figures(RESULT)
+    print('\n'.join(output.figures_text(RESULT)))
     assert printed(capsys) == {
         'bus time': ['3.000 s in 2987 cycles'],
         'wall time': ['1.500 s (2.00 x real time)'],
@@ -84,11 +84,11 @@ OF_TURNS = {
 
 
 def test_how_far_a_tool_is_off_is_told_with_who_says_so(capsys):
-    output.print_figures(RESULT | OF_TURNS)
+    print('\n'.join(output.figures_text(RESULT | OF_TURNS)))
     graph = printed(capsys)
     assert graph['tool'] == ['error max at move ends 0.0401 deg by its encoder; during motion 0.1719 deg']
     assert graph['tool current'] == ['peak 3.21 A; rms in the AT 1.23 A']
-    output.print_figures(RESULT | OF_TURNS | {'turn_place_error_max_rad': 0.0008})
+    print('\n'.join(output.figures_text(RESULT | OF_TURNS | {'turn_place_error_max_rad': 0.0008})))
     assert printed(capsys)['tool'] == [
         'error max at move ends 0.0458 deg, 0.0401 deg by its encoder; during motion 0.1719 deg'
     ]
@@ -99,7 +99,7 @@ def test_currents_are_compared_with_their_limits_and_one_beyond_is_a_warning(rob
     used = output.currents_used(hot | {'turn_current_rms_a': 1.7}, robot)
     assert used['current_peak_used'] == [1.0, 0.5, None]
     assert used['current_rms_used'] == [4.24 / 4.1, 2.86 / 4.1, None]
-    output.print_figures(hot | used)
+    print('\n'.join(output.figures_text(hot | used)))
     rows = printed(capsys)
     assert rows['current peak'] == ['17.00 / 8.50 / - A, 100.0 / 50 / - % of the peak current (17 A)']
     assert rows['current rms'] == ['4.24 / 2.86 / - A, 103 / 70 / - % of the nominal current (4.1 A)']

@@ -55,7 +55,7 @@ def test_the_table_has_a_row_of_each_robot_and_says_what_it_does_or_waits_for():
         (['--separate-processes'], '--separate-processes requires --robots'),
         (['--shared-clock'], '--shared-clock requires --robots with two or more'),
         (['--robots', '1', '--shared-clock'], '--shared-clock requires --robots with two or more'),
-        (['--robots', '2', '--separate-processes', '--single-process'], 'exclude each other'),
+        (['--robots', '2', '--separate-processes', '--single-process'], 'cannot be combined with'),
         (['--robots', '3', '--view-port', '65534'], 'the page of the last robot would require port 65536'),
     ],
 )

@@ -1,6 +1,7 @@
 """Estimation study: reads or simulates measurements, fits models and writes the results; can be resumed."""
 
 import json
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -102,6 +103,13 @@ class Study(studies.Study):
             own = GROUPS[self.settings.group]
             self.quantities = own.chosen(self.settings.free, self.settings.known, self.robot)
             self.model_robot = with_effects_of(self.robot, self.quantities)
+
+    def unfinished(self) -> str:
+        """Return the message after an interrupt, with the command that continues."""
+        if self.iterate is None:
+            return 'interrupted before the first iteration'
+        again = f'delta3 estimate --resume {shlex.quote(str(self.folder))}'
+        return f'interrupted after iteration {self.iterate.number}; continue with {again}'
 
     @staticmethod
     def resumed(folder: Path, command: str, on_progress: OnProgress) -> 'Study':

@@ -26,3 +26,7 @@ class Study:
     folder: Path  # destination of the results
     command: str  # as typed
     on_progress: OnProgress
+
+    def unfinished(self) -> str:
+        """Return the message after an interrupt."""
+        return 'interrupted: no report was written'

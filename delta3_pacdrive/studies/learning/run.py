@@ -75,6 +75,12 @@ class Study(studies.Study):
         self.robot = simulation.placed(robot, self.program)
         self.machine = simulation.placed(machine, self.program)
 
+    def unfinished(self) -> str:
+        """Return the message after an interrupt."""
+        if not self.kept:
+            return 'interrupted before the first result; nothing was written'
+        return f'interrupted: the torques of repetition {self.kept} are in {self.file}'
+
     def run(self) -> dict[str, Any]:
         """Learn, write all results and return the report; raises Delta3Error.
 

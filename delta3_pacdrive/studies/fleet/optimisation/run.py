@@ -42,10 +42,9 @@ class Study(studies.Study):
         require_optuna()
         self.optimisation = specification.load(self.settings.specification)
 
-    @property
-    def kept_text(self) -> str:
-        """Number of runs on disk, as text."""
-        return f'{self.kept} runs are'
+    def unfinished(self) -> str:
+        """Return the message after an interrupt, with the number of runs on disk."""
+        return f'interrupted: {self.kept} runs are in {self.folder}; the same command continues'
 
     def run(self) -> dict[str, Any]:
         """Run the missing trials, write all results and return the report; raises Delta3Error."""

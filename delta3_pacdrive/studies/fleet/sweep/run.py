@@ -43,10 +43,9 @@ class Study(studies.Study):
         self.sweep = specification.load(self.settings.specification)
         self.values = values_of(self.sweep)
 
-    @property
-    def kept_text(self) -> str:
-        """Number of runs on disk, as text."""
-        return f'{self.kept} of {self.sweep.runs} runs are'
+    def unfinished(self) -> str:
+        """Return the message after an interrupt, with the number of runs on disk."""
+        return f'interrupted: {self.kept} of {self.sweep.runs} runs are in {self.folder}; the same command continues'
 
     def run(self) -> dict[str, Any]:
         """Make the missing runs, write all results and return the report; raises Delta3Error."""

@@ -494,12 +494,12 @@ def test_options_of_an_excitation_change_what_they_say(tmp_path, capsys):
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [
-        (['--place', 'position'], '--place, --noise and --seed require --excite'),
-        (['--noise', '1'], '--place, --noise and --seed require --excite'),
-        (['--excite', 'x.npz', '--exchange-period', '1e-3'], 'it takes no --exchange-period'),
+        (['--place', 'position'], '--place requires --excite'),
+        (['--noise', '1'], '--noise requires --excite'),
+        (['--excite', 'x.npz', '--exchange-period', '1e-3'], '--propose or --exchange-period'),
         (
             ['--excite', 'x.npz', '--set', 'K_Pvel=1'],
-            'cannot be combined with --recording, --set, --sweep or --propose',
+            'cannot be combined with --recording, --set, --sweep, --propose or --exchange-period',
         ),
         (['--axis', '5'], 'invalid choice'),
         (['--noise', '-1', '--excite', 'x.npz'], "'-1' must be a number between 0 and 1000"),
