@@ -90,8 +90,9 @@ def require(value: Any, kind: Any, what: str, number_max: float = COUNT_MAX, nan
     if members := get_args(kind):
         any_number = isinstance(members[-1], EllipsisType)
         if not isinstance(value, list) or not (any_number or len(value) == len(members)):
-            count = 'texts' if any_number else f'{len(members)} numbers'
-            raise TelegramError(f'{what} must be a list of {count}, not {shown(value)}')
+            count = '' if any_number else f'{len(members)} '
+            items = 'texts' if members[0] is str else 'numbers'
+            raise TelegramError(f'{what} must be a list of {count}{items}, not {shown(value)}')
         for one in value:
             require(one, members[0], what, number_max, nan)
         return

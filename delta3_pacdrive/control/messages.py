@@ -52,7 +52,7 @@ class Status(_Refusing):
     order: int  # number of the newest accepted order of this planner, 0 without one
     checked: int  # messages of the present plan that have been checked
     cycle: int  # next bus cycle
-    turn_rad: float | None = None  # angle of the rotary axis when located, if present
+    turn_rad: tuple[float, ...] | None = None  # angles of the rotary axes when located, if there are any
 
     @property
     def reason(self) -> Reason | None:

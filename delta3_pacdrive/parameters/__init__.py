@@ -48,7 +48,7 @@ from delta3_pacdrive.parameters.robot import (
     groups,
     is_rich,
 )
-from delta3_pacdrive.parameters.rotary import Rotary, numbered
+from delta3_pacdrive.parameters.rotary import ROTARY_AXES_MAX, Rotary, numbered
 from delta3_pacdrive.parameters.rotary_axis import rotary_axis_parameters
 from delta3_pacdrive.parameters.rules import CYCLE_TIMES_S, ELASTIC_EXCHANGE_S, EXCHANGE_PERIODS_S
 
@@ -72,6 +72,7 @@ __all__ = [
     'PAYLOAD_MAX_KG',
     'PLANTS',
     'RATED_PAYLOAD_KG',
+    'ROTARY_AXES_MAX',
     'SHAPINGS',
     'SMOOTH',
     'THESIS_CONTROLLER',

@@ -1,5 +1,6 @@
 """Programs with an adaptation: with speed caps, from a later statement on, or with a preceding approach move."""
 
+import math
 from dataclasses import replace
 from functools import reduce
 
@@ -19,12 +20,11 @@ from delta3_pacdrive.planning.program.model import (
     MoveC,
     MoveL,
     Output,
-    PathMove,
     Program,
     Statement,
     Target,
-    Turn,
     point_of,
+    turns_of,
 )
 from delta3_pacdrive.planning.program_planner import capped
 from delta3_pacdrive.planning.statement_curves import end_of
@@ -78,32 +78,23 @@ def rest_of(program: Program, first: int, parameters: Parameters) -> Program:
         )
     gripped = [one.payload_kg for one in before if isinstance(one, Output) and one.payload_kg is not None]
     payload = gripped[-1] if gripped else program.payload_kg
-    turn = _turn_after(before, program.start_turn_rad)
-    if turn is None and any(_turns(one) for one in before):
+    turns = _turns_after(before, program.start_turns_rad)
+    if any(math.isnan(angle) for angle in turns):
         raise ProgramError(
             f'{name} starts after relative turns from an unknown angle: give start_turn_deg in the head'
         )
-    begun = replace(program, start_m=point_of(start), payload_kg=payload, start_turn_rad=turn)
+    begun = replace(program, start_m=point_of(start), payload_kg=payload, start_turns_rad=turns)
     return _once(program, range(first, count), begun)
 
 
-def _turns(statement: Statement) -> Angle | None:
-    """Return the angle to which a statement turns the tool; None if it does not turn it."""
-    if isinstance(statement, Turn):
-        return statement.to
-    return statement.turn if isinstance(statement, PathMove) else None
-
-
-def _turn_after(statements: tuple[Statement, ...], start_rad: float | None) -> float | None:
-    """Return the tool angle after statements [rad]; None if it depends on an unknown start angle."""
-    current = start_rad
-    for statement in statements:
-        angle = _turns(statement)
-        if angle is not None:
-            current = (
-                angle.angle_rad if not angle.relative else None if current is None else angle.after(current)
-            )
-    return current
+def _turns_after(statements: tuple[Statement, ...], start_rad: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the angles of the rotary axes after statements [rad]; nan if one depends on an unknown start angle."""
+    current = list(start_rad)
+    for angles in map(turns_of, statements):
+        current += [math.nan] * (len(angles) - len(current))
+        for number, angle in enumerate(angles):
+            current[number] = angle.after(current[number])
+    return tuple(current)
 
 
 def approached(program: Program, speed_m_s: float) -> Program:
@@ -113,15 +104,15 @@ def approached(program: Program, speed_m_s: float) -> Program:
             f'program "{program.name}" starts at the current robot position: it has no start to approach'
         )
     limits = Limits(speed_m_s, APPROACH_M_S2, APPROACH_M_S3)
-    turn = None if program.start_turn_rad is None else Angle(program.start_turn_rad)
+    turns = tuple(Angle(angle) for angle in program.start_turns_rad)
     whole = _once(program, range(len(program.statements)), program)
     return replace(
         whole,
-        statements=(MoveL(to=Target(program.start_m), limits=limits, turn=turn), *whole.statements),
+        statements=(MoveL(to=Target(program.start_m), limits=limits, turns=turns), *whole.statements),
         places=(None, *whole.places),
         names=('the approach to its start', *whole.names),
         start_m=None,
-        start_turn_rad=None,
+        start_turns_rad=(),
     )
 
 

@@ -28,6 +28,7 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.paths.move import Move, check_phases
+from delta3_pacdrive.planning.paths.rotations import are_joined
 from delta3_pacdrive.planning.paths.virtual_master import (
     PHASE_COLUMNS,
     compared_speeds,
@@ -242,8 +243,7 @@ class Timeline:
         scale = np.array([1.0, 1.0, self.cycle_time_s if jerk_limited else 0.0])
         if not np.abs((present_tcp - next_tcp) * scale[:, None]).max() <= JOINED:
             raise ProgramError(f'a plan from bus cycle {profile.cycle} on does not continue the motion')
-        turned, turns = before.turn_rad(now.distance_m), after.turn_rad(s)
-        if turned is not None and turns is not None and not abs(turned - turns) <= JOINED:
+        if not are_joined(before.turns_rad(now.distance_m), after.turns_rad(s)):
             raise ProgramError(f'a plan from bus cycle {profile.cycle} on does not continue the turn')
         other = Timeline(plan, self.cycle_time_s)
         other._check_path(profile)

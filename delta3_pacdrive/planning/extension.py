@@ -68,7 +68,7 @@ class RunningProgram:
                 self.plan.end_m(),
                 payload_kg=self.payload_kg,
                 common_m=np.inf,
-                turn_rad=self.plan.end_turn_rad,
+                turns_rad=self.plan.end_turns_rad,
             )
         again = self.statements[self.open_from :]
         blend = next(one.blend_m for one in reversed(again) if isinstance(one, PathMove))
@@ -78,7 +78,7 @@ class RunningProgram:
             last.start_m(),
             payload_kg=last.payload_kg,
             common_m=last.length_m - blend - ROOM_M,
-            turn_rad=last.start_turn_rad,
+            turns_rad=last.start_turns_rad,
         )
 
     def load(self, first: int, kept: int) -> ThermalLoad | None:
@@ -101,7 +101,7 @@ class Splice:
     start_m: Floats  # TCP position at the start of the appended plan
     payload_kg: float
     common_m: float  # distance on the last move up to which its path is unchanged
-    turn_rad: float | None = None  # tool angle there; None: not defined by the plan
+    turns_rad: tuple[float, ...] = ()  # angle of each rotary axis there; empty: not defined by the plan
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ Arguments of the kernels here:
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,9 +26,15 @@ from numpy.typing import ArrayLike, NDArray
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.parameters import ROTARY_AXES_MAX
 from delta3_pacdrive.planning.paths.move import EVENT_COLUMNS, Move, MoveKind
 from delta3_pacdrive.planning.paths.path import SEGMENT_COLUMNS, path_at, path_motion_at
-from delta3_pacdrive.planning.paths.rotations import JOINED_RAD, TurnTables, standing, turn_tables
+from delta3_pacdrive.planning.paths.rotations import (
+    JOINED_RAD,
+    TurnTables,
+    are_joined,
+    turn_tables,
+)
 from delta3_pacdrive.planning.paths.virtual_master import PHASE_COLUMNS, master_at, sample_master
 
 PLAN_MAX_S = 1e12  # keeps bus cycles countable at any override
@@ -69,7 +74,7 @@ class Plan:
 
     moves: tuple[Move, ...]
     tables: Tables
-    turns: TurnTables | None = None  # tool rotation, if the plan defines it
+    turns: tuple[TurnTables, ...] = ()  # rotation of each rotary axis, if the plan defines them
 
     @staticmethod
     def of(moves: Sequence[Move], order: ArrayLike | None = None) -> 'Plan':
@@ -143,19 +148,15 @@ class Plan:
         )
 
     def _joined_with(self, more: 'Plan', used: NDArray[np.int64], kept: int) -> tuple[Move, ...]:
-        """Return moves of both plans; if only one of them defines the tool angle, the other one keeps it constant."""
-        stay, follow = [self.moves[int(n)] for n in used], list(more.moves)
-        ends, begins = self.move(kept - 1).end_turn_rad, more.start_turn_rad
-        if ends is None and begins is not None:
-            stay = [replace(move, turns=standing(begins)) for move in stay]
-        elif begins is None and ends is not None:
-            follow = [replace(move, turns=standing(ends)) for move in follow]
-        elif ends is not None and begins is not None and not abs(begins - ends) <= JOINED_RAD:
+        """Return moves of both plans; if only one of them defines the tool angles, the other one keeps them."""
+        ends, begins = self.move(kept - 1).end_turns_rad, more.start_turns_rad
+        if not are_joined(ends, begins):
             raise ProgramError(
-                f'the appended moves start with the tool {math.degrees(abs(begins - ends)):.3g} deg away from its '
+                f'the appended moves start with the tool {_away_deg(ends, begins):.3g} deg away from its '
                 'previous angle'
             )
-        return (*stay, *follow)
+        stay = (self.moves[int(n)].with_turns(begins) for n in used)
+        return (*stay, *(move.with_turns(ends) for move in more.moves))
 
     def move(self, number: int) -> Move:
         """Return the ``number``-th executed move."""
@@ -170,14 +171,19 @@ class Plan:
         return self.move(len(self) - 1).end_m()
 
     @property
-    def start_turn_rad(self) -> float | None:
-        """Tool angle at the start of the plan [rad]; None if the plan does not define it."""
-        return self.move(0).start_turn_rad
+    def start_turns_rad(self) -> tuple[float, ...]:
+        """Angle of each rotary axis at the start of the plan [rad]; empty if the plan does not define them."""
+        return self.move(0).start_turns_rad
 
     @property
-    def end_turn_rad(self) -> float | None:
-        """Tool angle at the end of the plan [rad]."""
-        return self.move(len(self) - 1).end_turn_rad
+    def end_turns_rad(self) -> tuple[float, ...]:
+        """Angle of each rotary axis at the end of the plan [rad]."""
+        return self.move(len(self) - 1).end_turns_rad
+
+
+def _away_deg(ends_rad: tuple[float, ...], begins_rad: tuple[float, ...]) -> float:
+    """Return the largest jump between angles of the same rotary axis [deg]."""
+    return math.degrees(max(abs(begin - end) for end, begin in zip(ends_rad, begins_rad, strict=False)))
 
 
 def _starts(durations_s: Floats) -> Floats:
@@ -220,11 +226,16 @@ class PlanBuilder:
         self._segments = _Rows(SEGMENT_COLUMNS)
         self._events = _Rows(EVENT_COLUMNS)
         self._ends = _Rows(6)  # first and last point of each move [m]
+        # angles of the rotary axes at start and end of each move [rad]; nan where the move does not define them
+        self._turns = _Rows(2 * ROTARY_AXES_MAX)
 
     def add(self, move: Move) -> None:
         """Add a different move."""
         self.moves.append(move)
         self._ends.extend([[*move.start_m(), *move.end_m()]])
+        turns = np.full((2, ROTARY_AXES_MAX), np.nan)
+        turns[:, : len(move.turns)] = move.start_turns_rad, move.end_turns_rad
+        self._turns.extend(turns.reshape(1, -1))
         row = np.zeros(1, MOVE)
         row['duration'] = move.duration_s
         row['joints'] = move.kind == MoveKind.JOINTS
@@ -280,14 +291,14 @@ class PlanBuilder:
 
     def _require_turned(self, numbers: NDArray[np.int64]) -> None:
         """Raise ProgramError if the tool angle jumps between two moves."""
-        moves = [self.moves[int(n)] for n in numbers] if any(len(move.turns) for move in self.moves) else []
-        for n, (before, after) in enumerate(pairwise(moves), start=1):
-            end, begin = before.end_turn_rad, after.start_turn_rad
-            if end is not None and begin is not None and not abs(end - begin) <= JOINED_RAD:
-                raise ProgramError(
-                    f'the tool is {math.degrees(abs(end - begin)):.3g} deg away from the start angle of move {n} '
-                    'of the plan'
-                )
+        turns = self._turns.table().reshape(-1, 2, ROTARY_AXES_MAX)
+        jumps = np.nan_to_num(np.abs(turns[numbers[1:], 0] - turns[numbers[:-1], 1])).max(axis=1)
+        beyond = np.flatnonzero(jumps > JOINED_RAD)
+        if len(beyond):
+            raise ProgramError(
+                f'the tool is {math.degrees(jumps[beyond[0]]):.3g} deg away from the start angle of move '
+                f'{beyond[0] + 1} of the plan'
+            )
 
     def _checked(self, order: ArrayLike) -> NDArray[np.int64]:
         numbers = np.asarray(order, dtype=np.int64)

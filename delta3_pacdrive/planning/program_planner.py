@@ -1,7 +1,8 @@
 """Planning of a program: its statements become moves that are timed and checked before the motion starts."""
 
+import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, Rotary
 from delta3_pacdrive.planning.execution import OVERRIDE_MAX
 from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.paths.move import MOVES_MAX, STANDING, Move
@@ -22,11 +23,11 @@ from delta3_pacdrive.planning.program.model import (
     PathMove,
     Program,
     Statement,
-    Turn,
     point_text,
+    turns_of,
 )
 from delta3_pacdrive.planning.program.parts import Part, parts
-from delta3_pacdrive.planning.rotating_move import NO_AXIS, turn_load
+from delta3_pacdrive.planning.rotating_move import NO_AXIS, axis_text, turn_load
 from delta3_pacdrive.planning.round_planner import Arches, PlanRequest, RoundPlanner
 from delta3_pacdrive.planning.thermal_load import AppendedLoad, ThermalLoad
 from delta3_pacdrive.planning.timing import time_parametrization
@@ -36,8 +37,8 @@ from delta3_pacdrive.robot.faults.fault import require_axes
 SAME_DECIMALS = 9  # of identical start positions [m]
 # heat weights tried until time-optimal moves respect the rms current limit
 HEAT_FIRST, HEAT_STEP, HEAT_TRIALS = 1.0, 5.0, 12
+ARM_MOTORS = ('motor 1', 'motor 2', 'motor 3')
 HEAT_KEPT = 0.998  # target relative to the nominal current, also its tolerance
-OF_TOOL = 'of the motor of the rotary axis'
 ROUNDING_DEG = 1e-7
 START_TOLERANCE_RAD = 1e-2  # of the tool angle at the start; the first turn begins at the actual angle
 START_TOLERANCE_M = 1e-3  # of the robot position at the start; the first move begins at the actual position
@@ -78,15 +79,15 @@ def plan(
     progress: Callable[[int, int], None] | None = None,
     before: ThermalLoad | None = None,
     arches: Arches | None = None,
-    turn_rad: float | None = None,
+    turns_rad: Sequence[float] = (),
 ) -> Planned:
     """Plan and check every move of a program for a robot at ``position_m``.
 
     With ``returning`` the first move may start beyond limits if it leads back (see ``limits``). With ``open_end`` moves
     may be appended later: the last move may have a blend, and ends exactly until then. ``progress`` is called before
     each statement with the numbers of planned statements and of all. ``before`` is the load of moves that precede the
-    program; it counts in the rms current. ``arches`` caches arch shapes of this robot. ``turn_rad`` is the tool angle
-    (default: that at the start of the program, or its home).
+    program; it counts in the rms current. ``arches`` caches arch shapes of this robot. ``turns_rad`` are the angles of
+    the rotary axes (default: those at the start of the program, or their home angles).
 
     Raises
     ------
@@ -95,8 +96,8 @@ def plan(
 
     """
     require_start(program, position_m)
-    require_axes(program.faults, parameters.rotary.present)
-    turn = _start_turn(program, turn_rad, parameters)
+    require_axes(program.faults, bool(parameters.rotary_axes))
+    turns = _start_turns(program, turns_rad, parameters)
 
     request = PlanRequest(
         program,
@@ -108,7 +109,7 @@ def plan(
     )
 
     def rounds(heat: float) -> _Rounds:
-        return _rounds(request, position_m, turn, heat)
+        return _rounds(request, position_m, turns, heat)
 
     found = rounds(0.0)
     if any(isinstance(one, PathMove) and one.time_optimal for one in program.statements):
@@ -116,36 +117,32 @@ def plan(
     return _whole(program, found, parameters, before)
 
 
-def _start_turn(program: Program, turn_rad: float | None, parameters: Parameters) -> float | None:
-    """Return the tool angle before a program [rad]; None if the program does not define it."""
-    given, rotary = program.start_turn_rad, parameters.rotary
-    if not rotary.present:
-        if given is not None:
-            raise ProgramError(f'program "{program.name}": {NO_AXIS}')
-        return None  # statements that turn the tool are rejected later
-    turns = given is not None or any(
-        isinstance(one, Turn) or (isinstance(one, PathMove) and one.turn is not None)
-        for one in program.statements
-    )
-    if not turns:
-        return None
+def _start_turns(program: Program, turns_rad: Sequence[float], parameters: Parameters) -> tuple[float, ...]:
+    """Return the angle of each rotary axis before a program [rad]; empty if the program does not define them."""
+    given, axes = program.start_turns_rad, parameters.rotary_axes
+    if len(given) > len(axes):
+        raise ProgramError(f'program "{program.name}": {NO_AXIS[len(axes)]}')
+    if not given and not any(map(turns_of, program.statements)):
+        return ()
+    # a robot whose angles are unknown is at the start of the program, or at home
+    actual = turns_rad or (*given, *(rotary.home_rad for rotary in axes[len(given) :]))
+    starts = zip(given, actual, axes, strict=False)
+    return (*(_start_turn(program, *one) for one in starts), *actual[len(given) :])
+
+
+def _start_turn(program: Program, given: float, actual: float, rotary: Rotary) -> float:
+    """Return the angle of a rotary axis before a program that requires an angle [rad]."""
     low, high = rotary.angle_min_deg, rotary.angle_max_deg
-    if given is not None and not low - ROUNDING_DEG <= math.degrees(given) <= high + ROUNDING_DEG:
-        raise ProgramError(
-            f'program "{program.name}" starts with its tool at {math.degrees(given):.6g} deg, '
-            f'the limits are {low:g} and {high:g} deg'
-        )
-    actual = turn_rad if turn_rad is not None else rotary.home_rad if given is None else given
-    if given is not None and abs(actual - given) > START_TOLERANCE_RAD:
-        raise ProgramError(
-            f'program "{program.name}" starts with its tool at {math.degrees(given):.6g} deg, but its angle is '
-            f'{math.degrees(actual):.6g} deg'
-        )
+    start = f'program "{program.name}" starts with its tool at {math.degrees(given):.6g} deg'
+    if not low - ROUNDING_DEG <= math.degrees(given) <= high + ROUNDING_DEG:
+        raise ProgramError(f'{start}, the limits are {low:g} and {high:g} deg')
+    if abs(actual - given) > START_TOLERANCE_RAD:
+        raise ProgramError(f'{start}, but its angle is {math.degrees(actual):.6g} deg')
     # a start angle given in degrees may differ by rounding
-    return given if given is not None and abs(actual - given) <= JOINED_RAD else actual
+    return given if abs(actual - given) <= JOINED_RAD else actual
 
 
-def _rounds(request: PlanRequest, position_m: ArrayLike, turn: float | None, heat: float) -> '_Rounds':
+def _rounds(request: PlanRequest, position_m: ArrayLike, turns: tuple[float, ...], heat: float) -> '_Rounds':
     """Plan all rounds of a program; ``heat`` is the weight of the motor losses in time-optimal moves."""
     program = request.program
     position = np.array(position_m, dtype=np.float64)
@@ -157,7 +154,8 @@ def _rounds(request: PlanRequest, position_m: ArrayLike, turn: float | None, hea
     open_notices: list[str] = []
     open_from: int | None = None
     known: dict[
-        tuple[Part, tuple[float, ...], float, float | None], tuple[list[int], Floats, float, float | None]
+        tuple[Part, tuple[float, ...], float, tuple[float, ...]],
+        tuple[list[int], Floats, float, tuple[float, ...]],
     ] = {}
     pieces = parts(program)
     left = set(range(len(program.statements)))  # of the first round
@@ -165,22 +163,22 @@ def _rounds(request: PlanRequest, position_m: ArrayLike, turn: float | None, hea
     ends: list[tuple[int, float] | None] = [None] * len(program.statements)
     for piece_number, part in enumerate(pieces):
         # rounds with starts that differ by rounding are identical
-        angle = None if turn is None else round(turn, SAME_DECIMALS)
-        key = (part, tuple(np.round(position, SAME_DECIMALS).tolist()), payload, angle)
+        angles = tuple(round(turn, SAME_DECIMALS) for turn in turns)
+        key = (part, tuple(np.round(position, SAME_DECIMALS).tolist()), payload, angles)
         if key not in known:
             this_round = replace(
                 request,
                 returning=request.returning and not order,
                 open_end=request.open_end and piece_number + 1 == len(pieces),
             )
-            round_ = RoundPlanner(this_round, part, position, payload_kg=payload, turn_rad=turn, heat=heat)
+            round_ = RoundPlanner(this_round, part, position, payload_kg=payload, turns_rad=turns, heat=heat)
             numbers = []
             for move in round_.planned():
                 numbers.append(len(planned))
                 planned.append(move)
             open_notices, open_from = round_.notices, round_.open_from
-            known[key] = numbers, round_.position_m, round_.payload, round_.turn
-        numbers, position, payload, turn = known[key]
+            known[key] = numbers, round_.position_m, round_.payload, round_.turns
+        numbers, position, payload, turns = known[key]
         if piece_number + 2 >= len(pieces):  # the last round, which may start in the last piece but one
             for n, number in enumerate(numbers, start=len(order)):
                 for statement, distance in planned[number].statements:
@@ -228,6 +226,29 @@ class _Tail:
     ends: tuple[tuple[int, float] | None, ...]
     open_from: int | None
     payload_kg: float
+
+
+@dataclass(frozen=True)
+class _MotorLoad:
+    """Load of motors of one kind during a program, and their limit."""
+
+    load: ThermalLoad | AppendedLoad
+    nominal_a: float
+    motors: tuple[str, ...]  # in messages
+    alone: str  # cause of the current at rest
+
+    def exceeds(self, rate: float, override: float = 1.0) -> bool:
+        """Whether the rms current at a rate and an override exceeds the limit."""
+        return bool(self.load.rms(rate, override).max() > self.nominal_a)
+
+    def slowing(self, rate: float, new_rate: float) -> str:
+        """Return the notice that all moves are slowed down to a new rate."""
+        rms = self.load.rms(rate)
+        axis = int(np.argmax(rms))
+        return (
+            f'all moves take {1.0 / new_rate:.3g} times as long: the rms current of {self.motors[axis]} over the '
+            f'program would be {rms[axis]:.4g} A, the limit is {self.nominal_a:g} A'
+        )
 
 
 @dataclass(frozen=True)
@@ -296,31 +317,17 @@ def _whole(
     planned, order, tail = found.planned, found.order, found.tail
     load = found.load(before)
     notices = [notice for move in planned for notice in move.notices] + found.open_notices
-    nominal = parameters.motor.nominal_current_a
+    arms = _MotorLoad(load, parameters.motor.nominal_current_a, ARM_MOTORS, 'the weight alone')
+    motors = [arms, *_tool_loads(found, parameters)]
     moves = [move.move for move in planned]
     rate = 1.0
-    if load.rms(1.0).max() > nominal:
-        rate = _rate_for_rms(load, nominal, program)
-        moves = [_slower(move, 1.0 / rate) for move in moves]
-        axis = int(np.argmax(load.rms(1.0)))
-        notices.append(
-            f'all moves take {1.0 / rate:.3g} times as long: the rms current of motor {axis + 1} over the program '
-            f'would be {load.rms(1.0)[axis]:.4g} A, the limit is {nominal:g} A'
-        )
-    tool, tool_nominal = _tool_load(found, parameters), parameters.rotary.nominal_current_a
-    if tool is not None and tool.rms(rate).max() > tool_nominal:
-        rms_a = float(tool.rms(rate)[0])
-        rate = _rate_for_rms(tool, tool_nominal, program, of_tool=True)
-        moves = [_slower(one.move, 1.0 / rate) for one in planned]
-        notices.append(
-            f'all moves take {1.0 / rate:.3g} times as long: the rms current {OF_TOOL} over the program would be '
-            f'{rms_a:.4g} A, the limit is {tool_nominal:g} A'
-        )
+    for of_motors in motors:
+        if of_motors.exceeds(rate):
+            before_rate, rate = rate, _rate_for_rms(of_motors, program)
+            notices.append(of_motors.slowing(before_rate, rate))
+            moves = [_slower(one.move, 1.0 / rate) for one in planned]
     override_max = min(load.override_max / rate, OVERRIDE_MAX)
-    while override_max > 1.0 and (
-        load.rms(rate, override_max).max() > nominal
-        or (tool is not None and tool.rms(rate, override_max).max() > tool_nominal)
-    ):
+    while override_max > 1.0 and any(one.exceeds(rate, override_max) for one in motors):
         override_max = max(1.0, override_max - 0.01)
     rms = load.rms(rate).tolist()
     moves = [with_timed(move, one.timed) for move, one in zip(moves, planned, strict=True)]
@@ -350,32 +357,33 @@ def _whole(
     )
 
 
-def _tool_load(found: _Rounds, parameters: Parameters) -> ThermalLoad | None:
-    """Return the load of the motor of the rotary axis; None if the moves do not define the tool angle."""
-    total: ThermalLoad | None = None
-    counts = np.bincount(found.order, minlength=len(found.planned))
-    for one, count in zip(found.planned, counts.tolist(), strict=True):
-        if count and len(one.move.turns):
-            load = turn_load(one.move, parameters).times(count)
-            total = load if total is None else total + load
-    return total
+def _tool_loads(found: _Rounds, parameters: Parameters) -> list[_MotorLoad]:
+    """Return the loads of the motors of the rotary axes; empty if the moves do not define their angles."""
+    counts = np.bincount(found.order, minlength=len(found.planned)).tolist()
+    used = [(one.move, count) for one, count in zip(found.planned, counts, strict=True) if count]
+    axes = [parameters.rotary_axes[number] for number in range(len(used[0][0].turns))]
+    loads = []
+    for number, rotary in enumerate(axes):
+        parts = [turn_load(move, number, parameters).times(count) for move, count in used]
+        total = functools.reduce(ThermalLoad.__add__, parts)
+        motor = f'the motor of {axis_text(parameters, number)}'
+        loads.append(_MotorLoad(total, rotary.nominal_current_a, (motor,), f'the friction alone of {motor}'))
+    return loads
 
 
-def _rate_for_rms(
-    load: ThermalLoad | AppendedLoad, nominal: float, program: Program, of_tool: bool = False
-) -> float:
+def _rate_for_rms(of_motors: _MotorLoad, program: Program) -> float:
     """Return the largest rate at which the rms current is within its limit."""
-    still, rms = load.rms(0.0).max(), load.rms(1.0).max()
+    load, nominal = of_motors.load, of_motors.nominal_a
+    still, rms = load.rms(0.0).max(), load.rms(1.0)
     if still >= nominal:
-        alone = f'the friction alone {OF_TOOL}' if of_tool else 'the weight alone'
         raise ProgramError(
-            f'program "{program.name}": {alone} requires an rms current of {still:.4g} A, the limit is {nominal:g} A'
+            f'program "{program.name}": {of_motors.alone} requires an rms current of {still:.4g} A, the limit is '
+            f'{nominal:g} A'
         )
     if kept := key_of_kept_time(one for one in program.statements if isinstance(one, PathMove | Joints)):
-        motor = f' {OF_TOOL}' if of_tool else ''
         raise ProgramError(
-            f'program "{program.name}": the rms current{motor} would be {rms:.4g} A, the limit is {nominal:g} A '
-            f'({kept})'
+            f'program "{program.name}": the rms current of {of_motors.motors[int(np.argmax(rms))]} would be '
+            f'{rms.max():.4g} A, the limit is {nominal:g} A ({kept})'
         )
     low, high = 0.0, 1.0
     for _ in range(40):

@@ -14,7 +14,6 @@ from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.paths import profiles
 from delta3_pacdrive.planning.paths.move import STANDING, Move
 from delta3_pacdrive.planning.paths.profiles import State
-from delta3_pacdrive.planning.paths.rotations import standing
 from delta3_pacdrive.planning.paths.virtual_master import (
     compared_speeds,
     master_at_distances,
@@ -228,8 +227,6 @@ def return_plan(timeline: Timeline, start_m: Floats, parameters: Parameters) -> 
         limits = Limits(motion.speed_max_m_s, motion.acceleration_max_m_s2, motion.jerk_max_m_s3)
         program = Program('way back', (MoveL(Target((x, y, z)), limits=limits),))
         back = program_planner.plan(program, start_m, parameters, returning=True).plan.moves
-        if (angle := moves[0].start_turn_rad) is not None:
-            # the tool stopped with the robot, and moving the arms by hand does not turn it
-            back = tuple(replace(move, turns=standing(angle)) for move in back)
-        moves = [*back, *moves]
+        # the tool stopped with the robot, and moving the arms by hand does not turn it
+        moves = [*(move.with_turns(moves[0].start_turns_rad) for move in back), *moves]
     return Plan.of(moves)

@@ -21,7 +21,6 @@ from delta3_pacdrive.planning.limits.energy import heat_weight, price_of_time_w
 from delta3_pacdrive.planning.paths import curves
 from delta3_pacdrive.planning.paths.curves import COINCIDENT_M, Curve
 from delta3_pacdrive.planning.paths.move import MoveKind
-from delta3_pacdrive.planning.paths.rotations import standing
 from delta3_pacdrive.planning.planned_move import (
     ROUNDING_S,
     Event,
@@ -47,10 +46,11 @@ from delta3_pacdrive.planning.program.model import (
 )
 from delta3_pacdrive.planning.program.parts import Part
 from delta3_pacdrive.planning.rotating_move import (
-    NO_AXIS,
     TurnLimits,
     plan_turn,
     plan_turning_move,
+    require_rotary_axes,
+    tool_text,
     turn_rows,
 )
 from delta3_pacdrive.planning.statement_curves import curve_of, end_of, resolve
@@ -86,7 +86,7 @@ class PlanRequest:
 
 
 class RoundPlanner:
-    """Planner of a part of a program from a start position, payload and tool angle."""
+    """Planner of a part of a program from a start position, payload and angles of the rotary axes."""
 
     def __init__(
         self,
@@ -94,7 +94,7 @@ class RoundPlanner:
         part: Part,
         start_m: Floats,
         payload_kg: float,
-        turn_rad: float | None,
+        turns_rad: tuple[float, ...],
         heat: float = 0.0,
     ) -> None:
         self._request, self._part = request, part
@@ -106,7 +106,7 @@ class RoundPlanner:
         self._heat = heat  # weight of the motor losses relative to the time in time-optimal moves
         self.notices: list[str] = []
         self.position_m, self.payload = start_m, payload_kg
-        self.turn = turn_rad  # tool angle [rad]; None: not defined by the plan
+        self.turns = turns_rad  # angle of each rotary axis [rad]; empty: not defined by the plan
         self._planned: list[PlannedMove] = []
         self._segments: list[PathSegment] = []
         self._dues = DueOutputs()
@@ -242,7 +242,7 @@ class RoundPlanner:
             curve, kind = curve_of(self.position_m, statement)
         if curve.length_m < COINCIDENT_M:
             raise ProgramError(f'the robot is already at {point_text(self.position_m)} m')
-        turn = self._turned(statement.turn)
+        turns = self._turned(statement.turns)
         self._segments.append(
             PathSegment(
                 curve,
@@ -254,7 +254,7 @@ class RoundPlanner:
                 name=name,
                 time_optimal=statement.time_optimal,
                 torque_rate_n_m_s=statement.torque_rate_n_m_s,
-                turn_rad=turn,
+                turns_rad=turns,
                 heat=self._heat_weight(statement),
                 is_arch=isinstance(statement, Arch),
                 constant_speed=statement.constant_speed,
@@ -262,30 +262,30 @@ class RoundPlanner:
         )
         self.position_m = curve.at(curve.length_m)[0]
 
-    def _turned(self, angle: Angle | None) -> tuple[float, float] | None:
-        """Return start and end angle of the tool for a statement [rad], and update its current angle."""
-        start, rotary = self.turn, self._parameters.rotary
-        if start is None:
-            if angle is not None:
-                raise ProgramError(NO_AXIS)
-            return None
-        if angle is not None:
-            self.turn = end = angle.after(start)
+    def _turned(self, angles: tuple[Angle, ...]) -> tuple[tuple[float, float], ...]:
+        """Return start and end angle of each rotary axis for a statement [rad], and update the current angles."""
+        require_rotary_axes(len(angles), self._parameters)
+        starts, axes = self.turns, self._parameters.rotary_axes
+        ends = [angle.after(start) for angle, start in zip(angles, starts, strict=False)]
+        self.turns = (*ends, *starts[len(ends) :])
+        for number, (end, rotary) in enumerate(zip(ends, axes, strict=False)):
             low, high = rotary.angle_min_deg, rotary.angle_max_deg
             if not math.radians(low) - ANGLE_ROUNDING_RAD <= end <= math.radians(high) + ANGLE_ROUNDING_RAD:
                 raise ProgramError(
-                    f'the tool would turn to {math.degrees(end):.6g} deg, the limits are {low:g} and {high:g} deg'
+                    f'{tool_text(self._parameters, number)} would turn to {math.degrees(end):.6g} deg, the limits are '
+                    f'{low:g} and {high:g} deg'
                 )
-        return start, self.turn or 0.0
+        return tuple(zip(starts, self.turns, strict=True))
 
     def _take_turn(self, statement: Turn, number: int, where: str) -> None:
         events = self._take_outputs(0.0)
         later = self._dues.in_time()
         with attributed_to(number, where):
-            turn = self._turned(statement.to) or (0.0, 0.0)  # rejected inside without a rotary axis
-            if abs(turn[1] - turn[0]) < COINCIDENT_RAD:
-                raise ProgramError(f'the tool is already at {math.degrees(turn[0]):.6g} deg')
-            planned = plan_turn(self.position_m, turn, self.payload, where, self._parameters)
+            turns = self._turned(statement.turns)
+            if all(abs(end - start) < COINCIDENT_RAD for start, end in turns):
+                angles = ' and '.join(f'{math.degrees(start):.6g}' for start, _ in turns)
+                raise ProgramError(f'the tool is already at {angles} deg')
+            planned = plan_turn(self.position_m, turns, self.payload, where, self._parameters)
         timed = tuple(due.timed(planned, 0.0) for due in later)
         places = ((number, planned.move.length_m),)
         self._append(replace(planned, statements=places, timed=timed), events)
@@ -500,15 +500,16 @@ class RoundPlanner:
                 heat=self._heat,
             )
 
-        if segments[0].turn_rad is None:
-            return plan(segments, stretches)
-        if all(one.turn_rad is None or one.turn_rad[0] == one.turn_rad[1] for one in segments):
+        if all(start == end for one in segments for start, end in one.turns_rad):
             planned = plan(segments, stretches)
-            return replace(planned, move=replace(planned.move, turns=standing(segments[0].turn_rad[0])))
+            angles = [start for start, _ in segments[0].turns_rad]
+            return replace(planned, move=planned.move.with_turns(angles))
         heaviest = max([payload, *(one.payload_kg for one in events if one.payload_kg is not None)])
         limits = TurnLimits.of(self._parameters, heaviest)
-        rows = turn_rows(segments, ends, curve.length_m)
-        return plan_turning_move(plan, segments, stretches, rows=rows, limits=limits, name=name_of(segments))
+        turns = turn_rows(segments, ends, curve.length_m)
+        return plan_turning_move(
+            plan, segments, stretches, turns=turns, limits=limits, name=name_of(segments)
+        )
 
     def _waits_after(self, segment: PathSegment) -> bool:
         statement = self._statements[segment.number]
@@ -526,7 +527,7 @@ class RoundPlanner:
                 parameters=self._parameters,
                 kind=MoveKind.IN_POSITION,
             )
-        self._planned.append(self._with_tool(replace(planned, statements=((segment.number, 0.0),))))
+        self._planned.append(self._with_turns(replace(planned, statements=((segment.number, 0.0),))))
 
     def _attach_to_last_move(self) -> None:
         """Attach outputs at the end of the program to the end of its last move."""
@@ -546,14 +547,12 @@ class RoundPlanner:
     def _append(self, planned: PlannedMove, events: Floats) -> None:
         """Append a move with additional events."""
         move = replace(planned.move, events=np.vstack([planned.move.events, events]))
-        self._planned.append(self._with_tool(replace(planned, move=move)))
+        self._planned.append(self._with_turns(replace(planned, move=move)))
         self._dwelt = None
 
-    def _with_tool(self, planned: PlannedMove) -> PlannedMove:
-        """Return a move with a constant tool angle, unless it already defines the angle."""
-        if self.turn is None or len(planned.move.turns):
-            return planned
-        return replace(planned, move=replace(planned.move, turns=standing(self.turn)))
+    def _with_turns(self, planned: PlannedMove) -> PlannedMove:
+        """Return a move with constant angles of the rotary axes, unless it already defines them."""
+        return replace(planned, move=planned.move.with_turns(self.turns))
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ class BeltOrders(ScriptOrders):
             seen = self.seen()
             if planned is None:
                 batch = block.begun_at(self.moves.plan_end_m or seen.planned_m, self.batch)
-                planned = self.moves.preview(batch, seen.planned_m, seen.turn_rad)
+                planned = self.moves.preview(batch, seen.planned_m, seen.turns_rad)
                 seen = self.seen()  # with a clock, planning has taken bus time
             timeline = self.moves.timeline
             begin = seen.cycle + self.parameters.decision_cycles + self._clock_cycles
@@ -224,7 +224,7 @@ class BeltOrders(ScriptOrders):
             return
         seen = self.ready()
         checked = [(Dwell(STAND_S), block.place)] if stands else batch
-        planned, rate = self.moves.preview(checked, seen.planned_m, seen.turn_rad), self.moves.override
+        planned, rate = self.moves.preview(checked, seen.planned_m, seen.turns_rad), self.moves.override
         begin = max(seen.cycle + self.parameters.decision_cycles, timeline.end_cycle)
         belt, there = tracking.belts[block.belt], tracking.expected(block.belt, begin)
         begun_m = block.part.along_m + there.way_m - block.reference_m
@@ -293,7 +293,7 @@ class BeltOrders(ScriptOrders):
         if left_s <= 0.0 or self.held:
             self._leaving = None
             return
-        planned, rate = self.moves.preview(batch, seen.planned_m, seen.turn_rad), self.moves.override
+        planned, rate = self.moves.preview(batch, seen.planned_m, seen.turns_rad), self.moves.override
         first_s = first_moved_s(planned.plan) / rate
         pad_s = max(left_s - first_s, 0.0)
         if pad_s > 0.5 * cycle_s:

@@ -140,7 +140,7 @@ def snapshot_of(facts: dict[str, Any]) -> Snapshot:
         seen['payload_kg'],
         seen['inputs'],
         (u, v, w),
-        seen.get('turn_rad'),
+        tuple(seen.get('turn_rad', ())),
     )
 
 

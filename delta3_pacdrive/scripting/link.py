@@ -35,7 +35,7 @@ class Snapshot:
     payload_kg: float
     inputs: int  # bits
     planned_m: Point  # differs from command_m while the robot moves with a belt
-    turn_rad: float | None = None  # commanded tool angle; None without a rotary axis
+    turns_rad: tuple[float, ...] = ()  # commanded angles of the rotary axes
 
 
 class StoppedError(RefusedError):

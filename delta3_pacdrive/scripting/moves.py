@@ -66,7 +66,7 @@ class Moves(RunningMoves):
     def __init__(self, name: str, parameters: Parameters) -> None:
         super().__init__()
         self._name, self._parameters = name, parameters
-        self._tool_rad: float | None = None
+        self._tool_rad: tuple[float, ...] = ()  # when the robot was last at rest
         self.override = 1.0  # of the next program, 1 = as planned
         self.payload_kg = parameters.dynamics.payload_mass_kg  # at the start of the next program
         self._places: list[ScriptPlace] = []  # of the statements of the running program
@@ -90,16 +90,16 @@ class Moves(RunningMoves):
         self.clear(self.payload_kg if self.running is None else self.running.payload_kg)
 
     def order(
-        self, written: Sequence[Written], cycle: int, start_m: Point, turn_rad: float | None = None
+        self, written: Sequence[Written], cycle: int, start_m: Point, turns_rad: tuple[float, ...] = ()
     ) -> Start | Extension:
         """Plan statements for execution from a bus cycle; raises ProgramError.
 
-        ``start_m`` and ``turn_rad`` are the position and the tool angle of a robot at rest.
+        ``start_m`` and ``turns_rad`` are the position and the tool angles of a robot at rest.
         """
         if all(isinstance(statement, Output) for statement, _ in written):
             pause = Dwell(self._parameters.bus.cycle_time_s)  # outputs must belong to a move
             written = [*written, (pause, written[-1][1])]
-        self._tool_rad = turn_rad
+        self._tool_rad = turns_rad
         if self.running is None or self.timeline is None:
             return self._from_rest(written, cycle, start_m)
         try:
@@ -107,19 +107,21 @@ class Moves(RunningMoves):
         except SpliceError:
             return self._appended(written, cycle, rounded=False)
 
-    def preview(self, written: Sequence[Written], start_m: Point, turn_rad: float | None = None) -> Planned:
+    def preview(
+        self, written: Sequence[Written], start_m: Point, turns_rad: tuple[float, ...] = ()
+    ) -> Planned:
         """Return the plan of statements after all ordered moves, without executing it; raises ProgramError.
 
-        ``start_m`` and ``turn_rad`` are the position and the tool angle of a robot at rest.
+        ``start_m`` and ``turns_rad`` are the position and the tool angles of a robot at rest.
         """
         program, running = self._program(written, None), self.running
         if running is None:
-            return self._planned(program, start_m, turn_rad)
-        end_rad = self._tool_rad if running.plan.end_turn_rad is None else running.plan.end_turn_rad
+            return self._planned(program, start_m, turns_rad)
+        end_rad = running.plan.end_turns_rad or self._tool_rad
         program = replace(program, payload_kg=running.payload_kg)
         return self._planned(program, self.plan_end_m or start_m, end_rad)
 
-    def _planned(self, program: Program, start_m: Point, turn_rad: float | None) -> Planned:
+    def _planned(self, program: Program, start_m: Point, turns_rad: tuple[float, ...]) -> Planned:
         """Return the plan of a program from rest."""
         return program_planner.plan(
             program,
@@ -128,7 +130,7 @@ class Moves(RunningMoves):
             returning=True,
             open_end=True,
             arches=self._arches,
-            turn_rad=turn_rad,
+            turns_rad=turns_rad,
         )
 
     def left_on_belt_s(self, cycle: int) -> float:

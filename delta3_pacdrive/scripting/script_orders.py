@@ -109,7 +109,7 @@ class ScriptOrders:
             cycle = max(seen.cycle + self.parameters.decision_cycles, stands)
             if moves.timeline is not None:  # a robot at rest starts as early as possible
                 cycle += late
-            ordered = moves.order(self._on_time(batch, cycle), cycle, now.planned_m, now.turn_rad)
+            ordered = moves.order(self._on_time(batch, cycle), cycle, now.planned_m, now.turns_rad)
             if isinstance(ordered, Start):
                 effect = self._link.start(ordered.planned, ordered.cycle, ordered.override)
                 if effect != cycle:

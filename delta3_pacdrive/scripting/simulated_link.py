@@ -108,8 +108,9 @@ class SimulatedLink:
         bits = self._inputs.bits(cycle)
         u, v, w = (x, y, z) if self.tracking is None else task.state['planned'][0].tolist()
         outputs, payload = commanded.outputs, commanded.payload_kg
-        turn = next(iter(task.turns_rad), None)
-        return Snapshot(cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w), turn)
+        return Snapshot(
+            cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w), task.turns_rad
+        )
 
     @property
     def tracking(self) -> BeltTracking | None:

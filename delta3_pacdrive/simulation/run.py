@@ -11,7 +11,7 @@ from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters, flat_document
+from delta3_pacdrive.parameters import Parameters, flat_document, numbered
 from delta3_pacdrive.planning import plan_times, program_planner
 from delta3_pacdrive.planning.learned_torques import Learned
 from delta3_pacdrive.planning.program.model import Program
@@ -33,14 +33,14 @@ def placed(parameters: Parameters, program: Program) -> Parameters:
     parameters
         Parameters of the robot.
     program
-        Its ``start_m`` and ``start_turn_rad``, if present, replace the home position and the home angle of the tool.
+        Its ``start_m`` and ``start_turns_rad``, if present, replace the home position and the home angle of the tool.
 
     """
     places: dict[str, Any] = {}
     if program.start_m is not None:
         places['motion__home_m'] = program.start_m
-    if program.start_turn_rad is not None and parameters.rotary.present:
-        places['rotary__home_deg'] = math.degrees(program.start_turn_rad)
+    for number, (angle, _) in enumerate(zip(program.start_turns_rad, parameters.rotary_axes, strict=False)):
+        places[f'{numbered("rotary", number)}__home_deg'] = math.degrees(angle)
     return parameters.replace(**places) if places else parameters
 
 

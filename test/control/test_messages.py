@@ -24,7 +24,7 @@ STATUS = Status(
     '3fa9', '', 7, 'a1b2', 'idle', 'CP4', '', '', 1, (0.1, -0.2, -0.75), 2, 'op', 'Anna', 1, 3, 40, 1000
 )
 MESSAGES = [
-    replace(STATUS, turn_rad=0.5),
+    replace(STATUS, turn_rad=(0.5, -0.25)),
     Verdict('3fa9', 'a1b2', 3, False, 'state', 'the robot is moving'),
     Request('a1b2', 'op', 4, 2, 'program', 'moves: []', (1.0, 0.0, 2.5)),
     Reply('op', 4, True, True, '', 'planned', 2),
@@ -51,7 +51,14 @@ def test_every_field_of_another_type_too_much_or_missing_is_refused(message) -> 
     true = json.loads(message.to_json())
     kind = type(message)
     for field in fields(message):
-        for wrong in (None, {}, [1], True if not isinstance(true[field.name], bool) else 1, 1e300, math.nan):
+        for wrong in (
+            None,
+            {},
+            [None],
+            True if not isinstance(true[field.name], bool) else 1,
+            1e300,
+            math.nan,
+        ):
             with pytest.raises(TelegramError):
                 kind.from_json(json.dumps(true | {field.name: wrong}))
         if field.default is not None:

@@ -98,7 +98,7 @@ def test_a_move_of_any_kind_survives_its_message_to_the_last_bit(robot):
         assert back.master.tobytes() == move.master.tobytes()
         assert back.segments.tobytes() == move.segments.tobytes()
         assert back.events.tobytes() == move.events.tobytes()
-        assert back.turns.tobytes() == move.turns.tobytes()
+        assert [rows.tobytes() for rows in back.turns] == [rows.tobytes() for rows in move.turns]
         assert (back.stop_acceleration, back.stop_jerk) == (move.stop_acceleration, move.stop_jerk)
         assert (back.payload_kg, back.length_m, back.duration_s) == (
             move.payload_kg,

@@ -14,7 +14,7 @@ from delta3_pacdrive.planning.paths.rotations import sample_turn, turn_at
 from delta3_pacdrive.planning.paths.virtual_master import sample_master
 from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.planning.program import file_reader as programs
-from delta3_pacdrive.planning.rotating_move import TurnLimits, turn_motion
+from delta3_pacdrive.planning.rotating_move import TurnLimits, check_turn, turn_motion
 
 START = [0.15, 0.0, -0.80]
 THERE, ABOVE = [-0.15, 0.0, -0.80], [0.0, 0.1, -0.75]
@@ -34,13 +34,13 @@ def plan(moves, machine, **head):
 def turned_deg(planned):
     """Where the tool is at the begin and at the end of each move that is driven."""
     moves = [planned.plan.move(n) for n in range(len(planned.plan))]
-    ends = [(move.start_turn_rad, move.end_turn_rad) for move in moves]
+    ends = [(move.start_turns_rad[0], move.end_turns_rad[0]) for move in moves]
     return [tuple(round(math.degrees(angle), 6) + 0.0 for angle in pair) for pair in ends]
 
 
 def over_time(move, count=2001):
     """Master, and angle, speed, acceleration and jerk of the tool."""
-    return turn_motion(np.linspace(0.0, move.duration_s * (1.0 - 1e-9), count), move.master, move.turns)
+    return turn_motion(np.linspace(0.0, move.duration_s * (1.0 - 1e-9), count), move.master, move.turns[0])
 
 
 def refusal(moves, machine, **head):
@@ -78,7 +78,7 @@ def test_a_turn_that_its_axis_can_do_takes_no_time_from_the_move(machine):
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine)
     assert np.array_equal(turning.plan.moves[0].master, alone.plan.moves[0].master)
     assert turning.notices == ()
-    assert alone.plan.turns is None
+    assert alone.plan.turns == ()
 
 
 def test_angles_are_absolute_or_steps_in_degrees_or_radians(machine):
@@ -154,7 +154,7 @@ def corner(machine, **more):
 
 def test_speed_and_acceleration_of_a_turn_are_continuous_through_blends(machine):
     (move,) = corner(machine).plan.moves
-    rows = move.turns
+    (rows,) = move.turns
     assert len(rows) == 5  # before, a blend, along, a blend, behind
     edges = rows[1:, 0]
     before, after = sample_turn(edges - 1e-12, rows), sample_turn(edges, rows)
@@ -169,16 +169,16 @@ def test_speed_and_acceleration_of_a_turn_are_continuous_through_blends(machine)
 def test_between_blends_the_tool_is_where_it_is_without_them(machine):
     (move,) = corner(machine).plan.moves
     sharp = plan([{'move_l': {'to_m': [-0.15, 0.0, -0.8], 'turn_deg': 180}}], machine).plan.moves[0]
-    middle = sample_turn([0.5 * move.length_m], move.turns)[0]
-    assert middle[:2] == pytest.approx(sample_turn([0.15], sharp.turns)[0, :2])
+    middle = sample_turn([0.5 * move.length_m], move.turns[0])[0]
+    assert middle[:2] == pytest.approx(sample_turn([0.15], sharp.turns[0])[0, :2])
 
 
 def test_the_compiled_code_reads_the_turn_as_the_planner_does(machine):
     planned = corner(machine).plan
     (move,) = planned.moves
     places = np.linspace(0.0, move.length_m, 50)
-    read = np.array([turn_at(s, 0, planned.turns) for s in places.tolist()])
-    assert read == pytest.approx(sample_turn(places, move.turns)[:, :3], rel=1e-12, abs=1e-12)
+    read = np.array([turn_at(s, 0, planned.turns[0]) for s in places.tolist()])
+    assert read == pytest.approx(sample_turn(places, move.turns[0])[:, :3], rel=1e-12, abs=1e-12)
 
 
 # a turn at a standing point
@@ -189,7 +189,7 @@ def test_the_tool_turns_at_a_standing_point_as_fast_as_its_axis_can(machine):
     (move,) = planned.plan.moves
     assert move.kind == MoveKind.TURN
     _, turn = over_time(move)
-    limits = TurnLimits.of(machine, machine.dynamics.payload_mass_kg)
+    limits = TurnLimits.of(machine, machine.dynamics.payload_mass_kg)[0]
     speed, acceleration, jerk = np.abs(turn[:, 1:]).max(axis=0)
     assert acceleration == pytest.approx(limits.acceleration_rad_s2, rel=1e-3)
     assert jerk == pytest.approx(limits.jerk_rad_s3, rel=1e-6)
@@ -224,7 +224,7 @@ def test_a_limit_of_the_rotary_axis_slows_the_move_down_with_a_notice_and_is_kep
     assert 'moves[0].move_l is slowed down' in notice
     assert told in notice
     assert slow.plan.duration_s > free.plan.duration_s
-    kept = TurnLimits.of(weak, weak.dynamics.payload_mass_kg)
+    kept = TurnLimits.of(weak, weak.dynamics.payload_mass_kg)[0]
     _, turn = over_time(slow.plan.moves[0])
     speed, acceleration, jerk = np.abs(turn[:, 1:]).max(axis=0)
     used = speed / kept.speed_rad_s, acceleration / kept.acceleration_rad_s2, jerk / kept.jerk_rad_s3
@@ -245,13 +245,13 @@ def test_blended_moves_keep_the_limits_of_the_axis_also_in_their_corners(limits,
     assert any('is slowed down' in notice for notice in planned.notices)
     (move,) = planned.plan.moves
     times = np.linspace(0.0, move.duration_s, 20001)
-    angle = sample_turn(sample_master(times, move.master)[:, 0], move.turns)[:, 0]
+    angle = sample_turn(sample_master(times, move.master)[:, 0], move.turns[0])[:, 0]
     speed, acceleration = np.gradient(angle, times), np.gradient(np.gradient(angle, times), times)
-    kept = TurnLimits.of(weak, weak.dynamics.payload_mass_kg)
+    kept = TurnLimits.of(weak, weak.dynamics.payload_mass_kg)[0]
     # between two samples of the planner
     assert np.abs(speed).max() <= kept.speed_rad_s * 1.01
     assert np.abs(acceleration[2:-2]).max() <= kept.acceleration_rad_s2 * 1.02
-    jerk = turn_motion(times[:-1], move.master, move.turns)[1][:, 3]
+    jerk = turn_motion(times[:-1], move.master, move.turns[0])[1][:, 3]
     assert np.abs(jerk).max() <= kept.jerk_rad_s3 * 1.05
 
 
@@ -267,7 +267,7 @@ def test_a_turn_that_begins_in_motion_keeps_its_acceleration(machine):
     assert 'the acceleration of the tool would be' in notice
     (move,) = planned.plan.moves
     times = np.linspace(0.0, move.duration_s, 20001)
-    angle = sample_turn(sample_master(times, move.master)[:, 0], move.turns)[:, 0]
+    angle = sample_turn(sample_master(times, move.master)[:, 0], move.turns[0])[:, 0]
     acceleration = np.degrees(np.gradient(np.gradient(angle, times), times))[2:-2]
     assert 15000.0 < np.abs(acceleration).max() <= 20000.0 * 1.02
 
@@ -351,7 +351,7 @@ def test_a_program_that_starts_with_the_tool_elsewhere_is_refused(machine):
     document = {'start_m': START, 'start_turn_deg': 30, 'moves': [{'turn': {'to_deg': 0}}]}
     program = programs.parse(document, machine.motion)
     with pytest.raises(ProgramError, match='starts with its tool at 30 deg, but its angle is 90 deg'):
-        program_planner.plan(program, START, machine, turn_rad=math.radians(90.0))
+        program_planner.plan(program, START, machine, turns_rad=(math.radians(90.0),))
 
 
 def test_a_program_that_begins_in_the_middle_begins_with_the_tool_where_it_is_then(machine):
@@ -362,10 +362,10 @@ def test_a_program_that_begins_in_the_middle_begins_with_the_tool_where_it_is_th
     ]
     program = programs.parse({'start_m': START, 'moves': moves}, machine.motion)
     rest = rest_of(program, 2, machine)
-    assert math.degrees(rest.start_turn_rad) == pytest.approx(45.0)
+    assert math.degrees(rest.start_turns_rad[0]) == pytest.approx(45.0)
     assert turned_deg(program_planner.plan(rest, THERE, machine)) == [(45.0, 55.0)]
     steps = programs.parse({'start_m': START, 'moves': [moves[0], moves[1]][1:] + moves}, machine.motion)
-    assert math.degrees(rest_of(steps, 2, machine).start_turn_rad) == pytest.approx(30.0)
+    assert math.degrees(rest_of(steps, 2, machine).start_turns_rad[0]) == pytest.approx(30.0)
     with pytest.raises(ProgramError, match='give start_turn_deg in the head'):
         rest_of(steps, 1, machine)
 
@@ -378,7 +378,7 @@ def test_a_move_with_a_turn_is_a_row_of_its_own_version_and_comes_back_as_it_was
     row = move.to_array(0, 1)
     assert (VERSION, row[0]) == (2, 3.0)
     back, _, _ = Move.from_array(row)
-    assert np.array_equal(back.turns, move.turns)
+    assert np.array_equal(back.turns[0], move.turns[0])
     assert np.array_equal(back.to_array(0, 1), row)
     (plain,) = plan([{'move_l': {'to_m': THERE}}], machine).plan.moves
     assert plain.to_array(0, 1)[0] == VERSION
@@ -403,7 +403,7 @@ def test_a_spoilt_turn_is_refused(change, reason, machine):
 def test_a_plan_says_of_all_moves_where_the_tool_is_or_of_none(machine):
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine).plan.moves[0]
     plain = plan([{'move_l': {'to_m': THERE}}], machine).plan.moves[0]
-    with pytest.raises(ProgramError, match='move 1 of the plan has no angle of the tool'):
+    with pytest.raises(ProgramError, match='move 1 of the plan has 0 angles of the tool'):
         Plan.of([turning, plain])
 
 
@@ -413,17 +413,107 @@ def test_in_a_longer_plan_the_tool_stands_where_one_half_says_nothing_of_it(mach
         programs.parse({'moves': [{'move_l': {'to_m': START}}]}, machine.motion), THERE, machine
     ).plan
     longer = turning.extended(0, 1, plain)
-    assert [round(math.degrees(longer.move(n).end_turn_rad)) for n in (0, 1)] == [90, 90]
+    assert [round(math.degrees(longer.move(n).end_turns_rad[0])) for n in (0, 1)] == [90, 90]
     first = plan([{'move_l': {'to_m': THERE}}, {'move_l': {'to_m': START}}], machine).plan
     behind = first.extended(0, 2, turning)
-    assert [round(math.degrees(behind.move(n).end_turn_rad)) for n in (0, 1, 2)] == [0, 0, 90]
+    assert [round(math.degrees(behind.move(n).end_turns_rad[0])) for n in (0, 1, 2)] == [0, 0, 90]
     for before, after in pairwise(behind.moves):
-        assert before.end_turn_rad == after.start_turn_rad
+        assert before.end_turns_rad == after.start_turns_rad
 
 
 def test_moves_that_follow_with_the_tool_elsewhere_are_refused(machine):
     turning = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine).plan
     back = {'moves': [{'move_l': {'to_m': START, 'turn_deg': 0}}]}
-    other = program_planner.plan(programs.parse(back, machine.motion), THERE, machine, turn_rad=1.0).plan
+    other = program_planner.plan(programs.parse(back, machine.motion), THERE, machine, turns_rad=(1.0,)).plan
     with pytest.raises(ProgramError, match=r'start with the tool 32\.7 deg away'):
         turning.extended(0, 1, other)
+
+
+# several rotary axes
+
+
+@pytest.fixture(scope='module')
+def wrist(machine):
+    """A robot with two rotary axes; the second one is slower."""
+    return machine.replace(rotary_2__present=True, rotary_2__speed_max_deg_s=400.0)
+
+
+def angles_deg(planned):
+    """Return the end angles of each move on all rotary axes."""
+    moves = [planned.plan.move(n) for n in range(len(planned.plan))]
+    return [tuple(round(math.degrees(angle), 6) + 0.0 for angle in move.end_turns_rad) for move in moves]
+
+
+def test_each_axis_turns_to_its_own_angle_and_an_axis_without_one_stays(wrist):
+    moves = [
+        {'move_l': {'to_m': THERE, 'turn_deg': [90, -10]}},
+        {'move_l': {'to_m': START, 'turn_deg': 30}},
+        {'turn': {'to_deg': [{'by_deg': 0}, 40]}},
+        {'turn': {'frame': 'box', 'to_deg': [0, {'by_deg': 5}]}},
+        {'dwell': {'time_s': 0.1}},
+    ]
+    planned = plan(moves, wrist, start_turn_deg=[0, 20], frames=FRAMES)
+    assert planned.plan.start_turns_rad == pytest.approx((0.0, math.radians(20)))
+    assert angles_deg(planned) == [(90.0, -10.0), (30.0, -10.0), (30.0, 40.0), (30.0, 45.0), (30.0, 45.0)]
+    assert len(planned.plan.turns) == 2
+
+
+def test_the_slower_axis_sets_the_pace_and_is_named(wrist):
+    slow = plan([{'move_l': FAST | {'turn_deg': [90, 90]}}], wrist)
+    (notice,) = slow.notices
+    assert 'the speed of the tool on axis5 would be' in notice
+    (move,) = slow.plan.moves
+    fastest = [
+        np.abs(turn_motion(np.linspace(0.0, move.duration_s, 2001), move.master, rows)[1][:, 1]).max()
+        for rows in move.turns
+    ]
+    assert np.degrees(fastest) == pytest.approx([400.0, 400.0], rel=4e-3)
+    (turn,) = plan([{'turn': {'to_deg': [90, 45]}}], wrist).plan.moves
+    _, motion = turn_motion(np.linspace(0.0, turn.duration_s, 2001), turn.master, turn.turns[1])
+    assert np.degrees(np.abs(motion[:, 1]).max()) == pytest.approx(400.0, rel=4e-3)
+    assert 'axis5 would turn to 400 deg' in refusal([{'turn': {'to_deg': [0, 400]}}], wrist)
+
+
+def test_a_motor_of_the_second_axis_that_gets_too_hot_slows_the_program_down(wrist):
+    moves = [{'turn': {'to_deg': [10, 180]}}, {'turn': {'to_deg': 0}}, {'turn': {'to_deg': [0, 0]}}]
+    slow = plan(
+        moves, wrist.replace(rotary_2__nominal_current_a=0.1, rotary_2__static_friction_n_m=0.0), repeat=3
+    )
+    assert any('the rms current of the motor of axis5 over the program' in notice for notice in slow.notices)
+
+
+def test_a_plan_of_several_axes_is_a_row_with_the_sizes_of_all_their_tables(wrist, machine):
+    (move,) = plan([{'move_l': {'to_m': THERE, 'turn_deg': [90, -10]}}], wrist).plan.moves
+    row = move.to_array(0, 1)
+    assert row[0] == VERSION + 2
+    back, _, _ = Move.from_array(row)
+    assert np.array_equal(back.to_array(0, 1), row)
+    assert check_turn(move, 1.0, wrist) > 1.0
+    with pytest.raises(ProgramError, match='it turns a second rotary axis'):
+        check_turn(move, 1.0, machine)
+    (one,) = plan([{'move_l': {'to_m': THERE, 'turn_deg': 90}}], machine).plan.moves
+    with pytest.raises(ProgramError, match='it turns 1 of 2 rotary axes'):
+        check_turn(one, 1.0, wrist)
+
+
+def test_more_angles_than_rotary_axes_are_refused(wrist, machine, robot):
+    lacking = 'the robot has one (rotary_2.present is false)'
+    assert lacking in refusal([{'turn': {'to_deg': [0, 10]}}], machine)
+    assert lacking in refusal([{'turn': {'to_deg': 10}}], machine, start_turn_deg=[0, 10])
+    assert 'no rotary axis' in refusal([{'turn': {'to_deg': [0, 10]}}], robot)
+    for angles in ([], [0, 1, 2]):
+        sentence = refusal([{'turn': {'to_deg': angles}}], wrist)
+        assert f'has {len(angles)} angles, but must have 1 to 2: one per rotary axis' in sentence
+
+
+def test_a_program_that_begins_in_the_middle_knows_the_angles_of_all_axes(wrist):
+    moves = [
+        {'move_l': {'to_m': THERE, 'turn_deg': [30, -20]}},
+        {'turn': {'to_deg': [{'by_deg': 15}, {'by_deg': 5}]}},
+        {'move_l': {'to_m': START}},
+    ]
+    program = programs.parse({'start_m': START, 'moves': moves}, wrist.motion)
+    assert np.degrees(rest_of(program, 2, wrist).start_turns_rad) == pytest.approx([45.0, -15.0])
+    unknown = programs.parse({'start_m': START, 'start_turn_deg': 0, 'moves': moves[1:]}, wrist.motion)
+    with pytest.raises(ProgramError, match='give start_turn_deg in the head'):
+        rest_of(unknown, 1, wrist)

@@ -180,7 +180,7 @@ def test_a_fault_of_the_fourth_drive_is_injected_told_with_its_cause_and_cleared
     assert cell.task.progress().fault == ''
     cell.operator.enable(True)
     graph.spin_until(lambda: cell.task.progress().in_torque, 'torque')
-    stands = cell.task.controller.state.turn_rad
+    stands = cell.task.controller.state.turns_rad[0]
     cell.operator.send_program('moves: [{turn: {to_deg: -45}}]')
     cell.operator.call('start')
     graph.spin_until(lambda: cell.operator.state == 'idle' and cell.task.progress().finished, 'the end')

@@ -147,7 +147,7 @@ def test_a_second_program_has_figures_of_its_own(machine):
             program([{'dwell': {'time_s': 0.05}}], machine, start_m=[0.1525, 0.0, -0.85]),
             task.state['tcp'][0],
             machine,
-            turn_rad=task.rotary[0].angle_rad,
+            turns_rad=task.turns_rad,
         ).plan
     )
     task.start(task.next_cycle + 5)
@@ -210,7 +210,7 @@ def operation(machine, moves, **head):
 def off_the_path(task):
     """How far the command of the tool is from what the plan has at the distance of the master [rad]."""
     number, distance, _ = task.progress()
-    return task.rotary[0].angle_rad - task.timeline.plan.move(number).turn_rad(distance)
+    return task.rotary[0].angle_rad - task.timeline.plan.move(number).turns_rad(distance)[0]
 
 
 LINE = [{'move_l': {'to_m': [0.1525, 0.0, -0.85], 'turn_deg': 180, 'speed_m_s': 0.5}}]
@@ -326,7 +326,7 @@ def test_controller_and_machine_must_both_have_the_axis(machine):
 
 def test_a_plan_from_where_the_tool_does_not_stand_is_not_loaded(machine):
     one = program(LINE, machine)
-    plan = program_planner.plan(one, PICK, machine, turn_rad=0.5).plan
+    plan = program_planner.plan(one, PICK, machine, turns_rad=(0.5,)).plan
     with pytest.raises(ProgramError, match=r'begins with the tool at 28\.6479 deg, but it is at 0 deg'):
         Transformation(machine).load(plan)
     with pytest.raises(ProgramError, match='the robot has no rotary axis'):

@@ -283,7 +283,7 @@ class RotaryAxis(Stage):
 
     def load(self, plan: Plan) -> None:
         """Use the rotations of a plan from the next command on."""
-        self.turns = NO_TURNS if plan.turns is None or self._number else plan.turns
+        self.turns = plan.turns[self._number] if plan.turns else NO_TURNS
 
     def extend(self, timeline: Timeline, left_out: int) -> None:
         """Use the rotations of an extended plan."""
@@ -318,13 +318,12 @@ class RotaryAxis(Stage):
 
 def require_turns(rotary: Sequence[RotaryAxis], plan: Plan) -> None:
     """Raise ProgramError if a plan starts at another tool angle, or turns a tool that does not exist."""
-    start = plan.start_turn_rad
-    if start is None:
-        return
-    if not rotary:
-        raise ProgramError(f'the plan cannot be loaded: {NO_AXIS}')
-    if not abs(start - rotary[0].angle_rad) <= JOINED_RAD:
-        raise ProgramError(
-            f'the plan begins with the tool at {math.degrees(start):.6g} deg, but it is at '
-            f'{math.degrees(rotary[0].angle_rad):.6g} deg'
-        )
+    starts = plan.start_turns_rad
+    if len(starts) > len(rotary):
+        raise ProgramError(f'the plan cannot be loaded: {NO_AXIS[len(rotary)]}')
+    for start, axis in zip(starts, rotary, strict=False):
+        if not abs(start - axis.angle_rad) <= JOINED_RAD:
+            raise ProgramError(
+                f'the plan begins with the tool at {math.degrees(start):.6g} deg, but it is at '
+                f'{math.degrees(axis.angle_rad):.6g} deg'
+            )

@@ -316,7 +316,7 @@ class Transformation:
         if first != timeline.at(profile.cycle - 1).number:
             raise ProgramError(f'move {first} is not the one that is driven in bus cycle {profile.cycle - 1}')
         longer = timeline.plan.extended(first, kept, more)
-        if timeline.plan.turns is None:
+        if not timeline.plan.turns:
             self.require_turns(longer)
         self._schedule.set(Event.PLAN, profile.cycle, (timeline.extended(longer, profile), first))
 

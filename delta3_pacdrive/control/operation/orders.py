@@ -133,7 +133,7 @@ class Orders:
             order=self._order if self._planner == self._watch.planner else 0,
             checked=self._intake.checked,
             cycle=next_cycle,
-            turn_rad=state.turn_rad,
+            turn_rad=state.turns_rad or None,
             **RobotFault.facts(refusal.fault if refusal else None),
         )
 

@@ -74,7 +74,7 @@ class RobotState:
         self.finished = False  # whether a program has reached its end
         self.located = 0  # number of times the robot was located, ready for a program
         self.tcp_m: Floats = task.state['tcp'][0].copy()  # when located
-        self.turn_rad: float | None = None  # angle of the rotary axis when located, if present
+        self.turns_rad: tuple[float, ...] = ()  # angles of the rotary axes when located
         self._aborting = False
         self._was_on_belt = False
         self._due = NEVER  # command cycle in which a stop is complete
@@ -158,7 +158,7 @@ class RobotState:
         """Set the position from which the robot can start a program."""
         self.located += 1
         self.tcp_m = tcp_m.copy()
-        self.turn_rad = next(iter(self._task.turns_rad), None)
+        self.turns_rad = self._task.turns_rad
         self.actions.append(robot_actions.Located(self.tcp_m, cycle))
         self.actions.append(robot_actions.Switched(cycle))
 

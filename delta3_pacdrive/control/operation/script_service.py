@@ -315,8 +315,8 @@ class ScriptService:
             'payload_kg': commanded.payload_kg,
             'inputs': self._cycles.inputs.bits,
         }
-        if commanded.turn_rad is not None:
-            seen['turn_rad'] = commanded.turn_rad
+        if commanded.turns_rad:
+            seen['turn_rad'] = commanded.turns_rad
         tracking, tracked = self._task.tracking, commanded.tracked
         if tracked is not None:
             seen['planned_m'] = commanded.planned_m

@@ -24,14 +24,13 @@ class Commanded:
     payload_kg: float
     planned_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # position of the plan, without belt offset
     tracked: Tracked | None = None  # None: the robot has no belts
-    turn_rad: float | None = None  # commanded angle of the rotary axis, if present
+    turns_rad: tuple[float, ...] = ()  # commanded angles of the rotary axes
 
     @classmethod
     def of(cls, task: Transformation) -> Self:
         """Return the state after the last command of a task."""
-        turn = next(iter(task.turns_rad), None)
         held = task.loaded and task.held
-        left = cls(task.end_cycle, held, task.outputs, task.payload, turn_rad=turn)
+        left = cls(task.end_cycle, held, task.outputs, task.payload, turns_rad=task.turns_rad)
         if not task.tracking.belts:
             return left
         x, y, z = task.state['planned'][0].tolist()

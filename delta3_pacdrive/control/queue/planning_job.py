@@ -34,7 +34,7 @@ class Job:
     append_to: AppendPoint | None = None  # None: the text is queued
     room: int = FOLLOWING_MAX  # number of statements that may be appended
     rounded: bool = True  # whether the corner before appended moves may be rounded
-    turn_rad: float | None = None  # angle of the rotary axis before the first move, if present
+    turns_rad: tuple[float, ...] = ()  # angles of the rotary axes before the first move
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def work(
             returning=True,
             open_end=True,
             progress=progress,
-            turn_rad=job.turn_rad,
+            turns_rad=job.turns_rad,
         )
         if job.text and job.queue is not None:
             program_planner.require_start(more, _end_m(planned, len(job.queue.statements), job.start_m))
@@ -117,7 +117,7 @@ def _append(
         )
 
     moves = point.plan(
-        statements, program_of, robot, FOLLOWING_MAX, job.turn_rad, job.rounded, progress=progress
+        statements, program_of, robot, FOLLOWING_MAX, job.turns_rad, job.rounded, progress=progress
     )
     return Result(job.number, statements=len(statements), appended=moves)
 

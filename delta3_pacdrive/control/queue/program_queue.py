@@ -77,7 +77,7 @@ class Planning:
         self._queue, self._act = queue, act
         self._job: tuple[Job, Callable[[Result], None]] | None = None
         self._jobs = 0
-        self.turn_rad: float | None = None  # angle of the rotary axis, if present
+        self.turns_rad: tuple[float, ...] = ()  # angles of the rotary axes
 
     @property
     def busy(self) -> bool:
@@ -99,8 +99,8 @@ class Planning:
         """
         self._jobs += 1
         x, y, z = start_m.tolist()
-        queue, turn = program or self._queue.program, self.turn_rad
-        job = Job(self._jobs, queue, text, adaptation, (x, y, z), turn_rad=turn, **more)
+        queue, turns = program or self._queue.program, self.turns_rad
+        job = Job(self._jobs, queue, text, adaptation, (x, y, z), turns_rad=turns, **more)
         self._job = job, then
         self._act(Working(job))
 

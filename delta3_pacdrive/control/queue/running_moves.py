@@ -46,7 +46,7 @@ class AppendPoint:
         program_of: Callable[[Splice], Program],
         robot: Parameters,
         statements_max: int,
-        turn_rad: float | None,
+        turns_rad: tuple[float, ...],
         rounded: bool = True,
         **options: Any,
     ) -> PlannedMoves:
@@ -62,8 +62,8 @@ class AppendPoint:
             Parameters of the robot.
         statements_max
             Maximum number of statements in a sequence of rounded corners, which is planned again as a whole.
-        turn_rad
-            Tool angle if the running program does not define it.
+        turns_rad
+            Angles of the rotary axes if the running program does not define them.
         rounded
             Whether a blend at the end of the running program may round the corner to the appended moves.
         options
@@ -86,7 +86,7 @@ class AppendPoint:
             robot,
             open_end=True,
             before=self.running.load(min(self.first, splice.kept), splice.kept),
-            turn_rad=turn_rad if splice.turn_rad is None else splice.turn_rad,
+            turns_rad=splice.turns_rad or turns_rad,
             **options,
         )
         return PlannedMoves(splice, program, planned, open_corner)

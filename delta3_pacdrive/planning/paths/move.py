@@ -1,6 +1,7 @@
 """A move of a plan: motion of the virtual master over time, slave path over the master, and events on the path."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
@@ -8,14 +9,20 @@ from numpy.typing import ArrayLike
 
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import PAYLOAD_MAX_KG, Kinematics
+from delta3_pacdrive.parameters import PAYLOAD_MAX_KG, ROTARY_AXES_MAX, Kinematics
 from delta3_pacdrive.planning.paths.joint_path import tcp_samples
 from delta3_pacdrive.planning.paths.path import SEGMENT_COLUMNS, sample_path
-from delta3_pacdrive.planning.paths.rotations import TURN_COLUMNS, no_turns, require_smooth, sample_turn
+from delta3_pacdrive.planning.paths.rotations import (
+    TURN_COLUMNS,
+    require_smooth,
+    sample_turn,
+    standing,
+)
 from delta3_pacdrive.planning.paths.virtual_master import PHASE_COLUMNS, slowest
 
-VERSION = 2
-TURNING_VERSION = 3  # with tool rotation: one more number in the header
+VERSION = (
+    2  # one more for each rotary axis whose angle the move defines; the header then has its number of pieces
+)
 # version, number of the move, number of moves, kind, phases, segments, events, acceleration and jerk of stops, payload
 HEADER = 10
 MOVES_MAX = 20_000
@@ -69,9 +76,9 @@ class Move:
     # rows (k, 4) in order of distance: distance [m], output number (-1: none), value, payload [kg]
     events: Floats = field(default_factory=_no_events)
     kinematics: Kinematics | None = None  # needed for the TCP of a path of arm angles
-    turns: Floats = field(
-        default_factory=no_turns
-    )  # tool rotation over the distance, pieces (l, 7) of ``turns``
+    turns: tuple[
+        Floats, ...
+    ] = ()  # rotation of each rotary axis over the distance, pieces (l, 7): see ``rotations``
 
     @property
     def duration_s(self) -> float:
@@ -91,19 +98,23 @@ class Move:
         """First point of the path [m], shape (3,)."""
         return np.asarray(self.sample([self.master[0, 1]])[0, 0])
 
-    def turn_rad(self, distance: float) -> float | None:
-        """Return the tool angle at a distance [rad]; None if the move does not define it."""
-        return float(sample_turn([distance], self.turns)[0, 0]) if len(self.turns) else None
+    def turns_rad(self, distance: float) -> tuple[float, ...]:
+        """Return the angle of each rotary axis at a distance [rad]; empty if the move does not define them."""
+        return tuple(float(sample_turn([distance], rows)[0, 0]) for rows in self.turns)
 
     @property
-    def start_turn_rad(self) -> float | None:
-        """Tool angle at the start of the move [rad]."""
-        return self.turn_rad(float(self.master[0, 1]))
+    def start_turns_rad(self) -> tuple[float, ...]:
+        """Angle of each rotary axis at the start of the move [rad]."""
+        return self.turns_rad(float(self.master[0, 1]))
 
     @property
-    def end_turn_rad(self) -> float | None:
-        """Tool angle at the end of the move [rad]."""
-        return self.turn_rad(self.length_m)
+    def end_turns_rad(self) -> tuple[float, ...]:
+        """Angle of each rotary axis at the end of the move [rad]."""
+        return self.turns_rad(self.length_m)
+
+    def with_turns(self, turns_rad: Sequence[float]) -> 'Move':
+        """Return the move with constant angles of the rotary axes, unless it already defines their angles."""
+        return self if self.turns else replace(self, turns=standing(turns_rad))
 
     def sample(self, distances_m: ArrayLike) -> Floats:
         """Return TCP and first three derivatives by the master at distances of shape (n,): shape (n, 4, 3).
@@ -120,15 +131,10 @@ class Move:
     def to_array(self, number: int, count: int) -> Floats:
         """Serialize the move, the ``number``-th of ``count``, to one row of numbers for a message."""
         jerk = self.stop_jerk if np.isfinite(self.stop_jerk) else 0.0
-        version = TURNING_VERSION if len(self.turns) else VERSION
+        version = VERSION + len(self.turns)
         header = [version, number, count, self.kind, len(self.master), len(self.segments), len(self.events)]
-        values = [
-            self.stop_acceleration,
-            jerk,
-            self.payload_kg,
-            *([len(self.turns)] if len(self.turns) else ()),
-        ]
-        tables = self.master, self.segments, self.events, self.turns
+        values = [self.stop_acceleration, jerk, self.payload_kg, *(len(rows) for rows in self.turns)]
+        tables = self.master, self.segments, self.events, *self.turns
         return np.concatenate([np.array([*header, *values]), *(table.ravel() for table in tables)])
 
     @staticmethod
@@ -149,23 +155,22 @@ class Move:
             raise ProgramError(f'the header of a plan message must hold whole numbers up to {COUNT_MAX}')
         version, number, count, kind, phases, segments, events = (int(value) for value in whole)
         acceleration, jerk, payload = row[7:HEADER].tolist()
-        if version not in (VERSION, TURNING_VERSION) or kind not in tuple(MoveKind):
+        if not VERSION <= version <= VERSION + ROTARY_AXES_MAX or kind not in tuple(MoveKind):
             raise ProgramError(f'plan message of version {version} and kind {kind} is unknown')
         what = f'plan message {number} of {count}'
         if not number < count <= MOVES_MAX or not 2 <= phases <= ROWS_MAX or not 1 <= segments <= ROWS_MAX:
             raise ProgramError(f'{what} with {phases} phases and {segments} segments is invalid')
-        begin, turns = HEADER, 0
-        if version == TURNING_VERSION and len(row) > HEADER:
-            begin, turns = HEADER + 1, _whole_count(row[HEADER], what)
+        begin = HEADER + version - VERSION
+        turns = [_whole_count(value, what) for value in row[HEADER:begin].tolist()]
         sizes = [
             phases * PHASE_COLUMNS,
             segments * SEGMENT_COLUMNS,
             events * EVENT_COLUMNS,
-            turns * TURN_COLUMNS,
+            *(pieces * TURN_COLUMNS for pieces in turns),
         ]
         if len(row) != begin + sum(sizes):
             raise ProgramError(f'{what} has {len(row)} numbers, which does not fit its header')
-        master, path, happenings, angles = np.split(row[begin:].copy(), np.cumsum(sizes)[:3])
+        master, path, happenings, *angles = np.split(row[begin:].copy(), np.cumsum(sizes[:-1]))
         move = Move(
             MoveKind(kind),
             master=master.reshape(phases, PHASE_COLUMNS),
@@ -175,7 +180,7 @@ class Move:
             payload_kg=payload,
             events=happenings.reshape(events, EVENT_COLUMNS),
             kinematics=kinematics,
-            turns=angles.reshape(turns, TURN_COLUMNS),
+            turns=tuple(rows.reshape(-1, TURN_COLUMNS) for rows in angles),
         )
         move._require_continuous(what)
         return move, number, count
@@ -199,7 +204,8 @@ class Move:
         if not jumps <= CONTINUOUS:
             unit = 'rad' if self.kind == MoveKind.JOINTS else 'm'
             raise ProgramError(f'{what}: its path jumps by {jumps:.3g} {unit}')
-        require_smooth(self.turns, what)
+        for rows in self.turns:
+            require_smooth(rows, what)
         places, bits = self.events[:, 0], self.events[:, 1]
         payloads = [self.payload_kg, *self.events[self.events[:, 3] != UNCHANGED, 3].tolist()]
         for payload in payloads:

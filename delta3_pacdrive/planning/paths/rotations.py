@@ -1,7 +1,8 @@
 """Tool rotation as piecewise polynomials of degree five over the distance s of a move, like its path.
 
 A table of pieces has shape (n, 7): distance s at the start of the piece, then coefficients c0..c5 of the angle [rad] in
-powers of the distance from that start. Either all moves of a plan define the tool angle or none does.
+powers of the distance from that start. A move has one table per rotary axis of the robot, or none. Either all moves of
+a plan define the tool angles or none does.
 
 Arguments of the kernels here:
 
@@ -10,7 +11,7 @@ Arguments of the kernels here:
 ``number``
     Number of the current move.
 ``turns``
-    Tool rotation of a plan: ``TurnTables``.
+    Rotation of one rotary axis in a plan: ``TurnTables``.
 """
 
 from collections.abc import Sequence
@@ -28,7 +29,7 @@ JOINED_RAD = 1e-6  # largest jump of the angle at the joint of two pieces, or of
 
 
 class TurnTables(NamedTuple):
-    """Arrays of the tool rotation of a plan for the compiled code."""
+    """Arrays of the rotation of one rotary axis in a plan for the compiled code."""
 
     order: NDArray[np.int64]  # index into the different moves, for each executed move
     first: NDArray[np.int64]  # first piece of each different move
@@ -36,35 +37,39 @@ class TurnTables(NamedTuple):
     rows: Floats
 
 
-def no_turns() -> Floats:
-    """Return the table of a move that does not define the tool angle."""
-    return np.zeros((0, TURN_COLUMNS))
+def standing(angles_rad: Sequence[float]) -> tuple[Floats, ...]:
+    """Return the tables of constant tool angles, one per rotary axis."""
+    tables = np.zeros((len(angles_rad), 1, TURN_COLUMNS))
+    tables[:, 0, 1] = angles_rad
+    return tuple(tables)
 
 
-def standing(angle_rad: float) -> Floats:
-    """Return the table of a constant tool angle."""
-    rows = np.zeros((1, TURN_COLUMNS))
-    rows[0, 1] = angle_rad
-    return rows
-
-
-def turn_tables(parts: Sequence[Floats], order: NDArray[np.int64]) -> TurnTables | None:
-    """Return the tables of a plan; None if its moves do not define the tool angle.
+def turn_tables(turns: Sequence[tuple[Floats, ...]], order: NDArray[np.int64]) -> tuple[TurnTables, ...]:
+    """Return the tables of a plan, one per rotary axis, from those of its different moves.
 
     Raises
     ------
     ProgramError
-        Only some of the moves define it.
+        The moves define the angles of different numbers of rotary axes.
 
     """
-    counts = np.array([len(part) for part in parts], dtype=np.int64)
-    if not counts.any():
-        return None
-    if not counts.all():
+    axes = [len(of_move) for of_move in turns]
+    if min(axes) < max(axes):
+        number, most = int(np.argmin(axes)), max(axes)
         raise ProgramError(
-            f'move {int(np.argmin(counts))} of the plan has no angle of the tool, others have one'
+            f'move {number} of the plan has {axes[number]} angles of the tool, others have {most}'
         )
-    return TurnTables(order, np.cumsum(counts) - counts, counts, np.ascontiguousarray(np.concatenate(parts)))
+    found = []
+    for parts in zip(*turns, strict=True):
+        counts = np.array([len(part) for part in parts], dtype=np.int64)
+        rows = np.ascontiguousarray(np.concatenate(parts))
+        found.append(TurnTables(order, np.cumsum(counts) - counts, counts, rows))
+    return tuple(found)
+
+
+def are_joined(ends_rad: Sequence[float], begins_rad: Sequence[float]) -> bool:
+    """Whether tool angles continue others; both sequences have one angle per rotary axis, or none if not defined."""
+    return all(abs(begin - end) <= JOINED_RAD for end, begin in zip(ends_rad, begins_rad, strict=False))
 
 
 @kernel
@@ -114,8 +119,6 @@ def between(start: tuple[float, float], end: tuple[float, float], length: float)
 
 def require_smooth(rows: Floats, what: str) -> None:
     """Raise ProgramError if a table does not start at 0 or the angle jumps."""
-    if not len(rows):
-        return
     if rows[0, 0] != 0.0 or (np.diff(rows[:, 0]) <= 0.0).any():
         raise ProgramError(f'{what}: its turn does not start at 0, or its distances do not increase')
     u = np.diff(rows[:, 0])

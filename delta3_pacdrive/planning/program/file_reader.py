@@ -2,7 +2,7 @@
 
 name: pick and place            # optional
 start_m: [0.0, 0.0, -0.75]      # optional: required position of the robot
-start_turn_deg: 0.0             # optional, with a rotary axis: required angle of its tool
+start_turn_deg: 0.0             # optional, with a rotary axis: required angle of its tool; a list for several axes
 repeat: 1                       # optional
 payload_kg: 0.0                 # optional: carried at the start
 time_optimal: false             # optional: as fast as the motors allow; also in each move
@@ -25,6 +25,7 @@ moves:
 - move_c: {via_m: [0.1, 0.1, -0.8], to_m: [0.0, 0.2, -0.8], angle_deg: 720}    # two turns on the circle through these
 - move_sb: {through_m: [[0.1, 0.0, -0.8], pick]}                      # spline through at most 100 points
 - move_l: {to_m: pick, turn_deg: 90}      # the tool rotates during the move; or turn_deg: {by_deg: 45}, relative
+- move_l: {to_m: pick, turn_deg: [90, -10]}                       # an angle for each of several rotary axes
 - turn: {to_deg: 0}                                                   # and at rest
 - arch: {to_m: pick, up_m: 0.01, down_m: 0.01, keep_out: {height_m: -0.8, margin_m: 0.05}, aim: time}   # best shape
 - cubic: {to_m: pick, duration_s: 0.5, end_velocity_m_s: [0, 0, 0]}   # chapter 5; starts with the preceding velocity
@@ -45,7 +46,7 @@ from typing import Any
 from delta3_pacdrive.configuration import packaged, yaml_file
 from delta3_pacdrive.configuration.source_positions import place_of
 from delta3_pacdrive.configuration.strict_reader import Errors, Section, nearest_of, refuse
-from delta3_pacdrive.configuration.value_readers import flag, number_between, whole_number_between
+from delta3_pacdrive.configuration.value_readers import flag, whole_number_between
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.parameters import Motion, config_directory
 from delta3_pacdrive.planning.limits.limit_reader import LIMIT_KEYS, given_limits
@@ -57,11 +58,12 @@ from delta3_pacdrive.planning.program.output_names import OWN, OutputNames
 from delta3_pacdrive.planning.program.point_reader import NAME, NAME_MAX, Named, PointReader, Setting, named
 from delta3_pacdrive.planning.program.statement_reader import (
     TIME_MAX_S,
-    TURN_MAX_RAD,
     Head,
     StatementReader,
     each,
     payload,
+    per_rotary_axis,
+    turn,
 )
 from delta3_pacdrive.robot.faults.fault import Fault, read_fault
 
@@ -228,7 +230,12 @@ def _program(document: Any, motion: Motion, name: str, errors: Errors, outputs: 
             'payload_kg', lambda value, where: payload(value, where, head.tool_kg), carried, prefix=''
         ),
         faults=fields.read('faults', faults, (), prefix=''),
-        start_turn_rad=fields.read('start_turn_rad', number_between(-TURN_MAX_RAD, TURN_MAX_RAD), prefix=''),
+        start_turns_rad=fields.read(
+            'start_turn_rad',
+            lambda value, where: per_rotary_axis(value, where, errors, turn),
+            (),
+            prefix='',
+        ),
         places=tuple(one.place for one in read),
         names=tuple(one.name for one in read),
     )

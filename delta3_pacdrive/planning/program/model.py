@@ -44,7 +44,8 @@ class PathMove:
     A ``strict`` move is rejected instead of slowed down. With ``constant_speed`` the path, with all moves blended with
     it, is rejected unless its speed is constant. With ``in_position`` the program continues only when the robot has
     settled at the end. A ``time_optimal`` move is as fast as the motors allow within its limits and its torque rate.
-    With ``turn`` the tool rotates along the path from the start of the move to its end.
+    With ``turns``, angles of the first rotary axes, the tool rotates along the path from the start of the move to its
+    end.
     """
 
     limits: Limits
@@ -54,7 +55,7 @@ class PathMove:
     torque_rate_n_m_s: float = math.inf
     in_position: bool = False
     constant_speed: bool = False
-    turn: Angle | None = None
+    turns: tuple[Angle, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -120,9 +121,9 @@ class Cubic:
 
 @dataclass(frozen=True)
 class Turn:
-    """Rotation of the tool at a fixed TCP, as fast as its axis allows."""
+    """Rotation of the tool at a fixed TCP to angles of its first rotary axes, as fast as they allow."""
 
-    to: Angle
+    turns: tuple[Angle, ...]
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,7 @@ class Program:
     repeat: int = 1
     payload_kg: float | None = None
     faults: tuple[Fault, ...] = ()
-    start_turn_rad: float | None = None  # required tool angle at the start; None: any
+    start_turns_rad: tuple[float, ...] = ()  # required angles of the first rotary axes at the start
     source: str = field(default='', compare=False)  # program file
     places: tuple[Place | None, ...] = field(default=(), compare=False)  # of the statements in the file
     names: tuple[str, ...] = field(default=(), compare=False)  # of statements in messages (default: by index)
@@ -209,6 +210,11 @@ class Program:
     def place_of(self, number: int) -> Place | None:
         """Return the position of a statement in its file, if known."""
         return self.places[number] if number < len(self.places) else None
+
+
+def turns_of(statement: Statement) -> tuple[Angle, ...]:
+    """Return the angles of the first rotary axes after a statement; empty if it does not turn the tool."""
+    return statement.turns if isinstance(statement, PathMove | Turn) else ()
 
 
 def point_of(values: ArrayLike) -> Point:

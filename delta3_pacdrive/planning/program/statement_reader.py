@@ -15,6 +15,7 @@ from delta3_pacdrive.configuration.value_readers import (
     whole_number_between,
 )
 from delta3_pacdrive.errors import shown
+from delta3_pacdrive.parameters import ROTARY_AXES_MAX
 from delta3_pacdrive.planning.limits.limit_reader import LIMIT_KEYS, blend, given_limits, limits_of
 from delta3_pacdrive.planning.limits.limits import Limits
 from delta3_pacdrive.planning.paths.curves import SPLINE_POINTS_MAX
@@ -135,7 +136,7 @@ class StatementReader:
                 ('duration_s', 'to_m'),
             ),
             'joints': _Kind(Joints, {'points': ('points', self._joint_points)}, {}, ('points',)),
-            'turn': _Kind(Turn, {}, {'to_rad': ('to', self._angle)}, ('to_rad',)),
+            'turn': _Kind(Turn, {}, {'to_rad': ('turns', self._angles)}, ('to_rad',)),
             'dwell': _Kind(Dwell, {'time_s': ('time_s', _duration)}, {}, ('time_s',)),
             'output': _Kind(
                 Output,
@@ -283,11 +284,11 @@ class StatementReader:
             'strict': fields.read('strict', flag, False),
             'in_position': in_position,
             'constant_speed': fields.read('constant_speed', flag, head.constant_speed),
-            'turn': fields.read('turn_rad', _bound_to(setting, self._angle), None),
+            'turns': fields.read('turn_rad', _bound_to(setting, self._angles), ()),
         }
 
-    def _angle(self, value: Any, where: str, setting: Setting) -> Angle:
-        """Read a tool angle from the x axis of its frame, or a rotation from the current angle."""
+    def _angles(self, value: Any, where: str, setting: Setting) -> tuple[Angle, ...]:
+        """Read angles of the first rotary axes; that of the first one is from the x axis of its frame."""
         for name, tool in self._head.tools.items():
             offset_m = 0.0 if tool is None else math.hypot(*tool.offset_m[:2])
             if offset_m > LEVEL_M:
@@ -295,15 +296,15 @@ class StatementReader:
                     f'{where}: tool {shown(name)} works {1e3 * offset_m:g} mm off the axis that would turn it; '
                     'points are not corrected for this offset'
                 )
+        angles = per_rotary_axis(value, where, self._errors, self._angle)
+        return (*(_in_base(angle, where, setting) for angle in angles[:1]), *angles[1:])
+
+    def _angle(self, value: Any, where: str) -> Angle:
+        """Read an angle of a rotary axis, or a rotation from its current angle."""
         if not isinstance(value, dict):
-            setting.require_frame(where)
-            frame = setting.frame
-            if frame is None:
-                return Angle(_turn(value, where))
-            _require_upright(frame, where, 'an angle of the tool')
-            return Angle(_turn(value, where) + frame.in_base.roll_pitch_yaw_rad[2])
+            return Angle(turn(value, where))
         fields = Section(value, where, self._errors, ('by_rad',), ('by_rad',))
-        return Angle(fields.read('by_rad', _turn, 0.0), relative=True)
+        return Angle(fields.read('by_rad', turn, 0.0), relative=True)
 
     def _keep_out(self, value: Any, where: str, setting: Setting) -> KeepOut:
         """Read a keep-out zone; its height refers to the frame and to the working point of the tool."""
@@ -353,6 +354,15 @@ def each(value: Any, where: str, errors: Errors, read: Read) -> tuple[Any, ...]:
     return tuple(found)
 
 
+def per_rotary_axis(value: Any, where: str, errors: Errors, read: Read) -> tuple[Any, ...]:
+    """Read a value of the first rotary axis, or a list with one value for each of the first axes."""
+    if not isinstance(value, list):
+        return (read(value, where),)
+    if not 1 <= len(value) <= ROTARY_AXES_MAX:
+        refuse(f'{where} has {len(value)} angles, but must have 1 to {ROTARY_AXES_MAX}: one per rotary axis')
+    return each(value, where, errors, read)
+
+
 def payload(value: Any, where: str, tool_kg: float = 0.0) -> float:
     """Read a payload and add the mass of the tool [kg]."""
     carried = number_between(0.0, PAYLOAD_MAX_KG)(value, where) + tool_kg
@@ -389,8 +399,20 @@ def _arc_angle(value: Any, where: str) -> float:
     return angle
 
 
-def _turn(value: Any, where: str) -> float:
+def turn(value: Any, where: str) -> float:
+    """Read an angle of the tool [rad]."""
     return number_between(-TURN_MAX_RAD, TURN_MAX_RAD)(value, where)
+
+
+def _in_base(angle: Angle, where: str, setting: Setting) -> Angle:
+    """Return an angle of the first rotary axis from the x axis of ``base``."""
+    if angle.relative:
+        return angle
+    setting.require_frame(where)
+    if setting.frame is None:
+        return angle
+    _require_upright(setting.frame, where, 'an angle of the tool')
+    return Angle(angle.angle_rad + setting.frame.in_base.roll_pitch_yaw_rad[2])
 
 
 def _bound_to(setting: Setting, read: ReadIn) -> Read:

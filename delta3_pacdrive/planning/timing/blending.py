@@ -48,7 +48,8 @@ class PathSegment:
     name: str
     time_optimal: bool = False
     torque_rate_n_m_s: float = math.inf
-    turn_rad: tuple[float, float] | None = None  # tool angle at start and end; None: not defined by the plan
+    # start and end angle of each rotary axis [rad]; empty: not defined by the plan
+    turns_rad: tuple[tuple[float, float], ...] = ()
     heat: float = 0.0  # weight of the motor losses relative to the time, for time-optimal moves
     is_arch: bool = False
     constant_speed: bool = False

@@ -10,7 +10,6 @@ from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import EXCHANGE_PERIODS_S, UNSHAPED, Parameters
 from delta3_pacdrive.planning.paths.move import Move
-from delta3_pacdrive.planning.paths.rotations import standing
 from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.planning.planned_move import plan_dwell
 from delta3_pacdrive.planning.program.model import Program
@@ -123,11 +122,9 @@ def swing_after(move: Move, program: Program, planned: Planned, built: Parameter
     end_m, payload_kg = move.end_m(), move.payload_kg
     for event in move.events:
         payload_kg = event[3] if event[3] >= 0.0 else payload_kg
-    stands = plan_dwell(end_m, STANDS_S, payload_kg, 'dwell', built).move
-    if len(move.turns):
-        stands = replace(stands, turns=standing(move.end_turn_rad or 0.0))
+    stands = plan_dwell(end_m, STANDS_S, payload_kg, 'dwell', built).move.with_turns(move.end_turns_rad)
     alone = replace(planned, plan=Plan.of([move, stands]), repeat=1)
     x, y, z = move.start_m().tolist()
-    placed = replace(program, start_m=(x, y, z), start_turn_rad=move.start_turn_rad, faults=())
+    placed = replace(program, start_m=(x, y, z), start_turns_rad=move.start_turns_rad, faults=())
     trace = simulation.run(placed, built, planner=lambda *_: alone)
     return swing_m(after_stop(trace, trace.meta['end_cycle'] - round(STANDS_S / built.bus.cycle_time_s)))

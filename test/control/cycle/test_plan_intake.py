@@ -165,7 +165,7 @@ def test_a_turn_that_the_robot_cannot_make_spoils_its_order(robot, changes: dict
     assert expected in found.sentence
     taken = order(PlanIntake(robot.replace(rotary__present=True)), 1, [row], (-1.0, 1.0, 0.0))
     assert isinstance(taken, Order)
-    assert taken.plan.end_turn_rad == pytest.approx(np.pi / 2)
+    assert taken.plan.end_turns_rad == pytest.approx((np.pi / 2,))
 
 
 def test_a_rate_at_which_a_motor_would_turn_too_fast_is_refused(robot, rows: list[Any]) -> None:

@@ -345,7 +345,8 @@ def test_a_strict_program_that_would_overheat_a_motor_is_refused(robot):
     cold = robot.replace(motor__nominal_current_a=1.0)
     sentence = refusal(plan, cold, moves, name='press')
     assert re.match(
-        r'program "press": the rms current would be [\d.]+ A, the limit is 1 A \(strict\)$', sentence
+        r'program "press": the rms current of motor \d would be [\d.]+ A, the limit is 1 A \(strict\)$',
+        sentence,
     )
 
 

@@ -219,6 +219,7 @@ def _row(
     weights = weights / weights.sum()
     uses = _uses(part, slice(None), weights)
     d, torque = part.dynamics, parameters.motor.torque_constant_n_m_a
+    turn, turn_2, *_ = (*_turns(part, parameters), None, None)
     return MoveRow(
         number=n + 1,
         name=planned.names[number],
@@ -236,35 +237,41 @@ def _row(
         uses=tuple(uses),
         limited_by=_limited_by(uses, part.move, planned, parameters),
         distances=_distances(part, parameters),
-        turn=_turn(part, parameters),
+        turn=turn,
+        turn_2=turn_2,
         statements=_statement_rows(planned, number, part, parameters)
         if len(_passed_s(planned, number))
         else (),
     )
 
 
-def _turn(part: _Part, parameters: Parameters) -> TurnRow | None:
-    if not len(part.move.turns) or not parameters.rotary.present:
-        return None
-    limits = TurnLimits.of(parameters, part.move.payload_kg)
-    _, turn = turn_motion(part.times[:-1], part.move.master, part.move.turns)
-    speed, acceleration = (float(value) for value in np.abs(turn[:, 1:3]).max(axis=0))
-    turns = speed > 0.0
-    return TurnRow(
-        from_deg=math.degrees(part.move.start_turn_rad or 0.0),
-        to_deg=math.degrees(part.move.end_turn_rad or 0.0),
-        speed_max_deg_s=math.degrees(speed),
-        acceleration_max_deg_s2=math.degrees(acceleration),
-        motor_current_max_a=(limits.current_per_acceleration * acceleration + limits.friction_a) * turns,
-    )
+def _turns(part: _Part, parameters: Parameters) -> list[TurnRow]:
+    """Return the rotation of each rotary axis during a move; empty if the move does not define them."""
+    move, rows = part.move, []
+    limits = TurnLimits.of(parameters, move.payload_kg)
+    ends = zip(move.start_turns_rad, move.end_turns_rad, strict=True)
+    for (start, end), table, of_axis in zip(ends, move.turns, limits, strict=False):
+        _, turn = turn_motion(part.times[:-1], move.master, table)
+        speed, acceleration = (float(value) for value in np.abs(turn[:, 1:3]).max(axis=0))
+        current = of_axis.current_per_acceleration * acceleration + of_axis.friction_a
+        rows.append(
+            TurnRow(
+                from_deg=math.degrees(start),
+                to_deg=math.degrees(end),
+                speed_max_deg_s=math.degrees(speed),
+                acceleration_max_deg_s2=math.degrees(acceleration),
+                motor_current_max_a=current * (speed > 0.0),
+            )
+        )
+    return rows
 
 
 def _is_turn_at_limit(move: Move, parameters: Parameters) -> bool:
-    """Return whether the rotary axis limits the speed of a move."""
-    if not len(move.turns) or not parameters.rotary.present:
-        return False
-    return (
-        turn_violation(move.master, move.turns, TurnLimits.of(parameters, move.payload_kg)).worst >= AT_LIMIT
+    """Return whether a rotary axis limits the speed of a move."""
+    limits = TurnLimits.of(parameters, move.payload_kg)[: len(move.turns)]
+    return any(
+        turn_violation(move.master, [rows], [of_axis]).worst >= AT_LIMIT
+        for rows, of_axis in zip(move.turns, limits, strict=False)
     )
 
 

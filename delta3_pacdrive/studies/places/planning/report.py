@@ -7,6 +7,7 @@ from typing import Any
 from delta3_pacdrive.configuration.strict_reader import counted
 from delta3_pacdrive.control.motion_state import percent_allowed
 from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.planning.rotating_move import tool_text
 from delta3_pacdrive.planning.timing.blending import ROUNDING_M
 from delta3_pacdrive.robot.motor import share_text, thermal_warnings
 from delta3_pacdrive.studies.framework.columns import aligned, cells, csv_table, fill, named_lines, to_dict
@@ -163,16 +164,17 @@ def vibration_text(swings: Sequence[Swing]) -> list[str]:
 
 
 def _turn_rows(rows: Sequence[MoveRow], parameters: Parameters) -> list[tuple[str, str]]:
-    """Return the rotations of the tool, one row per move."""
+    """Return the rotations of the tool, one row per move and rotary axis."""
     texts = [
         fill(
-            f'move {row.number}: the tool from {{from_deg:z.4g}} to {{to_deg:z.4g}} deg, at most '
-            '{speed_max_deg_s:.0f} deg/s and {acceleration_max_deg_s2:.0f} deg/s2, {motor_current_max_a:.2f} of '
-            f'{parameters.rotary.peak_current_a:g} A',
-            row.turn,
+            f'move {row.number}: {tool_text(parameters, number)} from {{from_deg:z.4g}} to {{to_deg:z.4g}} deg, at '
+            'most {speed_max_deg_s:.0f} deg/s and {acceleration_max_deg_s2:.0f} deg/s2, {motor_current_max_a:.2f} of '
+            f'{rotary.peak_current_a:g} A',
+            turn,
         )
         for row in rows
-        if row.turn is not None and row.turn.speed_max_deg_s > 0.0
+        for number, (turn, rotary) in enumerate(zip(row.turns, parameters.rotary_axes, strict=False))
+        if turn.speed_max_deg_s > 0.0
     ]
     return [('' if n else 'turn', text) for n, text in enumerate(texts)]
 

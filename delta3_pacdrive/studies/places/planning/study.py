@@ -82,7 +82,7 @@ class Use:
 
 @dataclass(frozen=True)
 class TurnRow:
-    """Rotation of the tool during a move."""
+    """Rotation of a rotary axis during a move."""
 
     from_deg: float
     to_deg: float
@@ -125,11 +125,18 @@ class MoveRow:
     motor_current_rms_a: Annotated[tuple[float, ...], Column('rms current {} [A]')]
     limited_by: Annotated[Use, Column('{}')]
     uses: Annotated[tuple[Use, ...], Column(key='limits')]  # of all limits, the most limiting first
-    turn: Annotated[TurnRow | None, Column(optional=True)]  # None if the move does not define the rotation
+    # of each rotary axis; None if the move does not define the rotation
+    turn: Annotated[TurnRow | None, Column(optional=True)]
+    turn_2: Annotated[TurnRow | None, Column(optional=True)]
     # least distance to workspace [m], arm angle and swing limits [deg], singularities, by key with unit
     distances: dict[str, float]
     # of a blended sequence
     statements: Annotated[tuple[StatementRow, ...], Column(key='by_statement', optional=True)]
+
+    @property
+    def turns(self) -> tuple[TurnRow, ...]:
+        """Rotations of the rotary axes; empty if the move does not define them."""
+        return tuple(turn for turn in (self.turn, self.turn_2) if turn is not None)
 
 
 @dataclass(frozen=True)

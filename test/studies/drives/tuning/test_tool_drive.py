@@ -124,7 +124,7 @@ def test_what_it_has_not_is_refused(tmp_path):
         study_of(tmp_path, program='experiment1')
     turned = {'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.8], 'turn_deg': 90}}]}
     (tmp_path / 'turned.yaml').write_text(yaml.safe_dump(turned))
-    assert study_of(tmp_path, program=str(tmp_path / 'turned.yaml')).program.statements[0].turn is not None
+    assert study_of(tmp_path, program=str(tmp_path / 'turned.yaml')).program.statements[0].turns
     assert not (tmp_path / 'tuning').exists()
 
 
