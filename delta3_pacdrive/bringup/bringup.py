@@ -120,9 +120,10 @@ class Bringup:
     def _recorded(self, bag: Path, cycles: int) -> dict[str, Any]:
         """Return facts about the recording; a damaged recording does not fail the run."""
         try:
+            meta = bag_trace.metadata(bag)
             facts: dict[str, Any] = {
-                'bag_missing': sum(bag_trace.missing(bag).values()),
-                'bag_cut': bag_trace.cut(bag),
+                'bag_missing': sum(meta.get('lost', {}).values()),
+                'bag_cut': meta.get('cut', ''),
             }
             if self._planned and cycles <= ENERGY_CYCLES_MAX:
                 facts |= self._energy(self._planned, bag)

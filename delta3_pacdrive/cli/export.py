@@ -79,7 +79,6 @@ def _model(options: Options) -> Output:
 def _trace(options: Options) -> Output:
     from delta3_pacdrive.errors import TraceError
     from delta3_pacdrive.recording import trace_file as files
-    from delta3_pacdrive.recording.trace import is_bag
     from delta3_pacdrive.studies.framework.provenance import Provenance
     from delta3_pacdrive.studies.runs import trace_export
     from delta3_pacdrive.studies.runs.inputs import with_digests
@@ -94,7 +93,7 @@ def _trace(options: Options) -> Output:
     trace = files.load(name)
     notes = notes_of(trace)
     origin = Provenance.of(options.command_line, inputs=with_digests([name]))
-    trace = trace_export.completed(trace, options.signals, Path(name) if is_bag(Path(name)) else None)
+    trace = trace_export.completed(trace, options.signals)
     trace = trace_export.chosen(trace, options.signals, name)
     trace = trace_export.thinned(trace_export.part(trace, options.from_s, options.to_s), options.every)
     trace.meta['exported'] = origin.lines()

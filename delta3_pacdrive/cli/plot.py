@@ -63,13 +63,11 @@ class Options(WindowOptions):
 def run(options: Options) -> Output:
     """Run the command; return its result."""
     from delta3_pacdrive.recording import trace_csv, trace_file
-    from delta3_pacdrive.recording.trace import is_bag
     from delta3_pacdrive.studies.framework.provenance import Provenance
     from delta3_pacdrive.studies.framework.report_folder import ReportFolder
     from delta3_pacdrive.studies.runs import derived_signals, run_figures, run_signals, runs, trace_export
     from delta3_pacdrive.studies.runs.inputs import with_digests
 
-    recording = Path(options.recording)
     trace, kind, _, assumed = runs.recorded(options.recording, options.parameters, options.columns)
     notes = [*runs.notes_of(trace), *([assumed] if kind == runs.TABLE else [])]
     trace = derived_signals.added(trace)
@@ -78,7 +76,7 @@ def run(options: Options) -> Output:
         notes.append(f'Times in the figures count from the first row, at {origin_s:.9g} s')
     if options.signals:
         trace_export.require_known(options.signals)
-        trace = trace_export.completed(trace, options.signals, recording if is_bag(recording) else None)
+        trace = trace_export.completed(trace, options.signals)
     starts = trace.meta.get('starts')
     starts = [start for start in starts if isinstance(start, int)] if isinstance(starts, list) else []
     if len(starts) > 1 and 'cycle_time_s' in trace.meta:

@@ -1,9 +1,11 @@
 """Report of the transformation task on bus and program: ``motion/progress``."""
 
+import json
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from delta3_pacdrive.configuration.json_message import JsonMessage, nullable
+from delta3_pacdrive.errors import TelegramError, shown
 
 NUMBER_MAX = 1e15  # beyond it whole numbers are not exact
 
@@ -61,6 +63,15 @@ class MotionProgress(JsonMessage):
     turn_rad: float | None = None  # measured angle of the rotary axis, if present
     # totals of bus and program, after the end of a program and with a fault
     statistics: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of_recording(cls, text: str) -> Self:
+        """Read a recorded report, in which keys of later versions may be missing; raises TelegramError."""
+        try:
+            given = dict(json.loads(text))
+        except (RecursionError, TypeError, ValueError):
+            raise TelegramError(f'{shown(text)} is not a progress report') from None
+        return cls.from_fields(NO_REPORT.to_fields() | given)
 
     @property
     def received(self) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
+from delta3_pacdrive.recording.bag_messages import BagMessages
 from delta3_pacdrive.recording.signals import columns_of
 from delta3_pacdrive.robot.drive.channels import is_full_name
 
@@ -32,6 +33,9 @@ class Trace:
     meta: dict[str, Any] = field(
         default_factory=dict
     )  # origin: program, checksum, gear ratio, timing, results
+    messages: BagMessages | None = field(
+        default=None, repr=False, compare=False
+    )  # of the bag it was read from
 
     def __getitem__(self, name: str) -> Floats:
         """Return a signal; raises TraceError if it is missing."""

@@ -99,14 +99,14 @@ class TestEveryWriter:
     def test_a_whole_bag_is_read_without_a_note(self, storage, mode, tmp_path):
         bag = written(tmp_path / 'bag', messages(), storage, mode)
         assert_holds(trace_file.load(bag))
-        assert bag_trace.cut(bag) == ''
+        assert bag_trace.metadata(bag).get('cut', '') == ''
 
     def test_a_bag_without_custom_data_is_read_with_borrowed_constants(self, storage, mode, tmp_path, robot):
         bag = written(tmp_path / 'bag', messages(), storage, mode, meta=None)
         trace = trace_file.load(bag)
         assert trace['motor_position'].shape == (CYCLES, 3)
         assert trace.meta['gear_ratio'] == robot.dynamics.gear_ratio
-        assert bag_trace.cut(bag) == BORROWED
+        assert bag_trace.metadata(bag).get('cut', '') == BORROWED
 
     def test_a_bag_without_metadata_or_identifier_is_read(self, storage, mode, tmp_path):
         bag = changed(written(tmp_path / 'bag', messages(), storage, mode), storage_identifier='')
@@ -123,7 +123,7 @@ class TestEveryWriter:
     def test_a_split_bag_is_read_and_a_missing_file_is_named(self, storage, mode, tmp_path):
         bag = split(tmp_path, storage, mode)
         assert_holds(trace_file.load(bag))
-        assert bag_trace.cut(bag) == ''
+        assert bag_trace.metadata(bag).get('cut', '') == ''
         first, second = sorted(
             (file for file in bag.iterdir() if file.suffix != '.yaml'), key=lambda f: f.name[1] != 'p'
         )
@@ -154,7 +154,7 @@ def test_files_below_a_folder_and_files_that_are_not_listed(tmp_path):
     other = record(tmp_path / 'other', messages(range(HALF, CYCLES)))
     shutil.move(other / 'other.mcap', bag)
     assert_holds(trace_file.load(bag), range(HALF))
-    assert bag_trace.cut(bag) == 'other.mcap left out, metadata.yaml does not list it'
+    assert bag_trace.metadata(bag).get('cut', '') == 'other.mcap left out, metadata.yaml does not list it'
     (bag / 'metadata.yaml').unlink()
     assert_holds(trace_file.load(bag))  # without a list everything is read
 
@@ -173,7 +173,7 @@ def test_a_writer_without_the_profile_of_ros_is_read(tmp_path):
     assert content[21:25] == b'ros2'
     (bag / 'bag.mcap').write_bytes(content[:21] + b'none' + content[25:])
     assert_holds(trace_file.load(bag))
-    assert bag_trace.cut(bag) == ''
+    assert bag_trace.metadata(bag).get('cut', '') == ''
 
 
 def test_a_bag_of_a_few_topics_holds_their_signals(tmp_path):
@@ -199,7 +199,7 @@ def test_a_file_of_a_small_writer_is_read_with_each_compression_of_its_chunks(pr
     bag = mcap(tmp_path / 'a.mcap', messages(), profile=profile, compression=compression)
     trace = trace_file.load(bag)
     np.testing.assert_array_equal(trace['motor_command'], RUN['motor_command'])
-    assert bag_trace.cut(bag) == BORROWED
+    assert bag_trace.metadata(bag).get('cut', '') == BORROWED
 
 
 @pytest.mark.parametrize('profile', ['', 'ros2'])
@@ -253,7 +253,7 @@ def test_a_topic_of_another_type_is_left_out_and_named(tmp_path):
     assert_holds(trace_file.load(bag), signals=[name for name in SIGNALS if name != 'tcp_error'])
     assert (
         '/cell2/tcp/error is left out, as it is of type geometry_msgs/msg/PointStamped, not geometry_msgs/msg/Vector3'
-        in bag_trace.cut(bag)
+        in bag_trace.metadata(bag).get('cut', '')
     )
 
 

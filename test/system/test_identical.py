@@ -197,7 +197,7 @@ def test_what_a_bag_tells_when_it_changes_is_what_a_simulation_notes(
     simulated = simulation.run(programs.load('packaging', robot.motion), robot, signals=names)
     simulated = trace_export.completed(simulated, names)
     recorded, _ = _run(delta3, tmp_path / 'bag', '--real-time-factor', '0', program='packaging')
-    found = trace_export.completed(recorded, [*names, 'overruns'], tmp_path / 'bag')
+    found = trace_export.completed(recorded, [*names, 'overruns'])
     cycles = [np.rint(trace.time_s / 1e-3).astype(int) for trace in (simulated, found)]
     common, ours, theirs = np.intersect1d(*cycles, return_indices=True)
     assert len(common) > 3000
@@ -580,7 +580,7 @@ def test_a_cell_on_the_bus_has_the_bits_of_the_one_in_a_simulation(
     recorded, result = _run(
         delta3, tmp_path / 'bag', '--real-time-factor', '0', '--cell', 'cell', program='packaging'
     )
-    found = trace_export.completed(recorded, ['cell_inputs'], tmp_path / 'bag')
+    found = trace_export.completed(recorded, ['cell_inputs'])
     assert len(_assert_same_where_recorded(simulated, found, robot.bus.cycle_time_s)) > 3000
     rows = np.rint(found.time_s / robot.bus.cycle_time_s).astype(int)
     within = rows < len(simulated.time_s)

@@ -7,10 +7,9 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import yaml
 
-from delta3_pacdrive.errors import Delta3Error, TelegramError, TraceError, shown
+from delta3_pacdrive.errors import TraceError, shown
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
 from delta3_pacdrive.parameters import load as load_parameters
 from delta3_pacdrive.recording.bags.bag_files import damaged, files_of, open_file
@@ -18,14 +17,11 @@ from delta3_pacdrive.recording.bags.bag_recovery import CDR
 from delta3_pacdrive.recording.bags.bag_writer import METADATA_KEY, STOPPED_KEY
 from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
-from delta3_pacdrive.robot.sercos.telegram_codec import read_header
-from delta3_pacdrive.robot.sercos.telegrams import JOINT_STATE, motor_current, parse_phase_text
+from delta3_pacdrive.robot.sercos.telegrams import JOINT_STATE, motor_current
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
-
-    from rosbags.typesys.store import Typestore
 
     from delta3_pacdrive.recording.bags.bag_files import Store
     from delta3_pacdrive.recording.bags.bag_recovery import Channel
@@ -33,39 +29,7 @@ if TYPE_CHECKING:
     Take = Callable[[bytes], None]
 
 
-class Sessions:
-    """Bus sessions found in the announcements of bus phases."""
-
-    def __init__(self) -> None:
-        self._known: set[str] = set()
-
-    def add(self, data: bytes) -> None:
-        """Add a message of ``sercos/phase``; malformed ones are ignored."""
-        try:
-            self._known.add(parse_phase_text(read_header(data)[2])[1].decode())
-        except TelegramError:
-            return
-
-    def holds(self, session: str) -> bool:
-        """Return whether a session is known; true if none is known."""
-        return not self._known or session in self._known
-
-
 TYPES = {telegram.topic: telegram.type for telegram in TELEGRAM_SIGNALS}
-TEXT, NUMBERS = 'std_msgs/msg/String', 'std_msgs/msg/Float64MultiArray'
-# errors caused by malformed messages of other writers
-MALFORMED = (
-    Delta3Error,
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    RecursionError,
-    TypeError,
-    ValueError,
-)
-PROFILE, PHASE = 'motion/course', 'sercos/phase'
-PROFILE_OF_START = 9  # length of a motion profile with a single phase
-PROFILE_ROW = 6  # leading numbers that distinguish the start of a program from a change of its motion profile
 
 
 @dataclass(frozen=True)
@@ -168,58 +132,6 @@ def _information(texts: Iterable[str]) -> dict[str, Any]:
         if isinstance(document, dict) and document:
             return document
     return {}
-
-
-def message_handler(typestore: Typestore, kind: str, add: Callable[[Any], None]) -> Take:
-    """Return a function that decodes messages of a type and passes them to ``add``; malformed ones are ignored."""
-    from rosbags.serde import SerdeError
-
-    def take(data: bytes) -> None:
-        try:
-            add(typestore.deserialize_cdr(data, kind))
-        except (SerdeError, *MALFORMED):
-            return
-
-    return take
-
-
-class Profiles:
-    """Motion profiles of a bag, from which the start cycles of programs are determined."""
-
-    def __init__(self, typestore: Typestore) -> None:
-        self._typestore = typestore
-        self._starts: set[tuple[int, str]] = set()  # cycle and session
-        self.sessions = Sessions()
-
-    def add(self, data: bytes) -> None:
-        """Add a message of ``motion/course``: cycle, move, override, held, and phases (t, s, v, a, jerk)."""
-        from rosbags.serde import SerdeError
-
-        try:
-            message: Any = self._typestore.deserialize_cdr(data, 'std_msgs/msg/Float64MultiArray')
-        except SerdeError:
-            return
-        row = np.asarray(message.data)
-        if len(row) < PROFILE_ROW or not np.isfinite(row[:PROFILE_ROW]).all():
-            return
-        cycle, number, _, held, _, distance = row[:PROFILE_ROW].tolist()
-        # profiles after override, stop, resume or an appended move begin later or have more phases
-        one_phase = len(row) <= PROFILE_OF_START
-        if number == 0.0 and not held and distance == 0.0 and one_phase and 0.0 <= cycle < 2**53:
-            self._starts.add((int(cycle), _session_of(message)))
-
-    @property
-    def starts(self) -> list[int]:
-        """Start cycles in ascending order; those of other sessions were played back and are ignored."""
-        return sorted(
-            {cycle for cycle, session in self._starts if not session or self.sessions.holds(session)}
-        )
-
-
-def _session_of(message: Any) -> str:
-    """Return the session in the label of a motion profile (kind, planner, session, number), or ''."""
-    words = message.layout.dim[0].label.split(' ') if message.layout.dim else []
-    return words[2] if len(words) == 4 else ''
 
 
 def _cyclic_topics(channels: Iterable[Channel]) -> tuple[dict[str, str], list[str]]:

@@ -2,62 +2,38 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording.bags.bag_reader import Sessions
-from delta3_pacdrive.recording.motion_progress import NO_REPORT, MotionProgress
+from delta3_pacdrive.recording.bag_messages import OUTPUTS, PROGRESS
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.recording.signals import CELL_INPUTS, OUTPUT_COLUMNS
-from delta3_pacdrive.robot.sercos import telegrams
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
-from delta3_pacdrive.robot.sercos.telegrams import JOINT_STATE
+from delta3_pacdrive.robot.sercos.telegrams import INPUTS_TOPIC
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from delta3_pacdrive.numerics.types import Floats
+    from delta3_pacdrive.recording.bag_messages import Sessions
     from delta3_pacdrive.recording.trace import Trace
 
-OUTPUTS, PROGRESS, INPUTS = 'outputs', 'motion/progress', telegrams.INPUTS_TOPIC
 WIDTH = len(OUTPUT_COLUMNS) + 1  # plus the payload
 PAYLOAD = 'dynamics.payload_mass_kg'
 COUNTERS = ('lost_telegrams', 'overruns')
 CYCLE_MAX = 2**53
 
 
-def read(path: Path, trace: Trace) -> dict[str, Floats]:
+def read(trace: Trace) -> dict[str, Floats]:
     """Return the states in each bus cycle of the trace of a bag, shapes (cycles, columns).
 
     Outputs and payload apply from the bus cycle of their change, a fault from the cycle of its detection until a report
     without it. Counters are those of the latest report; reports are published five times per second. States are 0
     before the first message, and omitted if not recorded.
-
-    Raises
-    ------
-    TraceError
-        The bag cannot be read.
-
     """
-    from rosbags.typesys import Stores, get_typestore
-
-    from delta3_pacdrive.recording.bags.bag_reader import PHASE, TEXT, message_handler, open_bag
-
-    types, states = get_typestore(Stores.ROS2_JAZZY), _States(float(trace.meta['cycle_time_s']))
-    try:
-        bag = open_bag(path)
-        bag.read(
-            {
-                bag.robot + OUTPUTS: message_handler(types, JOINT_STATE, states.outputs),
-                bag.robot + INPUTS: message_handler(types, JOINT_STATE, states.inputs),
-                bag.robot + PROGRESS: message_handler(types, TEXT, states.progress),
-                bag.robot + PHASE: states.sessions.add,
-            }
-        )
-    except (OSError, TraceError) as error:
-        raise TraceError(f'cannot read recording {path}: {error}') from error
+    if trace.messages is None:
+        return {}
+    states = _States(float(trace.meta['cycle_time_s']), trace.messages.sessions)
+    trace.messages.decode({OUTPUTS: states.outputs, INPUTS_TOPIC: states.inputs, PROGRESS: states.progress})
     cycles = np.rint(trace.time_s / float(trace.meta['cycle_time_s'])).astype(np.int64)
     parameters = trace.meta.get('parameters')
     payload = parameters.get(PAYLOAD, 0.0) if isinstance(parameters, dict) else 0.0
@@ -67,9 +43,8 @@ def read(path: Path, trace: Trace) -> dict[str, Floats]:
 class _States:
     """Collector of the state messages of a bag."""
 
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self.sessions = Sessions()
+    def __init__(self, period_s: float, sessions: Sessions) -> None:
+        self._period_s, self._sessions = period_s, sessions
         self._switched: list[tuple[int, list[float]]] = []
         self._inputs: list[tuple[int, list[float]]] = []
         # cycle, session, cycle of the fault or -1, counters
@@ -94,8 +69,7 @@ class _States:
 
     def progress(self, message: Any) -> None:
         """Add a progress report."""
-        # recordings of earlier versions lack some keys
-        report = MotionProgress.from_fields(NO_REPORT.to_fields() | json.loads(message.data))
+        report = MotionProgress.of_recording(message.data)
         counters = [float(getattr(report, name)) for name in COUNTERS]
         fault = report.fault_cycle if report.fault else -1
         self._reports.append((self._cycle(report.bus_time_s), report.session, fault, counters))
@@ -116,7 +90,7 @@ class _States:
             found['outputs'] = values[:, :-1].copy()
         if self._inputs:
             found['cell_inputs'] = _held(cycles, self._inputs, [0.0] * CELL_INPUTS)
-        reports = [report for report in self._reports if self.sessions.holds(report[1])]
+        reports = [report for report in self._reports if self._sessions.holds(report[1])]
         if reports:
             counted = [(cycle, counters) for cycle, _, _, counters in reports]
             values = _held(cycles, counted, [0.0] * len(COUNTERS))

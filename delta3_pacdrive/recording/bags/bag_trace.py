@@ -12,6 +12,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import TelegramError, TraceError
 from delta3_pacdrive.parameters import CYCLE_TIMES_S
+from delta3_pacdrive.recording.bag_messages import PROFILE, BagMessages, typestore
 from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
     SIGNALS,
@@ -46,27 +47,23 @@ LAYOUTS = {
 SHAFTS = telegrams.SHAFTS.topic
 OF_TOOL = (telegrams.TOOL_AT.topic, telegrams.TURN.topic)
 UNREADABLE = -1
+PROFILE_OF_START = 9  # length of a motion profile with a single phase
+PROFILE_ROW = 6  # leading numbers that distinguish the start of a program from a change of its motion profile
 _LOG = logging.getLogger(__name__)
 
 
-def missing(path: Path) -> dict[str, int]:
-    """Return the numbers of missing messages counted by the recorder, by relative name of the topic.
+def metadata(path: Path) -> dict[str, Any]:
+    """Return the metadata of a bag without reading its messages.
 
-    Raises TraceError if there is no bag of a robot.
+    ``lost`` are the numbers of missing messages counted by the recorder, by relative name of the topic; ``cut`` is a
+    sentence on what is missing in an incomplete bag.
+
+    Raises
+    ------
+    TraceError
+        There is no bag of a robot.
+
     """
-    return dict(_metadata(path).get('lost', {}))
-
-
-def cut(path: Path) -> str:
-    """Return a sentence on what is missing in an incomplete bag; '' for a complete one.
-
-    Raises TraceError if there is no bag of a robot.
-    """
-    return str(_metadata(path).get('cut', ''))
-
-
-def _metadata(path: Path) -> dict[str, Any]:
-    """Return the metadata of a bag without reading its messages; raises TraceError."""
     from delta3_pacdrive.recording.bags.bag_reader import open_bag
 
     try:
@@ -109,29 +106,27 @@ def read_bag(path: str | Path) -> Trace:
 
 def _read_bag(path: Path) -> Trace:
     # imported here because only bags need these slow imports
-    from rosbags.typesys import Stores, get_typestore
-
-    from delta3_pacdrive.recording.bags.bag_reader import PHASE, PROFILE, Profiles, open_bag
+    from delta3_pacdrive.recording.bags.bag_reader import open_bag
     from delta3_pacdrive.recording.bags.completeness import common_cycles
     from delta3_pacdrive.recording.bags.current_samples import SampleColumn, of_cycles
 
     bag = open_bag(path)
-    typestore = get_typestore(Stores.ROS2_JAZZY)
+    types = typestore()
     columns = {
-        name: _Column(layouts, typestore) for name, layouts in LAYOUTS.items() if name in bag.names.values()
+        name: _Column(layouts, types) for name, layouts in LAYOUTS.items() if name in bag.names.values()
     }
     samples = {
         topic: SampleColumn(
             axis,
-            lambda telegram: _Column([telegram], typestore),
-            partial(_parse, typestore, telegrams.JOINT_STATE),
+            lambda telegram: _Column([telegram], types),
+            partial(_parse, types, telegrams.JOINT_STATE),
         )
         for topic, axis in zip(bag.currents, DRIVES, strict=False)
     }
-    profiles = Profiles(typestore)
+    messages = BagMessages()
     add = {topic: columns[name].add for topic, name in bag.names.items()}
     add |= {topic: column.add for topic, column in samples.items()}
-    bag.read(add | {bag.robot + PROFILE: profiles.add, bag.robot + PHASE: profiles.sessions.add})
+    bag.read(add | messages.takers(bag.robot))
     meta = bag.meta
     if 'cycle_time_s' not in meta:
         meta['cycle_time_s'] = _cycle_time(
@@ -160,11 +155,11 @@ def _read_bag(path: Path) -> Trace:
     status = [columns[t.topic].status_changes(clock) for t in telegrams.AT if t.topic in columns]
     if len(status) == len(telegrams.AT):
         meta['drive_status'] = status
-    if profiles.starts:
-        meta['starts'] = profiles.starts
-        within = [start for start in profiles.starts if start >= cycles[0]]
+    if starts := _starts(messages):
+        meta['starts'] = starts
+        within = [start for start in starts if start >= cycles[0]]
         # a recorder started during a program still knows its start
-        meta['start_cycle'] = within[0] if within else profiles.starts[-1]
+        meta['start_cycle'] = within[0] if within else starts[-1]
     if notices:
         meta['notices'] = notices
         _LOG.warning('note: recording %s: %s', path, '; '.join(notices))
@@ -180,7 +175,34 @@ def _read_bag(path: Path) -> Trace:
     if np.isin(cycles, sampled).all():
         rows = np.searchsorted(sampled, cycles)
         signals |= {name: currents[name][rows] for name in CURRENT_SIGNALS}
-    return Trace(cycles * meta['cycle_time_s'], signals, meta)
+    return Trace(cycles * meta['cycle_time_s'], signals, meta, messages)
+
+
+def _starts(messages: BagMessages) -> list[int]:
+    """Return the start cycles of programs in ascending order, from the motion profiles of a bag."""
+    starts: set[int] = set()
+
+    def add(message: Any) -> None:
+        """Add a message of ``motion/course``: cycle, move, override, held, and phases (t, s, v, a, jerk)."""
+        row = np.asarray(message.data)
+        if len(row) < PROFILE_ROW or not np.isfinite(row[:PROFILE_ROW]).all():
+            return
+        cycle, number, _, held, _, distance = row[:PROFILE_ROW].tolist()
+        # profiles after override, stop, resume or an appended move begin later or have more phases
+        one_phase = len(row) <= PROFILE_OF_START
+        if number == 0.0 and not held and distance == 0.0 and one_phase and 0.0 <= cycle < 2**53:
+            session = _session_of(message)
+            if not session or messages.sessions.holds(session):  # those of other sessions were played back
+                starts.add(int(cycle))
+
+    messages.decode({PROFILE: add})
+    return sorted(starts)
+
+
+def _session_of(message: Any) -> str:
+    """Return the session in the label of a motion profile (kind, planner, session, number), or ''."""
+    words = message.layout.dim[0].label.split(' ') if message.layout.dim else []
+    return words[2] if len(words) == 4 else ''
 
 
 def _extent(cycles: NDArray[np.int64], period_s: float) -> str:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,48 +10,32 @@ from delta3_pacdrive.cell import cell_scene
 from delta3_pacdrive.cell.cell_scene import Kind, Thing
 from delta3_pacdrive.cell.parts_report import PartsLog
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.bags.bag_reader import PHASE, TEXT, Sessions, message_handler, open_bag
+from delta3_pacdrive.recording.bag_messages import PARTS, SCENE, Sessions
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS
-from delta3_pacdrive.robot.sercos.telegrams import BELTS_TOPIC, JOINT_STATE
+from delta3_pacdrive.robot.sercos.telegrams import BELTS_TOPIC
 from delta3_pacdrive.studies.runs.cell_history import CellStory, cycles_of, story_of
 from delta3_pacdrive.studies.runs.run_signals import positive
 
-SCENE, PARTS = 'cell/scene', 'cell/parts'
 
-
-def read(path: Path, trace: Trace) -> CellStory | None:
+def read(trace: Trace) -> CellStory | None:
     """Return the cell recorded in the bag of a trace; None if there was none.
 
     Messages of unknown publishers are ignored.
-
-    Raises
-    ------
-    TraceError
-        The bag cannot be read.
-
     """
-    from rosbags.typesys import Stores, get_typestore
-
-    bag = open_bag(path)
-    types, messages = get_typestore(Stores.ROS2_JAZZY), _Messages(positive(trace, 'cycle_time_s'))
-    bag.read(
-        {
-            bag.robot + SCENE: message_handler(types, TEXT, messages.scene),
-            bag.robot + PARTS: message_handler(types, TEXT, messages.parts),
-            bag.robot + BELTS_TOPIC: message_handler(types, JOINT_STATE, messages.belts),
-            bag.robot + PHASE: messages.sessions.add,
-        }
-    )
+    if trace.messages is None:
+        return None
+    messages = _Messages(positive(trace, 'cycle_time_s'), trace.messages.sessions)
+    trace.messages.decode({SCENE: messages.scene, PARTS: messages.parts, BELTS_TOPIC: messages.belts})
     return story_of(messages.log, messages.things, trace, messages.ways(cycles_of(trace)), counted=True)
 
 
 class _Messages:
     """Collects the messages of a cell."""
 
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self.sessions, self.log = Sessions(), PartsLog()
+    def __init__(self, period_s: float, sessions: Sessions) -> None:
+        self._period_s, self._sessions = period_s, sessions
+        self.log = PartsLog()
         self.things: tuple[Thing, ...] = ()
         self._counts: list[tuple[str, int, Mapping[str, float]]] = []  # session, bus cycle, counts by belt
 
@@ -74,7 +57,7 @@ class _Messages:
 
     def ways(self, cycles: Floats) -> dict[str, Floats]:
         """Return the travel of each belt in the given bus cycles [m]; linear over missing cycles."""
-        own = {cycle: counts for session, cycle, counts in self._counts if self.sessions.holds(session)}
+        own = {cycle: counts for session, cycle, counts in self._counts if self._sessions.holds(session)}
         found = {}
         for thing in self.things:
             if thing.kind is Kind.BELT and thing.increments_per_m > 0.0:

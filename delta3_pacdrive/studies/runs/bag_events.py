@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,22 +11,24 @@ from delta3_pacdrive.errors import Delta3Error, ProgramError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MotionProfile, Timeline
 from delta3_pacdrive.planning.extension import Row
-from delta3_pacdrive.planning.paths.move import OUTPUTS, Move
+from delta3_pacdrive.planning.paths.move import OUTPUTS as OUTPUT_NAMES
+from delta3_pacdrive.planning.paths.move import Move
 from delta3_pacdrive.planning.plan import Plan, PlanBuilder
 from delta3_pacdrive.planning.plan_times import path_length_m
-from delta3_pacdrive.recording.bags.bag_reader import (
+from delta3_pacdrive.recording.bag_messages import (
+    FAULTS,
     MALFORMED,
-    NUMBERS,
-    PHASE,
-    TEXT,
+    OUTPUTS,
+    PLAN,
+    PROFILE,
+    PROGRESS,
+    BagMessages,
     Sessions,
-    message_handler,
-    open_bag,
 )
+from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.faults.schedule import Scheduled
 from delta3_pacdrive.robot.sercos.bus_time import NANOSECONDS, NEVER
-from delta3_pacdrive.robot.sercos.telegrams import JOINT_STATE
 from delta3_pacdrive.studies.places.planning.recorded_move import of_recorded_move
 from delta3_pacdrive.studies.places.planning.report import limited_text
 from delta3_pacdrive.studies.runs.run_signals import positive
@@ -36,33 +37,22 @@ LIMITS_MAX = 1000  # moves whose limit is determined; each takes milliseconds
 ORDER_HEADER = 2  # leading values of the row that ends a plan: start cycle, override
 
 
-def read(path: Path, trace: Trace, robot: Parameters | None = None) -> dict[str, Any]:
+def read(messages: BagMessages, trace: Trace, robot: Parameters | None = None) -> dict[str, Any]:
     """Return moves, outputs, events, faults and trips of the bag of a trace, times [s] from the start of its program.
 
     The format is that of the ``meta`` of a simulated trace. Messages that were not recorded or that come from an
     unknown publisher are missing; ``notes`` explains which programs have no moves. The limit of each move is added if
     ``robot`` is given.
-
-    Raises
-    ------
-    TraceError
-        The bag cannot be read.
-
     """
-    from rosbags.typesys import Stores, get_typestore
-
-    bag = open_bag(path)
     period = positive(trace, 'cycle_time_s')
-    types = get_typestore(Stores.ROS2_JAZZY)
-    story = _Story(period, int(trace.meta.get('start_cycle') or 0), robot)
-    bag.read(
+    story = _Story(period, int(trace.meta.get('start_cycle') or 0), robot, messages.sessions)
+    messages.decode(
         {
-            bag.robot + 'motion/plan': message_handler(types, NUMBERS, story.plan),
-            bag.robot + 'motion/course': message_handler(types, NUMBERS, story.course),
-            bag.robot + 'outputs': message_handler(types, JOINT_STATE, story.outputs),
-            bag.robot + 'faults/schedule': message_handler(types, TEXT, story.fault),
-            bag.robot + 'motion/progress': message_handler(types, TEXT, story.progress),
-            bag.robot + PHASE: story.sessions.add,
+            PLAN: story.plan,
+            PROFILE: story.course,
+            OUTPUTS: story.outputs,
+            FAULTS: story.fault,
+            PROGRESS: story.progress,
         }
     )
     return story.to_dict(round(float(trace.time_s[-1]) / period))
@@ -119,10 +109,10 @@ def _origin(message: Any) -> Origin:
 class _Story:
     """Collects the messages of a bag in their order."""
 
-    def __init__(self, period_s: float, start: int, robot: Parameters | None) -> None:
+    def __init__(self, period_s: float, start: int, robot: Parameters | None, sessions: Sessions) -> None:
         self._period_s, self._start, self._robot = period_s, start, robot
         self._limits: dict[int, str] = {}  # by the identity of a move
-        self.sessions = Sessions()
+        self._sessions = sessions
         self._coming: dict[_Sender, _Coming] = {}
         self._runs: list[_Run] = []
         self._newest: dict[_Sender, _Run] = {}
@@ -174,7 +164,7 @@ class _Story:
 
     def outputs(self, message: Any) -> None:
         """Add the state of all outputs, valid from a bus cycle on."""
-        if len(message.position) != len(OUTPUTS) + 1 or not np.isfinite(message.position).all():
+        if len(message.position) != len(OUTPUT_NAMES) + 1 or not np.isfinite(message.position).all():
             return
         stamp = message.header.stamp
         cycle = round((stamp.sec + stamp.nanosec / NANOSECONDS) / self._period_s)
@@ -193,18 +183,17 @@ class _Story:
 
     def progress(self, message: Any) -> None:
         """Add the fault of the robot, with its bus cycle, from a progress report."""
-        facts = json.loads(message.data)
-        cycle = int(facts['fault_cycle'])
-        if facts['fault'] and cycle >= 0:
-            trip = self._time(cycle), str(facts['fault']), str(facts.get('fault_source', ''))
-            self._trips.setdefault(cycle, trip)
+        report = MotionProgress.of_recording(message.data)
+        cycle = report.fault_cycle
+        if report.fault and cycle >= 0:
+            self._trips.setdefault(cycle, (self._time(cycle), report.fault, report.fault_source))
 
     def to_dict(self, last_cycle: int) -> dict[str, Any]:
         """Return all events up to a bus cycle."""
         moves: list[dict[str, Any]] = []
         events: list[dict[str, Any]] = []
         notes: list[str] = []
-        runs = [run for run in self._runs if self.sessions.holds(run.session)]
+        runs = [run for run in self._runs if self._sessions.holds(run.session)]
         ends = [*(run.start for run in runs[1:]), last_cycle + 1]
         for run, end in zip(runs, ends, strict=False):
             try:
@@ -293,7 +282,7 @@ class _Story:
 
     def _changes(self) -> Any:
         """Yield the changes of outputs; the first change of a cycle carries the payload if that changed."""
-        names = [*OUTPUTS, 'payload']
+        names = [*OUTPUT_NAMES, 'payload']
         for (_, before), (cycle, after) in zip(self._switched, self._switched[1:], strict=False):
             changed = [n for n, (a, b) in enumerate(zip(before, after, strict=False)) if a != b]
             payload = after[-1] if len(names) - 1 in changed else None

@@ -6,6 +6,7 @@ available wherever the command is, in recordings and in simulations.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,7 +36,7 @@ def added(trace: Trace) -> Trace:
         The trace contains no cycle time.
 
     """
-    return Trace(trace.time_s, trace.signals | (derived(trace) if len(trace.time_s) else {}), trace.meta)
+    return replace(trace, signals=trace.signals | (derived(trace) if len(trace.time_s) else {}))
 
 
 def derived(trace: Trace) -> dict[str, Floats]:

@@ -150,7 +150,9 @@ def load(
         story: Mapping[str, Any] = trace.meta
     else:
         trace, kind, robot, note = recorded(text, source, columns)
-        story = bag_events.read(Path(text), trace, None if note else robot) if kind == BAG else trace.meta
+        story, known = trace.meta, None if note else robot
+        if trace.messages is not None:
+            story = bag_events.read(trace.messages, trace, known)
     part = _part(trace, from_s, to_s)
     try:
         moves, marks, notes = _moves(story, part), _marks(story, part), notes_of(trace)
@@ -177,7 +179,7 @@ def load(
         drives=drives,
         notes=notes,
         origin=origin,
-        cell=bag_cell.read(Path(text), trace) if kind == BAG else cell_story.of_trace(trace, text),
+        cell=bag_cell.read(trace) if kind == BAG else cell_story.of_trace(trace, text),
     )
 
 

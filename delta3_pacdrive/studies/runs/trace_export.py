@@ -17,7 +17,6 @@ from delta3_pacdrive.studies.runs import derived_signals, run_signals
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from pathlib import Path
 
 ALL = 'all'
 # keys that apply to an even grid of bus cycles only
@@ -48,24 +47,15 @@ def require_known(patterns: Sequence[str]) -> None:
             raise TraceError(f'there is no signal {shown(pattern)}{nearest_of(pattern, names)}')
 
 
-def completed(trace: Trace, patterns: Sequence[str] | None = None, bag: Path | None = None) -> Trace:
-    """Return a trace with its computed signals, and the signals on request that match the patterns.
-
-    ``bag`` is the folder of the bag from which the trace was read, if any.
-
-    Raises
-    ------
-    TraceError
-        The bag cannot be read.
-
-    """
+def completed(trace: Trace, patterns: Sequence[str] | None = None) -> Trace:
+    """Return a trace with its computed signals, and the signals on request that match the patterns."""
     if 'cycle_time_s' not in trace.meta or not len(trace.time_s):
         return trace
     trace = derived_signals.added(trace)
     wanted = set(matching(patterns or (), REQUESTED_SIGNALS)) - trace.signals.keys()
     found = derived_signals.on_request(trace, wanted)
-    if bag is not None and wanted - found.keys():
-        states = bag_states.read(bag, trace)
+    if wanted - found.keys():
+        states = bag_states.read(trace)
         found |= {name: values for name, values in states.items() if name in wanted}
     return Trace(trace.time_s, trace.signals | found, trace.meta)
 

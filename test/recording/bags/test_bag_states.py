@@ -2,10 +2,7 @@
 
 import json
 
-import pytest
-
 from bags import CLOCK, CYCLES, JOINT_STATE, META, STORE, TYPES, message, messages, record
-from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import trace_file
 from delta3_pacdrive.recording.bags import bag_states
 
@@ -27,7 +24,7 @@ def progress(cycle, **facts):
 
 def states(folder, *more, meta=META):
     bag = record(folder, [*messages(), *more], meta, types=KINDS)
-    return bag_states.read(bag, trace_file.load(bag))
+    return bag_states.read(trace_file.load(bag))
 
 
 def test_outputs_and_payload_hold_from_the_cycle_of_their_change_on(tmp_path):
@@ -66,10 +63,3 @@ def test_what_a_foreign_writer_says_counts_for_nothing(tmp_path):
         progress(3, bus_time_s=1e300),
     )
     assert found == {}
-
-
-def test_a_bag_that_is_gone_is_one_sentence(tmp_path):
-    bag = record(tmp_path / 'bag', messages())
-    trace = trace_file.load(bag)
-    with pytest.raises(TraceError, match=r'^cannot read recording .*gone: there is no such folder$'):
-        bag_states.read(tmp_path / 'gone', trace)

@@ -124,12 +124,12 @@ def test_what_the_recorder_counted_as_lost_stays_in_the_metadata(tmp_path):
     trace = bag_trace.read_bag(record(tmp_path / 'bag', arrivals, meta))
     assert_holds(trace, [0, 1, 2, 3, 5, 6, 7])
     assert trace.meta == meta | DRIVE_STATUS
-    assert bag_trace.missing(tmp_path / 'bag') == {'tcp/actual': 1}
+    assert bag_trace.metadata(tmp_path / 'bag')['lost'] == {'tcp/actual': 1}
 
 
 def test_missing_messages_of_no_bag_are_refused(tmp_path):
     with pytest.raises(TraceError, match='cannot read recording'):
-        bag_trace.missing(tmp_path)
+        bag_trace.metadata(tmp_path)
 
 
 def test_topics_that_share_no_cycle_are_named(tmp_path):
