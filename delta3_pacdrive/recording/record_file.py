@@ -13,11 +13,13 @@ from delta3_pacdrive.errors import ParameterError, TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.acquisition import Record
 from delta3_pacdrive.recording.tables import column_table, quantities, table_csv, table_parquet
-from delta3_pacdrive.recording.tables.column_table import ONE, ColumnTable
+from delta3_pacdrive.recording.tables.column_table import ColumnTable
+from delta3_pacdrive.recording.tables.quantities import ONE
 from delta3_pacdrive.recording.tables.table import Table
 from delta3_pacdrive.recording.trace import os_errors_as_trace_error, reason
 from delta3_pacdrive.robot.drive.channels import chosen
 
+COMMENT_MAX = 300  # characters of the comment in CSV
 KIND = 'record'
 TIME = 'time [s]'
 UNEVEN = 1e-3  # largest deviation of a sample from the grid, in sampling periods
@@ -50,7 +52,7 @@ def write(record: Record, path: str | Path, meta: dict[str, Any]) -> Path:
         units=('s', *record.units),
         columns=(record.time_s, *record.values.T),
         meta=found | meta,
-        comment=comment,
+        comment=' '.join(comment.split())[:COMMENT_MAX],
     )
     return column_table.write(table, path, KIND)
 

@@ -15,22 +15,20 @@ Web). It is used only if it agrees with the comment.
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import TraceError
-from delta3_pacdrive.recording.tables import quantities, table_csv
+from delta3_pacdrive.recording.tables import column_table, table_csv
 from delta3_pacdrive.recording.tables.table import trace_of
 from delta3_pacdrive.recording.trace import Trace, os_errors_as_trace_error, reason
 
 if TYPE_CHECKING:
     from delta3_pacdrive.recording.tables.column_file import Form
+    from delta3_pacdrive.recording.tables.column_table import ColumnTable
     from delta3_pacdrive.recording.tables.table import Table
 
 # keys of the comment, if known
@@ -46,23 +44,12 @@ METADATA_MAX_BYTES = 1 << 28
 def write(trace: Trace, path: str | Path) -> Path:
     """Write a trace with its metadata; signals without a unit are omitted. Raises TraceError."""
     path = Path(path)
-    names = [name for name in trace.signals if quantities.unit_of(name)]
-    header = ['time [s]', *(column for name in names for column in quantities.headings(name))]
-    table = np.column_stack([trace.time_s, *(trace[name] for name in names)])
     comment = _short(trace.meta) or ({'metadata': metadata_path(path).name} if trace.meta else {})
+    table = column_table.of_trace(trace, json.dumps(comment) if comment else '')
     is_file = path.is_file() or not path.exists()
-    with (
-        os_errors_as_trace_error(f'write trace {path}'),
-        whole_file.atomic_path(path) as partial,
-        partial.open('w', encoding='utf-8', newline='') as file,
-    ):
-        if comment:
-            file.write(f'# {json.dumps(comment)}\n')
-        writer = csv.writer(file, lineterminator='\n')
-        writer.writerow(header)
-        writer.writerows(table.tolist())
+    column_table.write(table, path, 'trace')
     if is_file:  # not a pipe
-        text = json.dumps(_described(trace.meta, names, path.name), indent=1) + '\n'
+        text = json.dumps(_described(table, path.name), indent=1) + '\n'
         with os_errors_as_trace_error(f'write trace {metadata_path(path)}'):
             whole_file.write_text(text, metadata_path(path))
     return path
@@ -79,23 +66,18 @@ def _short(meta: dict[str, Any]) -> dict[str, Any]:
     return {key: value[:TEXT_MAX] if isinstance(value, str) else value for key, value in found.items()}
 
 
-def _described(meta: dict[str, Any], names: list[str], file: str) -> dict[str, Any]:
-    """Return the metadata of a table with these signals."""
+def _described(table: ColumnTable, file: str) -> dict[str, Any]:
+    """Return the metadata of a table of signals."""
     columns = [
-        {'titles': 'time [s]', 'datatype': 'double', 'dc:description': 'bus time', 'schema:unitText': 's'}
+        {'titles': title, 'datatype': 'double', 'dc:description': meaning, 'schema:unitText': unit}
+        for title, meaning, unit in zip(table.headings, table.meanings, table.units, strict=True)
     ]
-    for name in names:
-        meaning = quantities.meaning_of(name)
-        for heading in quantities.headings(name):
-            unit = quantities.split_heading(heading)[1] or quantities.ONE
-            described = {'titles': heading, 'datatype': 'double', 'dc:description': meaning}
-            columns.append({**described, 'schema:unitText': unit})
     return {
         '@context': 'http://www.w3.org/ns/csvw',
         'url': file,
         'dialect': {'commentPrefix': '#'},
         'tableSchema': {'columns': columns},
-        'notes': [{OURS: meta}],
+        'notes': [{OURS: table.meta}],
     }
 
 

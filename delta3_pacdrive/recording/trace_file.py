@@ -9,7 +9,7 @@ from delta3_pacdrive import memory
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.recording import trace_csv
 from delta3_pacdrive.recording.bags.bag_trace import read_bag
-from delta3_pacdrive.recording.tables import column_table, quantities, table_mat, table_parquet
+from delta3_pacdrive.recording.tables import column_table, table_mat, table_parquet
 from delta3_pacdrive.recording.tables.column_file import ColumnFile
 from delta3_pacdrive.recording.tables.table import Table, trace_of
 from delta3_pacdrive.recording.trace import Trace, is_bag, os_errors_as_trace_error
@@ -85,19 +85,9 @@ def save(trace: Trace, path: str | Path) -> None:
     if Path(path).suffix.lower() == '.csv':
         trace_csv.write(trace, path)
     elif Path(path).suffix.lower() == '.parquet':
-        _write_parquet(trace, Path(path))
+        column_table.write(column_table.of_trace(trace), path, 'trace')
     else:
         trace.save(path)
-
-
-def _write_parquet(trace: Trace, path: Path) -> None:
-    """Write the columns of CSV with their units, and the metadata of the run."""
-    named = [name for name in trace.signals if quantities.unit_of(name)]
-    headings = ['time [s]', *(heading for name in named for heading in quantities.headings(name))]
-    units = [quantities.split_heading(heading)[1] or quantities.ONE for heading in headings]
-    columns = np.column_stack([trace.time_s, *(trace[name] for name in named)]).T
-    with os_errors_as_trace_error(f'write trace {path}'), whole_file.atomic_path(path) as partial:
-        table_parquet.write(partial, headings, units, list(columns), trace.meta)
 
 
 def require_writable_trace(path: str | Path) -> None:

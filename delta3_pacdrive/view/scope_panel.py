@@ -22,7 +22,7 @@ from delta3_pacdrive.recording.acquisition import (
     Setting,
     setting,
 )
-from delta3_pacdrive.recording.tables.column_table import ONE
+from delta3_pacdrive.recording.tables.quantities import ONE
 from delta3_pacdrive.robot.drive.channels import CHANNELS
 from delta3_pacdrive.view import readout
 from delta3_pacdrive.view.plots import HEIGHT, chart

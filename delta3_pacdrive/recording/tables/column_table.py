@@ -20,13 +20,12 @@ import numpy as np
 from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.recording.tables import table_parquet
-from delta3_pacdrive.recording.trace import os_errors_as_trace_error
+from delta3_pacdrive.recording.tables import quantities, table_parquet
+from delta3_pacdrive.recording.tables.quantities import ONE
+from delta3_pacdrive.recording.trace import Trace, os_errors_as_trace_error
 
-ONE = '1'  # unit of dimensionless values
 SUFFIXES = ('.parquet', '.csv', '.npz')
 ROWS_AT_ONCE = 10_000
-COMMENT_MAX = 300  # characters
 
 
 @dataclass(frozen=True)
@@ -37,13 +36,26 @@ class ColumnTable:
     units: Sequence[str]
     columns: Sequence[Floats]
     meta: dict[str, Any] = field(default_factory=dict)
-    comment: str = ''
+    comment: str = ''  # one line at the beginning of CSV
+    meanings: Sequence[str] = ()  # of the columns, if known
 
     @property
     def headings(self) -> list[str]:
         """Heading of each column."""
         named = zip(self.names, self.units, strict=True)
         return [name if unit == ONE else f'{name} [{unit}]' for name, unit in named]
+
+
+def of_trace(trace: Trace, comment: str = '') -> ColumnTable:
+    """Return the time and the signals of a trace that have a unit."""
+    signals = [name for name in trace.signals if quantities.unit_of(name)]
+    columns = np.column_stack([trace.time_s, *(trace[name] for name in signals)]).T
+    named = [('time', 's', 'bus time')]
+    for signal in signals:
+        meaning = quantities.meaning_of(signal)
+        named += [(name, unit, meaning) for name, unit in quantities.named_columns(signal)]
+    names, units, meanings = zip(*named, strict=True)
+    return ColumnTable(names, units, list(columns), trace.meta, comment, meanings)
 
 
 def suffix_refusal(path: str | Path, suffixes: Sequence[str] = SUFFIXES) -> str | None:
@@ -89,7 +101,7 @@ def _write_csv(table: ColumnTable, path: Path) -> None:
     rows = len(table.columns[0])
     with path.open('w', encoding='utf-8', newline='') as file:
         if table.comment:
-            file.write(f'# {" ".join(table.comment.split())[:COMMENT_MAX]}\n')
+            file.write(f'# {table.comment}\n')
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(table.headings)
         for first in range(0, rows, ROWS_AT_ONCE):

@@ -129,12 +129,10 @@ def meaning_of(name: str) -> str:
     return (of_drives() if name.startswith(OF_DRIVES) else QUANTITIES)[name][1]
 
 
-def headings(name: str) -> list[str]:
-    """Return the headings of the columns of a signal, without a unit for dimensionless values."""
-    return [
-        '_'.join(filter(None, (name, suffix))) + ('' if own == ONE else f' [{own}]')
-        for suffix, own in columns_of(name, unit_of(name) or ONE)
-    ]
+def named_columns(name: str) -> list[tuple[str, str]]:
+    """Return name and unit of each column of a signal."""
+    suffixed = columns_of(name, unit_of(name) or ONE)
+    return [('_'.join(filter(None, (name, suffix))), unit) for suffix, unit in suffixed]
 
 
 def columns(with_drives: bool = False) -> dict[str, Column]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from delta3_pacdrive.errors import FigureError
 from delta3_pacdrive.recording.acquisition import Record
-from delta3_pacdrive.recording.tables.column_table import ONE
+from delta3_pacdrive.recording.tables.quantities import ONE
 from delta3_pacdrive.studies.framework.figure_style import (
     COLOURS,
     MUTED,

@@ -14,7 +14,7 @@ TABLE = ColumnTable(
     ('s', 'A', '1'),
     (np.arange(25_001) / 16_000, np.sin(np.arange(25_001)) / 3.0, np.full(25_001, 3.0)),
     {'rate_hz': 16_000.0},
-    'a line\nof two',
+    'a line of two',
 )
 HEADINGS = ['time [s]', 'axis1.current [A]', 'axis1.state']
 
