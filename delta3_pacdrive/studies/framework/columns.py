@@ -16,8 +16,8 @@ A record is a dataclass. The name of a field is its key in JSON, and ``Column`` 
     Table.of_columns('samples.csv', cells(samples))            # one record of arrays, shape (n,) or (n, k)
 
 Text is filled in from JSON or from records. After the usual format, a field names the unit in which the SI value
-appears; with ``in``, the unit itself is left out, for columns with the unit in their heading. Lists become
-``1.0 / 2.0 / 3.0``, None becomes ``-``::
+appears: ``.2f ms`` shows ``1.75 ms``, ``.2f in ms`` shows ``1.75``, for columns with the unit in their heading, and
+``.1f =deg`` a value that is in degrees already. Lists become ``1.0 / 2.0 / 3.0``, None becomes ``-``::
 
     fill('delay {delay_s:.2f ms}, rms {current_a:.2f A}', document)
     text_table(document['cases'], [
@@ -42,8 +42,8 @@ from delta3_pacdrive.studies.framework.report_folder import Table
 
 # unit in a text: SI value of one
 SIZES = {unit: size for unit, (_, size) in UNITS.items()} | {
-    '%': 0.01, 'um': 1e-6, 'mrad': 1e-3, 'e-3 deg': math.radians(1e-3), 'deg/s3': math.radians(1.0), 'g': 1e-3,
-    'm/s3': 1.0, 'm/rad': 1.0, 'Hz': 1.0, 'kHz': 1e3, 'kg cm2': 1e-4,
+    '%': 0.01, 'um': 1e-6, 'mrad': 1e-3, 'e-3 deg': math.radians(1e-3), 'e-4 kg m2': 1e-4, 'g': 1e-3,
+    'm/s3': 1.0, 'deg/s3': math.radians(1.0), 'm/rad': 1.0, 'Hz': 1.0, 'kHz': 1e3, 'kg cm2': 1e-4,
 }  # fmt: skip
 
 
@@ -171,7 +171,7 @@ def _cells(value: Any, column: Column) -> dict[str, Any]:
 
 
 def _cell(value: Any, form: str) -> str | None:
-    return None if value is None or value != value else _formatted(value, form)
+    return None if value is None or value != value else shown(value, form)
 
 
 def _along_last_axis(value: Any) -> Sequence[Any]:
@@ -192,21 +192,24 @@ class _Filler(string.Formatter):
         return key_of_unit(value) if conversion == 'k' else super().convert_field(value, conversion)
 
     def format_field(self, value: Any, format_spec: str) -> str:
-        return _formatted(value, format_spec)
+        return shown(value, format_spec)
 
 
-def _formatted(value: Any, spec: str) -> str:
+def shown(value: Any, spec: str) -> str:
+    """Return a value as a field of ``fill`` shows it; ``spec`` is the format with its unit."""
     form, _, unit = spec.partition(' ')
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        name = unit.removeprefix('in ')
-        text = ' / '.join(_formatted(one, f'{form} in {name}' if name else form) for one in value)
+        hidden = f'{form} in {unit.removeprefix("in ")}' if unit and not unit.startswith('=') else form
+        text = ' / '.join(shown(one, hidden) for one in value)
     elif value is None:
-        return '-'.rjust(len(_formatted(0.0, spec)))
+        return '-'.rjust(len(shown(0.0, spec)))
     else:
-        text = format(in_unit(value, unit.removeprefix('in ')), form)
-    return f'{text} {unit}' if unit and not unit.startswith('in ') else text
+        text = format(value if unit.startswith('=') else in_unit(value, unit.removeprefix('in ')), form)
+    if not unit or unit.startswith('in '):
+        return text
+    return f'{text}{"" if unit.startswith("e-") else " "}{unit.removeprefix("=")}'
 
 
 _FILLER = _Filler()

@@ -16,6 +16,7 @@ from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.signals import CURRENT_SIGNALS, SIGNALS, TORQUE_SIGNALS, TRUE_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
+from delta3_pacdrive.studies.framework.columns import to_dict
 from delta3_pacdrive.studies.runs.alignment import START, Alignment, align
 from delta3_pacdrive.studies.runs.clock_estimation import ON_GRID, resampled
 from delta3_pacdrive.studies.runs.run_signals import currents_of, derivatives
@@ -272,46 +273,23 @@ def to_document(found: Comparison, first: Run, second: Run) -> dict[str, Any]:
     """Return a comparison ready for JSON; unknown values are None."""
     moves = []
     for one, other in found.moves:
-        figures = vars(move_figures(first, one)), vars(move_figures(second, other))
+        figures = to_dict(move_figures(first, one)), to_dict(move_figures(second, other))
         row: dict[str, Any] = {'move': one.number, 'kind': one.kind}
-        moves.append(row | {name: [_known(values[name]) for values in figures] for name in figures[0]})
-    return {
+        moves.append(row | {name: [values[name] for values in figures] for name in figures[0]})
+    aligned = list(to_dict(found.alignment).items())
+    document: dict[str, Any] = {
         'same': found.same,
         'equal': found.equal,
         'uncompared': found.uncompared,
-        'alignment': {
-            'by': found.alignment.by,
-            'shift_s': found.alignment.shift_s,
-            'correlation': _known(found.alignment.correlation),
-            'of': found.alignment.of,
-            'uncertainty_s': _known(found.alignment.uncertainty_s),
-            'rival_shift_s': _known(found.alignment.rival_shift_s),
-            'rival_correlation': _known(found.alignment.rival_correlation),
-            'doubts': list(found.doubts),
-            'rate': found.alignment.rate,
-            'rate_uncertainty': _known(found.alignment.rate_uncertainty),
-            'at_s': found.alignment.at_s,
-            'axes': list(found.alignment.axes),
-        },
-        'from_s': float(found.time_s[0]),
-        'to_s': float(found.time_s[-1]),
+        'alignment': dict([*aligned[:7], ('doubts', found.doubts), *aligned[7:]]),
+        'from_s': found.time_s[0],
+        'to_s': found.time_s[-1],
         'cycles': len(found.time_s),
-        'signals': {
-            name: {
-                'unit': one.unit,
-                'rms': _known(one.rms),
-                'largest': _known(one.largest),
-                'at_s': _known(one.at_s),
-            }
-            for name, one in found.figures.items()
-        },
+        'signals': found.figures,
         'moves': moves,
-        'parameters': {name: list(values) for name, values in found.parameters.items()},
     }
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    result: dict[str, Any] = to_dict(document)
+    return result | {'parameters': {name: list(pair) for name, pair in found.parameters.items()}}
 
 
 def from_exact(trace: Trace, exact: Trace) -> dict[str, float]:

@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.studies.drives.loops.loops import OUTPUTS, Entry, Shaft, linear_cascade
+from delta3_pacdrive.studies.framework.columns import HIDDEN
 
 LOAD_N_M = 1.0  # load step, motor side
 WINDOW_S = 1.0
@@ -22,12 +24,8 @@ class Rejection:
     peak_s: float
     back_s: float | None  # time after which the shaft stays within 5 % of peak_rad; None: more than a second
     noise_a: float  # current reference caused by noise and resolution of the encoder [A rms]
-    time_s: Floats  # since the step, shape (samples,)
-    deviation_rad: Floats  # shape (samples,)
-
-    def figures(self) -> dict[str, float | None]:
-        """Return all fields except the signals, by name."""
-        return {name: value for name, value in vars(self).items() if not isinstance(value, np.ndarray)}
+    time_s: Annotated[Floats, HIDDEN]  # since the step, shape (samples,)
+    deviation_rad: Annotated[Floats, HIDDEN]  # shape (samples,)
 
 
 def rejection(parameters: Parameters, shaft: Shaft) -> Rejection | None:

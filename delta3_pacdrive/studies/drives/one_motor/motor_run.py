@@ -4,7 +4,7 @@ The whole robot runs first. The motor follows its command and receives a share o
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.robot import motor as motors
 from delta3_pacdrive.robot.plant.single_motors import SingleMotors, alone
 from delta3_pacdrive.simulation.robot import Robot
+from delta3_pacdrive.studies.framework.columns import Column
 from delta3_pacdrive.studies.framework.study import OnProgress
 from delta3_pacdrive.studies.runs import oscilloscope as oscilloscope_run
 from delta3_pacdrive.studies.runs.oscilloscope import Oscilloscope
@@ -34,21 +35,21 @@ class SingleRun:
     axis: int
     robot: Parameters
     inertia_kg_m2: float  # of the shaft with its load
-    time_s: Floats  # start of the period, from the start of the program
-    command: Floats  # in the MDT of the bus cycle [rad]
-    reference: Floats  # interpolated set point of the drive [rad]
-    position: Floats  # of the shaft at the start of the period [rad]
-    speed: Floats  # of the shaft at the start of the period [rad/s]
+    time_s: Annotated[Floats, Column('time [s]')]  # start of the period, from the start of the program
+    command: Annotated[Floats, Column('command [rad]')]  # in the MDT of the bus cycle
+    reference: Annotated[Floats, Column('reference [rad]')]  # interpolated set point of the drive
+    position: Annotated[Floats, Column('position [rad]')]  # of the shaft at the start of the period
+    speed: Annotated[Floats, Column('speed [rad/s]')]  # of the shaft at the start of the period
     acceleration: Floats  # mean over the exchange period [rad/s2]
     speed_reference: Floats  # of the velocity loop [rad/s]
     current_reference: Floats  # of the current loop [A]
-    current: Floats  # at the end of the period [A]
-    voltage: Floats  # of a phase [V]
-    phase_currents: Floats  # I1s, I2s, I3s [A], shape (n, 3)
-    torque: Floats  # K_m I [N m]
-    friction: Floats  # [N m]
-    load: Floats  # tau_load / k_r [N m]
-    coupling: Floats  # CE d [N m]
+    current: Annotated[Floats, Column('current [A]')]  # at the end of the period
+    phase_currents: Annotated[Floats, Column('I{}s [A]')]  # shape (n, 3)
+    voltage: Annotated[Floats, Column('voltage [V]')]  # of a phase
+    torque: Annotated[Floats, Column('torque [N m]')]  # K_m I
+    friction: Annotated[Floats, Column('friction [N m]')]
+    load: Annotated[Floats, Column('load [N m]')]  # tau_load / k_r
+    coupling: Annotated[Floats, Column('coupling [N m]')]  # CE d
     position_error: Floats  # set point less shaft [rad]
     in_robot: Floats  # shaft of the same motor in the robot [rad]
     meta: dict[str, Any]  # format of Trace.meta

@@ -8,6 +8,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.motor import share_text, thermal_warnings
 from delta3_pacdrive.studies.drives.one_motor.motor_run import SingleRun
+from delta3_pacdrive.studies.framework.columns import cells, fill, named_lines
 from delta3_pacdrive.studies.framework.report_folder import Table
 
 TABLE = 'one_motor.csv'
@@ -51,43 +52,35 @@ def _rms(values: Floats) -> float:
 def text(document: dict[str, Any]) -> list[str]:
     """Return a summary as lines of text."""
     d = document
-    return [
-        f'{d["program"]}, motor {d["axis"]} alone',
-        '',
-        f'        load  I_Load {d["load_inertia_kg_m2"]:g} kg m2, tau_load {d["load_torque_n_m"]:g} N m, '
-        f'CE {d["coupling_effect"]:g}; shaft with load {1e4 * d["shaft_inertia_kg_m2"]:.3f} kg cm2',
-        f'     current  {d["current_peak_a"]:.2f} A peak, '
-        f'{share_text([d["current_peak_a"]], d["current_peak_limit_a"], "peak")}; {d["current_rms_a"]:.2f} A rms, '
-        f'{share_text([d["current_rms_a"]], d["current_rms_limit_a"], "nominal")}',
-        *(f'     warning  {warning}' for warning in d['warnings']),
-        f'       speed  {d["speed_max_rad_s"]:.1f} rad/s max, phase voltage {d["voltage_max_v"]:.1f} V max',
-        f'   set point  {1e3 * d["position_error_max_rad"]:.3f} mrad max, {1e3 * d["position_error_rms_rad"]:.3f} mrad '
-        f'rms from the shaft',
-        f'    in robot  the same shaft deviates by {1e3 * d["from_robot_max_rad"]:.3f} mrad max, '
-        f'{1e3 * d["from_robot_rms_rad"]:.3f} mrad rms',
-        '',
+    peak, nominal = (
+        share_text([d[f'current_{which}_a']], d[f'current_{which}_limit_a'], name)
+        for which, name in (('peak', 'peak'), ('rms', 'nominal'))
+    )
+    rows = [
+        (
+            'load',
+            'I_Load {load_inertia_kg_m2:g} kg m2, tau_load {load_torque_n_m:g N m}, CE {coupling_effect:g}; '
+            'shaft with load {shaft_inertia_kg_m2:.3f kg cm2}',
+        ),
+        ('current', f'{{current_peak_a:.2f A}} peak, {peak}; {{current_rms_a:.2f A}} rms, {nominal}'),
+        *(('warning', warning) for warning in d['warnings']),
+        ('speed', '{speed_max_rad_s:.1f rad/s} max, phase voltage {voltage_max_v:.1f V} max'),
+        (
+            'set point',
+            '{position_error_max_rad:.3f mrad} max, {position_error_rms_rad:.3f mrad} rms from the shaft',
+        ),
+        (
+            'in robot',
+            'the same shaft deviates by {from_robot_max_rad:.3f mrad} max, {from_robot_rms_rad:.3f mrad} rms',
+        ),
     ]
+    lines = named_lines(((name, fill(template, d)) for name, template in rows), 12)
+    return [f'{d["program"]}, motor {d["axis"]} alone', '', *lines, '']
 
 
 def tables(found: SingleRun) -> list[Table]:
     """Return all signals as a table, with one row per period of the position loop."""
-    columns = {
-        'time [s]': found.time_s,
-        'command [rad]': found.command,
-        'reference [rad]': found.reference,
-        'position [rad]': found.position,
-        'speed [rad/s]': found.speed,
-        'current [A]': found.current,
-        'I1s [A]': found.phase_currents[:, 0],
-        'I2s [A]': found.phase_currents[:, 1],
-        'I3s [A]': found.phase_currents[:, 2],
-        'voltage [V]': found.voltage,
-        'torque [N m]': found.torque,
-        'friction [N m]': found.friction,
-        'load [N m]': found.load,
-        'coupling [N m]': found.coupling,
-    }
-    return [Table.of_columns(TABLE, {name: values[::SHOWN_EVERY] for name, values in columns.items()})]
+    return [Table.of_columns(TABLE, {name: values[::SHOWN_EVERY] for name, values in cells(found).items()})]
 
 
 def trace(found: SingleRun) -> Trace:

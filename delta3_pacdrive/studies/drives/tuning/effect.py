@@ -1,6 +1,7 @@
 """Effect of drive gains on a simulated program: following error, TCP error and currents."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.studies.drives.loops.tuned_drive import TOOL_AXIS, ArmDrive
+from delta3_pacdrive.studies.framework.columns import HIDDEN, Column
 
 ARMS = ArmDrive(1)  # an arm stands for all arms in the figures of a program
 
@@ -18,26 +20,24 @@ ARMS = ArmDrive(1)  # an arm stands for all arms in the figures of a program
 class Effect:
     """Errors and currents of a program simulated with one set of gains; figures are None if a drive tripped."""
 
-    following_error_max_rad: float | None  # maximum over the arms, or of the tool; dead time removed (7.3)
-    following_error_rms_rad: float | None
-    tcp_error_max_m: float | None  # length of the TCP error; set-point delay removed
-    tcp_error_rms_m: float | None
-    current_peak_a: float | None  # largest of all axes
-    current_rms_a: float | None
-    fault: str  # describes the drive that tripped; empty if none did
-    time_s: Floats  # from the start of the program, shape (cycles,)
-    following_error_rad: Floats  # shape (cycles, 3), or (cycles, 1) for the tool
-    tcp_error_m: Floats  # shape (cycles,)
+    # maximum over the arms, or of the tool; dead time removed (7.3)
+    following_error_max_rad: Annotated[float | None, Column('following error max [rad]')]
+    following_error_rms_rad: Annotated[float | None, Column('following error rms [rad]')]
+    # length of the TCP error; set-point delay removed
+    tcp_error_max_m: Annotated[float | None, Column('TCP error max [m]')]
+    tcp_error_rms_m: Annotated[float | None, Column('TCP error rms [m]')]
+    current_peak_a: Annotated[float | None, Column('current peak [A]')]  # largest of all axes
+    current_rms_a: Annotated[float | None, Column('current rms [A]')]
+    fault: Annotated[str, Column('fault')]  # describes the drive that tripped; empty if none did
+    time_s: Annotated[Floats, HIDDEN]  # from the start of the program, shape (cycles,)
+    following_error_rad: Annotated[Floats, HIDDEN]  # shape (cycles, 3), or (cycles, 1) for the tool
+    tcp_error_m: Annotated[Floats, HIDDEN]  # shape (cycles,)
 
     @property
     def axes(self) -> tuple[int, ...]:
         """Numbers of the axes in ``following_error_rad``."""
         count = self.following_error_rad.shape[1]
         return tuple(range(1, count + 1)) if count > 1 else (TOOL_AXIS,)
-
-    def figures(self) -> dict[str, float | str | None]:
-        """Return all fields except the signals, by name."""
-        return {name: value for name, value in vars(self).items() if not isinstance(value, np.ndarray)}
 
 
 def run(program: Program, parameters: Parameters, drive: ArmDrive = ARMS) -> Effect:
@@ -53,13 +53,9 @@ def run(program: Program, parameters: Parameters, drive: ArmDrive = ARMS) -> Eff
     try:
         trace = simulation.run(program, parameters)
     except RunError as error:
+        figures: dict[str, Any] = {field.name: None for field in fields(Effect)[:6]}
         return Effect(
-            following_error_max_rad=None,
-            following_error_rms_rad=None,
-            tcp_error_max_m=None,
-            tcp_error_rms_m=None,
-            current_peak_a=None,
-            current_rms_a=None,
+            **figures,
             fault=str(error),
             time_s=nothing,
             following_error_rad=np.empty((0, 3)),

@@ -1,7 +1,5 @@
 """Report of a tuning: JSON summary, sentences about instability, text, tables."""
 
-import math
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,6 @@ from delta3_pacdrive.studies.drives.loops.disturbance import LOAD_N_M
 from delta3_pacdrive.studies.drives.loops.identification import Measured
 from delta3_pacdrive.studies.drives.loops.response import Complex, decibels, degrees, margins
 from delta3_pacdrive.studies.drives.tuning import drive_settings as settings
-from delta3_pacdrive.studies.drives.tuning.effect import Effect
 from delta3_pacdrive.studies.drives.tuning.measured_response import MeasuredResponse
 from delta3_pacdrive.studies.drives.tuning.proposal import Proposal
 from delta3_pacdrive.studies.drives.tuning.report_text import (
@@ -20,19 +17,24 @@ from delta3_pacdrive.studies.drives.tuning.report_text import (
     is_worthwhile,
     judged_figures,
     proposal_lines,
-    rejection_line,
+    rejection_text,
 )
 from delta3_pacdrive.studies.drives.tuning.study import Results, SweepPoint, Variant
+from delta3_pacdrive.studies.framework.columns import TextColumn, cells, fill, shown, text_table, to_dict
 from delta3_pacdrive.studies.framework.report_folder import Table, columns_of
 
 OPEN = 'velocity', 'position', 'cascade', 'exchanged'
+MARGINS = {
+    'crossover [Hz]': 'crossover_hz', 'phase margin [deg]': 'phase_margin_deg', 'gain margin [dB]': 'gain_margin_db',
+    'Ms [1]': 'sensitivity_peak',
+}  # fmt: skip
 
 
 def summary(found: Results) -> dict[str, Any]:
     """Return the summary of a tuning for JSON."""
     robots = [variant.robot for variant in found.variants.values()]
     document: dict[str, Any] = {
-        'load': asdict(found.operation.load),
+        'load': to_dict(found.operation.load),
         'speed_rad_s': found.operation.speed_rad_s,
         'amplitude': found.operation.amplitude,
         'changes': settings.changes(robots[0], robots[-1]),
@@ -45,8 +47,8 @@ def summary(found: Results) -> dict[str, Any]:
                     {'load': load.name, 'inertia_kg_m2': load.inertia_kg_m2} | _figures_by_name(loops)
                     for load, loops in variant.workspace
                 ],
-                'effect': variant.effect.figures(),
-                'rejection': None if variant.rejection is None else variant.rejection.figures(),
+                'effect': to_dict(variant.effect),
+                'rejection': to_dict(variant.rejection),
                 'instability': instability(variant),
             }
             for name, variant in found.variants.items()
@@ -57,7 +59,7 @@ def summary(found: Results) -> dict[str, Any]:
                 'loops': _figures_by_name(point.loops),
                 'overshoot': point.overshoot,
                 'workspace_stable': point.workspace_stable,
-                'effect': point.effect.figures(),
+                'effect': to_dict(point.effect),
             }
             for point in found.points
         ],
@@ -87,12 +89,12 @@ def summary(found: Results) -> dict[str, Any]:
 
 def _proposal(proposal: Proposal) -> dict[str, Any]:
     return {
-        'targets': asdict(proposal.targets),
+        'targets': to_dict(proposal.targets),
         'payload_kg': proposal.payload_kg,
         'gains': {f'drive.{name}': value for name, value in proposal.gains.values().items()},
         'stiffness': proposal.gains.stiffness,
-        'before': asdict(proposal.before),
-        'kept': asdict(proposal.kept),
+        'before': to_dict(proposal.before),
+        'kept': to_dict(proposal.kept),
     }
 
 
@@ -102,10 +104,10 @@ def _figures_by_name(loops: list[LoopResult]) -> dict[str, Any]:
 
 def _figures(loop: LoopResult) -> dict[str, Any]:
     """Return the figures of merit of a loop, and the deviation of its open loop on the bench from the linear one."""
-    result: dict[str, Any] = {'stable': loop.stable, **asdict(loop.margins)}
+    result: dict[str, Any] = {'stable': loop.stable, **to_dict(loop.margins)}
     result['bandwidth_hz'] = loop.bandwidth_hz if loop.stable else None
     if loop.step is not None:
-        result['step'] = asdict(loop.step.figures)
+        result['step'] = to_dict(loop.step.figures)
     if (measured := loop.measured_open) is not None:
         linear = interpolated(measured.frequencies_hz, loop.frequencies_hz, loop.open_loop)
         result['agreement'] = deviation(measured, linear)
@@ -119,7 +121,10 @@ def _measured_margins(one: MeasuredResponse) -> dict[str, float | None] | None:
     inside = one.measured.in_band
     if one.name not in ('cascade', 'position') or inside.sum() < 2:
         return None
-    return asdict(margins(one.measured.frequencies_hz[inside], one.measured.values[inside]))
+    found: dict[str, float | None] = to_dict(
+        margins(one.measured.frequencies_hz[inside], one.measured.values[inside])
+    )
+    return found
 
 
 def instability(variant: Variant) -> list[str]:
@@ -162,45 +167,37 @@ def interpolated(frequencies_hz: Floats, grid_hz: Floats, values: Complex) -> Co
 
 def text(document: dict[str, Any]) -> list[str]:
     """Return the lines of a summary as text."""
-    load, variants = document['load'], document['variants']
+    variants = document['variants']
     lines = [
-        f'{load["name"]}: {1e4 * load["inertia_kg_m2"]:.3f}e-4 kg m2 and {load["gravity_n_m"]:.3f} N m at the shaft, '
-        f'turning at {document["speed_rad_s"]:g} rad/s'
+        fill(
+            '{load[name]}: {load[inertia_kg_m2]:.3f e-4 kg m2} and {load[gravity_n_m]:.3f N m} at the '
+            'shaft, turning at {speed_rad_s:g rad/s}',
+            document,
+        )
     ]
     if proposal := document['proposal']:
         lines += proposal_lines(proposal)
-    for change in document['changes']:
-        lines.append(f'{change["parameter"]}: {change["before"]:g} before, {change["after"]:g} after')
+    lines += [
+        fill('{parameter}: {before:g} before, {after:g} after', change) for change in document['changes']
+    ]
     lines += [*_loop_lines(variants), *_workspace_lines(variants), '', f'  {document["program"]}']
-    lines += [_effect_line(name, variant['effect']) for name, variant in variants.items()]
+    lines += [f'  {name:<7} {_effect_text(variant["effect"])}' for name, variant in variants.items()]
     lines += ['', f'  load step of {LOAD_N_M:g} N m, motor side, and noise of the encoder']
-    lines += [rejection_line(name, variant['rejection']) for name, variant in variants.items()]
+    lines += [f'  {name:<7} {rejection_text(variant["rejection"])}' for name, variant in variants.items()]
     if document['changed']:
         lines += ['', '  changes', *(f'  - {sentence}' for sentence in document['changed'])]
     lines += [_measured_line(one) for one in document['recorded']]
-    return lines + (_sweep_lines(document['sweep']) if document['sweep'] else [])
+    return lines + (['', *text_table(document['sweep'], SWEEP_COLUMNS)] if document['sweep'] else [])
 
 
 def _loop_lines(variants: dict[str, Any]) -> list[str]:
-    lines = [
-        '',
-        '  loop      gains   crossover  phase m.  gain m.  delay m.    Ms  bandwidth     rise  overshoot  settling',
+    missing = dict.fromkeys(('rise_time_s', 'overshoot', 'settling_time_s'))
+    rows = [
+        {'step': missing, 'gains': name, 'loop': loop} | variant['loops'][loop]
+        for loop in next(iter(variants.values()))['loops']
+        for name, variant in variants.items()
     ]
-    for loop in next(iter(variants.values()))['loops']:
-        for name, variant in variants.items():
-            row = variant['loops'][loop]
-            step = row.get('step') or {}
-            cells = [
-                _cell(row['crossover_hz'], '{:8.4g} Hz'), _cell(row['phase_margin_deg'], '{:6.1f} deg'),
-                _cell(row['gain_margin_db'], '{:5.1f} dB'), _cell(row['delay_margin_s'], '{:6.2f} ms', 1e3),
-                _cell(row['sensitivity_peak'], '{:5.2f}'), _cell(row['bandwidth_hz'], '{:7.4g} Hz'),
-                _cell(step.get('rise_time_s'), '{:6.2f} ms', 1e3), _cell(step.get('overshoot'), '{:7.1f} %', 100.0),
-                _cell(step.get('settling_time_s'), '{:6.1f} ms', 1e3),
-            ]  # fmt: skip
-            state = '' if row['stable'] else '  UNSTABLE'
-            lines.append(f'  {loop:<9} {name:<7} {"  ".join(cells)}{state}')
-            if 'fault' in row:
-                lines.append(f'  {"":<9} {name:<7} on the bench: {row["fault"]}')
+    lines = ['', *text_table(rows, LOOP_COLUMNS)]
     for name, variant in variants.items():
         lines += [f'  {name}: {sentence}' for sentence in variant['instability']]
         near = [loop['agreement'] for loop in variant['loops'].values() if loop.get('agreement')]
@@ -215,77 +212,95 @@ def _loop_lines(variants: dict[str, Any]) -> list[str]:
 
 def _workspace_lines(variants: dict[str, Any]) -> list[str]:
     period = 1e3 * next(iter(variants.values()))['exchange_period_s']
-    lines = [
-        '',
-        '  inertia at shaft  gains    velocity loop: crossover, phase m., gain m.  position  '
-        f'cascade: Ms  gain m. exchanged every {period:g} ms',
+    columns = [
+        *WORKSPACE_COLUMNS,
+        TextColumn(
+            f'exchanged every {period:g} ms:\ngain m.',
+            lambda row: (
+                fill('{gain_margin_db:.1f =dB}', row['exchanged'])
+                if row['exchanged']['stable']
+                else 'UNSTABLE'
+            ),
+        ),
+        TextColumn('', '{load}', '<'),
     ]
-    for name, variant in variants.items():
-        for row in variant['workspace']:
-            speed, position, cascade, exchanged = (row[key] for key in OPEN)
-            margin = _cell(exchanged['gain_margin_db'], '{:5.1f} dB') if exchanged['stable'] else 'UNSTABLE'
-            cells = [
-                _cell(speed['crossover_hz'], '{:13.4g} Hz'), _cell(speed['phase_margin_deg'], '{:7.1f} deg'),
-                _cell(speed['gain_margin_db'], '{:5.1f} dB'), _cell(position['phase_margin_deg'], '{:8.1f} deg'),
-                _cell(cascade['sensitivity_peak'], '{:8.2f}'), f'{margin:>11}',
-            ]  # fmt: skip
-            lines.append(
-                f'  {1e4 * row["inertia_kg_m2"]:6.2f}e-4 kg m2   {name:<7}{"  ".join(cells)}  {row["load"]}'
-            )
-    return lines
+    rows = [{'gains': name} | row for name, variant in variants.items() for row in variant['workspace']]
+    return ['', *text_table(rows, columns)]
 
 
-def _effect_line(name: str, effect: dict[str, Any]) -> str:
+def _gain_margin(loop: dict[str, Any]) -> str:
+    return shown(loop['gain_margin_db'], '.1f =dB') if loop['stable'] else 'UNSTABLE'
+
+
+def _effect_text(effect: dict[str, Any]) -> str:
     if effect['following_error_max_rad'] is None:
-        return f'  {name:<7} stops: {effect["fault"]}'
-    return (
-        f'  {name:<7} following error {_millidegrees(effect["following_error_max_rad"])} max, '
-        f'{_millidegrees(effect["following_error_rms_rad"])} rms; TCP error '
-        f'{1e6 * effect["tcp_error_max_m"]:.1f} um max, {1e6 * effect["tcp_error_rms_m"]:.1f} um rms; '
-        f'current {effect["current_peak_a"]:.2f} A max{"; " + effect["fault"] if effect["fault"] else ""}'
+        return f'stops: {effect["fault"]}'
+    text = fill(
+        'following error {following_error_max_rad:.2f e-3 deg} max, {following_error_rms_rad:.2f e-3 deg} rms; '
+        'TCP error {tcp_error_max_m:.1f um} max, {tcp_error_rms_m:.1f um} rms; current {current_peak_a:.2f A} max',
+        effect,
     )
+    return f'{text}; {effect["fault"]}' if effect['fault'] else text
 
 
 def _measured_line(one: dict[str, Any]) -> str:
-    band, near, margin = one['trusted_hz'], one['agreement'], one['margins']
-    result = 'no frequency is trusted' if band is None else (
-        f'{band[0]:.3g} to {band[1]:.4g} Hz trusted, '
-        f'within {near["decibels"]:.2f} dB and {near["degrees"]:.1f} deg of the linear response'
-    )  # fmt: skip
-    if margin is not None:
-        phase, gain = (
-            _cell(margin['phase_margin_deg'], '{:.1f} deg'),
-            _cell(margin['gain_margin_db'], '{:.1f} dB'),
+    result = 'no frequency is trusted'
+    if one['trusted_hz'] is not None:
+        result = fill(
+            '{trusted_hz[0]:.3g} to {trusted_hz[1]:.4g} Hz trusted, within {agreement[decibels]:.2f} dB and '
+            '{agreement[degrees]:.1f} deg of the linear response',
+            one,
         )
-        result += f'; margins {phase} and {gain}'
+    if one['margins'] is not None:
+        result += fill('; margins {phase_margin_deg:.1f =deg} and {gain_margin_db:.1f =dB}', one['margins'])
     return f'recorded, axis {one["axis"]}, {one["title"]}: {result}'
 
 
-def _sweep_lines(points: list[dict[str, Any]]) -> list[str]:
-    lines = [
-        '',
-        '  value       phase margin: current, velocity, position   overshoot: velocity, position   following error',
-    ]
-    for point in points:
-        loops = point['loops'].values()
-        margins = '  '.join(_cell(loop['phase_margin_deg'], '{:6.1f} deg') for loop in loops)
-        over = '  '.join(_cell(point['overshoot'][n], '{:6.1f} %', 100.0) for n in ('velocity', 'position'))
-        error = point['effect']['following_error_max_rad']
-        shown = point['effect']['fault'] if error is None else _millidegrees(error)
-        state = '' if point['workspace_stable'] else '  unstable in the workspace'
-        if not all(loop['stable'] for loop in loops):
-            state = '  UNSTABLE'
-        lines.append(f'  {point["value"]:<10.5g}  {margins}   {over}   {shown}{state}')
-    return lines
+def _followed(effect: dict[str, Any]) -> str:
+    error = effect['following_error_max_rad']
+    return str(effect['fault']) if error is None else shown(error, '.2f e-3 deg')
 
 
-def _millidegrees(angle_rad: float) -> str:
-    return f'{1e3 * math.degrees(angle_rad):.2f}e-3 deg'
+def _state(point: dict[str, Any]) -> str:
+    if not all(loop['stable'] for loop in point['loops'].values()):
+        return 'UNSTABLE'
+    return '' if point['workspace_stable'] else 'unstable in the workspace'
 
 
-def _cell(value: float | None, form: str, factor: float = 1.0) -> str:
-    """Return a scaled number in its format, or a dash for None."""
-    return '-'.rjust(len(form.format(0.0))) if value is None else form.format(factor * value)
+LOOP_COLUMNS = [
+    TextColumn('  loop', '  {loop}', '<'),
+    TextColumn('gains', '{gains}', '<'),
+    TextColumn('crossover', '{crossover_hz:.4g =Hz}'),
+    TextColumn('phase m.', '{phase_margin_deg:.1f =deg}'),
+    TextColumn('gain m.', '{gain_margin_db:.1f =dB}'),
+    TextColumn('delay m.', '{delay_margin_s:.2f ms}'),
+    TextColumn('Ms', '{sensitivity_peak:.2f}'),
+    TextColumn('bandwidth', '{bandwidth_hz:.4g =Hz}'),
+    TextColumn('rise', '{step[rise_time_s]:.2f ms}'),
+    TextColumn('overshoot', '{step[overshoot]:.1f %}'),
+    TextColumn('settling', '{step[settling_time_s]:.1f ms}'),
+    TextColumn('', lambda row: '' if row['stable'] else 'UNSTABLE', '<'),
+    TextColumn('', lambda row: f'on the bench: {row["fault"]}' if 'fault' in row else '', '<'),
+]
+WORKSPACE_COLUMNS = [
+    TextColumn('\n  inertia at shaft', '{inertia_kg_m2:.2f e-4 kg m2}'),
+    TextColumn('\ngains', '{gains}', '<'),
+    TextColumn('velocity loop:\ncrossover', '{velocity[crossover_hz]:.4g =Hz}'),
+    TextColumn('\nphase m.', '{velocity[phase_margin_deg]:.1f =deg}'),
+    TextColumn('\ngain m.', '{velocity[gain_margin_db]:.1f =dB}'),
+    TextColumn('position:\nphase m.', '{position[phase_margin_deg]:.1f =deg}'),
+    TextColumn('cascade:\nMs', '{cascade[sensitivity_peak]:.2f}'),
+]
+SWEEP_COLUMNS = [
+    TextColumn('\n  value', '  {value:.5g}', '<'),
+    TextColumn('phase margin:\ncurrent', '{loops[current][phase_margin_deg]:.1f =deg}'),
+    TextColumn('\nvelocity', '{loops[velocity][phase_margin_deg]:.1f =deg}'),
+    TextColumn('\nposition', '{loops[position][phase_margin_deg]:.1f =deg}'),
+    TextColumn('overshoot:\nvelocity', '{overshoot[velocity]:.1f %}'),
+    TextColumn('\nposition', '{overshoot[position]:.1f %}'),
+    TextColumn('\nfollowing error', lambda point: _followed(point['effect'])),
+    TextColumn('', _state, '<'),
+]
 
 
 def tables(found: Results) -> list[Table]:
@@ -347,29 +362,14 @@ def _workspace(variants: dict[str, Variant]) -> Table:
         for load, loops in variant.workspace:
             row = {'gains': which, 'load': load.name, 'inertia [kg m2]': load.inertia_kg_m2}
             for name, loop in zip(OPEN, loops, strict=True):
-                m = loop.margins
-                row |= {
-                    f'{name}: crossover [Hz]': m.crossover_hz,
-                    f'{name}: phase margin [deg]': m.phase_margin_deg,
-                }
-                row |= {f'{name}: gain margin [dB]': m.gain_margin_db, f'{name}: Ms [1]': m.sensitivity_peak}
+                row |= {f'{name}: {title}': getattr(loop.margins, key) for title, key in MARGINS.items()}
             rows.append(row)
     return Table.of_rows('workspace.csv', rows)
 
 
-_EFFECT_TITLES = (
-    'following error max [rad]', 'following error rms [rad]', 'TCP error max [m]', 'TCP error rms [m]',
-    'current peak [A]', 'current rms [A]', 'fault',
-)  # fmt: skip
-
-
-def _effect_cells(effect: Effect) -> dict[str, Any]:
-    return dict(zip(_EFFECT_TITLES, effect.figures().values(), strict=True))
-
-
 def _effects(variants: dict[str, Variant]) -> list[Table]:
     effects = {which: variant.effect for which, variant in variants.items()}
-    rows = [{'gains': which} | _effect_cells(effect) for which, effect in effects.items()]
+    rows = [{'gains': which} | cells(effect) for which, effect in effects.items()]
     made = [Table.of_rows('effect.csv', rows)]
     ran = {which: effect for which, effect in effects.items() if len(effect.time_s)}
     if ran:
@@ -398,5 +398,5 @@ def _sweep(points: list[SweepPoint]) -> Table:
         row |= {f'{loop.name}: phase margin [deg]': loop.margins.phase_margin_deg for loop in point.loops}
         row |= {f'{name}: overshoot [1]': value for name, value in point.overshoot.items()}
         row |= {f'{loop.name}: stable [0/1]': int(loop.stable) for loop in point.loops}
-        rows.append(row | _effect_cells(point.effect))
+        rows.append(row | cells(point.effect))
     return Table.of_rows('sweep.csv', rows)

@@ -4,6 +4,8 @@ import math
 from functools import partial
 from typing import Any
 
+from delta3_pacdrive.studies.framework.columns import fill, shown
+
 ALIKE = 0.005  # relative difference below which a figure counts as unchanged
 BETTER, WORSE = 'better', 'worse'
 
@@ -63,15 +65,13 @@ def _judgement(old: float | None, new: float | None, larger_is_better: bool) -> 
     return BETTER if (new > old) == larger_is_better else WORSE
 
 
-def _change(
-    old: float | None, new: float | None, form: str, factor: float = 1.0, *, larger_is_better: bool
-) -> str:
+def _change(old: float | None, new: float | None, spec: str, *, larger_is_better: bool) -> str:
     """Return both values of a figure and their judgement, for example ``91 Hz to 120 Hz (better)``."""
-    shown = [form.format(factor * value) if value is not None else 'none' for value in (old, new)]
-    if shown[0] == shown[1]:
-        return shown[0]
+    before, after = ('none' if value is None else shown(value, spec) for value in (old, new))
+    if before == after:
+        return before
     judgement = _judgement(old, new, larger_is_better)
-    return f'{shown[0]} to {shown[1]}' + (f' ({judgement})' if judgement else '')
+    return f'{before} to {after}' + (f' ({judgement})' if judgement else '')
 
 
 _higher, _lower = partial(_change, larger_is_better=True), partial(_change, larger_is_better=False)
@@ -88,9 +88,9 @@ def _loops(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
             same.append(name)
         else:
             sentences.append(
-                f'{name}: crossover {_higher(old["crossover_hz"], new["crossover_hz"], "{:.3g} Hz")}, '
-                f'phase margin {_higher(old["phase_margin_deg"], new["phase_margin_deg"], "{:.0f} deg")}, '
-                f'gain margin {_higher(old["gain_margin_db"], new["gain_margin_db"], "{:.1f} dB")}'
+                f'{name}: crossover {_higher(old["crossover_hz"], new["crossover_hz"], ".3g =Hz")}, '
+                f'phase margin {_higher(old["phase_margin_deg"], new["phase_margin_deg"], ".0f =deg")}, '
+                f'gain margin {_higher(old["gain_margin_db"], new["gain_margin_db"], ".1f =dB")}'
             )
     if same:
         sentences.append(f'{", ".join(same)}: as before')
@@ -107,8 +107,8 @@ def _workspace(before: list[dict[str, Any]], after: list[dict[str, Any]]) -> lis
     if _alike(old_db, new_db) and _alike(old_deg, new_deg):
         return []
     return [
-        f'least margins of the cascade, as it exchanges with its plant: {_higher(old_db, new_db, "{:.1f} dB")}, '
-        f'{_higher(old_deg, new_deg, "{:.0f} deg")}'
+        f'least margins of the cascade, as it exchanges with its plant: {_higher(old_db, new_db, ".1f =dB")}, '
+        f'{_higher(old_deg, new_deg, ".0f =deg")}'
     ]
 
 
@@ -119,13 +119,13 @@ def _rejection(before: dict[str, Any] | None, after: dict[str, Any] | None) -> l
     if not _alike(before['peak_rad'], after['peak_rad']) or not _alike(before['back_s'], after['back_s']):
         sentences.append(
             f'a load of 1 N m moves the shaft by '
-            f'{_lower(math.degrees(before["peak_rad"]), math.degrees(after["peak_rad"]), "{:.3f} deg")}, for '
-            f'{_lower(before["back_s"], after["back_s"], "{:.0f} ms", 1e3)}'
+            f'{_lower(before["peak_rad"], after["peak_rad"], ".3f deg")}, for '
+            f'{_lower(before["back_s"], after["back_s"], ".0f ms")}'
         )
     if not _alike(before['noise_a'], after['noise_a']):
         sentences.append(
             'noise of the encoder makes a current of '
-            f'{_lower(before["noise_a"], after["noise_a"], "{:.1f} mA", 1e3)} rms'
+            f'{_lower(before["noise_a"], after["noise_a"], ".1f mA")} rms'
         )
     return sentences
 
@@ -136,10 +136,10 @@ def _effect(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
         return []
     if all(_alike(before[name], after[name]) for name in names):
         return ['the program is followed as before']
-    old, new = (math.degrees(effect['following_error_max_rad']) for effect in (before, after))
+    old, new = (effect['following_error_max_rad'] for effect in (before, after))
     return [
-        f'largest following error in the program {_lower(old, new, "{:.2f}e-3 deg", 1e3)}, '
-        f'TCP error {_lower(before["tcp_error_max_m"], after["tcp_error_max_m"], "{:.1f} um", 1e6)}'
+        f'largest following error in the program {_lower(old, new, ".2f e-3 deg")}, '
+        f'TCP error {_lower(before["tcp_error_max_m"], after["tcp_error_max_m"], ".1f um")}'
     ]
 
 
@@ -151,11 +151,8 @@ def proposal_lines(proposal: dict[str, Any]) -> list[str]:
         f'with 0 to {proposal["payload_kg"]:g} kg:'
     ]
     for name, title in (('before', 'before'), ('kept', 'after')):
-        kept = proposal[name]
-        lines.append(
-            f'  least margins {title}: {kept["phase_deg"]:.1f} deg ({kept["phase_where"]}), '
-            f'{kept["gain_db"]:.1f} dB ({kept["gain_where"]})'
-        )
+        margins = '{phase_deg:.1f} deg ({phase_where}), {gain_db:.1f} dB ({gain_where})'
+        lines.append(f'  least margins {title}: {fill(margins, proposal[name])}')
     judged = proposal['judged']
     better, worse = ([name for name, j in judged.items() if j == which] for which in (BETTER, WORSE))
     lines.append(f'  better: {", ".join(better) or "nothing"}; worse: {", ".join(worse) or "nothing"}')
@@ -167,14 +164,13 @@ def proposal_lines(proposal: dict[str, Any]) -> list[str]:
     return lines
 
 
-def rejection_line(name: str, rejection: dict[str, Any] | None) -> str:
-    """Return the response of a drive to a load step and to encoder noise with one set of gains."""
+def rejection_text(rejection: dict[str, Any] | None) -> str:
+    """Return the response of a drive to a load step and to encoder noise."""
     if rejection is None:
-        return f'  {name:<7} the loops are not stable'
-    back_s = rejection['back_s']
-    back = 'more than a second' if back_s is None else f'{1e3 * back_s:.1f} ms'
-    return (
-        f'  {name:<7} the shaft deflects by {math.degrees(rejection["peak_rad"]):.3f} deg after '
-        f'{1e3 * rejection["peak_s"]:.1f} ms and returns to within 5 % after {back}; '
-        f'current due to noise {1e3 * rejection["noise_a"]:.1f} mA rms'
+        return 'the loops are not stable'
+    back = 'more than a second' if rejection['back_s'] is None else shown(rejection['back_s'], '.1f ms')
+    return fill(
+        'the shaft deflects by {peak_rad:.3f deg} after {peak_s:.1f ms} and returns to within 5 % after '
+        f'{back}; current due to noise {{noise_a:.1f mA}} rms',
+        rejection,
     )
