@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.control.cycle.stages import Stage
 from delta3_pacdrive.control.cycle.task_arrays import SETTLE_CYCLES
-from delta3_pacdrive.control.cycle.task_cycle import coming_payload, is_over
+from delta3_pacdrive.control.cycle.task_cycle import is_over
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.numerics.kernel import kernel
 from delta3_pacdrive.parameters import ARMS, Parameters, rotary_axis_parameters
@@ -156,7 +156,7 @@ def command_turn(cycle, task, timeline, turns, rotary):
             number, distance, v, a = profile_at(time, s.move, timeline)
             _, first, second = turn_at(distance, number, turns)
             speed, acceleration = first * v, second * v * v + first * a
-        inertia = c.inertia + c.part_inertia * coming_payload(cycle, task, timeline)
+        inertia = c.inertia + c.part_inertia * s.coming_payload
         torque = inertia * c.gear_ratio * acceleration
         torque += friction_torque(c.gear_ratio * speed, rotary[0].motor)
         task[0].torques[c.index] = min(max(torque, -c.torque_max), c.torque_max)

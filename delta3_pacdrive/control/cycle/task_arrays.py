@@ -26,6 +26,8 @@ STATE = np.dtype(
         ('event', 'i8'),  # next of the present move
         ('outputs', 'i8'),  # bit n = output n
         ('payload', 'f8'),  # gripped [kg]
+        # at the time when the command is reached, which is that of the next MDT [kg]; set if torques depend on it
+        ('coming_payload', 'f8'),
         ('corrected_from', 'i8'),
         ('tcp', 'f8', (3,)),  # commanded [m]
         # on a belt the command is the plan plus an offset: position [m], velocity [m/s], acceleration [m/s^2]

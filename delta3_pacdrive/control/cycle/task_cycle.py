@@ -14,6 +14,11 @@ Arguments of the kernels here:
     Learned torques [N m] from the cycle ``corrected_from`` of the state on, shape (n, 3); n = 0 for none.
 ``number``, ``over``
     Number of the active move, and whether the program has ended.
+``master``, ``runs``
+    Number of the active move, and distance [m], speed [m/s] and acceleration [m/s^2] of the master: the result of
+    ``profile_at``, meaningless unless the plan ``runs``.
+``theta``
+    Commanded arm angles [rad], three.
 ``motion``
     Arm angles [rad], speeds [rad/s] and accelerations [rad/s^2], three of shape (3,).
 ``payload``
@@ -43,10 +48,11 @@ FLANKS_N_M = 10.0  # torque range over which a set point changes between the fla
 def command_cycle(cycle, task, timeline, corrections):
     """Set the ``motors`` of the task to the commands [rad] of a bus cycle; nan where the TCP is out of reach."""
     s, c, profile, tables = task[0].state, task[0].constants, timeline.profile[0], timeline.tables
-    theta, has_angles = (0.0, 0.0, 0.0), False
-    if cycle >= s.start_cycle:
-        time = (cycle - profile.cycle) * c.cycle_time
-        number, s.master, s.master_speed, _ = profile_at(time, s.move, timeline)
+    theta, has_angles, runs = (0.0, 0.0, 0.0), False, cycle >= s.start_cycle
+    master = (s.move, 0.0, 0.0, 0.0)
+    if runs:
+        master = profile_at((cycle - profile.cycle) * c.cycle_time, s.move, timeline)
+        number, s.master, s.master_speed, _ = master
         _switch_outputs(number, is_over(cycle, s, profile), tables, s)
         p = plan_path_at(s.master, number, tables)
         has_angles = tables.moves[tables.order[number]].joints == 1
@@ -67,16 +73,16 @@ def command_cycle(cycle, task, timeline, corrections):
     for i in range(3):
         s.tcp_history[row, i] = s.tcp[i]
         s.theta_history[row, i] = theta[i]
+    if c.gear_gives != 0.0 or c.sends_torque != 0.0:
+        s.coming_payload = _payload_at(cycle + 1, task, timeline) if s.start_cycle <= cycle + 1 else s.payload
     twist = (0.0, 0.0, 0.0)
     if c.gear_gives != 0.0:
-        twist = gear_twist(
-            _motion_at(cycle, 0.0, task, timeline), coming_payload(cycle, task, timeline), task
-        )
+        twist = gear_twist(_motion_of(master, runs, 0.0, theta, task, tables), s.coming_payload, task)
     for i in range(3):
         s.twist_history[row, i] = twist[i]
         task[0].motors[i] = on_grid((theta[i] + twist[i]) * c.gear_ratio, c.increments_per_rad)
     if c.sends_torque != 0.0:
-        feed_forward(cycle, task, timeline)
+        feed_forward(cycle, theta, task, timeline)
         correct_torques(cycle - s.corrected_from, task, corrections)
 
 
@@ -87,16 +93,20 @@ def is_over(cycle, s, profile):
 
 
 @kernel
-def feed_forward(cycle, task, timeline):
+def feed_forward(cycle, theta, task, timeline):
     """Set the ``torques`` of the task [N m] to those that the motion of the set points requires.
 
     The torque of MDT(k) is reached at the start of cycle k + 2, and takes effect a dead time later. The set points are
     one step of the fine interpolation ahead of their cycle, so the torque belongs to the motion at that instant. The
     payload at that time is the payload of MDT(k + 1).
     """
-    c, m = task[0].constants, task[0].motor
-    motion = _motion_at(cycle, c.torque_lead, task, timeline)
-    torque = arm_torques(motion, coming_payload(cycle, task, timeline), task)
+    s, c, m = task[0].state, task[0].constants, task[0].motor
+    master, runs = (s.move, 0.0, 0.0, 0.0), (s.start_cycle - cycle) * c.cycle_time <= c.torque_lead
+    if runs:
+        time = (cycle - timeline.profile[0].cycle) * c.cycle_time + c.torque_lead
+        master = profile_at(time, s.move, timeline)
+    motion = _motion_of(master, runs, c.torque_lead, theta, task, timeline.tables)
+    torque = arm_torques(motion, s.coming_payload, task)
     speed = motion[1]
     for i in range(3):
         friction = friction_torque(c.gear_ratio * speed[i], m)
@@ -104,37 +114,24 @@ def feed_forward(cycle, task, timeline):
 
 
 @kernel
-def _motion_at(cycle, lead, task, timeline):
-    """Motion of the arms at the time of a command, or ``lead`` [s] later; uses the command of a robot at rest."""
-    s, c, tables, g = task[0].state, task[0].constants, timeline.tables, task[0].geometry
-    if s.tracks != 0:
-        return _tracked_motion_at(cycle, lead, task, timeline)
-    theta, speed, acceleration = triple(s.theta_history[cycle % HISTORY]), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if (s.start_cycle - cycle) * c.cycle_time <= lead:
-        time = (cycle - timeline.profile[0].cycle) * c.cycle_time + lead
-        number, distance, v, a = profile_at(time, s.move, timeline)
-        place, first, second = plan_motion_at(distance, number, tables)
-        if tables.moves[tables.order[number]].joints == 1:
-            theta = place
-            speed = (first[0] * v, first[1] * v, first[2] * v)
-            acceleration = combine(a, first, v * v, second, 0.0, second)
-        else:
-            theta = arm_angles(place, g)
-            speed, acceleration = arm_motion(theta, (place, first, second), v, a, g)
-    return theta, speed, acceleration
-
-
-@kernel
-def _tracked_motion_at(cycle, lead, task, timeline):
-    """Motion of the arms ``lead`` [s] after a command on a belt: motion of the plan plus that of the belt offset."""
-    s, c, tables, g = task[0].state, task[0].constants, timeline.tables, task[0].geometry
+def _motion_of(master, runs, lead, theta, task, tables):
+    """Motion of the arms where the master is ``lead`` [s] after the command with the arm angles ``theta`` [rad]."""
+    s, g = task[0].state, task[0].geometry
+    number, distance, v, a = master
     place, velocity, bend = triple(s.planned), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if (s.start_cycle - cycle) * c.cycle_time <= lead:
-        time = (cycle - timeline.profile[0].cycle) * c.cycle_time + lead
-        number, distance, v, a = profile_at(time, s.move, timeline)
+    if runs:
         place, first, second = plan_motion_at(distance, number, tables)
         velocity = (first[0] * v, first[1] * v, first[2] * v)
         bend = combine(a, first, v * v, second, 0.0, second)
+        if s.tracks == 0:
+            if tables.moves[tables.order[number]].joints == 1:
+                return place, velocity, bend
+            theta = arm_angles(place, g)
+            speed, acceleration = arm_motion(theta, (place, first, second), v, a, g)
+            return theta, speed, acceleration
+    if s.tracks == 0:
+        return theta, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    # on a belt: motion of the plan plus that of the belt offset
     along, speed, more = triple(s.offset[0]), triple(s.offset[1]), triple(s.offset[2])
     place = combine(1.0, place, 1.0, along, lead, combine(1.0, speed, 0.5 * lead, more, 0.0, more))
     velocity = combine(1.0, velocity, 1.0, speed, lead, more)
@@ -170,15 +167,6 @@ def gear_twist(motion, payload, task):
 def give(torque, compliance, half_backlash):
     """Twist [rad] of a gear under a torque [N m], arm side; smooth at the change of flanks."""
     return compliance * torque + half_backlash * math.tanh(torque / FLANKS_N_M)
-
-
-@kernel
-def coming_payload(cycle, task, timeline):
-    """Payload [kg] at the time when the command of a cycle is reached, which is that of the next MDT."""
-    s = task[0].state
-    if s.start_cycle <= cycle + 1:
-        return _payload_at(cycle + 1, task, timeline)
-    return s.payload
 
 
 @kernel

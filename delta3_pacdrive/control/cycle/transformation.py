@@ -111,6 +111,7 @@ class Transformation:
         record['inertia'], record['motor'] = inertia(parameters), motor(parameters)
         self.state: NDArray[Any] = record['state']
         axes = len(parameters.axes)
+        self._state: np.void = self.state[0]
         self.motors: Floats = record['motors'][0, :axes]
         self.torques: Floats = record['torques'][0, :axes]
         self.answer: np.void = record['answer'][0]
@@ -387,12 +388,12 @@ class Transformation:
     @property
     def outputs(self) -> int:
         """Outputs as bits, bit n for output n."""
-        return int(self.state['outputs'][0]) & (TRACK_BIT - 1)
+        return int(self._state['outputs']) & (TRACK_BIT - 1)
 
     @property
     def payload(self) -> float:
         """Gripped payload [kg]."""
-        return float(self.state['payload'][0])
+        return float(self._state['payload'])
 
     @property
     def end_cycle(self) -> int:
@@ -423,13 +424,13 @@ class Transformation:
         for stage in self._commanding:
             stage.command(cycle, self.record, self.timeline)
         self.next_cycle = cycle + 1
-        state = self.state[0]
+        state = self._state
         return Command(
-            motors=self.motors,
-            torques=self.torques,
-            control=self.control(cycle),
-            payload=float(state['payload']),
-            outputs=int(state['outputs']) & (TRACK_BIT - 1),
+            self.motors,
+            self.torques,
+            self.control(cycle),
+            float(state['payload']),
+            int(state['outputs']) & (TRACK_BIT - 1),
         )
 
     def cancel_tracking(self) -> None:
@@ -515,10 +516,9 @@ class Transformation:
         Values of the rotary axes follow those of the arms, if known.
         """
         answer_cycle(cycle, positions_rad, torques_n_m, self.record)
-        for axis, position, torque in zip(
-            self.rotary, positions_rad[ARMS:], torques_n_m[ARMS:], strict=False
-        ):
-            axis.receive(cycle, float(position), float(torque), self.record)
+        for number, axis in enumerate(self.rotary, ARMS):
+            if number < len(positions_rad):
+                axis.receive(cycle, float(positions_rad[number]), float(torques_n_m[number]), self.record)
         return self.answer
 
     def progress(self) -> tuple[int, float, float]:

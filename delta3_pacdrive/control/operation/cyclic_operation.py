@@ -141,21 +141,22 @@ class CyclicOperation:
 
     def start_due(self) -> None:
         """Start every cycle that is due."""
-        may_start, state, gate = self.scheduler.may_start, self._state, self._gate
-        while (
-            not gate.closed
-            and self.running
-            and may_start(self.next_cycle, self._outstanding(), self._now_s())
-        ):
+        scheduler, state, gate = self.scheduler, self._state, self._gate
+        while self.running and not gate.closed:
             cycle = self.next_cycle
             outstanding = cycle - self.answered
+            if self.belts.expected < cycle:  # the command needs the readings of the cycle before
+                outstanding = scheduler.outstanding_max
+            if not scheduler.may_start(cycle, outstanding, self._now_s()):
+                break
             if cycle >= self._faults.next_cycle:
                 self._begin_faults(cycle)
             if self._observed < cycle - 1:
                 self._observe(cycle - 1)
             command = self._task.command(cycle)
-            self.statistics.sent(cycle, outstanding, self.scheduler.late_s, self._now_ns())
+            sent_ns = self._now_ns()
             self._callbacks.send(cycle, command)
+            self.statistics.sent(cycle, outstanding, scheduler.late_s, sent_ns)
             self.next_cycle = cycle + 1
             state.commanded(cycle)
             if gate.commanded(cycle):
@@ -166,12 +167,6 @@ class CyclicOperation:
                 gate.note(cycle)
             if state.actions:
                 self._callbacks.run_actions()
-
-    def _outstanding(self) -> int:
-        """Return the number of outstanding cycles; the maximum while belt readings for the next command are missing."""
-        if self.belts.is_complete(self.next_cycle - 1):
-            return self.next_cycle - self.answered
-        return self.scheduler.outstanding_max
 
     def _observe(self, cycle: int) -> None:
         """Pass the belt readings up to a bus cycle to the task."""

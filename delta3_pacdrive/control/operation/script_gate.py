@@ -87,6 +87,7 @@ class ScriptGate:
     def __init__(self, task: Transformation, has_clock: bool, cycle_time_s: float = 1e-3) -> None:
         self._task, self.has_clock, self._cycle_time_s = task, has_clock, cycle_time_s
         self.state = GateState.FREE
+        self.closed = False  # whether the bus waits for the script
         self.cycle, self.met = (
             -1,
             False,
@@ -101,17 +102,13 @@ class ScriptGate:
         self._condition = WaitCondition(0, NEVER)
         self._commanded: list[Commanded] = [Commanded.of(task)] * HISTORY
 
-    @property
-    def closed(self) -> bool:
-        """Whether the bus waits for the script."""
-        return self.state is GateState.WAITING and not self.has_clock
-
     def handle(self, event: GateEvent) -> bool:
         """Apply an event; return whether the robot has to be held."""
         step = TRANSITIONS.get((self.state, event))
         if step is None:
             return False
         waited, self.state = self.state is GateState.RUNNING, step.state
+        self.closed = step.state is GateState.WAITING and not self.has_clock
         if step.state is GateState.FREE:
             self.hold_cycle = NEVER
         if waited:
