@@ -179,7 +179,7 @@ def test_a_word_is_one_of_those_that_are_known(name, robot):
         assert parameters.flatten(replace(robot, name, choice))[name] == choice
     told = refusal(replace, robot, name, choices[0][:-1])
     assert told.endswith(
-        f"{name} is '{choices[0][:-1]}', but must be {' or '.join(choices)}: did you mean {choices[0]}?"
+        f"{name} is '{choices[0][:-1]}', but must be one of {', '.join(choices)}: did you mean {choices[0]}?"
     )
 
 
@@ -243,8 +243,10 @@ def test_a_misspelt_parameter_is_named(name, values):
 def test_a_value_of_the_wrong_type_is_named(name, wrong, robot, values):
     if wrong is bool:  # a switch is no number, and a number no switch
         wrong = 1 if name in SWITCHES else True
-    assert f'{name} must be a' in refusal(replace, robot, name, wrong)
-    assert f'{name} must be a' in refusal(replace, robot, name, with_item(values[name], wrong))
+    for value in wrong, with_item(values[name], wrong):
+        assert re.search(
+            rf'{name}\S* (is .*, but )?must be (a|true or false)', refusal(replace, robot, name, value)
+        )
 
 
 @for_each('name', sorted(FIELDS.keys() - SWITCHES - WORDS))
@@ -256,13 +258,13 @@ def test_a_value_out_of_range_is_named_with_its_rule(name, robot, values):
         outside = [low - 1.0, -math.inf, math.nan, *([high + 1.0, math.inf] if high < math.inf else [])]
     for value in outside:
         sentence = refusal(replace, robot, name, with_item(values[name], value))
-        assert f'{name} is {value!r}, but must be ' in sentence
+        assert re.search(rf'{name}\S* (is \S+, but )?must be ', sentence)
 
 
 def test_the_same_words_come_from_a_file(tree, load_tree):
     tree['motor']['peak_current_a'] = -17.0
     told = refusal(load_tree, tree)
-    assert told.endswith(': motor.peak_current_a is -17.0, but must be positive and at most 1000')
+    assert told.endswith(': motor.peak_current_a is -17, but must be positive and at most 1000')
     del tree['motor']['peak_current_a']
     assert refusal(load_tree, tree).endswith('robot.yaml: missing parameter motor.peak_current_a')
 
@@ -270,12 +272,12 @@ def test_the_same_words_come_from_a_file(tree, load_tree):
 @pytest.mark.parametrize('name', sorted(WORDS))
 @pytest.mark.parametrize('wrong', [1.0, True, None, {'a': 1}, [1.0, 2.0]], ids=repr)
 def test_what_is_no_word_is_named(name, wrong, robot):
-    assert f'{name} must be a word, ' in refusal(replace, robot, name, wrong)
+    assert f'{name} is {wrong!r}, but must be one of ' in refusal(replace, robot, name, wrong)
 
 
 @pytest.mark.parametrize('name', [name for name, field in FIELDS.items() if field.type is int])
 def test_counts_are_whole_numbers(name, robot):
-    assert f'{name} must be a whole number' in refusal(replace, robot, name, 1500.5)
+    assert f'{name} is 1500.5, but must be a whole number' in refusal(replace, robot, name, 1500.5)
 
 
 @pytest.mark.parametrize('name', ['motion.jerk_max_m_s3', 'motor.pole_pairs', 'kinematics.arm_azimuth_deg'])

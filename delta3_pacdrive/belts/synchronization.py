@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
+from delta3_pacdrive.configuration.fields import internal, quantity
 from delta3_pacdrive.errors import ProgramError
 
 Vector = tuple[float, float, float]
@@ -43,10 +44,10 @@ class Motion(NamedTuple):
 class TrackLimits:
     """TCP limits for the transitions to and from a belt, as seen in ``base``."""
 
-    speed_m_s: float
-    acceleration_m_s2: float
-    jerk_m_s3: float
-    belt_acceleration_m_s2: float = 2.0  # reserve for speed changes of the belt
+    speed_m_s: float = quantity('TCP speed', 0.01, 20.0)
+    acceleration_m_s2: float = quantity('TCP acceleration, twice the reserve at least', 4.0, 1e4)
+    jerk_m_s3: float = quantity('TCP jerk', 1.0, 1e6)
+    belt_acceleration_m_s2: float = internal(default=2.0)  # reserve for speed changes of the belt
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,18 @@
 """Strict reader of ROS parameter files: complete groups, no unknown values, each of its type and range.
 
-A group is a dataclass whose fields have ``low`` and ``high`` in their metadata, or ``choices`` for strings. Values
-with a default are optional.
+A group is a record of ``schema``. Its keys have one unit only, because ROS reads the same files.
 """
 
 import dataclasses
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.configuration import yaml_file
+from delta3_pacdrive.configuration.schema import RecordReader, schema_of
 from delta3_pacdrive.configuration.source_positions import Place, place_in, place_of_key
 from delta3_pacdrive.configuration.strict_reader import Errors, nearest_of, refuse
-from delta3_pacdrive.errors import ParameterError, shown
+from delta3_pacdrive.errors import ParameterError
 
 Tree = dict[str, Any]
 
@@ -61,70 +60,35 @@ def checked_groups(tree: Tree, groups: Mapping[str, Any], errors: Errors) -> dic
 
 def _checked_group(given: Any, group: str, cls: Any, errors: Errors) -> dict[str, Any]:
     """Return the valid values of a group."""
-    fields = {f.name: f for f in dataclasses.fields(cls)}
-    if given is None and all(f.default is not dataclasses.MISSING for f in fields.values()):
+    schema = schema_of(cls)
+    if given is None and not schema.required:
         given = {}
     if not isinstance(given, dict):
         refuse(f'missing parameter group {group}')
-    values = {}
-    for key, f in fields.items():
-        name = f'{group}.{key}'
-        with errors.noted(place_in(given, key) if key in given else None):
-            if key not in given and f.default is dataclasses.MISSING:
-                refuse(f'missing parameter {name}')
-            values[key] = _checked(f, given[key], name) if key in given else f.default
+    for key in schema.required:
+        if key not in given:
+            with errors.noted():
+                refuse(f'missing parameter {group}.{key}')
     for key in given:
-        if key not in fields:
+        if key not in schema.fields:
             with errors.noted(place_of_key(given, key)):
-                refuse(f'unknown parameter {group}.{key}{nearest_of(key, fields)}')
-    return values
+                refuse(f'unknown parameter {group}.{key}{nearest_of(key, schema.fields)}')
+    values = checked_some(
+        {key: given[key] for key in schema.fields if key in given}, group, cls, errors, given
+    )
+    return {f.name: f.default for f in dataclasses.fields(cls) if f.name not in schema.required} | values
 
 
-def checked_some(given: Mapping[str, Any], group: str, cls: Any, errors: Errors) -> dict[str, Any]:
-    """Return the valid values of an incomplete group; also records non-finite numbers as errors."""
-    fields = {f.name: f for f in dataclasses.fields(cls)}
-    values = {}
-    for key, value in given.items():
-        with errors.noted():
-            if isinstance(value, float) and not math.isfinite(value):
-                refuse(f'{group}.{key} must be finite, not {value}')
-            values[key] = _checked(fields[key], value, f'{group}.{key}')
-    return values
-
-
-def _checked(f: Any, value: Any, name: str) -> Any:
-    if f.type is bool:
-        if not isinstance(value, bool):
-            refuse(f'{name} must be a switch, true or false, not {shown(value)}')
-        return value
-    if f.type is str:
-        return _checked_word(f.metadata['choices'], value, name)
-    if f.type in (int, float):
-        return _checked_number(f, value, name)
-    if not isinstance(value, (list, tuple)) or len(value) != 3:
-        refuse(f'{name} must be a list of 3 numbers, not {shown(value)}')
-    return tuple(float(_checked_number(f, item, name)) for item in value)
-
-
-def _checked_word(choices: Sequence[str], value: Any, name: str) -> str:
-    if not isinstance(value, str):
-        refuse(f'{name} must be a word, {" or ".join(choices)}, not {shown(value)}')
-    if value not in choices:
-        refuse(f'{name} is {shown(value)}, but must be {" or ".join(choices)}{nearest_of(value, choices)}')
-    return str(value)
-
-
-def _checked_number(f: Any, value: Any, name: str) -> float | int:
-    wanted = int if f.type is int else (int, float)
-    if isinstance(value, bool) or not isinstance(value, wanted):
-        kind = 'whole number' if f.type is int else 'number'
-        refuse(f'{name} must be a {kind}, not {shown(value)}')
-    low, high = f.metadata['low'], f.metadata['high']
-    if isinstance(value, int) and abs(value) > 2**63:
-        refuse(f'{name} is too large a number')
-    if not low <= value <= high:
-        rule = f'at least {low:g}' if high == math.inf else f'between {low:g} and {high:g}'
-        if 0.0 < low < 1e-300:
-            rule = 'positive' if high == math.inf else f'positive and at most {high:g}'
-        refuse(f'{name} is {shown(value)}, but must be {rule}')
-    return int(value) if f.type is int else float(value)
+def checked_some(
+    values: Mapping[str, Any], group: str, cls: Any, errors: Errors, given: Any = None
+) -> dict[str, Any]:
+    """Return the valid ones of some values of a group; ``given`` is the mapping that knows their places."""
+    reader, fields = RecordReader(errors), schema_of(cls).fields
+    found = {}
+    for key, value in values.items():
+        with errors.noted(place_in(given, key)):
+            name = f'{group}.{key}'
+            if isinstance(value, int) and abs(value) > 2**63:
+                refuse(f'{name} is too large a number')
+            found[key] = fields[key].read(reader, value, name)
+    return found

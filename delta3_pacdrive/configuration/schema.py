@@ -138,6 +138,37 @@ class RecordReader:
             raise Reported
         return found
 
+    def listed(
+        self, value: Any, where: str, read: Read, least: int = 0, most: int = ENTRIES_MAX
+    ) -> tuple[Any, ...]:
+        """Return the items of a list; invalid ones are reported and skipped."""
+        if not isinstance(value, list):
+            refuse(f'{where} must be a list, not {shown(value)}')
+        _counted(value, where, least, most)
+        found = []
+        for item, name, place in numbered(value, where):
+            with self.errors.noted(place):
+                found.append(read(item, name))
+        return tuple(found)
+
+    def named(
+        self, cls: type[_Record], value: Any, where: str, least: int = 0, most: int = ENTRIES_MAX
+    ) -> dict[str, _Record]:
+        """Return the records of a mapping by name; invalid ones are reported and skipped."""
+        if not isinstance(value, dict):
+            refuse(f'{where} must be a mapping of names, not {shown(value)}')
+        _counted(value, where, least, most)
+        schema = schema_of(cls)
+        found = {}
+        for key, content in value.items():
+            with self.errors.noted(place_of_key(value, key)):
+                if not line_of_text(schema.name_max)(key, f'a name in {where}'):
+                    refuse(f'a name in {where} is empty')
+            more = {schema.own_name: str(key)} if schema.own_name else {}
+            with self.errors.noted(place_in(value, key)):
+                found[str(key)] = self.record(cls, content, path_text(where, (str(key),)), **more)
+        return found
+
 
 def path_text(where: str, path: Iterable[str | int]) -> str:
     """Return the name of the value at a path from ``where``."""
@@ -214,10 +245,12 @@ def _several(kind: Any, metadata: Mapping[str, Any]) -> ReadIn:
     own = schema_of(one).own_name if dataclasses.is_dataclass(one) else ''
     if not is_dict and not own:
         read = _reader_of(one, {name: metadata[name] for name in metadata if name == 'section'})
-        return lambda reader, value, where: _listed(reader, value, where, read, least, most)
+        return lambda reader, value, where: reader.listed(
+            value, where, functools.partial(read, reader), least, most
+        )
 
     def named(reader: RecordReader, value: Any, where: str) -> Any:
-        found = _named(reader, value, where, one, least, most)
+        found = reader.named(one, value, where, least, most)
         return found if is_dict else tuple(found.values())
 
     return named
@@ -236,34 +269,3 @@ def _counted(value: Any, where: str, least: int, most: int) -> None:
     if not least <= len(value) <= most:
         count = f'{least} to {most}' if least else f'at most {most}'
         refuse(f'{where} holds {len(value)} entries, but must hold {count}')
-
-
-def _listed(
-    reader: RecordReader, value: Any, where: str, read: ReadIn, least: int, most: int
-) -> tuple[Any, ...]:
-    """Read a list; invalid items are reported and skipped."""
-    if not isinstance(value, list):
-        refuse(f'{where} must be a list, not {shown(value)}')
-    _counted(value, where, least, most)
-    found = []
-    for item, name, place in numbered(value, where):
-        with reader.errors.noted(place):
-            found.append(read(reader, item, name))
-    return tuple(found)
-
-
-def _named(reader: RecordReader, value: Any, where: str, cls: Any, least: int, most: int) -> dict[str, Any]:
-    """Read a mapping of records by name; invalid ones are reported and skipped."""
-    if not isinstance(value, dict):
-        refuse(f'{where} must be a mapping of names, not {shown(value)}')
-    _counted(value, where, least, most)
-    schema = schema_of(cls)
-    found = {}
-    for key, content in value.items():
-        with reader.errors.noted(place_of_key(value, key)):
-            if not line_of_text(schema.name_max)(key, f'a name in {where}'):
-                refuse(f'a name in {where} is empty')
-        more = {schema.own_name: str(key)} if schema.own_name else {}
-        with reader.errors.noted(place_in(value, key)):
-            found[str(key)] = reader.record(cls, content, path_text(where, (str(key),)), **more)
-    return found

@@ -84,7 +84,7 @@ def read_document(
 
     All errors are raised as one exception of a kind, each with its place.
     """
-    errors = Errors(getattr(document, 'source', file))
+    errors = Errors(getattr(document, 'source', '') or file)
     found: list[_Value] = []
     with errors.raised_as(kind), errors.noted(place_of(document)):
         found.append(read(document, errors))

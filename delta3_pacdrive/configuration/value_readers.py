@@ -28,7 +28,8 @@ def number_between(low: float, high: float) -> Callable[[Any, str], float]:
     def read(value: Any, where: str) -> float:
         found = number(value, where)
         if not low <= found <= high:
-            refuse(f'{where} is {found:g}, but must be {rule}')
+            text = f'{found:g}'
+            refuse(f'{where} is {found if low <= float(text) <= high else text}, but must be {rule}')
         return found
 
     return read

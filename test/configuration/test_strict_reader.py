@@ -72,7 +72,7 @@ def test_parameters_are_told_all_their_mistakes(tmp_path: Path, robot: Any) -> N
     lines = path.read_text().splitlines()
     expected = []
     for name, value, rule in (
-        ('peak_current_a:', '-1.0', 'motor.peak_current_a is -1.0, but must be positive'),
+        ('peak_current_a:', '-1.0', 'motor.peak_current_a is -1, but must be positive'),
         ('gear_in:', 'many', "dynamics.gear_in must be a number, not 'many'"),
         ('cycle_time_s:', '', 'bus.cycle_time_s must be a number, not None'),
     ):

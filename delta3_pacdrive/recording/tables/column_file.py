@@ -15,15 +15,17 @@ from __future__ import annotations
 
 import codecs
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive.configuration import yaml_file
-from delta3_pacdrive.configuration.source_positions import numbered, place_of
-from delta3_pacdrive.configuration.strict_reader import Errors, Section, refuse
+from delta3_pacdrive.configuration.fields import quantity, read_by
+from delta3_pacdrive.configuration.schema import RecordReader, schema_of
+from delta3_pacdrive.configuration.strict_reader import Errors, Section, read_document, refuse
 from delta3_pacdrive.configuration.value_readers import (
-    flag,
     line_of_text,
     number,
     one_of,
@@ -35,9 +37,16 @@ from delta3_pacdrive.recording.tables import quantities
 from delta3_pacdrive.recording.tables.quantities import ONE, QUANTITIES, TIME, UNITS
 
 NAME_MAX = 1000
-SKIP_MAX = 10_000
+SKIP_MAX, COLUMNS_MAX = 10_000, 10_000
 SEPARATORS = (',', ';', '\t', '|')
 _KEYS = ('column', 'signal', 'axis', 'unit', 'factor', 'offset')
+
+
+def _encoding(value: Any, where: str) -> str:
+    try:
+        return codecs.lookup(line_of_text(40)(value, where)).name
+    except LookupError:
+        refuse(f'{where} is {shown(value)}, which is not an encoding')
 
 
 @dataclass(frozen=True)
@@ -56,10 +65,10 @@ class ChosenColumn:
 class Form:
     """Format of a text table; None: detected."""
 
-    separator: str | None = None
-    decimal: str | None = None
-    encoding: str | None = None
-    skip_lines: int = 0
+    separator: str | None = read_by(one_of(SEPARATORS), default=None)
+    decimal: str | None = read_by(one_of(('.', ',')), default=None)
+    encoding: str | None = read_by(_encoding, default=None)
+    skip_lines: int = quantity('lines before the headings', 0, SKIP_MAX, default=0)
     headings: bool = True
 
 
@@ -75,39 +84,27 @@ class ColumnFile:
 def read(path: str | Path) -> ColumnFile:
     """Read a column file; raises TraceError with the position in the file."""
     document = yaml_file.read(path, 'column file', TraceError)
-    errors = Errors(str(path))
-    columns: list[ChosenColumn] = []
-    form = Form()
-    with errors.raised_as(TraceError), errors.noted(place_of(document)):
-        allowed = ('columns', 'separator', 'decimal', 'encoding', 'skip_lines', 'headings')
-        fields = Section(document, 'the column file', errors, allowed, ('columns',))
-        form = Form(
-            fields.read('separator', one_of(SEPARATORS), prefix=''),
-            fields.read('decimal', one_of(('.', ',')), prefix=''),
-            fields.read('encoding', _encoding, prefix=''),
-            fields.read('skip_lines', whole_number_between(0, SKIP_MAX), 0, prefix=''),
-            fields.read('headings', flag, True, prefix=''),
-        )
-        columns = fields.read('columns', lambda value, where: _columns(value, where, errors), [], prefix='')
+
+    def content(value: Any, errors: Errors) -> ColumnFile:
+        fields = Section(value, 'the column file', errors, ('columns', *schema_of(Form).fields), ('columns',))
+        reader = RecordReader(errors)
+        columns = fields.read('columns', partial(_columns, reader), (), prefix='')
         _require_once(columns)
+        form = Form(**reader.values(Form, fields, prefix=''))
         if not form.headings and any(isinstance(one.column, str) for one in columns):
             refuse('without headings columns are identified by number, from 1')
         if form.decimal == ',' and form.separator == ',':
             refuse('separator and decimal are both a comma')
-    return ColumnFile(Path(path), tuple(columns), form)
+        return ColumnFile(Path(path), columns, form)
+
+    return read_document(document, str(path), TraceError, content)
 
 
-def _columns(value: Any, where: str, errors: Errors) -> list[ChosenColumn]:
-    if not isinstance(value, list) or not value:
-        refuse(f'{where} must be a list of columns, not {shown(value)}')
-    found = []
-    for item, name, place in numbered(value, where):
-        with errors.noted(place):
-            found.append(_column(item, name, errors))
-    return found
+def _columns(reader: RecordReader, value: Any, where: str) -> tuple[ChosenColumn, ...]:
+    return reader.listed(value, where, partial(_column, reader.errors), 1, COLUMNS_MAX)
 
 
-def _column(value: Any, where: str, errors: Errors) -> ChosenColumn:
+def _column(errors: Errors, value: Any, where: str) -> ChosenColumn:
     fields = Section(value, where, errors, _KEYS, ('column', 'signal', 'unit'))
     column = fields.read('column', _name, '')
     signal = fields.read(
@@ -133,7 +130,7 @@ def _column(value: Any, where: str, errors: Errors) -> ChosenColumn:
     return ChosenColumn(column=column, signal=signal, number=index, unit=unit, factor=factor, offset=offset)
 
 
-def _require_once(columns: list[ChosenColumn]) -> None:
+def _require_once(columns: Iterable[ChosenColumn]) -> None:
     seen: set[tuple[str, int]] = set()
     for one in columns:
         if one.signal and (one.signal, one.number) in seen:
@@ -176,10 +173,3 @@ def _factor(value: Any, where: str) -> float:
     if found == 0.0:
         refuse(f'{where} is 0, but a factor must not be 0')
     return found
-
-
-def _encoding(value: Any, where: str) -> str:
-    try:
-        return codecs.lookup(line_of_text(40)(value, where)).name
-    except LookupError:
-        refuse(f'{where} is {shown(value)}, which is not an encoding')

@@ -18,10 +18,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from delta3_pacdrive.configuration.source_positions import place_in, place_of
-from delta3_pacdrive.configuration.strict_reader import Errors, Section, nearest_of, refuse
-from delta3_pacdrive.configuration.value_readers import number_between, one_of, whole_number_between
-from delta3_pacdrive.errors import ProgramError, shown
+from delta3_pacdrive.configuration.fields import internal, quantity
+from delta3_pacdrive.configuration.schema import RecordReader
+from delta3_pacdrive.configuration.strict_reader import Errors, Section, chosen_kind, read_document
+from delta3_pacdrive.configuration.value_readers import number_between, one_of
+from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.robot.sercos.configuration_check import (
     ALL_DRIVES,
     DRIVES,
@@ -108,12 +109,16 @@ _PLACES = ('', *NODES, TOOL_DRIVE)  # numbered in messages
 class Fault:
     """A fault with its time."""
 
-    kind: str  # one of ``KINDS``
-    target: str = ''  # axis or node, empty for the robot
-    value: float = 0.0  # parameter of the kind
-    after_s: float = 0.0  # bus time from program start, or from the request, to the fault
-    for_s: float = math.inf  # duration, infinite: until cleared; for telegrams see ``cycles``
-    cycles: int = 1  # number of affected telegrams
+    kind: str = internal()  # one of ``KINDS``
+    target: str = internal(default='')  # axis or node, empty for the robot
+    value: float = internal(default=0.0)  # parameter of the kind
+    after_s: float = quantity(
+        'bus time from program start, or from the request, to the fault', 0.0, AFTER_MAX_S, default=0.0
+    )
+    for_s: float = quantity(
+        'duration, infinite: until cleared; for telegrams see ``cycles``', 1e-3, AFTER_MAX_S, default=math.inf
+    )
+    cycles: int = quantity('number of affected telegrams', 1, CYCLES_MAX, default=1)
 
     @property
     def text(self) -> str:
@@ -180,11 +185,9 @@ def parse(value: Any, where: str, *more_keys: str) -> Fault:
         The fault breaks rules; lists the places and the rules.
 
     """
-    errors = Errors(getattr(value, 'source', ''))
-    faults: list[Fault] = []
-    with errors.raised_as(ProgramError), errors.noted(place_of(value)):
-        faults.append(read_fault(value, where, errors, *more_keys))
-    return faults[0]
+    return read_document(
+        value, '', ProgramError, lambda given, errors: read_fault(given, where, errors, *more_keys)
+    )
 
 
 def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault:
@@ -196,12 +199,7 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
         The value is not a mapping, or its kind is unknown.
 
     """
-    if not isinstance(value, dict):
-        refuse(f'{where} must be a mapping, not {shown(value)}')
-    name = value.get('fault')
-    if not isinstance(name, str) or name not in KINDS:
-        names = f'{", ".join(NAMES)}{nearest_of(name, NAMES)}'
-        refuse(f'{where}.fault is {shown(name)}, but must be one of {names}', place_in(value, 'fault'))
+    name = chosen_kind(value, where, 'fault', KINDS)
     kind = KINDS[name]
     keys = {'fault', 'after_s', *more_keys}
     required = {key for key in (kind.target.value, kind.value) if key}
@@ -215,9 +213,7 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
         kind=name,
         target=fields.read(kind.target.value, one_of(known), '') if kind.target else '',
         value=fields.read(kind.value, number_between(kind.low, kind.high), 0.0) if kind.value else 0.0,
-        after_s=fields.read('after_s', number_between(0.0, AFTER_MAX_S), 0.0),
-        for_s=fields.read('for_s', number_between(1e-3, AFTER_MAX_S), math.inf),
-        cycles=fields.read('cycles', whole_number_between(1, CYCLES_MAX), 1),
+        **RecordReader(errors).values(Fault, fields),
     )
 
 

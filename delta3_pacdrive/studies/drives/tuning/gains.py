@@ -1,5 +1,6 @@
 """Proposed gains as a parameter file of differences from the file of a robot."""
 
+import math
 from pathlib import Path
 
 from delta3_pacdrive.configuration import parameter_file
@@ -40,6 +41,8 @@ def read(folder: Path) -> dict[str, float]:
         raise TuningError(f'{path} contains no gains of --propose')
     if unknown := [name for name in given if f'drive.{name}' not in OF_PARAMETER]:
         raise TuningError(f'{path} contains {unknown[0]}, which is not a parameter of a drive')
+    if infinite := [name for name, value in given.items() if value in (math.inf, -math.inf)]:
+        raise TuningError(f'{path}: drive.{infinite[0]} must be finite, not {given[infinite[0]]}')
     errors = Errors(str(path))
     with errors.raised_as(TuningError):
         return {

@@ -59,7 +59,7 @@ def test_all_mistakes_are_told_at_once():
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
-        ({'robots': {}}, 'robots must be a mapping of 1 to 50 names'),
+        ({'robots': {}}, 'robots holds 0 entries, but must hold 1 to 50'),
         (
             {'hours': 24, 'belts': {'infeed': {'speed_m_s': 1, 'rate_per_min': 9e4}}},
             'more than 2000000 parts',
