@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 PACKAGE = __name__.partition('.')[0]
 RENAMED = {
-    'analysis.calibration.data': 'studies.calibration.data',
+    'analysis.calibration.data': 'studies.calibration.study',
     'analysis.calibration.estimation': 'studies.calibration.estimation',
     'analysis.calibration.figures': 'studies.calibration.figures',
     'analysis.calibration.model': 'studies.calibration.model',

@@ -4,7 +4,7 @@ import numpy as np
 
 import delta3_pacdrive as d3
 from delta3_pacdrive.studies.calibration import estimation, model, planning, simulated
-from delta3_pacdrive.studies.calibration.data import Method, Requirements
+from delta3_pacdrive.studies.calibration.study import Method, Requirements
 
 NOISE_M = 2e-5  # of each measured coordinate
 

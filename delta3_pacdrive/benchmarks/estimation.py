@@ -17,7 +17,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.studies.estimation.identifiability import WEAK, Z_95, Verdict, analyse
 from delta3_pacdrive.studies.estimation.measurement import simulate, with_noise
-from delta3_pacdrive.studies.estimation.motor_models import TorqueModel, WindingModel
+from delta3_pacdrive.studies.estimation.models import TorqueModel, WindingModel
 from delta3_pacdrive.studies.estimation.problem import Problem
 from delta3_pacdrive.studies.estimation.quantities import GROUPS, start_values, values_of
 from delta3_pacdrive.studies.estimation.replay_model import ReplayModel

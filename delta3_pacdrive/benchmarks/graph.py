@@ -4,7 +4,6 @@ Each case is measured with real-time scheduling, and without the permission to u
 """
 
 import json
-import signal
 import subprocess
 import sys
 import tempfile
@@ -20,6 +19,7 @@ from statistics import median
 from typing import Any
 
 from delta3_pacdrive.benchmarks.case import in_child, program_file, times_text
+from delta3_pacdrive.bringup import child
 from delta3_pacdrive.bringup.scheduling import (
     NOT_PERMITTED,
     SLICE_S,
@@ -126,7 +126,6 @@ SCOPED = (
     'axis1.current_reference,axis1.motor_current,axis1.phase_current_1,axis1.phase_voltage_1,axis2.current_reference,'
     'axis2.motor_current,axis3.speed,axis3.speed_reference'
 )
-SCOPE_END_S = 20.0
 REAL_TIME, ORDINARY = SCHEDULINGS = ('real-time', 'ordinary')
 COLUMNS = {
     REAL_TIME: 'real-time scheduling',
@@ -251,26 +250,19 @@ def _measure_robot(case: str, seconds: float) -> dict[str, Any]:
 
 
 @contextmanager
-def _oscilloscope(folder: Path) -> Iterator[subprocess.Popen[str]]:
+def _oscilloscope(folder: Path) -> Iterator['subprocess.Popen[str]']:
     """Start an oscilloscope in a separate process, which waits for the robot."""
     more = '--mode', 'rolling', '--duration', '1', '--output', str(folder / 'scope.npz'), '--json'
-    process = subprocess.Popen(
-        [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', 'scope', SCOPED, *more],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+    with child.start('scope', SCOPED, *more, stderr=subprocess.DEVNULL) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
-def _end_oscilloscope(process: subprocess.Popen[str]) -> tuple[int, int]:
+def _end_oscilloscope(process: 'subprocess.Popen[str]') -> tuple[int, int]:
     """End an oscilloscope; return the number of samples per channel, and of lost ones."""
-    process.send_signal(signal.SIGINT)
-    result = json.loads(process.communicate(timeout=SCOPE_END_S)[0])
+    result = json.loads(child.end(process))
     if not result['ok']:
         raise RunError(f'the oscilloscope: {result["error"]}')
     return result['scope'][0]['samples'], result['lost_samples']

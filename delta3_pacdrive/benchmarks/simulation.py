@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import tempfile
 import time
 from functools import partial
@@ -15,6 +14,7 @@ import numpy as np
 from delta3_pacdrive import dynamics, kinematics, simulation
 from delta3_pacdrive import parameters as core
 from delta3_pacdrive.benchmarks.case import program_file
+from delta3_pacdrive.bringup import child
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import capability
@@ -93,10 +93,9 @@ def _spent(action: Callable[[], Any]) -> tuple[float, Any]:
 
 def _start_s() -> float:
     """Return the wall time [s] of ``delta3 simulate`` from start to result, without the run itself."""
-    command = [sys.executable, '-P', '-m', 'delta3_pacdrive.cli.main', 'simulate', '--json']
     started = time.perf_counter()
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return time.perf_counter() - started - float(json.loads(done.stdout)['wall_time_s'])
+    output, _ = child.start('simulate', '--json', stderr=subprocess.DEVNULL).communicate()
+    return time.perf_counter() - started - float(json.loads(output)['wall_time_s'])
 
 
 def _exchange_difference(robot: Parameters) -> dict[str, float]:

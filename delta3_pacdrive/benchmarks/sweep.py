@@ -16,10 +16,10 @@ from delta3_pacdrive.parameters import from_flat
 from delta3_pacdrive.robot.sercos.words import CONTROL_ON
 from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.studies.fleet.sweep import engine, specification
-from delta3_pacdrive.studies.fleet.sweep.design import Sweep
 from delta3_pacdrive.studies.fleet.sweep.run import require_engine
 from delta3_pacdrive.studies.fleet.sweep.sampling import values_of
 from delta3_pacdrive.studies.fleet.sweep.single_run import Row, Runner
+from delta3_pacdrive.studies.fleet.sweep.study import Sweep
 from delta3_pacdrive.studies.framework.study import OnProgress, silent
 
 RUNS = 300  # default, for each number of workers

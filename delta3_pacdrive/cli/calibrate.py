@@ -117,9 +117,8 @@ class Options(JsonOptions):
 def run(options: Options) -> Output:
     """Run the command; return its result."""
     from delta3_pacdrive.studies.calibration import report
-    from delta3_pacdrive.studies.calibration.data import Method, Requirements
     from delta3_pacdrive.studies.calibration.run import Study
-    from delta3_pacdrive.studies.calibration.study import Settings
+    from delta3_pacdrive.studies.calibration.study import Method, Requirements, Settings
 
     if options.parameters is None:
         options.parameters = options.simulate

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from delta3_pacdrive.cli import child
+from delta3_pacdrive.bringup import child
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.recording import trace_file
 

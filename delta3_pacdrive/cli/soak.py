@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from delta3_pacdrive.cli import child
+from delta3_pacdrive.bringup import child
 from delta3_pacdrive.cli.command import Command, JsonOptions, option
 from delta3_pacdrive.cli.output import INTERRUPTED, Output, with_provenance
 from delta3_pacdrive.cli.progress import Progress, announce_compilation

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from delta3_pacdrive.studies.calibration import figures
-from delta3_pacdrive.studies.calibration.data import Method, Requirements
 from delta3_pacdrive.studies.calibration.run import Study
-from delta3_pacdrive.studies.calibration.study import Settings
+from delta3_pacdrive.studies.calibration.study import Method, Requirements, Settings
 from delta3_pacdrive.studies.framework.study import silent
 
 if TYPE_CHECKING:

@@ -1,8 +1,7 @@
 """Estimations of the default robot from its own signals."""
 
-from delta3_pacdrive.studies.estimation.geometry_model import GeometryModel
 from delta3_pacdrive.studies.estimation.identifiability import Verdict
-from delta3_pacdrive.studies.estimation.motor_models import TorqueModel, WindingModel
+from delta3_pacdrive.studies.estimation.models import GeometryModel, TorqueModel, WindingModel
 from delta3_pacdrive.studies.estimation.problem import Problem
 from delta3_pacdrive.studies.estimation.quantities import COMBINATIONS, GROUPS, TABLE, start_values, values_of
 from delta3_pacdrive.studies.estimation.solver import fit

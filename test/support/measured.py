@@ -6,7 +6,7 @@ import numpy as np
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.studies.calibration import estimation, model, planning
-from delta3_pacdrive.studies.calibration.data import Measurements, Method, Requirements
+from delta3_pacdrive.studies.calibration.study import Measurements, Method, Requirements
 
 TRUTH = np.concatenate(
     [

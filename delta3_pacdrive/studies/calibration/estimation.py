@@ -23,8 +23,8 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import REACHED, capability
 from delta3_pacdrive.studies.calibration import model
-from delta3_pacdrive.studies.calibration.data import Estimate, Residual
 from delta3_pacdrive.studies.calibration.model import ALL, ARMS, SCALES, ZEROS, Observation
+from delta3_pacdrive.studies.calibration.study import Estimate, Residual
 
 MODEL_M = 0.01e-3  # residual without noise: gears yield under weight, joints have backlash
 SEEN, FIRM = 1.0, 10.0  # singular values above which a direction is estimated, and without the prior

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.studies.calibration.data import Poses
-from delta3_pacdrive.studies.calibration.study import Result
+from delta3_pacdrive.studies.calibration.study import Poses, Result
 from delta3_pacdrive.studies.framework.figure_style import (
     AXIS_COLOURS,
     MUTED,

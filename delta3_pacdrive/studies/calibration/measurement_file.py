@@ -27,7 +27,7 @@ from delta3_pacdrive.recording.tables.column_file import ColumnFile
 from delta3_pacdrive.recording.tables.quantities import TIME, UNITS
 from delta3_pacdrive.recording.tables.table import Source, Table
 from delta3_pacdrive.recording.tables.table import by_choice as table_columns
-from delta3_pacdrive.studies.calibration.data import Measurements, Poses
+from delta3_pacdrive.studies.calibration.study import Measurements, Poses
 from delta3_pacdrive.studies.framework.provenance import Provenance, write_table
 
 FIT, CHECK = 'fit', 'check'

@@ -33,7 +33,7 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Kinematics, Parameters
-from delta3_pacdrive.studies.calibration.data import Measurements
+from delta3_pacdrive.studies.calibration.study import Measurements
 
 ARMS = 3
 STEP = 1e-6  # of central differences [m, rad]

@@ -20,8 +20,8 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import REACHED, capability
 from delta3_pacdrive.studies.calibration import estimation, model
-from delta3_pacdrive.studies.calibration.data import Method, Poses, Requirements
 from delta3_pacdrive.studies.calibration.model import ALL, SCALES, ZEROS
+from delta3_pacdrive.studies.calibration.study import Method, Poses, Requirements
 
 CANDIDATES = (5, 12, 4)  # radii, directions and heights
 PLANES = 3  # heights of a touched plate

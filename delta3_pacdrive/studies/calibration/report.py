@@ -9,8 +9,7 @@ import yaml
 
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.limits.capability import capability
-from delta3_pacdrive.studies.calibration.data import Method, Poses, Requirements, Residual
-from delta3_pacdrive.studies.calibration.study import Result
+from delta3_pacdrive.studies.calibration.study import Method, Poses, Requirements, Residual, Result
 from delta3_pacdrive.studies.framework.provenance import Provenance, write_text
 from delta3_pacdrive.studies.framework.report_folder import Table
 
@@ -32,7 +31,7 @@ def increment_m(robot: Parameters) -> float:
 
 def write_program(path: Path, document: dict[str, Any], origin: Provenance) -> Path:
     """Write the measuring program; raises ReportError."""
-    head = ''.join(f'# {name}: {text}\n' for name, text in origin.lines().items())
+    head = ''.join(f'{line}\n' for line in origin.comments())
     return write_text(head + yaml.safe_dump(document, sort_keys=False, default_flow_style=None), path)
 
 

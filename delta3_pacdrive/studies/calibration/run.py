@@ -23,8 +23,7 @@ from delta3_pacdrive.studies.calibration import (
     report,
     simulated,
 )
-from delta3_pacdrive.studies.calibration.data import Measurements, Method, Poses, Residual
-from delta3_pacdrive.studies.calibration.study import Result, Settings
+from delta3_pacdrive.studies.calibration.study import Measurements, Method, Poses, Residual, Result, Settings
 from delta3_pacdrive.studies.framework import study as studies
 from delta3_pacdrive.studies.framework.provenance import Provenance, os_errors_as
 from delta3_pacdrive.studies.framework.report_folder import ReportFolder

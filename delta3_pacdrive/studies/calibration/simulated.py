@@ -17,8 +17,8 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.simulation.run import run
-from delta3_pacdrive.studies.calibration.data import Measurements, Method, Poses
 from delta3_pacdrive.studies.calibration.estimation import shafts_of
+from delta3_pacdrive.studies.calibration.study import Measurements, Method, Poses
 
 DWELL_S, AVERAGED_S = 0.4, 0.1  # dwell at a pose, and its final part that is averaged
 LIMITS = {'speed_m_s': 1.0, 'acceleration_m_s2': 10.0, 'jerk_m_s3': 300.0}

@@ -19,7 +19,8 @@ from delta3_pacdrive import kinematics
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.studies.estimation.replay_model import BAND_HZ, Replay
+from delta3_pacdrive.studies.estimation.problem import BAND_HZ
+from delta3_pacdrive.studies.estimation.replay_model import Replay
 from delta3_pacdrive.studies.framework.figure_style import COLOURS, dress, titled_figure
 
 if TYPE_CHECKING:

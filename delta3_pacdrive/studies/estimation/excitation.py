@@ -22,9 +22,8 @@ from delta3_pacdrive.planning.plan import sample_plan
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.studies.estimation.geometry_model import GeometryModel
 from delta3_pacdrive.studies.estimation.identifiability import Identifiability, analyse
-from delta3_pacdrive.studies.estimation.motor_models import TorqueModel, slope
+from delta3_pacdrive.studies.estimation.models import GeometryModel, TorqueModel, slope
 from delta3_pacdrive.studies.estimation.problem import Model, Problem
 from delta3_pacdrive.studies.estimation.quantities import GROUPS, start_values
 from delta3_pacdrive.studies.framework.study import OnProgress, silent

@@ -1,6 +1,7 @@
 """Parameter file of an estimation: complete, with source and interval as a comment on each estimated value."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,24 @@ NAME = 'fitted.yaml'
 NOTE_COLUMN = 50
 
 
-def notes(problem: Problem, found: Fit, source: str, holds: bool) -> dict[str, list[str]]:
-    """Return the comments on each estimated parameter, by dotted name."""
-    comments: dict[str, list[str]] = {}
-    for quantity, estimate in zip(problem.quantities, found.estimates, strict=False):
-        name = quantity.parameter.partition('[')[0]
-        if name:
-            comments.setdefault(name, []).append(_note(estimate, holds))
-    return {name: [', '.join(texts), source] for name, texts in comments.items()}
+@dataclass(frozen=True)
+class Fitted:
+    """Parameters with the estimates, the fit that gave them, and whether its model explains the data."""
+
+    parameters: Parameters
+    problem: Problem
+    fit: Fit
+    holds: bool
+    verdict: Sequence[str]  # sentences
+
+    def notes(self, source: str) -> dict[str, list[str]]:
+        """Return the comments on each estimated parameter, by dotted name; ``source`` are the inputs."""
+        comments: dict[str, list[str]] = {}
+        for quantity, estimate in zip(self.problem.quantities, self.fit.estimates, strict=False):
+            name = quantity.parameter.partition('[')[0]
+            if name:
+                comments.setdefault(name, []).append(_note(estimate, self.holds))
+        return {name: [', '.join(texts), source] for name, texts in comments.items()}
 
 
 def _note(estimate: Estimate, holds: bool) -> str:
@@ -36,18 +47,12 @@ def _note(estimate: Estimate, holds: bool) -> str:
     return f'{estimate.symbol} {estimate.verdict.value}'
 
 
-def text(
-    parameters: Parameters,
-    comments: Mapping[str, Sequence[str]],
-    provenance: Provenance,
-    verdict: Sequence[str],
-) -> str:
-    """Return the file as text: all parameters, and the ``comments`` on some of them."""
-    lines = [f'# {name}: {entry}' for name, entry in provenance.lines().items()]
-    lines += [f'# {sentence}' for sentence in verdict]
+def text(fitted: Fitted, source: str, provenance: Provenance) -> str:
+    """Return the file as text: all parameters, and comments on those that were estimated."""
+    lines = [*provenance.comments(), *(f'# {sentence}' for sentence in fitted.verdict)]
     lines += ['/**:', '  ros__parameters:']
-    group = ''
-    for name, value in flat_document(parameters).items():
+    group, comments = '', fitted.notes(source)
+    for name, value in flat_document(fitted.parameters).items():
         own, _, key = name.partition('.')
         if own != group:
             lines.append(f'    {own}:')
@@ -63,15 +68,6 @@ def _scalar(value: Any) -> str:
     return yaml.safe_dump(value, default_flow_style=True, width=10_000).partition('\n')[0]
 
 
-def write(
-    path: Path,
-    parameters: Parameters,
-    problem: Problem,
-    found: Fit,
-    provenance: Provenance,
-    source: str,
-    verdict: Sequence[str],
-    holds: bool,
-) -> Path:
+def write(path: Path, fitted: Fitted, source: str, provenance: Provenance) -> Path:
     """Write the file; return its path; raises ReportError."""
-    return write_text(text(parameters, notes(problem, found, source, holds), provenance, verdict), path)
+    return write_text(text(fitted, source, provenance), path)

@@ -5,12 +5,19 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
+from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.studies.estimation.quantities import Combination, Quantity, values_of
 
 QUIET = 0.7  # of the sensor noise: smaller residuals have another cause
+BAND_HZ = (
+    60.0  # motion below, mostly noise above; the gears of a built robot ring at 200 Hz with random phase
+)
+EDGE_PERIODS = 3.0  # periods of the band edge removed at either end for filter transients
+SAMPLES_PER_BAND = 2.5  # kept samples per period of the band edge
 
 
 @dataclass(frozen=True)
@@ -36,6 +43,26 @@ class Block:
     def times(self, count: int) -> Floats:
         """Return the times [s] of the first ``count`` samples."""
         return self.start_s + self.period_s * np.arange(count, dtype=np.float64)
+
+
+class MotionBand:
+    """Zero-phase low pass for signals (n, columns), which keeps the band of the motion.
+
+    ``edge`` samples are removed at either end because of the filter's transients; of the others, every ``every``-th is
+    kept. Raises EstimationError if fewer than four times ``edge`` samples are given.
+    """
+
+    def __init__(self, count: int, period_s: float, model: str, band_hz: float = BAND_HZ) -> None:
+        self._section = butter(4, band_hz, fs=1.0 / period_s, output='sos')
+        self.edge = round(EDGE_PERIODS / band_hz / period_s)
+        self.every = max(1, round(1.0 / (SAMPLES_PER_BAND * band_hz * period_s)))
+        if count < 4 * self.edge:
+            raise EstimationError(f'the motion is too short for a {model}')
+        self._kept = slice(self.edge, count - self.edge, self.every)
+
+    def __call__(self, values: Floats) -> Floats:
+        """Return the kept samples of filtered values."""
+        return np.asarray(sosfiltfilt(self._section, values, axis=0)[self._kept])
 
 
 class Model(Protocol):

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.errors import EstimationError
@@ -15,16 +14,13 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.sercos.words import CONTROL_ENABLE
 from delta3_pacdrive.simulation.robot import Robot
 from delta3_pacdrive.studies.estimation.measurement import NOISE, moving_rows, sample_time_s
-from delta3_pacdrive.studies.estimation.problem import Block
+from delta3_pacdrive.studies.estimation.problem import BAND_HZ, Block, MotionBand
 from delta3_pacdrive.studies.estimation.quantities import GROUPS, TABLE, values_of, with_values
 
 STANDING_CYCLES = 150  # at rest in torque before the first command: enable, brake, integrators
 OF_MOTOR = ('R', 'L', 'K_m', 'F_v', 'F_s', 'w_s')  # must each be valid parameters
 OF_ROTOR = ('I_m', 'I_brake')  # the same with elastic gears, where the rotor moves separately
 IDEAL_INCREMENTS = 2.0**40  # per revolution: an encoder without noticeable steps
-BAND_HZ = 60.0  # of a built robot: its gears ring at 200 Hz with an unpredictable phase
-EDGE_PERIODS = 3.0  # periods of the band edge removed at either end for filter transients
-SAMPLES_PER_BAND = 2.5  # kept samples per period of the band edge
 NOISY_SEED = 71  # first seed of the model's sensors for measuring their noise
 NOISY_RUNS = 32  # averaged runs
 
@@ -162,17 +158,12 @@ class ReplayModel:
         self._replay = Replay(trace, parameters)
         self.rows = rows = self._replay.rows
         count, cycle = rows.stop - rows.start, parameters.bus.cycle_time_s
-        self._kept, self._section = slice(None), None
+        self._band: MotionBand | None = None
         self.depends = frozenset(GROUPS['motor'].possible)
         sigma, period, start = NOISE.current_a, cycle, float(trace.time_s[rows.start])
         if parameters.rich.enabled:
-            self._section = butter(4, BAND_HZ, fs=1.0 / cycle, output='sos')
-            edge = round(EDGE_PERIODS / BAND_HZ / cycle)
-            if count < 4 * edge:
-                raise EstimationError('the motion is too short for a replay of a built robot')
-            every = max(1, round(1.0 / (SAMPLES_PER_BAND * BAND_HZ * cycle)))
-            self._kept = slice(edge, count - edge, every)
-            period, start = every * cycle, start + edge * cycle
+            self._band = MotionBand(count, cycle, 'replay of a built robot')
+            period, start = self._band.every * cycle, start + self._band.edge * cycle
             sigma *= math.sqrt(2.0 * BAND_HZ * cycle)
         self._current = trace['current'][rows]
         self.shapes = (self.seen(self._current).shape,)
@@ -181,7 +172,7 @@ class ReplayModel:
 
     def settle(self, values: Mapping[str, float]) -> bool:
         """Measure mean and standard deviation of the sensor noise at ``values``; return whether there is any noise."""
-        if self._section is None or not self._replay.is_noisy:
+        if self._band is None or not self._replay.is_noisy:
             return False
         found = np.array([self.seen(one) for one in self._replay.noise(self._own(values), NOISY_RUNS)])
         self._mean = found.mean(axis=0)
@@ -194,9 +185,7 @@ class ReplayModel:
 
     def seen(self, values: Floats) -> Floats:
         """Return the compared part of a current [A], shape (cycles, 3)."""
-        if self._section is None:
-            return values
-        return np.asarray(sosfiltfilt(self._section, values, axis=0)[self._kept])
+        return values if self._band is None else self._band(values)
 
     def residuals(self, values: Mapping[str, float]) -> list[Floats]:
         """Measured less replayed current [A], shape (n, 3); nan for impossible parameters."""

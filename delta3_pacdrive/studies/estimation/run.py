@@ -18,14 +18,13 @@ from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.recording.trace_file import load, save
 from delta3_pacdrive.studies.estimation import (
     before_after,
-    built_fit,
     figures,
     fitted_file,
     report,
     thesis_setup,
 )
 from delta3_pacdrive.studies.estimation import missing_effects as missing
-from delta3_pacdrive.studies.estimation.geometry_model import GeometryModel
+from delta3_pacdrive.studies.estimation.fitted_file import Fitted
 from delta3_pacdrive.studies.estimation.measurement import (
     completed,
     parts_of,
@@ -34,7 +33,7 @@ from delta3_pacdrive.studies.estimation.measurement import (
     with_noise,
 )
 from delta3_pacdrive.studies.estimation.model_check import ModelCheck, check
-from delta3_pacdrive.studies.estimation.motor_models import TorqueModel, WindingModel
+from delta3_pacdrive.studies.estimation.models import GeometryModel, TorqueModel, WindingModel
 from delta3_pacdrive.studies.estimation.problem import Model, Problem
 from delta3_pacdrive.studies.estimation.quantities import (
     BUILT_EXCHANGE_S,
@@ -167,7 +166,7 @@ class Study(studies.Study):
         start = start_values(self.quantities, self.model_robot, self._off)
         if self.iterate is not None and len(self.iterate.x) != len(start):
             raise EstimationError(f'{self.folder / ITERATE} is damaged: it has {len(self.iterate.x)} values')
-        found = built_fit.fit_built(problem, start, build, self._keep, self.iterate)
+        found = missing.fit_built(problem, start, build, self._keep, self.iterate)
         found = found.without(self.reasons_of_timing(problem, found))
         aside = [
             model
@@ -184,16 +183,9 @@ class Study(studies.Study):
         tables = report.fit_tables(document, found, problem)
         drawings = figures.of_fit(found, problem, document['estimates'])
         if self.settings.apply:
-            applied = self._apply(
-                traces=traces,
-                folder=folder,
-                problem=problem,
-                found=found,
-                verdict=verdict,
-                better=better,
-                start=start,
-            )
-            document['applied'], more = applied
+            before = self._with(start, self.model_robot if better is None else self.robot)
+            fitted = self._fitted(problem, found, verdict, better)
+            document['applied'], more = self._apply(traces, folder, before, fitted)
             drawings |= more
         title = f'Estimation: {self.settings.group}'
         return folder.results(title, document, report.text(document), tables, drawings)
@@ -269,65 +261,46 @@ class Study(studies.Study):
             return [model for trace in traces for model in self.models(trace, robot, 'replay')]
 
         first = self.quantities, found.x
-        known = self.settings.known
         return missing.search(
-            group=group,
-            build=build,
-            robot=self.model_robot,
-            first=first,
-            known=known,
-            on_progress=self.on_progress,
-            on_iterate=lambda _: None,
+            group, build, self.model_robot, first, known=self.settings.known, on_progress=self.on_progress
         )
 
     def _can_replay(self, trace: Trace) -> bool:
         coarse = abs(sample_time_s(trace) - self.robot.bus.cycle_time_s) < 1e-3 * self.robot.bus.cycle_time_s
         return coarse and 'motor_command' in trace.signals
 
+    def _with(self, x: Floats, robot: Parameters, held: Sequence[str] = ()) -> Parameters:
+        """Return a robot with values of the free quantities, except for ``held`` ones."""
+        values = zip(self.quantities, x.tolist(), strict=True)
+        return with_values(robot, {q.symbol: value for q, value in values if q.symbol not in held})
+
+    def _fitted(
+        self, problem: Problem, found: Fit, verdict: ModelCheck, better: missing.BetterModel | None
+    ) -> Fitted:
+        """Return the parameters to write: those of the better model if there is one."""
+        if better is not None:
+            sentences = [*better.check.sentences, better.sentence]
+            return Fitted(better.robot, better.problem, better.fit, better.check.holds, sentences)
+        after = self._with(found.x, self.model_robot, self.timing)
+        if self.timing:
+            after = after.replace(bus__exchange_period_s=self.robot.bus.exchange_period_s)
+        return Fitted(after, problem, found, verdict.holds, verdict.sentences)
+
     def _apply(
-        self,
-        traces: Sequence[Trace],
-        folder: ReportFolder,
-        problem: Problem,
-        found: Fit,
-        verdict: ModelCheck,
-        better: missing.BetterModel | None,
-        start: Floats,
+        self, traces: Sequence[Trace], folder: ReportFolder, before: Parameters, fitted: Fitted
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Write the parameter file; return its summary and the drawing functions of its figures."""
-        symbols = [q.symbol for q in self.quantities]
-        before = with_values(self.model_robot, dict(zip(symbols, start.tolist(), strict=True)))
-        if better is None:
-            values = zip(symbols, found.x.tolist(), strict=True)
-            after = with_values(self.model_robot, {s: value for s, value in values if s not in self.timing})
-            if self.timing:
-                after = after.replace(bus__exchange_period_s=self.robot.bus.exchange_period_s)
-        else:
-            before = with_values(self.robot, dict(zip(symbols, start.tolist(), strict=True)))
-            problem, found, verdict, after = better.problem, better.fit, better.check, better.robot
-        path = folder.path / fitted_file.NAME
         source = f'from {", ".join(self.settings.inputs)}'
-        sentences = [*verdict.sentences, *([better.sentence] if better else [])]
-        holds = verdict.holds
-        fitted_file.write(
-            path=path,
-            parameters=after,
-            problem=problem,
-            found=found,
-            provenance=self._provenance(),
-            source=source,
-            verdict=sentences,
-            holds=holds,
-        )
+        path = fitted_file.write(folder.path / fitted_file.NAME, fitted, source, self._provenance())
         folder.add(path)
-        document: dict[str, Any] = {'file': str(path), 'model_holds': holds, 'before_after': []}
+        document: dict[str, Any] = {'file': str(path), 'model_holds': fitted.holds, 'before_after': []}
         drawings: dict[str, Any] = {}
         if self._simulates and self.settings.group != 'geometry':
             program = programs.load(self.settings.inputs[0], self.robot.motion)
             traces = [simulate(program, self.robot, 'bus')]
         for trace in traces:
             if self._can_replay(trace):
-                apart = before_after.compare(trace, before, after)
+                apart = before_after.compare(trace, before, fitted.parameters)
                 row = {
                     'input': trace.meta.get('input', self.settings.inputs[0]),
                     'rms': apart.rms(),

@@ -51,6 +51,10 @@ class Provenance:
             'versions': self.versions,
         }
 
+    def comments(self) -> list[str]:
+        """Return the entries as comment lines of a text file."""
+        return [f'# {name}: {text}' for name, text in self.lines().items()]
+
 
 def versions() -> str:
     """Return the versions of Python and the numerical packages in one line."""
@@ -118,8 +122,7 @@ def write_table(
             whole_file.atomic_path(path) as partial,
             partial.open('w', encoding='utf-8', newline='') as file,
         ):
-            for name, text in provenance.lines().items():
-                file.write(f'# {name}: {text}\n')
+            file.writelines(f'{line}\n' for line in provenance.comments())
             writer = csv.writer(file, lineterminator='\n')
             writer.writerow(header)
             writer.writerows(rows)

@@ -13,9 +13,8 @@ from delta3_pacdrive.errors import CalibrationError
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.simulation import run
 from delta3_pacdrive.studies.calibration import estimation, figures, measurement_file, model, simulated
-from delta3_pacdrive.studies.calibration.data import Measurements, Method, Requirements
 from delta3_pacdrive.studies.calibration.run import Study
-from delta3_pacdrive.studies.calibration.study import Result, Settings
+from delta3_pacdrive.studies.calibration.study import Measurements, Method, Requirements, Result, Settings
 from delta3_pacdrive.studies.framework.study import silent
 from measured import TRUTH, planned
 from reports_read import curves, read_line

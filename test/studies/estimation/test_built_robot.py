@@ -16,10 +16,10 @@ from delta3_pacdrive.errors import EstimationError
 from delta3_pacdrive.planning.program import file_reader as programs
 from delta3_pacdrive.studies.estimation import missing_effects as missing
 from delta3_pacdrive.studies.estimation.before_after import compare
-from delta3_pacdrive.studies.estimation.built_fit import fit_built
-from delta3_pacdrive.studies.estimation.geometry_model import GeometryModel
 from delta3_pacdrive.studies.estimation.measurement import simulate
+from delta3_pacdrive.studies.estimation.missing_effects import fit_built
 from delta3_pacdrive.studies.estimation.model_check import check
+from delta3_pacdrive.studies.estimation.models import GeometryModel
 from delta3_pacdrive.studies.estimation.problem import Problem
 from delta3_pacdrive.studies.estimation.quantities import (
     GROUPS,
@@ -251,7 +251,7 @@ def test_arms_that_differ_are_found_where_the_tcp_was_measured(program, rich):
     start = start_values(quantities, nominal, 0.0)
     plain = fit_built(problem, start, build)
     assert not check(problem, plain).holds
-    better = missing.search(group, build, nominal, (quantities, plain.x), (), quiet, lambda _: None)
+    better = missing.search(group, build, nominal, (quantities, plain.x), (), quiet)
     assert [one.effect for one in better.lacking] == ['geometry']
     assert better.check.holds
     assert better.rms < 0.1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.studies.estimation.identifiability import Verdict, analyse, analyse_jacobian
-from delta3_pacdrive.studies.estimation.motor_models import TorqueModel
+from delta3_pacdrive.studies.estimation.models import TorqueModel
 from delta3_pacdrive.studies.estimation.quantities import start_values
 from delta3_pacdrive.studies.estimation.replay_model import ReplayModel
 from delta3_pacdrive.studies.estimation.solver import whiteness_of

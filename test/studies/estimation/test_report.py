@@ -6,9 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from delta3_pacdrive.studies.estimation import before_after, fitted_file, report
+from delta3_pacdrive.studies.estimation import before_after, report
 from delta3_pacdrive.studies.estimation import missing_effects as missing
 from delta3_pacdrive.studies.estimation.before_after import BeforeAfter, Course
+from delta3_pacdrive.studies.estimation.fitted_file import Fitted
 from delta3_pacdrive.studies.estimation.identifiability import Verdict
 from delta3_pacdrive.studies.estimation.problem import Block, Problem
 from delta3_pacdrive.studies.estimation.quantities import GROUPS, TABLE
@@ -98,7 +99,8 @@ def test_the_parameter_file_has_intervals_only_of_a_model_that_holds(holds):
     found = SimpleNamespace(
         estimates=[Estimate(symbol, 'N', 1.0, 1.0, 0.25, verdict) for symbol, verdict in verdicts.items()]
     )
-    notes = [texts[0] for texts in fitted_file.notes(problem, found, 'from log.csv', holds).values()]
+    fitted = Fitted(None, problem, found, holds, ())
+    notes = [texts[0] for texts in fitted.notes('from log.csv').values()]
     assert ['0.25' in note for note in notes] == [holds, holds, False]
     assert notes[2] == 'K_m only together with others'
     assert notes[0] == ('F_v +- 0.25 N (95 %)' if holds else 'F_v no valid interval')
@@ -143,7 +145,7 @@ def test_missing_effects_are_named_by_their_importance_and_those_that_are_there_
     plain = fit(Problem(free, build(robot), robot), np.array([1.3]))
     first = free, plain.x
     known = ('friction', 'gear', 'gain_2', 'gain_3', 'offset_1', 'offset_2', 'offset_3', 'a_6')
-    found = missing.search(GROUPS['masses'], build, robot, first, known, lambda *_: None, lambda _: None)
+    found = missing.search(GROUPS['masses'], build, robot, first, known, lambda *_: None)
     names = {
         'g': ('sensors', 'gains and offsets of the current sensors'),
         'R': ('ripple', 'cogging and ripple of K_m'),

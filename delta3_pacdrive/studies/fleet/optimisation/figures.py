@@ -20,7 +20,7 @@ from delta3_pacdrive.studies.framework.report_folder import Drawings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from delta3_pacdrive.studies.fleet.optimisation.design import Trial, Trials
+    from delta3_pacdrive.studies.fleet.optimisation.study import Trial, Trials
 
 HISTORY, VALUES, IMPORTANCE = 'history.png', 'values.png', 'importance.png'
 DRAWN, COLUMNS, HEIGHT_IN = 12, 2, 2.4

@@ -5,24 +5,17 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
-from delta3_pacdrive.studies.fleet.optimisation.design import Trial, Trials
-from delta3_pacdrive.studies.fleet.optimisation.study import Results
-from delta3_pacdrive.studies.fleet.sweep.design import Law, Outcome
+from delta3_pacdrive.studies.fleet.optimisation.study import Results, Trial, Trials
+from delta3_pacdrive.studies.fleet.sweep.report import counts
+from delta3_pacdrive.studies.fleet.sweep.study import Law
 from delta3_pacdrive.studies.framework.report_folder import Table
 
 TABLES = ('best.csv', 'figures.csv', 'trials.csv')
-REASONS = 5
 
 
 def summary(results: Results) -> dict[str, Any]:
     """Return the summary of an optimisation, ready for JSON."""
     found, sweep = results.trials, results.trials.optimisation.sweep
-    outcomes = {str(kind): sum(one.outcome == kind for one in found.trials) for kind in Outcome}
-    reasons: dict[str, int] = {}
-    for one in found.trials:
-        if one.reason:
-            reasons[one.reason] = reasons.get(one.reason, 0) + 1
-    common = sorted(reasons.items(), key=lambda item: -item[1])[:REASONS]
     best = found.best
     return {
         'optimisation': sweep.name,
@@ -35,8 +28,7 @@ def summary(results: Results) -> dict[str, Any]:
         'runs_made': results.made,
         'workers': results.workers,
         'seconds': results.seconds if results.made else None,
-        'outcomes': outcomes,
-        'reasons': [{'reason': reason, 'trials': count} for reason, count in common],
+        **counts([one.outcome for one in found.trials], [one.reason for one in found.trials], 'trials'),
         'base': _to_dict(found, found.base),
         'best': None if best is None else _to_dict(found, best),
         'nearest': None if best is not None or found.nearest is None else _to_dict(found, found.nearest),

@@ -1,24 +1,20 @@
 """Optimisation study: runs rounds of trials, reuses existing ones, writes the best trial and the report."""
 
-import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from delta3_pacdrive import parameters as core
-from delta3_pacdrive import simulation
 from delta3_pacdrive.configuration import yaml_file
 from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.parameters import from_flat
 from delta3_pacdrive.studies.fleet.optimisation import figures, report, specification
-from delta3_pacdrive.studies.fleet.optimisation.design import BASE, Optimisation, Trial, Trials
 from delta3_pacdrive.studies.fleet.optimisation.search import NEEDED, Search, base_values, trial_of
-from delta3_pacdrive.studies.fleet.optimisation.study import Results
+from delta3_pacdrive.studies.fleet.optimisation.study import BASE, Optimisation, Results, Trial, Trials
 from delta3_pacdrive.studies.fleet.sweep import engine, store
 from delta3_pacdrive.studies.fleet.sweep.run import require_engine
-from delta3_pacdrive.studies.fleet.sweep.single_run import Row, Runner
+from delta3_pacdrive.studies.fleet.sweep.single_run import Runner
 from delta3_pacdrive.studies.fleet.sweep.study import Settings
 from delta3_pacdrive.studies.framework import study as studies
 from delta3_pacdrive.studies.framework.provenance import Provenance, os_errors_as
@@ -34,13 +30,18 @@ class Study(studies.Study):
 
     settings: Settings
     optimisation: Optimisation = field(init=False)
-    kept: int = field(init=False, default=0)  # trials on disk
+    maker: engine.RunMaker | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         """Read the optimisation; raises Delta3Error."""
         require_engine()
         require_optuna()
         self.optimisation = specification.load(self.settings.specification)
+
+    @property
+    def kept(self) -> int:
+        """Number of runs on disk."""
+        return 0 if self.maker is None else len(self.maker.rows)
 
     def unfinished(self) -> str:
         """Return the message after an interrupt, with the number of runs on disk."""
@@ -50,16 +51,13 @@ class Study(studies.Study):
         """Run the missing trials, write all results and return the report; raises Delta3Error."""
         sweep, search = self.optimisation.sweep, Search(self.optimisation)
         kept = store.Store(self.folder, sweep)
-        rows = kept.open()
-        self.kept = len(rows)
-        maker = _Maker(self, kept, rows)
         trials: list[Trial] = []
-        with ExitStack() as stack:
-            maker.stack = stack
+        with engine.RunMaker(sweep, kept, self.settings, self.on_progress) as maker:
+            self.maker, rows = maker, maker.rows
             if not search.begins_with_base:
-                maker.make([(BASE, {})])
+                self._make([(BASE, {})], maker)
             for asked in search.rounds():
-                maker.make(asked)
+                self._make(asked, maker)
                 done = [trial_of(self.optimisation, number, values, rows[number]) for number, values in asked]
                 search.report(done)
                 trials += done
@@ -82,6 +80,18 @@ class Study(studies.Study):
             report.tables(found),
             figures.by_name(found),
         )
+
+    def _make(self, asked: Sequence[tuple[int, dict[str, Any]]], maker: engine.RunMaker) -> None:
+        """Make the missing runs of a round; raises SweepError if a stored run has other values."""
+        for number, values in asked:
+            row = maker.rows.get(number)
+            if row and any(row.get(name) != value for name, value in engine.to_row(values).items()):
+                raise SweepError(
+                    f'trial {number} in {self.folder} has other values than those of this search: choose another '
+                    '--output, or remove the folder'
+                )
+        if missing := [[one] for one in asked if one[0] not in maker.rows]:
+            maker.make(missing)
 
     def _show(self, trials: Sequence[Trial], search: Search) -> None:
         found = Trials(self.optimisation, trials[0], trials, {})
@@ -112,55 +122,6 @@ class Study(studies.Study):
         return Provenance.of(
             self.command, from_flat(dict(sweep.parameters)), 'base of the optimisation', inputs, sweep.seed
         )
-
-
-@dataclass
-class _Maker:
-    """Makes missing runs; its workers start with the first of them."""
-
-    study: Study
-    store: store.Store
-    rows: dict[int, Row]
-    stack: ExitStack = field(default_factory=ExitStack)
-    client: Any = None
-    workers: int = 0
-    made: int = 0
-    seconds: float = 0.0
-
-    def make(self, asked: Sequence[tuple[int, dict[str, Any]]]) -> None:
-        """Make the missing runs of a round; raises SweepError."""
-        missing = [(number, values) for number, values in asked if number not in self.rows]
-        for number, values in asked:
-            if number in self.rows:
-                self._require_same(number, values)
-        if not missing:
-            return
-        if self.client is None:
-            self._begin()
-        started = time.monotonic()
-        engine.make(self.client, self.study.optimisation.sweep, [[one] for one in missing], self._keep)
-        self.seconds += time.monotonic() - started
-
-    def _begin(self) -> None:
-        settings, sweep = self.study.settings, self.study.optimisation.sweep
-        simulation.load_kernels(from_flat(dict(sweep.parameters)))
-        self.study.on_progress('workers start', 0, 0)
-        self.client = self.stack.enter_context(engine.cluster(settings.workers, settings.scheduler))
-        self.workers = engine.workers_of(self.client)
-
-    def _keep(self, batch: list[Row]) -> None:
-        self.store.add(batch)
-        self.rows.update((row['run'], row) for row in batch)
-        self.made += len(batch)
-        self.study.kept = len(self.rows)
-
-    def _require_same(self, number: int, values: dict[str, Any]) -> None:
-        row = self.rows[number]
-        if any(row.get(name) != value for name, value in engine.to_row(values).items()):
-            raise SweepError(
-                f'trial {number} in {self.study.folder} has other values than those of this search: choose another '
-                '--output, or remove the folder'
-            )
 
 
 def require_optuna() -> None:

@@ -10,10 +10,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from delta3_pacdrive.studies.fleet.optimisation.design import Optimisation, Trial
-from delta3_pacdrive.studies.fleet.sweep.design import PROGRAM, Law, Outcome, Variation
+from delta3_pacdrive.studies.fleet.optimisation.study import Optimisation, Trial
 from delta3_pacdrive.studies.fleet.sweep.program_values import value_at
 from delta3_pacdrive.studies.fleet.sweep.single_run import Row
+from delta3_pacdrive.studies.fleet.sweep.study import PROGRAM, Law, Outcome, Variation
 
 NEEDED = "optimisations need optuna: pip install 'delta3_pacdrive[optimise]'"
 FAILED = 1e9  # excess over the limits of a trial without a result

@@ -24,10 +24,10 @@ from delta3_pacdrive.configuration.source_positions import place_of, place_of_ke
 from delta3_pacdrive.configuration.strict_reader import Errors, Section, refuse
 from delta3_pacdrive.configuration.value_readers import one_of, whole_number_between
 from delta3_pacdrive.errors import SweepError, shown
-from delta3_pacdrive.studies.fleet.optimisation.design import Optimisation
+from delta3_pacdrive.studies.fleet.optimisation.study import Optimisation
 from delta3_pacdrive.studies.fleet.sweep import specification as sweeps
-from delta3_pacdrive.studies.fleet.sweep.design import Law, Sampling, Sweep
 from delta3_pacdrive.studies.fleet.sweep.single_run import figure_names
+from delta3_pacdrive.studies.fleet.sweep.study import Law, Sampling, Sweep
 
 TRIALS_MAX, TOGETHER, TOGETHER_MAX = 10_000, 8, 64
 MINIMISE, MAXIMISE = 'minimise', 'maximise'

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.studies.fleet.sweep.design import Law, Runs, Sampling
 from delta3_pacdrive.studies.fleet.sweep.sampling import base_runs, problem_of, salib
+from delta3_pacdrive.studies.fleet.sweep.study import Law, Runs, Sampling
 
 SHARES = (0.01, 0.05, 0.5, 0.95, 0.99)
 BINS_MAX, IN_BIN = 20, 10  # bins of a quantity for main effects; minimum number of runs per bin

@@ -9,21 +9,25 @@ import json
 import logging
 import os
 import signal
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from itertools import islice
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import psutil
 
-from delta3_pacdrive import interrupts
+from delta3_pacdrive import interrupts, simulation
 from delta3_pacdrive.errors import SweepError
-from delta3_pacdrive.studies.fleet.sweep.design import Sweep
+from delta3_pacdrive.parameters import from_flat
 from delta3_pacdrive.studies.fleet.sweep.single_run import Row, Runner
+from delta3_pacdrive.studies.fleet.sweep.store import Store
+from delta3_pacdrive.studies.fleet.sweep.study import Settings, Sweep
 from delta3_pacdrive.studies.framework.provenance import versions
+from delta3_pacdrive.studies.framework.study import OnProgress
 
 BATCHES = 400  # approximate number for a large sweep
 BATCH_MIN, BATCH_MAX = 5, 100  # runs per batch
@@ -219,3 +223,44 @@ def make(client: Any, sweep: Sweep, work: Iterable[Batch], keep: Callable[[list[
         batch = next(waiting, None)
         if batch is not None:
             done.add(submit(batch))
+
+
+class RunMaker:
+    """Makes the runs of a sweep that are not stored yet; workers start with the first of them.
+
+    ``rows`` are those of all stored runs by number. Raises SweepError if the folder contains another sweep.
+    """
+
+    def __init__(self, sweep: Sweep, store: Store, settings: Settings, on_progress: OnProgress) -> None:
+        self._sweep, self._store, self._settings = sweep, store, settings
+        self._on_progress, self._stack, self._client = on_progress, ExitStack(), None
+        self.rows = store.open()
+        self.made, self.workers, self.seconds = 0, 0, 0.0  # new runs, processes, and time without their start
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *reason: Any) -> None:
+        self._stack.__exit__(*reason)
+
+    def make(self, work: Iterable[Batch]) -> None:
+        """Make runs batch by batch; raises SweepError."""
+        if self._client is None:
+            # compile once, before several workers would do so at the same time
+            simulation.load_kernels(from_flat(dict(self._sweep.parameters)))
+            self._on_progress('workers start', 0, 0)
+            own = cluster(self._settings.workers, self._settings.scheduler)
+            self._client = self._stack.enter_context(own)
+            self.workers = workers_of(self._client)
+        before, started = self.seconds, time.monotonic()
+
+        def keep(batch: list[Row]) -> None:
+            self._store.add(batch)
+            self.rows.update((row['run'], row) for row in batch)
+            self.made += len(batch)
+            self.seconds = before + time.monotonic() - started
+            kept, rate = len(self.rows), self.made / max(self.seconds, 1e-9)
+            left_s = (self._sweep.runs - kept) / rate
+            self._on_progress(f'runs ({rate:.1f} per second, {left_s:.0f} s left)', kept, self._sweep.runs)
+
+        make(self._client, self._sweep, work, keep)

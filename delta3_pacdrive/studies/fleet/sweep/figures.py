@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from delta3_pacdrive.studies.fleet.sweep.design import Law, Runs
 from delta3_pacdrive.studies.fleet.sweep.effects import effects
+from delta3_pacdrive.studies.fleet.sweep.study import Law, Runs
 from delta3_pacdrive.studies.framework.figure_style import COLOURS, dress, label_of_key, titled_figure
 from delta3_pacdrive.studies.framework.report_folder import Drawings
 

@@ -2,15 +2,15 @@
 
 import math
 import shlex
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.studies.fleet.sweep.design import Outcome, Runs
 from delta3_pacdrive.studies.fleet.sweep.effects import SHARES, distributions, effects, worst, yields
-from delta3_pacdrive.studies.fleet.sweep.study import Results
+from delta3_pacdrive.studies.fleet.sweep.study import Outcome, Results, Runs
 from delta3_pacdrive.studies.framework.report_folder import Table
 
 TABLES = ('distributions.csv', 'effects.csv', 'worst.csv', 'runs.csv')
@@ -22,11 +22,6 @@ CSV_RUNS_MAX = 100_000  # rows of the CSV table
 def summary(results: Results, specification: str) -> dict[str, Any]:
     """Return the summary of a sweep, ready for JSON."""
     found = results.runs
-    outcomes = {str(kind): found.outcomes.count(kind) for kind in Outcome}
-    reasons: dict[str, int] = {}
-    for reason in filter(None, found.reasons):
-        reasons[reason] = reasons.get(reason, 0) + 1
-    common = sorted(reasons.items(), key=lambda item: -item[1])[:REASONS]
     return {
         'sweep': found.sweep.name,
         'program': found.sweep.program_name,
@@ -36,8 +31,7 @@ def summary(results: Results, specification: str) -> dict[str, Any]:
         'workers': results.workers,
         'seconds': _known(results.seconds),
         'runs_per_second': _known(results.made / results.seconds) if results.seconds > 0.0 else None,
-        'outcomes': outcomes,
-        'reasons': [{'reason': reason, 'runs': count} for reason, count in common],
+        **counts(found.outcomes, found.reasons, 'runs'),
         'distributions': [
             asdict(one) | {'shares': dict(zip(map(str, SHARES), one.shares, strict=True))}
             for one in distributions(found)
@@ -51,6 +45,15 @@ def summary(results: Results, specification: str) -> dict[str, Any]:
             }
             for name in (found.sweep.limits or list(found.kept)[:1])
         ],
+    }
+
+
+def counts(outcomes: Sequence[str], reasons: Sequence[str], runs: str) -> dict[str, Any]:
+    """Return the number of runs by outcome and the most common reasons; ``runs`` is the key of their number."""
+    common = Counter(filter(None, reasons)).most_common(REASONS)
+    return {
+        'outcomes': {str(kind): outcomes.count(kind) for kind in Outcome},
+        'reasons': [{'reason': reason, runs: count} for reason, count in common],
     }
 
 

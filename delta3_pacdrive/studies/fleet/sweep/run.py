@@ -8,16 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from delta3_pacdrive import simulation
 from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import from_flat
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.fleet.sweep import engine, figures, report, specification, store
-from delta3_pacdrive.studies.fleet.sweep.design import Outcome, Runs, Sweep
 from delta3_pacdrive.studies.fleet.sweep.sampling import values_of
 from delta3_pacdrive.studies.fleet.sweep.single_run import Row, Runner
-from delta3_pacdrive.studies.fleet.sweep.study import Results, Settings
+from delta3_pacdrive.studies.fleet.sweep.study import Outcome, Results, Runs, Settings, Sweep
 from delta3_pacdrive.studies.framework import study as studies
 from delta3_pacdrive.studies.framework.provenance import Provenance
 from delta3_pacdrive.studies.framework.report_folder import ReportFolder
@@ -35,13 +33,18 @@ class Study(studies.Study):
     settings: Settings
     sweep: Sweep = field(init=False)
     values: dict[str, NDArray[Any]] = field(init=False)
-    kept: int = field(init=False, default=0)  # runs on disk
+    maker: engine.RunMaker | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         """Read the sweep and draw its values; raises Delta3Error."""
         require_engine()
         self.sweep = specification.load(self.settings.specification)
         self.values = values_of(self.sweep)
+
+    @property
+    def kept(self) -> int:
+        """Number of runs on disk."""
+        return 0 if self.maker is None else len(self.maker.rows)
 
     def unfinished(self) -> str:
         """Return the message after an interrupt, with the number of runs on disk."""
@@ -50,29 +53,11 @@ class Study(studies.Study):
     def run(self) -> dict[str, Any]:
         """Make the missing runs, write all results and return the report; raises Delta3Error."""
         kept = store.Store(self.folder, self.sweep)
-        rows = kept.open()
-        self.kept, before = len(rows), len(rows)
-        runs = range(1, self.sweep.runs + 1)
-        missing = [number for number in runs if number not in rows]
-        seconds, workers = float('nan'), 0
-        if missing:
-            # compile once, before several workers would do so at the same time
-            simulation.load_kernels(from_flat(dict(self.sweep.parameters)))
-            self.on_progress('workers start', 0, 0)
-            with engine.cluster(self.settings.workers, self.settings.scheduler) as client:
-                workers, start = engine.workers_of(client), time.monotonic()
-
-                def keep(batch: list[Row]) -> None:
-                    kept.add(batch)
-                    rows.update((row['run'], row) for row in batch)
-                    self.kept = len(rows)
-                    rate = (self.kept - before) / (time.monotonic() - start)
-                    left_s = (self.sweep.runs - self.kept) / rate
-                    stage = f'runs ({rate:.1f} per second, {left_s:.0f} s left)'
-                    self.on_progress(stage, self.kept, self.sweep.runs)
-
-                engine.make(client, self.sweep, engine.work_of(self.sweep, self.values, missing), keep)
-                seconds = time.monotonic() - start
+        with engine.RunMaker(self.sweep, kept, self.settings, self.on_progress) as self.maker:
+            rows = self.maker.rows
+            missing = [number for number in range(1, self.sweep.runs + 1) if number not in rows]
+            if missing:
+                self.maker.make(engine.work_of(self.sweep, self.values, missing))
         self.on_progress('tables and figures', 0, 0)
         table = kept.finish(rows.values())
         found = runs_of(self.sweep, self.values, rows)
@@ -80,7 +65,9 @@ class Study(studies.Study):
         folder.clear([*report.TABLES, *figures.file_names()])
         folder.add(table)
         specification_name = str(self.settings.specification)
-        document = report.summary(Results(found, seconds, len(missing), workers), specification_name)
+        seconds = self.maker.seconds if missing else float('nan')
+        results = Results(found, seconds, len(missing), self.maker.workers)
+        document = report.summary(results, specification_name)
         return folder.results(
             f'Sweep {self.sweep.name}',
             document,

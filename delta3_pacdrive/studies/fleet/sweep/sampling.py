@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.studies.fleet.sweep.design import Law, Sampling, Sweep, Variation
+from delta3_pacdrive.studies.fleet.sweep.study import Law, Sampling, Sweep, Variation
 
 TAIL = 1e-12  # probability at which a normal distribution is truncated
 

@@ -20,8 +20,8 @@ from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.planning.program.model import Program
 from delta3_pacdrive.recording.signals import OF_DRIVES, REQUESTED_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
-from delta3_pacdrive.studies.fleet.sweep.design import FUNCTION, PROGRAM, Kept, Outcome, Reduction, Sweep
 from delta3_pacdrive.studies.fleet.sweep.program_values import with_value
+from delta3_pacdrive.studies.fleet.sweep.study import FUNCTION, PROGRAM, Kept, Outcome, Reduction, Sweep
 
 PROGRAM_S = 'program_s'
 PLANS_MAX = 64  # cached plans per process

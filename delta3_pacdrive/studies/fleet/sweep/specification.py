@@ -41,7 +41,9 @@ from delta3_pacdrive.configuration.value_readers import line_of_text, number, on
 from delta3_pacdrive.errors import ProgramError, SweepError, shown
 from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.recording.tables import quantities
-from delta3_pacdrive.studies.fleet.sweep.design import (
+from delta3_pacdrive.studies.fleet.sweep.program_values import value_at
+from delta3_pacdrive.studies.fleet.sweep.single_run import figure_names
+from delta3_pacdrive.studies.fleet.sweep.study import (
     FUNCTION,
     PROGRAM,
     Kept,
@@ -51,8 +53,6 @@ from delta3_pacdrive.studies.fleet.sweep.design import (
     Sweep,
     Variation,
 )
-from delta3_pacdrive.studies.fleet.sweep.program_values import value_at
-from delta3_pacdrive.studies.fleet.sweep.single_run import figure_names
 from delta3_pacdrive.studies.framework.provenance import versions
 
 RUNS_MAX, VARIED_MAX, KEPT_MAX, LIST_MAX = 10_000_000, 50, 100, 1000

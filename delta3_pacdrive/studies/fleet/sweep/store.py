@@ -11,7 +11,7 @@ from typing import Any
 
 from delta3_pacdrive import atomic_file as whole_file
 from delta3_pacdrive.errors import SweepError
-from delta3_pacdrive.studies.fleet.sweep.design import Sweep
+from delta3_pacdrive.studies.fleet.sweep.study import Sweep
 from delta3_pacdrive.studies.framework.provenance import versions
 
 TABLE, MANIFEST, PARTS = 'runs.parquet', 'sweep.json', 'part_*.parquet'

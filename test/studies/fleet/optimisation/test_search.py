@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from delta3_pacdrive.studies.fleet.optimisation.design import BASE, Optimisation, Trial, Trials
 from delta3_pacdrive.studies.fleet.optimisation.search import Search, base_values, trial_of
-from delta3_pacdrive.studies.fleet.sweep.design import Law, Outcome, Sampling, Sweep, Variation
+from delta3_pacdrive.studies.fleet.optimisation.study import BASE, Optimisation, Trial, Trials
+from delta3_pacdrive.studies.fleet.sweep.study import Law, Outcome, Sampling, Sweep, Variation
 
 pytest.importorskip('optuna', reason='optimisations need the extra "optimise"')
 

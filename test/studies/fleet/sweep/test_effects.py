@@ -7,10 +7,9 @@ import pytest
 from scipy.stats import beta
 
 from delta3_pacdrive.studies.fleet.sweep import figures, report
-from delta3_pacdrive.studies.fleet.sweep.design import Law, Outcome, Runs, Sampling, Sweep, Variation
 from delta3_pacdrive.studies.fleet.sweep.effects import distributions, effects, worst, yields
 from delta3_pacdrive.studies.fleet.sweep.sampling import values_of
-from delta3_pacdrive.studies.fleet.sweep.study import Results
+from delta3_pacdrive.studies.fleet.sweep.study import Law, Outcome, Results, Runs, Sampling, Sweep, Variation
 from delta3_pacdrive.studies.framework.figure_style import label_of_key
 from reports_read import read, read_drawing
 

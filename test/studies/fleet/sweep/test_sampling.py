@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.errors import SweepError
-from delta3_pacdrive.studies.fleet.sweep.design import Law, Sampling, Sweep, Variation
 from delta3_pacdrive.studies.fleet.sweep.sampling import values_of
+from delta3_pacdrive.studies.fleet.sweep.study import Law, Sampling, Sweep, Variation
 
 UNIFORM = Variation('a.b', Law.UNIFORM, (2.0, 4.0))
 NORMAL = Variation('c.d', Law.NORMAL, (10.0, 0.5))

@@ -12,10 +12,10 @@ from delta3_pacdrive.errors import SweepError
 from delta3_pacdrive.planning import program_planner
 from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.studies.fleet.sweep import single_run
-from delta3_pacdrive.studies.fleet.sweep.design import Kept, Outcome, Reduction
 from delta3_pacdrive.studies.fleet.sweep.program_values import value_at, with_value
 from delta3_pacdrive.studies.fleet.sweep.single_run import Runner, figure_names, figures_of, reduced
 from delta3_pacdrive.studies.fleet.sweep.specification import load
+from delta3_pacdrive.studies.fleet.sweep.study import Kept, Outcome, Reduction
 
 SPEC = """\
 program: short.yaml

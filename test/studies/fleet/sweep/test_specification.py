@@ -3,8 +3,8 @@
 import pytest
 
 from delta3_pacdrive.errors import SweepError
-from delta3_pacdrive.studies.fleet.sweep.design import Kept, Law, Reduction, Sampling, Variation
 from delta3_pacdrive.studies.fleet.sweep.specification import load
+from delta3_pacdrive.studies.fleet.sweep.study import Kept, Law, Reduction, Sampling, Variation
 
 SMALL = """\
 program: experiment1

@@ -1,10 +1,11 @@
-"""Models of the motors: winding (7.2, 8.2) and torque balance of the shafts (4.26, 4.31)."""
+"""Models of measured signals: geometry (4.4), winding (7.2, 8.2) and torque balance of the shafts (4.26, 4.31)."""
 
 import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from delta3_pacdrive import dynamics
 from delta3_pacdrive.errors import EstimationError
@@ -12,12 +13,65 @@ from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.estimation.measurement import NOISE, moving_rows, sample_time_s
-from delta3_pacdrive.studies.estimation.problem import Block
-from delta3_pacdrive.studies.estimation.quantities import GROUPS, base_constants
+from delta3_pacdrive.studies.estimation.problem import BAND_HZ, Block, MotionBand
+from delta3_pacdrive.studies.estimation.quantities import FRAME, GROUPS, OF_ARMS, OFFSETS, base_constants
 
-BAND_HZ = 60.0  # low pass of the torque balance: motion below, mostly noise above
-EDGE_PERIODS = 3.0  # periods of the band edge removed at either end for filter transients
-SAMPLES_PER_BAND = 2.5  # kept samples per period of the band edge
+POSES_MAX = 1000
+
+
+class GeometryModel:
+    """Compares measured positions of the TCP with those that follow from the arm angles.
+
+    Forearm i spans s_i = X - C_i(theta_i) and closes if |s_i| = l_B (4.4). S^-1 maps the three gaps e_i = |s_i| - l_B
+    to a position error, with the directions s_i/|s_i| as rows of S. To first order this is the error of the forward
+    kinematics, but it is also defined for a geometry that does not close. Arms may differ from one another.
+
+    Raises
+    ------
+    EstimationError
+        The trace contains no measured TCP.
+
+    """
+
+    step, accuracy = 1e-5, 1e-6
+    depends = frozenset(GROUPS['geometry'].possible)
+
+    def __init__(self, trace: Trace, parameters: Parameters) -> None:
+        rows = moving_rows(trace)
+        every = max(1, -(-(rows.stop - rows.start) // POSES_MAX))
+        rows = slice(rows.start, rows.stop, every)
+        self._angles = trace['motor_position'][rows] / parameters.dynamics.gear_ratio
+        self._points = trace['tcp_measured'][rows]
+        self.shapes = (self._points.shape,)
+        period = sample_time_s(trace) * every
+        self.blocks = (Block('TCP', 'm', NOISE.tcp_measured_m, period, float(trace.time_s[rows.start])),)
+
+    def residuals(self, values: Mapping[str, float]) -> list[Floats]:
+        """Measured TCP less that of the arm angles [m], shape (n, 3)."""
+        # rotation about the fixed axes of the measuring frame
+        turned = Rotation.from_euler('xyz', _vector(values, FRAME[3:]))
+        points = (self._points - _vector(values, FRAME[:3])) @ turned.as_matrix()
+        theta = self._angles + _vector(values, OFFSETS)
+        arm, forearm, radius, turn = (_vector(values, names) for names in OF_ARMS)
+        alpha = _vector(values, ('alpha_1', 'alpha_2', 'alpha_3')) + turn
+        arm, forearm = values['l_A'] + arm, values['l_B'] + forearm
+        reach = values['R_A'] - values['R_B'] + radius + arm * np.cos(theta)
+        elbows = np.stack([reach * np.cos(alpha), reach * np.sin(alpha), -arm * np.sin(theta)], axis=-1)
+        forearms = points[:, None, :] - elbows
+        lengths = np.linalg.norm(forearms, axis=-1)
+        try:
+            error = np.linalg.solve(forearms / lengths[..., None], (lengths - forearm)[..., None])
+        except np.linalg.LinAlgError:
+            raise EstimationError(
+                'the geometry has become singular: the start values are too far off'
+            ) from None
+        return [np.asarray(error[..., 0])]
+
+
+def _vector(values: Mapping[str, float], symbols: tuple[str, ...]) -> Floats:
+    return np.array([values[symbol] for symbol in symbols])
+
+
 STEPS_PER_TIME_CONSTANT = 10.0  # minimum samples per time constant L/R of a winding
 
 
@@ -92,13 +146,8 @@ class TorqueModel:
         self._parameters = parameters
         period, rows = sample_time_s(trace), moving_rows(trace)
         ratio = parameters.dynamics.gear_ratio
-        self._section = butter(4, band_hz, fs=1.0 / period, output='sos')
-        edge = round(EDGE_PERIODS / band_hz / period)
-        self._every = max(1, round(1.0 / (SAMPLES_PER_BAND * band_hz * period)))
         self._speed = trace['motor_speed'][rows]
-        if len(self._speed) < 4 * edge:
-            raise EstimationError('the motion is too short for a balance of torques')
-        self._kept = slice(edge, len(self._speed) - edge, self._every)
+        self._filtered = MotionBand(len(self._speed), period, 'balance of torques', band_hz)
         arms = trace['motor_position'][rows] / ratio
         regressor = dynamics.regressor(
             arms, self._speed / ratio, slope(self._speed, period) / ratio, parameters
@@ -117,11 +166,8 @@ class TorqueModel:
         inertia = parameters.drive.feedforward_inertia_kg_m2 / parameters.motor.torque_constant_n_m_a
         slopes = inertia * math.tau * band_hz * NOISE.motor_speed_rad_s / math.sqrt(3.0)
         sigma = math.sqrt(share) * math.hypot(NOISE.current_a, slopes)
-        start = float(trace.time_s[rows.start]) + edge * period
-        self.blocks = (Block('current by torques', 'A', sigma, self._every * period, start),)
-
-    def _filtered(self, values: Floats) -> Floats:
-        return np.asarray(sosfiltfilt(self._section, values, axis=0)[self._kept])
+        start = float(trace.time_s[rows.start]) + self._filtered.edge * period
+        self.blocks = (Block('current by torques', 'A', sigma, self._filtered.every * period, start),)
 
     def _static_friction(self, smoothing: float) -> Floats:
         if self._static[0] != smoothing:

@@ -1,11 +1,11 @@
-"""Run another command in a separate process."""
+"""Run a command of ``delta3`` in a separate process."""
 
 import signal
 import subprocess
 import sys
 from typing import Any
 
-END_S = 15.0  # timeout for the exit of an interrupted command, which first brings its robot to rest
+END_S = 20.0  # timeout for the exit of an interrupted command, which first brings its robot to rest
 
 
 def start(*arguments: str, **streams: Any) -> 'subprocess.Popen[str]':
