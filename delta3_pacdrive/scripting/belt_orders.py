@@ -45,7 +45,7 @@ from delta3_pacdrive.scripting.script_orders import ScriptOrders
 
 LATE_CYCLES = 2  # margin before the last cycle in which work on a belt can follow the preceding moves
 APART_CYCLES = 2
-ABANDON_TRIES = 2
+CANCEL_TRIES = 2
 SURE_S = 0.01  # a shorter wait for a part is not decided again
 CLOCK_CYCLES = 30  # from a belt decision to its order with a clock, in addition to the time of the order
 
@@ -160,7 +160,7 @@ class BeltOrders(ScriptOrders):
         self.batch = [*ahead, *batch, *behind]
         met_s = found.pad_s + block.first_s(planned.plan) / rate
         part_m, reference_m = block.part.along_m, block.reference_m
-        self._link.get_on(TrackOrder(block.belt, part_m, reference_m, block.window, block.limits, met_s))
+        self._link.track(TrackOrder(block.belt, part_m, reference_m, block.window, block.limits, met_s))
 
     @property
     def _clock_cycles(self) -> int:
@@ -335,7 +335,7 @@ class BeltOrders(ScriptOrders):
         left_s = self._left_on_belt_s(cycle)
         if block is not None and tracking.works and left_s > 0.0:
             self._note_leaving(block, tracking, continues + int(left_s / self.parameters.bus.cycle_time_s))
-        self._link.get_on_again(cycle)
+        self._link.track_again(cycle)
         return continues
 
     # end --------------------------------------------------------------------------------------------------------------
@@ -344,11 +344,11 @@ class BeltOrders(ScriptOrders):
         """Cancel the work on a belt and clear the queue; the robot stops next to the belt."""
         self.batch.clear()
         self.block = self._leaving = None
-        for _ in range(ABANDON_TRIES):
+        for _ in range(CANCEL_TRIES):
             with suppress(RefusedError):  # another client may have stopped the robot or taken control
                 try:
                     seen = self._link.poll()
-                    self._link.abandon(max(self.effect, seen.cycle + self.parameters.decision_cycles))
+                    self._link.cancel(max(self.effect, seen.cycle + self.parameters.decision_cycles))
                     seen = self._link.poll()
                 except RunError:
                     return  # a fault has stopped the robot

@@ -1,7 +1,8 @@
 """``scripting.connect``: run a script on a running robot."""
 
+import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,36 +10,51 @@ from typing import TYPE_CHECKING, Any
 from delta3_pacdrive import simulation
 from delta3_pacdrive.belts.image import read_belts
 from delta3_pacdrive.belts.knowledge import RemoteBelts, TrackOrder
-from delta3_pacdrive.control.motion_state import MotionState
+from delta3_pacdrive.control.messages import EXACT, EXTEND, ORDER
+from delta3_pacdrive.control.operation.script_operations import (
+    ATTACH,
+    CANCEL,
+    HOLD,
+    POLL,
+    TRACK,
+    TRACK_AGAIN,
+    WAIT,
+    ScriptOperation,
+    Snapshot,
+)
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, RefusedError, ScriptError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MotionProfile
 from delta3_pacdrive.planning.extension import Extension
+from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.planning.program_planner import Planned
 from delta3_pacdrive.scripting.belt_robot import BeltRobot
-from delta3_pacdrive.scripting.link import HeldError, Snapshot, StoppedError
+from delta3_pacdrive.scripting.link import HeldError, StoppedError
 from delta3_pacdrive.scripting.robot import Robot
 from delta3_pacdrive.scripting.source_position import of_caller
 
 if TYPE_CHECKING:
     from delta3_pacdrive.ros.clients.script_client import ScriptNode
 
+READY_S = 30.0  # timeout for a robot to become ready
+LOOK_S = 0.02  # between two attempts to attach
 MARGIN = 1.5  # expected time of the next order relative to the last one
 LEAD_CYCLES = 30  # additional lead of an order, with a clock
 
 
 class ConnectedLink:
-    """Link to a running robot; ``node`` is a client that has control of it."""
+    """Link to a running robot; the client ``node`` has control of it."""
 
     def __init__(self, node: 'ScriptNode', parameters: Parameters) -> None:
         self._node, self.parameters = node, parameters
-        facts = node.attach()
+        facts = self._attach()
         belts = read_belts(facts['axes'])
         self.tracking = RemoteBelts(parameters, belts) if belts else None
         self.inputs, self.outputs = tuple(facts['inputs']), node.outputs()
         self._has_clock = bool(facts['clock'])
         self._take(facts)
+        self._driven = 0  # number of the newest accepted order
         self._extra_cycles = LEAD_CYCLES if self._has_clock else 0
 
     @property
@@ -46,25 +62,47 @@ class ConnectedLink:
         """Expected additional bus cycles until an order can take effect, mainly due to planning."""
         return self._extra_cycles
 
-    def poll(self) -> Snapshot:
-        """Return the state in the latest evaluated bus cycle."""
-        if self._has_clock and time.monotonic() - self._seen_s > self.parameters.bus.cycle_time_s:
-            self._take(self._node.look())
-        return self._seen
+    def _attach(self) -> dict[str, Any]:
+        """Attach the script to the robot as soon as it can be moved; return its facts."""
+        deadline = time.monotonic() + READY_S
+        while True:
+            try:
+                return self._ask(ATTACH)
+            except RefusedError as error:
+                waits = error.reason.code in (Code.LATE, Code.BUS) and time.monotonic() < deadline
+                if not waits:
+                    raise
+                self._node.spin_for(LOOK_S)
+
+    def _ask(self, operation: ScriptOperation, argument: Any = None) -> dict[str, Any]:
+        return dict(json.loads(self._node.request(operation, argument)))
 
     def _take(self, facts: dict[str, Any]) -> dict[str, Any]:
-        self._seen, self._seen_s = snapshot_of(facts), time.monotonic()
+        self._seen, self._seen_s = Snapshot.from_document(facts['seen']), time.monotonic()
         self._held = facts['held']
         if self.tracking is not None:
             self.tracking.take(facts['belts'])
         return facts
 
-    def start(self, planned: Planned, cycle: int, override: float) -> int:
-        """Start a program in a bus cycle."""
+    def _run_bus(self, operation: ScriptOperation, argument: Any) -> dict[str, Any]:
+        """Send a request that runs the bus, and update the state even if the request is rejected."""
         try:
-            return self._timed(
-                lambda: self._node.start(planned.plan, cycle, override, exact=not self._has_clock)
-            )
+            return self._take(self._ask(operation, argument))
+        except RefusedError:
+            self._take(self._ask(POLL))
+            raise
+
+    def poll(self) -> Snapshot:
+        """Return the state in the latest evaluated bus cycle."""
+        if self._has_clock and time.monotonic() - self._seen_s > self.parameters.bus.cycle_time_s:
+            self._take(self._ask(POLL))
+        return self._seen
+
+    def start(self, planned: Planned, cycle: int, override: float) -> int:
+        """Start a program in a bus cycle, with a clock possibly later."""
+        row = (float(cycle), override, *planned.plan.tables.order.tolist())
+        try:
+            return self._order(ORDER if self._has_clock else EXACT, planned.plan, row)
         except RefusedError as error:
             if error.reason.code is not Code.BELT:
                 raise
@@ -72,16 +110,24 @@ class ConnectedLink:
 
     def extend(self, extension: Extension) -> int:
         """Append moves to the running program."""
-        return self._timed(lambda: self._node.extend(extension))
+        return self._order(EXTEND, extension.more, extension.row(self._driven).tolist())
+
+    def _order(self, kind: str, plan: Plan, row: Sequence[float]) -> int:
+        with self._timed():
+            effect = self._node.order(kind, plan, row)
+        self._driven = self._node.number
+        return effect
 
     def change(self, profile: MotionProfile) -> int:
         """Change the motion profile."""
-        return self._timed(lambda: self._node.change(profile))
+        with self._timed():
+            return self._node.change(profile)
 
-    def _timed(self, order: Callable[[], int]) -> int:
-        """Send an order and measure the time since the decision."""
+    @contextmanager
+    def _timed(self) -> Iterator[None]:
+        """Measure the time from the decision to the reply to its order."""
         try:
-            return order()
+            yield
         finally:
             if self._has_clock:
                 spent = (time.monotonic() - self._seen_s) / self.parameters.bus.cycle_time_s
@@ -89,33 +135,24 @@ class ConnectedLink:
 
     def hold(self, cycle: int) -> MotionProfile:
         """Run the bus to a cycle and stop the robot on its path from that cycle."""
-        facts = self._after_bus_run(lambda: self._node.hold(cycle))
-        return MotionProfile.from_array(facts['held'])
+        return MotionProfile.from_array(self._run_bus(HOLD, cycle)['held'])
 
-    def get_on(self, order: TrackOrder) -> None:
+    def track(self, order: TrackOrder) -> None:
         """Set the belt for the next event of the plan that enters a belt."""
-        self._node.get_on(order)
+        self._node.request(TRACK, order)
 
-    def get_on_again(self, cycle: int) -> None:
+    def track_again(self, cycle: int) -> None:
         """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
-        self._node.get_on_again(cycle)
+        self._node.request(TRACK_AGAIN, cycle)
 
-    def abandon(self, cycle: int) -> None:
+    def cancel(self, cycle: int) -> None:
         """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
-        self._after_bus_run(lambda: self._node.abandon(cycle))
-
-    def _after_bus_run(self, ask: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """Send a request that runs the bus, and update the state even if the request is rejected."""
-        try:
-            return self._take(ask())
-        except RefusedError:
-            self._take(self._node.look())
-            raise
+        self._run_bus(CANCEL, cycle)
 
     def wait(self, condition: WaitCondition) -> bool:
         """Run the bus until a condition is met or its latest cycle has passed."""
         try:
-            return bool(self._after_bus_run(lambda: self._node.wait(condition))['met'])
+            return bool(self._run_bus(WAIT, condition)['met'])
         except RefusedError as error:
             code, held = error.reason.code, self._held
             if code is Code.BELT and self.tracking is not None and self.tracking.lost is None:
@@ -123,25 +160,6 @@ class ConnectedLink:
             if code is not Code.STATE or held is None:
                 raise
             raise HeldError(error.reason, MotionProfile.from_array(held)) from None
-
-
-def snapshot_of(facts: dict[str, Any]) -> Snapshot:
-    """Return the robot state in a reply."""
-    seen = facts['seen']
-    x, y, z = seen['command_m']
-    a, b, c = seen['position_m']
-    u, v, w = seen.get('planned_m', (x, y, z))
-    return Snapshot(
-        seen['cycle'],
-        MotionState(seen['motion']),
-        (x, y, z),
-        (a, b, c),
-        seen['outputs'],
-        seen['payload_kg'],
-        seen['inputs'],
-        (u, v, w),
-        tuple(seen.get('turn_rad', ())),
-    )
 
 
 @contextmanager
@@ -197,7 +215,7 @@ def connected(node: 'ScriptNode', name: str, take_over: bool = False) -> Iterato
             robot.held_at = _hold(robot)
         finally:
             node.stopped = False
-            node.leave_robot()
+            node.stop_robot()
         if robot.held_at >= 0:
             error.add_note(
                 f'The robot is held on its path and is at rest from bus cycle {robot.held_at}. Cancel its program '

@@ -1,16 +1,14 @@
 """Interface between a script and its robot, simulated or running."""
 
-from dataclasses import dataclass
 from typing import Protocol
 
 from delta3_pacdrive.belts.knowledge import BeltKnowledge, TrackOrder
-from delta3_pacdrive.control.motion_state import MotionState
+from delta3_pacdrive.control.operation.script_operations import Snapshot
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Reason, RefusedError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MotionProfile
 from delta3_pacdrive.planning.extension import Extension
-from delta3_pacdrive.planning.program.model import Point
 from delta3_pacdrive.planning.program.output_names import OutputNames
 from delta3_pacdrive.planning.program_planner import Planned
 
@@ -21,21 +19,6 @@ class HeldError(RefusedError):
     def __init__(self, reason: Reason, profile: MotionProfile) -> None:
         super().__init__(reason)
         self.profile = profile
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """State of the robot in the latest evaluated bus cycle."""
-
-    cycle: int
-    motion: MotionState
-    command_m: Point
-    position_m: Point
-    outputs: int  # bits
-    payload_kg: float
-    inputs: int  # bits
-    planned_m: Point  # differs from command_m while the robot moves with a belt
-    turns_rad: tuple[float, ...] = ()  # commanded angles of the rotary axes
 
 
 class StoppedError(RefusedError):
@@ -83,13 +66,13 @@ class Link(Protocol):
     def hold(self, cycle: int) -> MotionProfile:
         """Run the bus to a cycle and stop the robot on its path from that cycle."""
 
-    def get_on(self, order: TrackOrder) -> None:
+    def track(self, order: TrackOrder) -> None:
         """Set the belt for the next event of the plan that enters a belt."""
 
-    def get_on_again(self, cycle: int) -> None:
+    def track_again(self, cycle: int) -> None:
         """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
 
-    def abandon(self, cycle: int) -> None:
+    def cancel(self, cycle: int) -> None:
         """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
 
     def wait(self, condition: WaitCondition) -> bool:

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
+from delta3_pacdrive.control.operation.script_operations import Snapshot
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError, ScriptError
 from delta3_pacdrive.planning.execution import OVERRIDE_MIN
 from delta3_pacdrive.planning.resume import resume
-from delta3_pacdrive.scripting.link import Link, Snapshot
+from delta3_pacdrive.scripting.link import Link
 from delta3_pacdrive.scripting.moves import Moves, Start, Written
 from delta3_pacdrive.scripting.values import TIME_MAX_S
 

@@ -14,6 +14,7 @@ from delta3_pacdrive.control.cycle.rotary_axis import combined_turns
 from delta3_pacdrive.control.cycle.transformation import Figures, Transformation
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.script_gate import first_decision
+from delta3_pacdrive.control.operation.script_operations import Snapshot
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError
 from delta3_pacdrive.parameters import Parameters
@@ -25,7 +26,6 @@ from delta3_pacdrive.recording.acquisition import Acquisition
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.robot.plant.decoupled import require_stable
 from delta3_pacdrive.scripting.inputs import Given, inputs_of
-from delta3_pacdrive.scripting.link import Snapshot
 from delta3_pacdrive.scripting.motion_log import MotionLog
 from delta3_pacdrive.simulation.belts import axes_of
 from delta3_pacdrive.simulation.robot import Robot
@@ -96,39 +96,27 @@ class SimulatedLink:
 
     def poll(self) -> Snapshot:
         """Return the state in the latest evaluated bus cycle."""
-        task, cycle = self._task, self._operation.cycle - 1
-        commanded, answer = self._operation.commanded(), task.answer
-        motion = MotionState.IDLE
-        if task.loaded:
-            motion = MotionState.MOVING
-            if commanded.held:
-                motion = MotionState.STOPPED if cycle >= commanded.end_cycle else MotionState.STOPPING
-        x, y, z = answer['tcp_command'].tolist()
-        a, b, c = answer['tcp_actual'].tolist()
-        bits = self._inputs.bits(cycle)
-        u, v, w = (x, y, z) if self.tracking is None else task.state['planned'][0].tolist()
-        outputs, payload = commanded.outputs, commanded.payload_kg
-        return Snapshot(
-            cycle, motion, (x, y, z), (a, b, c), outputs, payload, bits, (u, v, w), task.turns_rad
-        )
+        cycle = self._operation.cycle - 1
+        motion = MotionState.MOVING if self._task.loaded else MotionState.IDLE
+        return Snapshot.of(self._task, cycle, self._operation.commanded(), motion, self._inputs.bits(cycle))
 
     @property
     def tracking(self) -> BeltTracking | None:
         """Belt tracking of the controller; None without belts."""
         return self._task.tracking if self._task.tracking.belts else None
 
-    def get_on(self, order: TrackOrder) -> None:
+    def track(self, order: TrackOrder) -> None:
         """Set the belt for the next event of the plan that enters a belt."""
         if self.tracking is not None:
             self.tracking.order(order)
 
-    def get_on_again(self, cycle: int) -> None:
+    def track_again(self, cycle: int) -> None:
         """Synchronize with the belt again after ``hold``, or leave it, from a bus cycle."""
         if self.tracking is not None:
             self.tracking.again_cycle = cycle
             self.tracking.resume()  # the change of the motion profile follows
 
-    def abandon(self, cycle: int) -> None:
+    def cancel(self, cycle: int) -> None:
         """Run the bus to a cycle, stop from that cycle, and clear moves and belt once the robot is at rest."""
         task, tracking = self._task, self._task.tracking
         with suppress(RefusedError):  # a robot that loses its belt stops automatically

@@ -14,7 +14,7 @@ from delta3_pacdrive.belts.tracking import BeltReading
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.control import Operator
 from delta3_pacdrive.control.operation.script_gate import GateEvent
-from delta3_pacdrive.control.operation.script_service import ABANDON, GET_ON, GET_ON_AGAIN
+from delta3_pacdrive.control.operation.script_operations import CANCEL, TRACK, TRACK_AGAIN
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RefusedError
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 from delta3_pacdrive.scripting.belt_robot import BeltRobot
@@ -154,7 +154,7 @@ def test_a_drive_that_gives_way_on_a_belt_is_seen_where_no_moves_are_left(node, 
     called.wait_time(0.1)
     state = node.controller.state
     assert (state.motion, state.moves, state.checked_from) == (MotionState.IDLE, True, 0)
-    node.ask(ABANDON, str(node.controller.next_cycle + 18))
+    node.ask(CANCEL, str(node.controller.next_cycle + 18))
     assert (state.moves, state.checked_from) == (False, NEVER)
 
 
@@ -162,11 +162,11 @@ def test_who_asks_to_get_on_again_and_does_not_go_on_stands(node, called):
     gets_on(called)
     called.dwell(0.8)
     called.wait_time(0.1)
-    reason, _ = node.ask(GET_ON_AGAIN, '5000')
+    reason, _ = node.ask(TRACK_AGAIN, '5000')
     assert str(reason) == 'the robot is moving: only one that stopped next to a belt gets on again'
     called.hold()
     called.wait_time(0.1)
-    reason, answer = node.ask(GET_ON_AGAIN, str(node.controller.next_cycle + 2))
+    reason, answer = node.ask(TRACK_AGAIN, str(node.controller.next_cycle + 2))
     assert reason is None
     assert answer.endswith(', if the robot resumes then')
     node.controller.control.release(node.identity)
@@ -187,33 +187,33 @@ def test_a_robot_that_stands_beside_its_belt_goes_on_only_if_it_gets_on_again(no
     called.wait_time(0.1)
     called.hold()
     called.wait_time(0.1)
-    node.get_on_again = lambda _: None
+    node.instead[TRACK_AGAIN] = lambda _: ''
     with pytest.raises(scripting.ScriptError, match='no bus cycle is set to get on again'):
         called.resume()
-    del node.get_on_again
+    del node.instead[TRACK_AGAIN]
     called.resume()
     called.wait_time(0.1)
     assert not node.stands()
 
 
 def test_an_order_that_nobody_follows_is_not_that_of_the_next_part(node, called, robot):
-    node.get_on(ORDER)
+    node.request(TRACK, ORDER)
     node.ask('leave')
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
-    node.get_on(ORDER)
+    node.request(TRACK, ORDER)
     node.ask('leave')
     node.controller.gate.handle(GateEvent.END)
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
 
 
 def test_a_plan_that_gets_on_a_belt_without_an_order_is_held(node, called, robot):
-    node.get_on = lambda _: None
+    node.instead[TRACK] = lambda _: ''
     pick(called)
     with pytest.raises(scripting.ScriptError, match='but no belt has been selected') as lost:
         called.wait()
     assert lost.value.code is Code.BELT
     assert node.controller.task.tracking.free
-    del node.get_on
+    del node.instead[TRACK]
     node.ask('leave')
     node.goes_on()
     assert another_picks(node, robot) == pytest.approx(IN_TRAY_M, abs=1e-4)
@@ -284,17 +284,17 @@ def test_a_script_that_holds_when_its_moves_are_over_goes_on_with_the_belt(robot
 def test_no_order_that_was_on_its_way_undoes_the_stop_of_an_operator(node, called):
     block = gets_on(called)
     called.wait_time(0.1)
-    start, refused = node.start, []
+    order, refused = node.order, []
 
-    def stopped_meanwhile(*order, **how):
+    def stopped_meanwhile(*what):
         assert isinstance(node.controller.scripts.hold(), str)
         try:
-            return start(*order, **how)
+            return order(*what)
         except RefusedError as error:
             refused.append(error.reason.code)
             raise
 
-    node.start = stopped_meanwhile
+    node.order = stopped_meanwhile
     called.move_l(to_mm=[0, 100, 60], **QUICK)
     called.dwell(0.5)
     with pytest.raises(
@@ -343,18 +343,19 @@ def test_a_script_that_gives_up_while_an_operator_holds_gives_up_again(node, cal
     block = gets_on(called)
     called.dwell(0.8)
     called.wait_time(0.1)
-    abandon, asked = node.abandon, []
+    asked = []
 
     def held_meanwhile(cycle):
         asked.append(cycle)
         if len(asked) == 1:
-            node.post(ABANDON, str(cycle))
+            node.post(CANCEL, str(cycle))
             assert isinstance(node.controller.scripts.hold(), str)
             assert node.controller.gate.hold_cycle == NEVER
             raise RefusedError(node.replies[-1][0])
-        return abandon(cycle)
+        del node.instead[CANCEL]
+        return node.request(CANCEL, cycle)
 
-    node.abandon = held_meanwhile
+    node.instead[CANCEL] = held_meanwhile
     assert block.__exit__(ValueError, ValueError('enough'), None) is False
     assert len(asked) == 2
     assert node.stands()
@@ -366,17 +367,17 @@ def test_a_script_that_gives_up_while_an_operator_holds_gives_up_again(node, cal
 
 def test_an_order_that_came_too_late_leaves_nothing_behind(node, called, monkeypatch):
     monkeypatch.setattr(ConnectedLink, 'extra_cycles', 30)  # as with a clock
-    start = node.start
+    order = node.order
 
     def too_late(*_, **__):
         raise RefusedError(Reason(Code.LATE, 'too late'))
 
     with called.track('line', timeout_s=5.0, **QUICK):
         called.move_l(to_mm=[0, 0, 60], **QUICK)
-        node.start = too_late
+        node.order = too_late
         with pytest.raises(scripting.ScriptError, match='too late'):
             called.wait()
-        node.start = start
+        node.order = order
         called.move_l(to_mm=[0, 0, 40], **QUICK)
         called.wait()
         assert not node.stands()
@@ -435,11 +436,11 @@ def changed(**values):
     ],
 )
 def test_an_order_that_is_none_is_refused(node, called, text, sentence):
-    reason, _ = node.ask(GET_ON, text)
+    reason, _ = node.ask(TRACK, text)
     assert reason.code is Code.CONTENT
     assert sentence in str(reason)
 
 
 def test_who_is_on_no_belt_gets_on_none_again(node, called):
-    reason, _ = node.ask(GET_ON_AGAIN, '5000')
+    reason, _ = node.ask(TRACK_AGAIN, '5000')
     assert (reason.code, str(reason)) == (Code.STATE, 'the robot is on no belt')

@@ -11,7 +11,7 @@ from delta3_pacdrive.belts.image import belts_text, read_belts
 from delta3_pacdrive.belts.knowledge import TrackOrder
 from delta3_pacdrive.belts.synchronization import TrackLimits, TrackWindow
 from delta3_pacdrive.belts.tracking import BeltReading
-from delta3_pacdrive.control.operation.script_service import GET_ON
+from delta3_pacdrive.control.operation.script_operations import TRACK
 from delta3_pacdrive.errors import Code
 from delta3_pacdrive.scripting.belt_robot import BeltRobot
 from delta3_pacdrive.scripting.connected_link import ConnectedLink
@@ -214,7 +214,7 @@ def test_a_robot_without_belts_names_none(robot):
     called = BeltRobot(ConnectedLink(node, robot), 'script')
     with pytest.raises(scripting.ScriptError, match=r"unknown belt 'line', the belts are: none"):
         called.part('line')
-    reason, _ = node.ask(GET_ON, json.dumps(ORDER.to_document()))
+    reason, _ = node.ask(TRACK, json.dumps(ORDER.to_document()))
     assert str(reason) == 'the robot cannot work on belt number 0, of 0'
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.control import Operator
-from delta3_pacdrive.control.operation.script_service import ATTACH, HOLD, LEAVE, LOOK, WAIT
+from delta3_pacdrive.control.operation.script_operations import ATTACH, END, HOLD, POLL, WAIT
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Delta3Error, Reason
 from delta3_pacdrive.scripting.connected_link import ConnectedLink
@@ -100,18 +100,21 @@ class Sequence:
         """End the script as one that dies does."""
         script, self.script = self.script, None
         script.abort()
-        return self.node.ask(LEAVE)[0]
+        return self.node.ask(END)[0]
 
     def ask(self):
         """Ask as a client that keeps to nothing."""
         chance = self.chance
-        action = chance.choice((ATTACH, LOOK, WAIT, HOLD, LEAVE, 'explode'))
+        action = chance.choice((ATTACH, POLL, WAIT, HOLD, END, 'explode'))
         cycle = self.controller.gate.cycle + chance.randrange(-5, 50)
         texts = {WAIT: WaitCondition(0, max(cycle, 0)).to_json(), HOLD: str(cycle)}
         whose = chance.choice((self.node.identity, STRANGER))
         text = chance.choice((texts.get(action, ''), '', 'nonsense'))
-        self.attempt(f'{whose[:4]} asks to {action} {text}', lambda: self.node.ask(action, text, whose)[0])
-        if action == LEAVE and whose == self.node.identity:
+        self.attempt(
+            f'{whose[:4]} asks to {getattr(action, "name", action)} {text}',
+            lambda: self.node.ask(action, text, whose)[0],
+        )
+        if action == END and whose == self.node.identity:
             self.script = None
 
     def operate(self):
@@ -178,7 +181,7 @@ class Sequence:
             self.attempt('abort', self.controller.scripts.abort)
         self.node.goes_on(1500)
         with suppress(Delta3Error):
-            self.node.ask(LEAVE)
+            self.node.ask(END)
         self.node.goes_on(300)
         if self.controller.state.fault:
             assert not isinstance(self.answer(self.controller.enabling.reset), Reason)

@@ -1,6 +1,5 @@
 """A robot on its bus as scripts know it, without ROS: the controller of the nodes, and simulated drives behind it."""
 
-import json
 from collections import deque
 from typing import Any
 
@@ -9,21 +8,13 @@ import numpy as np
 from delta3_pacdrive.belts.image import belts_text
 from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.control.cycle.plan_intake import MoreMoves, Order
-from delta3_pacdrive.control.messages import EXACT, EXTEND, ORDER, PROFILE, Origin, Request
+from delta3_pacdrive.control.messages import PROFILE, Origin, Request
 from delta3_pacdrive.control.operation.control import Operator
 from delta3_pacdrive.control.operation.cyclic_operation import Timing
 from delta3_pacdrive.control.operation.robot_actions import AccessRequested, Replied
 from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.control.operation.script_gate import GateState
-from delta3_pacdrive.control.operation.script_service import (
-    ABANDON,
-    ATTACH,
-    GET_ON,
-    GET_ON_AGAIN,
-    HOLD,
-    LOOK,
-    WAIT,
-)
+from delta3_pacdrive.control.operation.script_operations import ScriptOperation, Snapshot
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
 from delta3_pacdrive.planning.extension import Row
@@ -32,7 +23,6 @@ from delta3_pacdrive.robot.faults.schedule import Schedule
 from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, PARTICIPANTS, Identity
 from delta3_pacdrive.robot.sercos.participants import Announcement, Occasion
 from delta3_pacdrive.robot.sercos.service_channel import Answer
-from delta3_pacdrive.scripting.link import Snapshot
 from delta3_pacdrive.simulation.belts import axes_of, readings
 from delta3_pacdrive.simulation.robot import Robot
 
@@ -241,6 +231,8 @@ class ServedNode:
         The robot.
     replies
         To the newest request: reason, text, whether that was all.
+    instead
+        Functions of the argument that are called instead of requests.
 
     """
 
@@ -252,7 +244,8 @@ class ServedNode:
         self.controller.control.take(Operator(self.identity, 'script test'), False, 0.0)
         self.controller.scripts.reply = lambda _, *reply: self.replies.append(reply)
         self.replies: list[Any] = []
-        self._numbers = self._orders = self._driven = 0
+        self._numbers = self.number = 0
+        self.instead: dict[ScriptOperation, Any] = {}
 
     def outputs(self) -> Any:
         """Return the outputs that a script may name."""
@@ -267,7 +260,7 @@ class ServedNode:
         for _ in range(cycles):
             self.bus.exchange()
 
-    def ask(self, action: str, text: str = '', operator: str = identity) -> Any:
+    def ask(self, action: ScriptOperation | str, text: str = '', operator: str = identity) -> Any:
         """Ask, and let bus cycles go by until that is answered; return reason and text."""
         self.post(action, text, operator)
         for _ in range(100_000):
@@ -279,68 +272,41 @@ class ServedNode:
         assert self.replies[-1][2], f'no answer to {action}'
         return self.replies[-1][:2]
 
-    def post(self, action: str, text: str = '', operator: str = identity) -> None:
+    def post(self, action: ScriptOperation | str, text: str = '', operator: str = identity) -> None:
         """Ask, and leave it at that."""
         self.replies.clear()
         self._numbers += 1
-        self.controller.scripts.ask(Request(self.bus.session, operator, self._numbers, 0, action, text))
+        name = action if isinstance(action, str) else action.name
+        self.controller.scripts.ask(Request(self.bus.session, operator, self._numbers, 0, name, text))
 
-    def _facts(self, action: str, text: str = '') -> Any:
-        return json.loads(self._told(action, text))
-
-    def _told(self, action: str, text: str = '') -> str:
-        reason, told = self.ask(action, text)
+    def request(self, operation: ScriptOperation, argument: Any = None) -> str:
+        if operation in self.instead:
+            return str(self.instead[operation](argument))
+        reason, told = self.ask(operation, operation.write(argument))
         if reason is not None:
             raise RefusedError(reason)
         return str(told)
 
-    def attach(self) -> Any:
-        return self._facts(ATTACH)
+    def spin_for(self, seconds: float) -> None:
+        """Let no time go by."""
 
-    def look(self) -> Any:
-        return self._facts(LOOK)
-
-    def wait(self, condition: WaitCondition) -> Any:
-        return self._facts(WAIT, condition.to_json())
-
-    def hold(self, cycle: int) -> Any:
-        return self._facts(HOLD, str(cycle))
-
-    def get_on(self, order: Any) -> None:
-        self._told(GET_ON, json.dumps(order.to_document()))
-
-    def get_on_again(self, cycle: int) -> None:
-        self._told(GET_ON_AGAIN, str(cycle))
-
-    def abandon(self, cycle: int) -> Any:
-        return self._facts(ABANDON, str(cycle))
-
-    def start(self, plan: Any, cycle: int, override: float, exact: bool) -> int:
-        row = (float(cycle), override, *plan.tables.order.tolist())
-        return self._order(plan, row, EXACT if exact else ORDER)
-
-    def extend(self, extension: Any) -> int:
-        return self._order(extension.more, extension.row(self._driven), EXTEND)
-
-    def _order(self, plan: Any, row: Any, kind: str) -> int:
-        self._orders += 1
+    def order(self, kind: str, plan: Any, row: Any) -> int:
+        self.number += 1
         orders = self.controller.orders
         for n, move in enumerate(plan.moves):
             orders.take_row(self._label(move.kind.name), move.to_array(n, len(plan.moves)))
         orders.take_row(self._label(kind), np.asarray(row, dtype=np.float64))
         while orders.waiting:
             orders.check_row()
-        effect = self._verdict()
-        self._driven = self._orders
-        return effect
+        return self._verdict()
 
     def change(self, profile: Any) -> int:
-        self._orders += 1
+        self.number += 1
         self.controller.orders.take_profile(self._label(PROFILE), profile.to_array())
         return self._verdict()
 
     def _label(self, kind: str) -> str:
-        return Origin(kind, self.identity, self.bus.session, self._orders).label()
+        return Origin(kind, self.identity, self.bus.session, self.number).label()
 
     def _verdict(self) -> int:
         ((_, verdict),) = self.controller.orders.verdicts

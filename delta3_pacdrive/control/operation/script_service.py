@@ -6,25 +6,36 @@ control of the robot; if it loses control, the robot stops on its path.
 
 import json
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from delta3_pacdrive.belts.image import belts_text
 from delta3_pacdrive.belts.knowledge import TrackOrder
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.messages import Request
-from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState
+from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
 from delta3_pacdrive.control.operation.control import Control
 from delta3_pacdrive.control.operation.cyclic_operation import CyclicOperation
 from delta3_pacdrive.control.operation.orders import Orders
 from delta3_pacdrive.control.operation.robot_state import STOPPED_OFF_BELT, RobotState
 from delta3_pacdrive.control.operation.script_gate import GateEvent, GateState, ScriptGate
-from delta3_pacdrive.control.operation.wait_condition import Commanded, WaitCondition
-from delta3_pacdrive.errors import Code, Reason, TelegramError, shown
+from delta3_pacdrive.control.operation.script_operations import (
+    ATTACH,
+    CANCEL,
+    END,
+    HOLD,
+    OPERATIONS,
+    POLL,
+    TRACK,
+    TRACK_AGAIN,
+    WAIT,
+    Snapshot,
+)
+from delta3_pacdrive.control.operation.wait_condition import WaitCondition
+from delta3_pacdrive.errors import Code, Delta3Error, Reason, shown
 from delta3_pacdrive.robot.sercos.bus_time import NEVER
 
-ATTACH, LOOK, WAIT, HOLD, LEAVE = 'attach', 'look', 'wait', 'hold', 'leave'
-GET_ON, GET_ON_AGAIN, ABANDON = 'get on', 'get on again', 'abandon'
 Reply = Callable[[Request, Reason | None, str, bool], None]
 HELD = Reason(Code.STATE, 'an operator has stopped the robot on its path: resume() continues')
 ABORTED = Reason(Code.WITHDRAWN, 'an operator has aborted the script')
@@ -56,6 +67,16 @@ class ScriptService:
         # set when an operator stops the robot while the script decides, until the script's next request
         self._held_outside: Reason | None = None
         gate.on_decision = self._decided
+        self._acts: dict[str, Callable[[Request, Any], Reason | str | None]] = {
+            ATTACH.name: self._attach,
+            POLL.name: self._poll,
+            WAIT.name: self._wait,
+            HOLD.name: partial(self._stop, cancels_motion=False),
+            TRACK.name: self._track,
+            TRACK_AGAIN.name: self._track_again,
+            CANCEL.name: partial(self._stop, cancels_motion=True),
+            END.name: self._end,
+        }
 
     @property
     def operator(self) -> str:
@@ -66,43 +87,40 @@ class ScriptService:
 
     def ask(self, request: Request) -> None:
         """Carry out a request; the reply is sent now or later."""
-        outcome: Reason | str | None = self._refusal(request)
-        if outcome is None:
-            acts: dict[str, Callable[[Request], Reason | str | None]] = {
-                ATTACH: self._attach,
-                LOOK: self._inspect,
-                WAIT: self._wait,
-                HOLD: self._hold,
-                LEAVE: self._leave,
-                GET_ON: self._get_on,
-                GET_ON_AGAIN: self._get_on_again,
-                ABANDON: self._abandon,
-            }
-            act = acts.get(request.action)
-            content = Reason(Code.CONTENT, f'a script cannot request {shown(request.action)}')
-            outcome = content if act is None else act(request)
+        outcome = self._rejection(request) or self._carry_out(request)
         if isinstance(outcome, Reason):
             self.reply(request, outcome, '', True)
         elif outcome is not None:
             self.reply(request, None, outcome, True)
 
-    def _refusal(self, request: Request) -> Reason | None:
+    def _carry_out(self, request: Request) -> Reason | str | None:
+        """Return the reply, or None if it follows later."""
+        operation = OPERATIONS.get(request.action)
+        if operation is None:
+            return Reason(Code.CONTENT, f'a script cannot request {shown(request.action)}')
+        try:
+            argument = operation.read(request.text)
+        except Delta3Error as error:
+            return Reason(Code.CONTENT, str(error))
+        return self._acts[operation.name](request, argument)
+
+    def _rejection(self, request: Request) -> Reason | None:
         operator = self._control.operator
         if operator is None or operator.identity != request.operator:
             return self._control.refusal(request.operator) or LOST
-        if request.action == ATTACH:
+        if request.action == ATTACH.name:
             return None
         if self.operator != request.operator:
-            return self._state_refusal() or Reason(Code.STATE, 'no script of this operator runs')
-        if request.action == LEAVE:
+            return self._state_rejection() or Reason(Code.STATE, 'no script of this operator runs')
+        if request.action == END.name:
             return None
-        return self._state_refusal()
+        return self._state_rejection()
 
-    def _state_refusal(self) -> Reason | None:
+    def _state_rejection(self) -> Reason | None:
         fault = self._state.fault
         return None if fault is None else Reason(Code.FAULT, str(fault), fault)
 
-    def _attach(self, request: Request) -> Reason | str:
+    def _attach(self, request: Request, _: None) -> Reason | str:
         if self.operator and self.operator != request.operator:
             return Reason(Code.STATE, 'another script is active')
         refusal = self._state.refusal()
@@ -130,55 +148,38 @@ class ScriptService:
             tracking.begin(self._gate.cycle)
         return self._snapshot(inputs=list(self._cycles.inputs.names), clock=self._gate.has_clock, axes=axes)
 
-    def _inspect(self, _: Request) -> str:
+    def _poll(self, _: Request, __: None) -> str:
         self._gate.refresh(self._cycles.answered)
         return self._snapshot()
 
-    def _wait(self, request: Request) -> Reason | str | None:
-        try:
-            condition = WaitCondition.from_json(request.text)
-        except TelegramError as error:
-            return Reason(Code.CONTENT, str(error))
+    def _wait(self, request: Request, condition: WaitCondition) -> Reason | None:
         held, self._held_outside = self._held_outside, None
         if held is not None and (held is not HELD or self._held_profile() is not None):
             return held
         return self._continue(request, condition)
 
-    def _hold(self, request: Request) -> Reason | str | None:
-        return self._stop(request, cancels_motion=False)
-
-    def _stop(self, request: Request, cancels_motion: bool) -> Reason | None:
+    def _stop(self, request: Request, cycle: int, cancels_motion: bool) -> Reason | None:
         """Run the bus up to the requested cycle, in which the robot starts to stop."""
-        cycle = self._cycle_of(request)
-        if isinstance(cycle, Reason):
-            return cycle
+        cycle = self._possible(cycle)
+        self._awaiting_rest = self._awaiting_rest or cancels_motion
         self._gate.hold_cycle, self._gate.cancels_motion = cycle, cancels_motion
         self._held_outside = None
         return self._continue(request, WaitCondition(cycle - 1, cycle - 1))
 
-    def _cycle_of(self, request: Request) -> int | Reason:
+    def _possible(self, cycle: int) -> int:
         """Return the bus cycle of a request; with a clock, at least the next possible one."""
-        if not request.text.isdecimal() or len(request.text) > 15:
-            return Reason(Code.CONTENT, f'{request.action} needs a bus cycle, not {shown(request.text)}')
-        cycle = int(request.text)
         return max(cycle, self._cycles.next_cycle + 1) if self._gate.has_clock else cycle
 
-    def _get_on(self, request: Request) -> Reason | str:
+    def _track(self, _: Request, order: TrackOrder) -> Reason | str:
         tracking = self._task.tracking
-        try:
-            order = TrackOrder.from_document(json.loads(request.text))
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError):
-            return Reason(Code.CONTENT, f'getting on a belt needs an order, not {shown(request.text)}')
         belts = tracking.belts
         if not 0 <= order.belt < len(belts) or belts[order.belt].window is None:
             return Reason(Code.CONTENT, f'the robot cannot work on belt number {order.belt}, of {len(belts)}')
         tracking.order(order)
         return 'the order counts for the next event that gets on a belt'
 
-    def _get_on_again(self, request: Request) -> Reason | str:
-        cycle, tracking = self._cycle_of(request), self._task.tracking
-        if isinstance(cycle, Reason):
-            return cycle
+    def _track_again(self, _: Request, cycle: int) -> Reason | str:
+        cycle, tracking = self._possible(cycle), self._task.tracking
         if tracking.free:
             return Reason(Code.STATE, 'the robot is on no belt')
         if self._state.motion is not MotionState.STOPPED:
@@ -190,10 +191,6 @@ class ScriptService:
             return Reason(Code.LATE, f'bus cycle {cycle} is over, the next one is {self._cycles.next_cycle}')
         tracking.again_cycle = cycle
         return f'from bus cycle {cycle} on, if the robot resumes then'
-
-    def _abandon(self, request: Request) -> Reason | None:
-        self._awaiting_rest = True
-        return self._stop(request, cancels_motion=True)
 
     def _wait_for_rest(self, request: Request) -> None:
         """Wait for the standstill, after which moves and belt are cleared."""
@@ -217,7 +214,7 @@ class ScriptService:
                 cycles.start_due()
         return None
 
-    def _leave(self, _: Request) -> str:
+    def _end(self, _: Request, __: None) -> str:
         self._gate.handle(GateEvent.END)
         self._orders.script = ''
         self._cycles.complete()  # evaluate feedback that arrived while the bus waited
@@ -230,19 +227,19 @@ class ScriptService:
         request, self._waiting = self._waiting, None
         if request is None:
             return
-        fault = self._state_refusal()
+        fault = self._state_rejection()
         if fault is not None:
             self.reply(request, fault, '', True)
         elif self._gate.state is GateState.FREE:
             self.reply(request, LOST, '', True)
-        elif request.action == ABANDON and self._awaiting_rest:
+        elif request.action == CANCEL.name and self._awaiting_rest:
             if self._gate.hold_cycle < NEVER:  # the belt was lost before, and the robot is at rest
                 self._gate.clear_hold()
                 self._gate.rest_cycle = self._state.cancel_motion()
             self._wait_for_rest(request)
         elif self._gate.lost is not None:
             self.reply(request, self._gate.lost, '', True)
-        elif request.action == HOLD:
+        elif request.action == HOLD.name:
             if self._held_profile() is None:
                 sentence = 'hold: the moves had finished before it took effect'
                 self.reply(request, Reason(Code.STATE, sentence), '', True)
@@ -304,33 +301,14 @@ class ScriptService:
 
     def _snapshot(self, **more: Any) -> str:
         """Return the state in the bus cycle that the script decides on, as JSON, with additional entries."""
-        gate, answer = self._gate, self._task.answer
-        commanded = gate.command_of(gate.cycle)
-        seen = {
-            'cycle': gate.cycle,
-            'motion': str(self._motion_of(commanded)),
-            'command_m': answer['tcp_command'].tolist(),
-            'position_m': answer['tcp_actual'].tolist(),
-            'outputs': commanded.outputs,
-            'payload_kg': commanded.payload_kg,
-            'inputs': self._cycles.inputs.bits,
-        }
-        if commanded.turns_rad:
-            seen['turn_rad'] = commanded.turns_rad
-        tracking, tracked = self._task.tracking, commanded.tracked
-        if tracked is not None:
-            seen['planned_m'] = commanded.planned_m
-            more['belts'] = tracking.to_document(gate.cycle, tracked)
+        gate, tracking = self._gate, self._task.tracking
+        commanded, inputs = gate.command_of(gate.cycle), self._cycles.inputs.bits
+        seen = Snapshot.of(self._task, gate.cycle, commanded, self._state.motion, inputs).to_document()
+        if commanded.tracked is None:
+            del seen['planned_m']
+        else:
+            more['belts'] = tracking.to_document(gate.cycle, commanded.tracked)
         return json.dumps({'seen': seen, 'held': self._held_profile(), **more})
-
-    def _motion_of(self, commanded: Commanded) -> MotionState:
-        """Return the motion state after the given command; later commands may already differ."""
-        motion = self._state.motion
-        if motion not in UNDER_WAY:
-            return motion
-        if not commanded.held:
-            return MotionState.MOVING
-        return MotionState.STOPPED if self._gate.cycle >= commanded.end_cycle else MotionState.STOPPING
 
     def _held_profile(self) -> list[float] | None:
         """Return the motion profile of a robot that is stopping or held, as a row of numbers."""

@@ -5,7 +5,6 @@ It is spun by a separate thread, or by the main thread of a bring-up; the script
 
 import json
 import threading
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -13,34 +12,20 @@ from typing import Any
 import rclpy
 from std_msgs.msg import String
 
-from delta3_pacdrive.belts.knowledge import TrackOrder
-from delta3_pacdrive.control.messages import EXACT, EXTEND, ORDER, PROFILE, Origin, Verdict
-from delta3_pacdrive.control.operation.script_service import (
-    ABANDON,
-    ATTACH,
-    GET_ON,
-    GET_ON_AGAIN,
-    HOLD,
-    LEAVE,
-    LOOK,
-    WAIT,
-)
-from delta3_pacdrive.control.operation.wait_condition import WaitCondition
+from delta3_pacdrive.control.messages import PROFILE, Origin, Verdict
+from delta3_pacdrive.control.operation.script_operations import END, ScriptOperation
 from delta3_pacdrive.control.queue.plan_rows import PlanRows
 from delta3_pacdrive.control.queue.planner_actions import Ordered
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, RunError, TelegramError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MotionProfile
-from delta3_pacdrive.planning.extension import Extension
 from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.planning.program.output_names import OWN, NamedOutput, OutputNames
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.clients.remote_parameters import RemoteParameters
-from delta3_pacdrive.ros.clients.robot_client import LOOK_S, PATIENCE_S, OperatorNode
+from delta3_pacdrive.ros.clients.robot_client import PATIENCE_S, OperatorNode
 from delta3_pacdrive.ros.wire import discovery, domain, interfaces
 from delta3_pacdrive.ros.wire.numbers import numbers
-
-READY_S = 30.0  # timeout for a robot to become ready
 
 
 class ScriptNode(OperatorNode):
@@ -50,8 +35,7 @@ class ScriptNode(OperatorNode):
         self._news = threading.Condition()
         super().__init__(self._wait_for_news, interfaces.SCRIPT, **node_options)
         self.stopped = False  # a wait then raises KeyboardInterrupt
-        self._orders = 0  # number of orders and changes
-        self._driven = 0  # number of the newest executed order
+        self.number = 0  # of the newest order or change
         self._verdicts: dict[int, Verdict] = {}
         self._requests['script'] = interfaces.SCRIPT_REQUEST.publisher(self)
         interfaces.SCRIPT_REPLY.subscription(self, self._on_reply)
@@ -113,89 +97,44 @@ class ScriptNode(OperatorNode):
             return OWN
         return {name: NamedOutput(**one) for name, one in facts['output_names'].items()}
 
-    def attach(self, patience_s: float = READY_S) -> dict[str, Any]:
-        """Attach the script to the robot as soon as it can be moved; raises RefusedError."""
-        deadline = time.monotonic() + patience_s
-        while True:
-            try:
-                return self._facts(ATTACH)
-            except RefusedError as error:
-                waits = error.reason.code in (Code.LATE, Code.BUS) and time.monotonic() < deadline
-                if not waits:
-                    raise
-                self.spin_for(LOOK_S)
-
-    def _facts(self, action: str, text: str = '') -> dict[str, Any]:
-        found = json.loads(self.ask('script', action, text))
-        return dict(found)
-
-    def look(self) -> dict[str, Any]:
-        """Return the state in the newest bus cycle."""
-        return self._facts(LOOK)
-
-    def wait(self, condition: WaitCondition) -> dict[str, Any]:
-        """Run the bus until a condition is met or times out; return the state then."""
-        return self._facts(WAIT, condition.to_json())
-
-    def hold(self, cycle: int) -> dict[str, Any]:
-        """Run the bus to a cycle, then stop the robot on its path."""
-        return self._facts(HOLD, str(cycle))
-
-    def get_on(self, order: TrackOrder) -> None:
-        """Specify the belt for the next event of the plan that synchronises to one."""
-        self.ask('script', GET_ON, json.dumps(order.to_document()))
-
-    def get_on_again(self, cycle: int) -> None:
-        """Synchronise to the belt again after a hold, or leave it, from a bus cycle."""
-        self.ask('script', GET_ON_AGAIN, str(cycle))
-
-    def abandon(self, cycle: int) -> dict[str, Any]:
-        """Run the bus to a cycle, abort motion and belt tracking, and return the state at rest."""
-        return self._facts(ABANDON, str(cycle))
+    def request(self, operation: ScriptOperation, argument: Any = None) -> str:
+        """Return the reply to a request of the script."""
+        return self.ask('script', operation.name, operation.write(argument))
 
     def end(self) -> None:
         """Detach the script, and release control."""
         with suppress(RunError, RefusedError):
-            self.ask('script', LEAVE)
-        self.leave_robot()
+            self.request(END)
+        self.stop_robot()
 
-    def leave_robot(self) -> None:
+    def stop_robot(self) -> None:
         """Release control without detaching: a moving robot stops on its path."""
         with suppress(RunError, RefusedError):
             self.release_control()
 
     # orders -----------------------------------------------------------------------------------------------------------
 
-    def start(self, plan: Plan, cycle: int, override: float, exact: bool) -> int:
-        """Start a plan in a bus cycle, or later unless ``exact``; return its first cycle."""
-        row = (float(cycle), override, *plan.tables.order.tolist())
-        return self._order(plan, row, EXACT if exact else ORDER)
-
-    def extend(self, extension: Extension) -> int:
-        """Append moves to the current motion; return the bus cycle in which they become known."""
-        return self._order(extension.more, extension.row(self._driven).tolist(), EXTEND)
-
-    def _order(self, plan: Plan, row: Sequence[float], kind: str) -> int:
-        self._orders += 1
+    def order(self, kind: str, plan: Plan, row: Sequence[float]) -> int:
+        """Send a plan with the row that ends it; return the bus cycle in which it takes effect."""
+        self.number += 1
         rows = PlanRows()
-        rows.begin(Ordered(self._orders, plan.moves, (), tuple(row), kind))
+        rows.begin(Ordered(self.number, plan.moves, (), tuple(row), kind))
         for row_kind, number, values in rows.due(0):
             self._plan.publish(self._numbered(row_kind, number, values))
-        effect = self._verdict(self._orders)
-        self._driven = self._orders
-        return effect
+        return self._effect(self.number)
 
     def change(self, profile: MotionProfile) -> int:
         """Switch to another motion profile; return its first bus cycle."""
-        self._orders += 1
-        self._change.publish(self._numbered(PROFILE, self._orders, profile.to_array()))
-        return self._verdict(self._orders)
+        self.number += 1
+        self._change.publish(self._numbered(PROFILE, self.number, profile.to_array()))
+        return self._effect(self.number)
 
     def _numbered(self, kind: str, number: int, values: Any) -> Any:
         session = self.progress.session
         return numbers(values, Origin(kind, self.identity, session, number).label())
 
-    def _verdict(self, number: int) -> int:
+    def _effect(self, number: int) -> int:
+        """Wait for a verdict; return the bus cycle in which its order takes effect."""
         self.wait_until(lambda: number in self._verdicts, 'verdict of the transformation task', PATIENCE_S)
         verdict = self._verdicts.pop(number)
         if not verdict.accepted:

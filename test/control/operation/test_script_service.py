@@ -1,5 +1,7 @@
 """Facts about a script that asks the controller of a robot: who may, what it is told, and what ends it."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -7,9 +9,9 @@ from delta3_pacdrive import scripting
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.control import Operator
 from delta3_pacdrive.control.operation.script_gate import GateEvent, GateState
-from delta3_pacdrive.control.operation.script_service import ATTACH, HOLD, LEAVE, LOOK, WAIT
+from delta3_pacdrive.control.operation.script_operations import ATTACH, END, HOLD, POLL, WAIT
 from delta3_pacdrive.control.operation.wait_condition import WaitCondition
-from delta3_pacdrive.errors import Code, ScriptError
+from delta3_pacdrive.errors import Code, RefusedError, ScriptError
 from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.robot.sercos.configuration_check import Identity
 from delta3_pacdrive.scripting.connected_link import ConnectedLink, connected
@@ -77,7 +79,7 @@ def test_who_has_no_control_decides_nothing(node):
     assert reason.code is Code.CONTROL
 
 
-@pytest.mark.parametrize('action', [LOOK, WAIT, HOLD, LEAVE])
+@pytest.mark.parametrize('action', [POLL, WAIT, HOLD, END])
 def test_who_has_not_begun_asks_for_nothing(node, action):
     reason, _ = node.ask(action)
     assert reason.code is Code.STATE
@@ -160,23 +162,17 @@ def test_a_hold_from_outside_while_the_script_decides_ends_its_next_wait_at_once
     assert called.position()[0] == pytest.approx(0.15, abs=1e-4)
 
 
-def test_a_script_whose_wait_is_held_by_somebody_follows_that_and_resumes(robot, node, called, monkeypatch):
+def test_a_script_whose_wait_is_held_by_somebody_follows_that_and_resumes(robot, node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
-    wait = node.wait
 
     def held(condition):
-        monkeypatch.setattr(node, 'wait', wait)
+        del node.instead[WAIT]
         node.post(WAIT, condition.to_json())
         node.controller.scripts.hold()
-        return wait(condition) if node.replies[-1][0] is None else refuse(node.replies[-1][0])
+        raise RefusedError(node.replies[-1][0])
 
-    def refuse(reason):
-        raise scripting.ScriptError(reason, '') if reason is None else RefusedError(reason)
-
-    from delta3_pacdrive.errors import RefusedError
-
-    monkeypatch.setattr(node, 'wait', held)
+    node.instead[WAIT] = held
     with pytest.raises(ScriptError, match='an operator has stopped the robot on its path'):
         called.wait()
     called.resume()
@@ -223,7 +219,7 @@ def test_a_script_does_not_begin_on_a_robot_that_is_held(node, called):
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     called.abort()
-    node.ask(LEAVE)
+    node.ask(END)
     reason, _ = node.ask(ATTACH)
     assert reason.code is Code.STATE
     assert str(reason).endswith(': delta3 move abort ends its program')
@@ -233,7 +229,7 @@ def test_what_a_planner_drives_and_somebody_holds_can_be_resumed_before_a_script
     called.move_l(**SLOWLY)
     called.wait_time(0.1)
     called.abort()
-    node.ask(LEAVE)
+    node.ask(END)
     node.controller.planners.receive_announcement(node.identity, Identity.of(robot))  # it was the planner's
     node.controller.orders.receive_heartbeat(node.identity, node.bus.session, 1, 0.0)
     reason, _ = node.ask(ATTACH)
@@ -249,7 +245,7 @@ def test_an_order_of_a_script_does_not_look_like_one_of_the_planner(node, called
 def test_an_order_of_a_script_that_has_left_does_not_look_like_one_of_the_planner_either(node, called):
     called.move_l(to_mm=[0, 0, -790])
     called.finish()
-    node.ask(LEAVE)
+    node.ask(END)
     assert node.controller.orders.status('CP4', 0).order == 0
 
 
@@ -268,16 +264,16 @@ class InterruptedNode(ServedNode):
     def take_control(self, name, take_over):
         """Have it."""
 
-    def leave_robot(self):
+    def stop_robot(self):
         self.controller.control.release(self.identity)
         self.controller.poll(1.0)
 
     def end(self):
-        self.ask(LEAVE)
-        self.leave_robot()
+        self.ask(END)
+        self.stop_robot()
 
-    def start(self, *order, **more):
-        super().start(*order, **more)
+    def order(self, *order):
+        super().order(*order)
         raise KeyboardInterrupt
 
 
@@ -306,7 +302,7 @@ def test_a_script_that_is_announced_begins_in_its_bus_cycle(robot):
     assert reason.code is Code.LATE
     for _ in range(100):
         node.bus.exchange()
-    facts = node.attach()
+    facts = json.loads(node.request(ATTACH))
     assert facts['seen']['cycle'] == first
     assert gate.begins > 10**15
 
@@ -324,7 +320,7 @@ def test_a_planner_that_is_heard_first_while_a_script_drives_changes_nothing(rob
 
 def answered_while_the_bus_waits(node, called):
     """Let a script begin while as many cycles are outstanding as may be, and the drives answer all of them."""
-    node.ask(LEAVE)
+    node.ask(END)
     for _ in range(20):
         node.bus.exchange()
     node.controller.cycles.start_due()
@@ -337,7 +333,7 @@ def answered_while_the_bus_waits(node, called):
 
 def test_a_script_that_ends_lets_the_bus_go_on_with_what_was_answered_meanwhile(node, called):
     before = answered_while_the_bus_waits(node, called)
-    node.ask(LEAVE)
+    node.ask(END)
     for _ in range(50):
         node.bus.exchange()
     assert node.controller.answered > before + 40

@@ -1,0 +1,99 @@
+"""Operations of a script on its robot, and the state that it reads; the same in a simulation and on the bus.
+
+The table ``OPERATIONS`` has all requests of a script to a running robot. Their arguments are text on the way.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+from delta3_pacdrive.belts.knowledge import TrackOrder
+from delta3_pacdrive.control.cycle.transformation import Transformation
+from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState
+from delta3_pacdrive.control.operation.wait_condition import Commanded, WaitCondition
+from delta3_pacdrive.errors import ProgramError, shown
+from delta3_pacdrive.planning.program.model import Point
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """State of the robot in the latest evaluated bus cycle."""
+
+    cycle: int
+    motion: MotionState
+    command_m: Point
+    position_m: Point
+    outputs: int  # bits
+    payload_kg: float
+    inputs: int  # bits
+    planned_m: Point  # differs from command_m while the robot moves with a belt
+    turns_rad: tuple[float, ...] = ()  # commanded angles of the rotary axes
+
+    @classmethod
+    def of(
+        cls, task: Transformation, cycle: int, commanded: Commanded, motion: MotionState, inputs: int
+    ) -> Self:
+        """Return the state after the feedback of a bus cycle; ``motion`` may be that after a later command."""
+        x, y, z = task.answer['tcp_command'].tolist()
+        a, b, c = task.answer['tcp_actual'].tolist()
+        if motion in UNDER_WAY:
+            at_rest = MotionState.STOPPED if cycle >= commanded.end_cycle else MotionState.STOPPING
+            motion = at_rest if commanded.held else MotionState.MOVING
+        return cls(
+            cycle,
+            motion,
+            command_m=(x, y, z),
+            position_m=(a, b, c),
+            outputs=commanded.outputs,
+            payload_kg=commanded.payload_kg,
+            inputs=inputs,
+            planned_m=(x, y, z) if commanded.tracked is None else commanded.planned_m,
+            turns_rad=commanded.turns_rad,
+        )
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the state for JSON; the angles of rotary axes are ``turn_rad``, missing without one."""
+        document = asdict(self)
+        turns_rad = document.pop('turns_rad')
+        return document | ({'turn_rad': turns_rad} if turns_rad else {})
+
+    @classmethod
+    def from_document(cls, document: dict[str, Any]) -> Self:
+        """Return the state of ``to_document``; ``planned_m`` may be missing."""
+        document = {'planned_m': document['command_m'], 'turn_rad': (), **document}
+        document['motion'], document['turns_rad'] = MotionState(document['motion']), document.pop('turn_rad')
+        return cls(**{name: tuple(one) if isinstance(one, list) else one for name, one in document.items()})
+
+
+@dataclass(frozen=True)
+class ScriptOperation:
+    """Operation of a script on a running robot, and the conversion of its argument; ``read`` raises Delta3Error."""
+
+    name: str
+    write: Callable[[Any], str] = lambda _: ''
+    read: Callable[[str], Any] = lambda _: None
+
+
+def _cycle_of(text: str) -> int:
+    if not text.isdecimal() or len(text) > 15:
+        raise ProgramError(f'a bus cycle is needed, not {shown(text)}')
+    return int(text)
+
+
+def _track_order_of(text: str) -> TrackOrder:
+    try:
+        return TrackOrder.from_document(json.loads(text))
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, OverflowError):
+        raise ProgramError(f'getting on a belt needs an order, not {shown(text)}') from None
+
+
+ATTACH = ScriptOperation('attach')
+POLL = ScriptOperation('look')
+WAIT = ScriptOperation('wait', WaitCondition.to_json, WaitCondition.from_json)
+HOLD = ScriptOperation('hold', str, _cycle_of)
+TRACK = ScriptOperation('get on', lambda order: json.dumps(order.to_document()), _track_order_of)
+TRACK_AGAIN = ScriptOperation('get on again', str, _cycle_of)
+CANCEL = ScriptOperation('abandon', str, _cycle_of)
+END = ScriptOperation('leave')
+OPERATIONS = {one.name: one for one in (ATTACH, POLL, WAIT, HOLD, TRACK, TRACK_AGAIN, CANCEL, END)}
