@@ -14,8 +14,7 @@ Use ``scripting.connect()`` instead of ``scripting.simulate(...)`` for a running
 
 from delta3_pacdrive.errors import ScriptError, WaitTimeoutError
 from delta3_pacdrive.scripting.connected_link import connect
-from delta3_pacdrive.scripting.robot import Robot
+from delta3_pacdrive.scripting.robot import Robot, State
 from delta3_pacdrive.scripting.simulation import Simulation, simulate
-from delta3_pacdrive.scripting.state import State
 
 __all__ = ['Robot', 'ScriptError', 'Simulation', 'State', 'WaitTimeoutError', 'connect', 'simulate']

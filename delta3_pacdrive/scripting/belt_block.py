@@ -21,9 +21,9 @@ from delta3_pacdrive.parameters.records import Motion as MotionLimits
 from delta3_pacdrive.planning.paths.curves import COINCIDENT_M
 from delta3_pacdrive.planning.plan import Plan
 from delta3_pacdrive.planning.program.model import Dwell, MoveL, Output, PathMove, Point
+from delta3_pacdrive.scripting.arguments import TIME_MAX_S, TIMEOUT_S, number
 from delta3_pacdrive.scripting.moves import Written
 from delta3_pacdrive.scripting.source_position import ScriptPlace
-from delta3_pacdrive.scripting.values import TIME_MAX_S, TIMEOUT_S, number
 
 LIMIT_MAX = 1e6  # upper bound of acceleration and jerk limits
 INCREMENT_MAX_M = 20e-6

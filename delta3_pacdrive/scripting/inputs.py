@@ -3,7 +3,7 @@
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol
+from typing import NamedTuple
 
 from delta3_pacdrive.cell.world import World
 from delta3_pacdrive.errors import ProgramError, shown
@@ -14,19 +14,15 @@ Change = tuple[float, bool]
 Given = Mapping[str, Sequence[Change]] | Callable[[int], Mapping[str, bool]] | None
 
 
-class Inputs(Protocol):
+class Inputs(NamedTuple):
     """Source of the inputs in every bus cycle."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the inputs in the order of the bits."""
-
-    def bits(self, cycle: int) -> int:
-        """Return the inputs in the AT of a bus cycle, as bits."""
+    names: tuple[str, ...]  # in the order of the bits
+    bits: Callable[[int], int]  # returns the inputs in the AT of a bus cycle
 
 
-class ScheduledInputs:
-    """Inputs that change at known times.
+def scheduled_inputs(schedule: Mapping[str, Sequence[Change]], begin: int, cycle_time_s: float) -> Inputs:
+    """Return inputs that change at known times.
 
     Parameters
     ----------
@@ -34,6 +30,8 @@ class ScheduledInputs:
         Changes of each input: time since the start of the script [s] and value; off before the first change.
     begin
         Bus cycle at time 0.
+    cycle_time_s
+        Bus cycle time [s].
 
     Raises
     ------
@@ -41,53 +39,45 @@ class ScheduledInputs:
         Times do not ascend, or a value is invalid.
 
     """
+    names = _checked_names(schedule)
+    changes: list[tuple[list[int], list[bool]]] = []  # bus cycles and values
+    for name, given in schedule.items():
+        times = [_time_s(name, change) for change in given]
+        if times != sorted(times):
+            raise ProgramError(f'input {shown(name)}: times {shown(times)} do not ascend')
+        cycles = [begin + math.ceil(time / cycle_time_s - 1e-9) for time in times]
+        changes.append((cycles, [_value(name, change[1]) for change in given]))
 
-    def __init__(self, schedule: Mapping[str, Sequence[Change]], begin: int, cycle_time_s: float) -> None:
-        self.names = _checked_names(schedule)
-        self._cycles: list[list[int]] = []
-        self._values: list[list[bool]] = []
-        for name, changes in schedule.items():
-            times = [_time_s(name, change) for change in changes]
-            if times != sorted(times):
-                raise ProgramError(f'input {shown(name)}: times {shown(times)} do not ascend')
-            self._cycles.append([begin + math.ceil(time / cycle_time_s - 1e-9) for time in times])
-            self._values.append([_value(name, change[1]) for change in changes])
-
-    def bits(self, cycle: int) -> int:
-        """Return the inputs of a bus cycle."""
-        bits = 0
-        for n, (cycles, values) in enumerate(zip(self._cycles, self._values, strict=True)):
+    def bits(cycle: int) -> int:
+        found = 0
+        for n, (cycles, values) in enumerate(changes):
             changed = bisect_right(cycles, cycle)
-            bits |= (changed > 0 and values[changed - 1]) << n
-        return bits
+            found |= (changed > 0 and values[changed - 1]) << n
+        return found
+
+    return Inputs(names, bits)
 
 
-class ComputedInputs:
-    """Inputs computed by a function of the bus cycle, which must always return the same names."""
+def computed_inputs(function: Callable[[int], Mapping[str, bool]], begin: int) -> Inputs:
+    """Return inputs computed by a function of the bus cycle, which must always return the same names."""
+    names = _checked_names(function(begin))
 
-    def __init__(self, function: Callable[[int], Mapping[str, bool]], begin: int) -> None:
-        self._function = function
-        self.names = _checked_names(function(begin))
-
-    def bits(self, cycle: int) -> int:
-        """Return the inputs of a bus cycle; raises ProgramError if the names differ from those at the start."""
-        found = self._function(cycle)
-        if tuple(found) != self.names:
+    def bits(cycle: int) -> int:
+        found = function(cycle)
+        if tuple(found) != names:
             raise ProgramError(
-                f'inputs of bus cycle {cycle} are {shown(list(found))}, at first they were {shown(list(self.names))}'
+                f'inputs of bus cycle {cycle} are {shown(list(found))}, at first they were {shown(list(names))}'
             )
         return sum(_value(name, value) << n for n, (name, value) in enumerate(found.items()))
 
+    return Inputs(names, bits)
 
-class CellInputs:
-    """Inputs of a cell, which are known for the latest bus cycle only."""
 
-    def __init__(self, world: World) -> None:
-        self._world, self.names = world, tuple(world.inputs)
-
-    def bits(self, cycle: int) -> int:
-        """Return the inputs of the latest bus cycle."""
-        return sum(value << n for n, value in enumerate(self._world.inputs.values()))
+def cell_inputs(world: World) -> Inputs:
+    """Return the inputs of a cell, which are known for the latest bus cycle only."""
+    return Inputs(
+        tuple(world.inputs), lambda _: sum(value << n for n, value in enumerate(world.inputs.values()))
+    )
 
 
 def inputs_of(given: Given, world: World | None, begin: int, cycle_time_s: float) -> Inputs:
@@ -95,11 +85,11 @@ def inputs_of(given: Given, world: World | None, begin: int, cycle_time_s: float
     if world is not None:
         if given is not None:
             raise ProgramError('inputs= and cell= exclude each other: a cell has its own inputs')
-        return CellInputs(world)
+        return cell_inputs(world)
     if given is None or isinstance(given, Mapping):
-        return ScheduledInputs(given or {}, begin, cycle_time_s)
+        return scheduled_inputs(given or {}, begin, cycle_time_s)
     if callable(given):
-        return ComputedInputs(given, begin)
+        return computed_inputs(given, begin)
     raise ProgramError(
         f'inputs are {shown(given)}, but must be changes by name, or a function of the bus cycle'
     )

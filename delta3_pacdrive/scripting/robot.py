@@ -1,9 +1,9 @@
 """Robot interface for scripts: moves, outputs, waits and state, identical in simulation and on a running robot."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,15 +27,55 @@ from delta3_pacdrive.planning.program.frames import Frame, Tool
 from delta3_pacdrive.planning.program.model import Point, Statement
 from delta3_pacdrive.planning.program.output_names import named_bits
 from delta3_pacdrive.robot.sercos.words import PAYLOAD_MAX_KG, payload_on_grid
+from delta3_pacdrive.scripting.arguments import (
+    TIME_MAX_S,
+    TIMEOUT_S,
+    StatementMaker,
+    checked_frame,
+    checked_tool,
+    number,
+)
 from delta3_pacdrive.scripting.link import HeldError, Link
 from delta3_pacdrive.scripting.moves import Batch, alone, is_move, unnumbered, without_wait
 from delta3_pacdrive.scripting.script_orders import BATCH_MAX, ScriptOrders
 from delta3_pacdrive.scripting.source_position import NOWHERE, ScriptPlace, of_caller
-from delta3_pacdrive.scripting.state import State
-from delta3_pacdrive.scripting.statement_maker import StatementMaker, checked_frame, checked_tool
-from delta3_pacdrive.scripting.values import TIME_MAX_S, TIMEOUT_S, number
 
 CALLS_MAX = 10_000  # consecutive calls without bus time
+
+
+@dataclass(frozen=True)
+class State:
+    """State of the robot in the latest evaluated bus cycle.
+
+    Attributes
+    ----------
+    cycle, time_s
+        Number of the bus cycle, and bus time since the start of the script [s].
+    motion
+        ``idle``, ``moving``, ``stopping`` or ``stopped``.
+    position_m, command_m
+        Actual and commanded TCP position [m].
+    left_s
+        Remaining time of the ordered moves [s]; inf while the robot is held.
+    outputs, inputs
+        Values by name.
+    payload_kg
+        Payload set by the outputs [kg].
+    late
+        Number of decisions that took effect late; 0 without a clock.
+
+    """
+
+    cycle: int
+    time_s: float
+    motion: str
+    position_m: Point
+    command_m: Point
+    left_s: float
+    outputs: Mapping[str, bool]
+    inputs: Mapping[str, bool]
+    payload_kg: float
+    late: int = 0
 
 
 class Robot:
@@ -63,9 +103,8 @@ class Robot:
         self._counted_cycle, self._calls = self._begin, 0
         self._over = False
         self._ask: Callable[[ScriptPlace, str], None] | None = None
-        self.held_at = (
-            -1
-        )  # bus cycle from which an aborted script has the robot at rest on its path; -1: none
+        # bus cycle from which an aborted script has the robot at rest on its path; -1: none
+        self.held_at = -1
 
     def on_planned(self, callback: Callable[[Batch], None]) -> None:
         """Set a callback for each planned batch of statements."""

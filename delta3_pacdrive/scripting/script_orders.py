@@ -11,9 +11,9 @@ from delta3_pacdrive.control.operation.wait_condition import WaitCondition
 from delta3_pacdrive.errors import Code, Reason, RefusedError, ScriptError
 from delta3_pacdrive.planning.execution import OVERRIDE_MIN
 from delta3_pacdrive.planning.resume import resume
+from delta3_pacdrive.scripting.arguments import TIME_MAX_S
 from delta3_pacdrive.scripting.link import Link
 from delta3_pacdrive.scripting.moves import Moves, Start, Written
-from delta3_pacdrive.scripting.values import TIME_MAX_S
 
 BATCH_MAX = 100  # statements planned together
 AHEAD_S = 1.0  # maximum remaining motion when a full batch is appended

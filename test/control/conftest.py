@@ -9,6 +9,15 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.control.actions import (
+    AccessRequested,
+    Changed,
+    Followed,
+    Ordered,
+    Replied,
+    Reported,
+    Revoked,
+)
 from delta3_pacdrive.control.cycle.cycle import ControllerCycle
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.messages import FAULT, PROFILE, REVOKE, Origin, Request
@@ -16,9 +25,7 @@ from delta3_pacdrive.control.operation.control import Control, Operator
 from delta3_pacdrive.control.operation.enabling import Enabling
 from delta3_pacdrive.control.operation.orders import Orders
 from delta3_pacdrive.control.operation.planner_watch import PlannerWatch
-from delta3_pacdrive.control.operation.robot_actions import AccessRequested, Followed, Replied
 from delta3_pacdrive.control.operation.robot_state import RobotState
-from delta3_pacdrive.control.queue import planner_actions
 from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.planning_job import Job, Result, work
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
@@ -177,21 +184,21 @@ class Rig:
 
     def carry_out_of_planner(self, action: Any) -> None:
         match action:
-            case planner_actions.Working(job):
-                self.planner.take_result(self._plan(job), self.now_s)
-            case planner_actions.Ordered(number, moves, faults, row, kind):
+            case Job():
+                self.planner.take_result(self._plan(action), self.now_s)
+            case Ordered(number, moves, faults, row, kind):
                 for n, move in enumerate(moves):
                     self.row('LINE', number, move.to_array(n, len(moves)))
                 for fault in faults:
                     self.row(FAULT, number, np.array(fault.to_row()))
                 self.row(kind, number, np.array(row))
-            case planner_actions.Revoked(number):
+            case Revoked(number):
                 self.row(REVOKE, number, np.zeros(0))
-            case planner_actions.Changed(number, profile):
+            case Changed(number, profile):
                 self.orders.take_profile(self.label(PROFILE, number), profile.to_array())
-            case planner_actions.Reported(report):
+            case Reported(report):
                 self.reports.append(report)
-            case planner_actions.Replied(request, reason, sentence):
+            case Replied(request, reason, sentence):
                 text = reason.sentence if reason else sentence
                 self.answers.append((request.operator, request.number, reason is None, text))
 

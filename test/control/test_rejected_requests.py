@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive.cli import move
+from delta3_pacdrive.control.actions import Entered, Ordered
 from delta3_pacdrive.control.messages import Request
-from delta3_pacdrive.control.operation.robot_actions import Entered
-from delta3_pacdrive.control.queue import planner_actions
+from delta3_pacdrive.control.queue.planning_job import Job
 from delta3_pacdrive.errors import Code, Reason, RefusedError, RunError
 from delta3_pacdrive.recording.motion_progress import MotionProgress
 from delta3_pacdrive.ros.clients import robot_client
@@ -153,7 +153,7 @@ class Withdrawn:
         carry_out, stages = rig.carry_out_of_planner, [stage]
 
         def carried_out(step: Any) -> None:
-            now = {planner_actions.Working: 'planning', planner_actions.Ordered: 'ordered'}.get(type(step))
+            now = {Job: 'planning', Ordered: 'ordered'}.get(type(step))
             if stages and now == stages[0]:
                 stages.clear()
                 self.withdraw()

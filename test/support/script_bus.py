@@ -7,11 +7,11 @@ import numpy as np
 
 from delta3_pacdrive.belts.image import belts_text
 from delta3_pacdrive.cell.world import World
+from delta3_pacdrive.control.actions import AccessRequested, Replied
 from delta3_pacdrive.control.cycle.plan_intake import MoreMoves, Order
 from delta3_pacdrive.control.messages import PROFILE, Origin, Request
 from delta3_pacdrive.control.operation.control import Operator
 from delta3_pacdrive.control.operation.cyclic_operation import Timing
-from delta3_pacdrive.control.operation.robot_actions import AccessRequested, Replied
 from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.control.operation.script_gate import GateState
 from delta3_pacdrive.control.operation.script_operations import ScriptOperation, Snapshot

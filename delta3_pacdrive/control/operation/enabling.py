@@ -7,9 +7,9 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from delta3_pacdrive.control.actions import AccessRequested, Logged, Replied
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.operation.fault_reset import FaultReset, ResetEvent, ResetState
-from delta3_pacdrive.control.operation.robot_actions import AccessRequested, Logged, Replied
 from delta3_pacdrive.control.operation.robot_state import Bus, RobotState
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault, UnreachableError
 from delta3_pacdrive.robot.sercos.axis_monitor import AxisMonitor

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from delta3_pacdrive.belts.image import read_belts
+from delta3_pacdrive.control.actions import Logged
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.operation.control import Control
 from delta3_pacdrive.control.operation.cyclic_operation import (
@@ -20,7 +21,6 @@ from delta3_pacdrive.control.operation.cyclic_operation import (
 from delta3_pacdrive.control.operation.enabling import Enabling
 from delta3_pacdrive.control.operation.orders import Orders
 from delta3_pacdrive.control.operation.planner_watch import PlannerWatch
-from delta3_pacdrive.control.operation.robot_actions import Logged
 from delta3_pacdrive.control.operation.robot_state import RobotState
 from delta3_pacdrive.control.operation.script_gate import GateEvent, ScriptGate
 from delta3_pacdrive.control.operation.script_service import ScriptService

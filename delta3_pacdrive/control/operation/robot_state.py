@@ -10,12 +10,22 @@ from functools import partial
 from typing import Protocol
 
 from delta3_pacdrive.configuration.strict_reader import counted
+from delta3_pacdrive.control.actions import (
+    AccessRequested,
+    Entered,
+    Followed,
+    Injected,
+    Located,
+    Logged,
+    Replied,
+    RobotAction,
+    Switched,
+)
 from delta3_pacdrive.control.cycle.cycle import Stop, emergency_stop
 from delta3_pacdrive.control.cycle.plan_intake import MoreMoves, Order
 from delta3_pacdrive.control.cycle.transformation import Transformation
 from delta3_pacdrive.control.motion_state import TRANSITIONS, UNDER_WAY, Event, MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
-from delta3_pacdrive.control.operation import robot_actions
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RobotFault
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.execution import MotionProfile
@@ -66,7 +76,7 @@ class RobotState:
 
     def __init__(self, bus: Bus, task: Transformation, axes: AxisMonitor) -> None:
         self._bus, self._task, self._axes = bus, task, axes
-        self.actions: list[robot_actions.Action] = []  # to carry out in order; the caller removes them
+        self.actions: list[RobotAction] = []  # to carry out in order; the caller removes them
         self.motion = MotionState.IDLE
         self.fault: RobotFault | None = None  # first cause of a stop
         # first cycle of the program and its last cycle that counts; NEVER without a program, ends also during a hold
@@ -150,7 +160,7 @@ class RobotState:
     def _enter(self, event: Event) -> None:
         """Apply an event that is possible in this state."""
         self.motion = TRANSITIONS[self.motion, event]
-        self.actions.append(robot_actions.Entered(self.motion, event))
+        self.actions.append(Entered(self.motion, event))
 
     # location -------------------------------------------------------------------------------------------------------
 
@@ -159,8 +169,8 @@ class RobotState:
         self.located += 1
         self.tcp_m = tcp_m.copy()
         self.turns_rad = self._task.turns_rad
-        self.actions.append(robot_actions.Located(self.tcp_m, cycle))
-        self.actions.append(robot_actions.Switched(cycle))
+        self.actions.append(Located(self.tcp_m, cycle))
+        self.actions.append(Switched(cycle))
 
     # programs -------------------------------------------------------------------------------------------------------
 
@@ -180,14 +190,12 @@ class RobotState:
         self._task.start(self.starts, order.override)
         self._follow()
         if order.faults:
-            self.actions.append(robot_actions.Injected(order.faults, self.starts))
+            self.actions.append(Injected(order.faults, self.starts))
         self.actions.append(
-            robot_actions.Logged(
-                f'program of {counted(len(order.plan), "move")} starts in bus cycle {self.starts}'
-            )
+            Logged(f'program of {counted(len(order.plan), "move")} starts in bus cycle {self.starts}')
         )
         if self._task.learned.exist:
-            self.actions.append(robot_actions.Logged(followed_text(self._task.learned.reason)))
+            self.actions.append(Logged(followed_text(self._task.learned.reason)))
         self._enter(Event.START)
         return None
 
@@ -257,7 +265,7 @@ class RobotState:
         self.ends = self._task.pending_last_cycle
         self._due = NEVER
         self._published = profile
-        self.actions.append(robot_actions.Followed(profile))
+        self.actions.append(Followed(profile))
         self._enter(Event.CHANGE)
         return None
 
@@ -323,7 +331,7 @@ class RobotState:
             reason = Reason(Code.LATE, 'the robot was stopped before the appended moves took effect')
         else:
             self._publish_profile()
-        self.actions.append(robot_actions.Replied(report, reason, ''))
+        self.actions.append(Replied(report, reason, ''))
 
     def hold(self) -> Reason | str:
         """Stop on the path from the next cycle on; return why not, or a description of the stop."""
@@ -373,7 +381,7 @@ class RobotState:
     def _publish_profile(self) -> None:
         self._published = self._task.profile
         if self._published is not None:
-            self.actions.append(robot_actions.Followed(self._published))
+            self.actions.append(Followed(self._published))
 
     def ended(self, cycle: int) -> bool:
         """Whether the program has ended with the feedback of a cycle: last cycle reached, robot in position."""
@@ -394,13 +402,13 @@ class RobotState:
                 self._enter(Event.HOLD)
             elif self._own_published is not None and self.motion == MotionState.MOVING:
                 self._published = self._own_published
-                self.actions.append(robot_actions.Followed(self._published))
+                self.actions.append(Followed(self._published))
                 self.ends = task.pending_last_cycle
         if self._extending is not None:
             self._update_extension()
         if task.outputs != self._outputs or task.payload != self._payload:
             self._outputs, self._payload = task.outputs, task.payload
-            self.actions.append(robot_actions.Switched(cycle))
+            self.actions.append(Switched(cycle))
         if self.motion == MotionState.ERROR and task.loaded and task.profile is not self._published:
             self._publish_profile()
         if task.tracking.belts:
@@ -426,9 +434,7 @@ class RobotState:
         asked = (PEAK_CURRENT, self._task.current_peak), (RMS_CURRENT, self._task.current_rms)
         for access, currents in asked:
             take = partial(self._take_current, currents)
-            self.actions.extend(
-                robot_actions.AccessRequested(index, access, take) for index in range(len(DRIVES))
-            )
+            self.actions.extend(AccessRequested(index, access, take) for index in range(len(DRIVES)))
 
     @staticmethod
     def _take_current(currents: list[float | None], index: int, answer: Answer) -> None:
@@ -456,7 +462,7 @@ class RobotState:
         if self.fault is not None:
             return
         self.fault = fault if fault.cycle >= 0 else replace(fault, cycle=self._bus.answered)
-        self.actions.append(robot_actions.Logged(fault.sentence, error=True))
+        self.actions.append(Logged(fault.sentence, error=True))
         self._clear_program()
         self._enter(Event.FAIL)
 
@@ -471,7 +477,7 @@ class RobotState:
             self._reporting = stop.drive
             asked = self._axes.faulty()
             self.actions.extend(
-                robot_actions.AccessRequested(index, DIAGNOSTIC_NUMBER, self._take_number) for index in asked
+                AccessRequested(index, DIAGNOSTIC_NUMBER, self._take_number) for index in asked
             )
         self._task.stop_at(stop.first, stop.hard)
         self.record_fault(stop.fault)
@@ -489,7 +495,7 @@ class RobotState:
         if known and self.fault and index == self._reporting:
             sentence = f'{self.fault}: {fault_text(known)}'
             self.fault = replace(self.fault, sentence=sentence, number=number)
-            self.actions.append(robot_actions.Logged(sentence, error=True))
+            self.actions.append(Logged(sentence, error=True))
 
     def recover(self, tcp_m: Floats) -> None:
         """Clear fault and program; the robot is ready at the position of the motors."""

@@ -61,9 +61,12 @@ class Snapshot:
     @classmethod
     def from_document(cls, document: dict[str, Any]) -> Self:
         """Return the state of ``to_document``; ``planned_m`` may be missing."""
-        document = {'planned_m': document['command_m'], 'turn_rad': (), **document}
-        document['motion'], document['turns_rad'] = MotionState(document['motion']), document.pop('turn_rad')
-        return cls(**{name: tuple(one) if isinstance(one, list) else one for name, one in document.items()})
+        values = {'planned_m': document['command_m'], 'turn_rad': (), **document}
+        values['motion'], values['turns_rad'] = MotionState(values['motion']), values.pop('turn_rad')
+        fields: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
+        }
+        return cls(**fields)
 
 
 @dataclass(frozen=True)

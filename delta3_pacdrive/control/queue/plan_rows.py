@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
+from delta3_pacdrive.control.actions import Ordered
 from delta3_pacdrive.control.messages import FAULT, LAST
-from delta3_pacdrive.control.queue.planner_actions import Ordered
 
 UNCHECKED_MAX = 1000  # rows sent but not checked yet
 

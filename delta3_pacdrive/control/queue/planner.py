@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from delta3_pacdrive.configuration.strict_reader import counted
+from delta3_pacdrive.control.actions import Entered, PlannerAction, Revoked
 from delta3_pacdrive.control.messages import Numbering, Origin, Request, Status, Verdict
-from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState, at_percent
+from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
-from delta3_pacdrive.control.queue import planner_actions
-from delta3_pacdrive.control.queue.planning_job import Result
+from delta3_pacdrive.control.queue.planning_job import Job, Result
 from delta3_pacdrive.control.queue.program_change import (
     VERDICT_S,
     AppendedMoves,
@@ -27,13 +26,13 @@ from delta3_pacdrive.control.queue.program_change import (
 from delta3_pacdrive.control.queue.program_queue import Planning, ProgramQueue
 from delta3_pacdrive.control.queue.program_run import (
     Order,
-    OrderNumbers,
     ProgramRun,
     Readiness,
     Remains,
     RunEvent,
     RunState,
     StopRequest,
+    moves_text,
     rejected,
 )
 from delta3_pacdrive.control.queue.request_service import LOST_CONTROL, WITHDRAWN, RequestService
@@ -86,10 +85,9 @@ class Planner:
         tolerances: Tolerances = NO_TOLERANCES,
     ) -> None:
         self._robot, self._newest_cycle, self._identity = parameters, newest_cycle, identity
-        self.actions: list[planner_actions.Action] = []
+        self.actions: list[PlannerAction | Job] = []
         self._now_s = 0.0
-        numbers = OrderNumbers()
-        self._run = run = ProgramRun(numbers, parameters.bus.cycle_time_s)
+        self._run = run = ProgramRun(parameters.bus.cycle_time_s)
         self._task = task = Readiness(identity, run)
         self._requests = requests = RequestService(task, self._act)
         self._tracker, self._reply = requests.tracker, requests.reply
@@ -97,7 +95,7 @@ class Planner:
         self._mirrored: MotionState | None = None
         self._queue = ProgramQueue(program)
         self._planning = Planning(self._queue, self._act)
-        self._change = change = ProgramChange(run, numbers, newest_cycle)
+        self._change = change = ProgramChange(run, newest_cycle)
         self._override = Override(change, task, requests)
         self._appended = AppendedMoves(change, task, requests, self._planning, self._plan_moves)
         watch = ToleranceWatch(tolerances, parameters)
@@ -105,7 +103,7 @@ class Planner:
         self._stopping = StopRequest()
         self._autostart = program is not None and parameters.motion.start_cycle >= 0
 
-    def _act(self, action: planner_actions.Action) -> None:
+    def _act(self, action: PlannerAction | Job) -> None:
         self.actions.append(action)
 
     # state ------------------------------------------------------------------------------------------------------------
@@ -167,7 +165,7 @@ class Planner:
             self._handle(RunEvent.END)
         if self._mirrored != self.motion:
             self._mirrored = self.motion
-            self.actions.append(planner_actions.Mirrored(self.motion))
+            self.actions.append(Entered(self.motion))
         self._look_at_stop()
         self._serve_requests()
         return True
@@ -404,9 +402,8 @@ class Planner:
         self._reply(self._planned_sentence(planned))
 
     def _planned_sentence(self, planned: Planned) -> str:
-        override = min(self.override, planned.override_max)
-        time = f'{planned.plan.duration_s / override:.3f} s{at_percent(override)}'
-        sentence = f'planned "{planned.name}": {counted(len(planned.plan), "move")}, {time}'
+        moves = moves_text(planned.plan, min(self.override, planned.override_max))
+        sentence = f'planned "{planned.name}": {moves}'
         sentence += ''.join(f'; {notice}' for notice in planned.notices)
         if self._task.refusal is not None:
             sentence += f'; it cannot start yet: {self._task.refusal}'
@@ -422,7 +419,7 @@ class Planner:
     def _start_moves(self, result: Result) -> None:
         """Start moves together with the queue; the queue is unchanged if they are rejected."""
         self._task.require_orders()
-        self._launch(result, own=result.statements)
+        self._launch(result)
 
     # trajectories -----------------------------------------------------------------------------------------------------
 
@@ -445,7 +442,8 @@ class Planner:
                 raise rejected(
                     Code.LATE, f'bus cycle {cycle}, in which it begins, was over before it was planned'
                 )
-            self._launch(result, cycle, result.statements, cycle != SOON, trajectory.tolerances)
+            tolerances = trajectory.tolerances
+            self._launch(result, start_cycle=cycle, exact=cycle != SOON, tolerances=tolerances)
 
         self._planning.begin(launch, start_m, text=program)
 
@@ -455,16 +453,14 @@ class Planner:
             self._reply('nothing runs that could be stopped')
             return
         self._stopping.begin(self.motion, self._now_s)
-        self.actions.append(planner_actions.Revoked(self._run.number))
+        self.actions.append(Revoked(self._run.number))
 
     def _look_at_stop(self) -> None:
         """Reply to a stop request once its outcome is known."""
         if not self._stopping.waits:
             return
         self._stopping.note(self.motion, self._now_s)
-        sentence = self._stopping.answer(
-            self._run.state, self.motion, self._run.completed, self._task.refusal
-        )
+        sentence = self._stopping.answer(self._run, self.motion, self._task.refusal)
         if sentence is not None:
             self._stopping.end()
             self._reply(sentence)
@@ -526,23 +522,14 @@ class Planner:
         """Order the queue; it is cleared when the order is accepted."""
         program, planned = self._queue.program, self._queue.planned
         if program is not None and planned is not None:
-            self._send(Order.of(program, planned, self.override, cycle))
+            self._send(Order.of(program, planned, self.override, start_cycle=cycle))
 
-    def _launch(
-        self,
-        result: Result,
-        cycle: int = -1,
-        own: int = 0,
-        exact: bool = False,
-        tolerances: Tolerances | None = None,
-    ) -> None:
-        """Order a plan that is not in the queue, if the robot is still at rest; see ``Order`` for the parameters."""
+    def _launch(self, result: Result, **more: Any) -> None:
+        """Order a plan that is not in the queue, if the robot is still at rest; ``more`` are fields of the order."""
         self._task.require_rest()
         program, planned = result.program, result.planned
         if program is not None and planned is not None:
-            self._send(
-                Order.of(program, planned, self.override, cycle, own=own, exact=exact, tolerances=tolerances)
-            )
+            self._send(Order.of(program, planned, self.override, result.statements, **more))
 
     def _send(self, order: Order) -> None:
         self.actions.extend(self._run.send(order, self._now_s))

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Protocol
 
+from delta3_pacdrive.control.actions import Changed, Ordered, Revoked
 from delta3_pacdrive.control.messages import EXTEND, Request
 from delta3_pacdrive.control.motion_state import UNDER_WAY, MotionState, at_percent, percent_allowed
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
-from delta3_pacdrive.control.queue.planner_actions import Changed, Ordered, Revoked
 from delta3_pacdrive.control.queue.planning_job import FOLLOWING_MAX, Result
 from delta3_pacdrive.control.queue.program_queue import Planning
-from delta3_pacdrive.control.queue.program_run import OrderNumbers, ProgramRun, Readiness, RunState
+from delta3_pacdrive.control.queue.program_run import ProgramRun, Readiness, RunState
 from delta3_pacdrive.control.queue.request_service import LOST_CONTROL, RequestService
 from delta3_pacdrive.control.queue.running_moves import PlannedMoves
 from delta3_pacdrive.errors import Code, Delta3Error, ProgramError, Reason, RefusedError
@@ -79,8 +79,8 @@ class ChangeSource(Protocol):
 class ProgramChange:
     """The pending change of one planner. A late change is sent again with a longer lead."""
 
-    def __init__(self, run: ProgramRun, numbers: OrderNumbers, newest_cycle: Callable[[], int]) -> None:
-        self.run, self._numbers, self._newest_cycle = run, numbers, newest_cycle
+    def __init__(self, run: ProgramRun, newest_cycle: Callable[[], int]) -> None:
+        self.run, self._newest_cycle = run, newest_cycle
         self.state = ChangeState.NONE
         self.number, self.since_s = 0, 0.0  # of the newest order, and time of sending
         self.lead_cycles = LEAD_CYCLES
@@ -120,7 +120,7 @@ class ProgramChange:
 
     def send(self, source: ChangeSource, now_s: float) -> int:
         """Record that a change is sent; return its number."""
-        self._source, self.number, self.since_s = source, self._numbers.next(), now_s
+        self._source, self.number, self.since_s = source, self.run.next_number(), now_s
         self.handle(ChangeEvent.SEND)
         return self.number
 
@@ -134,7 +134,7 @@ class ProgramChange:
         if self._source is None:
             return
         if reason is not None and reason.code == Code.LATE and self.lead_cycles < LEAD_CYCLES_MAX:
-            self.run.set_pending(None)
+            self.run.pending = None
             self.lead_cycles *= LEAD_FACTOR
             self.handle(ChangeEvent.MISS)
         else:
@@ -147,7 +147,7 @@ class ProgramChange:
 
     def end(self) -> None:
         """End the change; the next one begins with the shortest lead."""
-        self.run.set_pending(None)
+        self.run.pending = None
         self.lead_cycles = LEAD_CYCLES
         self.handle(ChangeEvent.END)
 
@@ -331,7 +331,7 @@ class AppendedMoves:
         moves, _ = self._planned
         extension = self._run.extension(moves, self._change.first_cycle(timeline, timeline.profile.held))
         self._extension = extension
-        self._run.set_pending(extension.timeline)
+        self._run.pending = extension.timeline
         row = tuple(extension.row(self._run.base).tolist())
         self._requests.act(Ordered(self._change.send(self, now_s), moves.planned.plan.moves, (), row, EXTEND))
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from delta3_pacdrive.control.queue.planner_actions import Action, Cancelled, Working
+from delta3_pacdrive.control.actions import Cancelled, PlannerAction
 from delta3_pacdrive.control.queue.planning_job import Job, Result
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.planning.program.adaptation import AS_IT_IS, Adaptation
@@ -73,7 +73,7 @@ class Planning:
     ``queue`` is planned unless a job names another program; ``act`` receives the actions for the planning thread.
     """
 
-    def __init__(self, queue: ProgramQueue, act: Callable[[Action], None]) -> None:
+    def __init__(self, queue: ProgramQueue, act: Callable[[PlannerAction | Job], None]) -> None:
         self._queue, self._act = queue, act
         self._job: tuple[Job, Callable[[Result], None]] | None = None
         self._jobs = 0
@@ -102,7 +102,7 @@ class Planning:
         queue, turns = program or self._queue.program, self.turns_rad
         job = Job(self._jobs, queue, text, adaptation, (x, y, z), turns_rad=turns, **more)
         self._job = job, then
-        self._act(Working(job))
+        self._act(job)
 
     def end(self, result: Result) -> Callable[[Result], None] | None:
         """Return the handler of a result, None if its job was cancelled."""

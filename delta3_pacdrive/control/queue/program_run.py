@@ -8,10 +8,10 @@ from enum import Enum
 from typing import Any
 
 from delta3_pacdrive.configuration.strict_reader import counted
+from delta3_pacdrive.control.actions import Ordered, Revoked
 from delta3_pacdrive.control.messages import EXACT, ORDER
 from delta3_pacdrive.control.motion_state import MotionState, at_percent
 from delta3_pacdrive.control.motion_state import sentence as motion_sentence
-from delta3_pacdrive.control.queue.planner_actions import Ordered, Revoked
 from delta3_pacdrive.control.queue.running_moves import RunningMoves
 from delta3_pacdrive.control.queue.task_status import TaskStatus
 from delta3_pacdrive.control.queue.tolerances import Tolerances
@@ -89,51 +89,44 @@ TRANSITIONS = {
 """Transitions; other events are ignored."""
 
 
+def moves_text(plan: Plan, override: float) -> str:
+    """Return number of moves and duration of a plan at an override."""
+    return f'{counted(len(plan), "move")}, {plan.duration_s / override:.3f} s{at_percent(override)}'
+
+
 @dataclass(frozen=True)
 class Order:
     """A program to execute."""
 
     plan: Plan
-    faults: tuple[Fault, ...]
-    start_cycle: int  # bus cycle, -1: as soon as possible
     override: float  # at the start
     override_max: float  # limit of the motors
     program: Program | None  # whole program, for another start
     sentence: str  # reply after acceptance
+    faults: tuple[Fault, ...] = ()
+    start_cycle: int = -1  # bus cycle, -1: as soon as possible
     queued: Planned | None = None  # None for a program resumed after a fault
     own: int = 0  # statements at the end that were not in the queue before
     exact: bool = False  # whether it is rejected, not delayed, if its start cycle is too early
     tolerances: Tolerances | None = None  # of this trajectory, None: default
 
     @staticmethod
-    def of(
-        program: Program,
-        planned: Planned,
-        override: float,
-        start_cycle: int = -1,
-        own: int = 0,
-        exact: bool = False,
-        tolerances: Tolerances | None = None,
-    ) -> 'Order':
-        """Return the order of a planned program; the override is limited by the motors."""
+    def of(program: Program, planned: Planned, override: float, own: int = 0, **more: Any) -> 'Order':
+        """Return the order of a planned program; the override is limited by the motors, ``more`` are further fields."""
         override = min(override, planned.override_max)
-        time = f'{planned.plan.duration_s / override:.3f} s{at_percent(override)}'
-        moves = f'{counted(len(planned.plan), "move")}, {time}'
-        sentence = f'started "{planned.name}": {moves}'
+        sentence = f'started "{planned.name}": {moves_text(planned.plan, override)}'
         if own:
             sentence += ''.join(f'; {notice}' for notice in planned.notices)
         return Order(
-            plan=planned.plan,
-            faults=program.faults,
-            start_cycle=start_cycle,
-            override=override,
-            override_max=planned.override_max,
-            program=program,
+            planned.plan,
+            override,
+            planned.override_max,
+            program,
             sentence=sentence,
+            faults=program.faults,
             queued=planned,
             own=own,
-            exact=exact,
-            tolerances=tolerances,
+            **more,
         )
 
     @staticmethod
@@ -149,35 +142,8 @@ class Order:
 
         """
         plan, override = return_plan(cut_off, start_m, robot), min(override, run.override_max)
-        time = f'{plan.duration_s / override:.3f} s{at_percent(override)}'
-        sentence = f'resumed after the fault: {counted(len(plan), "move")}, {time}'
-        return Order(
-            plan=plan,
-            faults=(),
-            start_cycle=-1,
-            override=override,
-            override_max=run.override_max,
-            program=run.program,
-            sentence=sentence,
-        )
-
-
-class OrderNumbers:
-    """Increasing numbers of the orders and changes of one planner."""
-
-    def __init__(self) -> None:
-        self._newest = self._leaps = 0
-
-    def next(self) -> int:
-        """Return the next number."""
-        self._newest += 1
-        return self._newest
-
-    def leap(self) -> bool:
-        """Skip numbers used by another writer; return False after too many attempts."""
-        self._leaps += 1
-        self._newest += LEAP**self._leaps
-        return self._leaps <= LEAPS_MAX
+        sentence = f'resumed after the fault: {moves_text(plan, override)}'
+        return Order(plan, override, run.override_max, run.program, sentence)
 
 
 class ProgramRun(RunningMoves):
@@ -186,9 +152,10 @@ class ProgramRun(RunningMoves):
     ``timeline`` has the motion profiles that the transformation task follows; None without a program.
     """
 
-    def __init__(self, numbers: OrderNumbers, cycle_time_s: float) -> None:
+    def __init__(self, cycle_time_s: float) -> None:
         super().__init__()
-        self._numbers, self._cycle_time_s = numbers, cycle_time_s
+        self._cycle_time_s = cycle_time_s
+        self._newest_number = self._leaps = 0
         self.state, self.remains = RunState.NONE, Remains.NOTHING
         self.number = 0  # of the last order, 0 before the first
         self.order: Order | None = None  # newest
@@ -199,7 +166,9 @@ class ProgramRun(RunningMoves):
         self.program: Program | None = None  # newest accepted one
         self.base = 0  # number of the newest accepted order, including appended moves
         self.completed = False  # whether the last program was executed to its end
-        self._pending_timeline: Timeline | None = None  # active from the cycle of its motion profile on
+        self.pending: Timeline | None = (
+            None  # with appended moves, active from the cycle of its motion profile on
+        )
 
     @property
     def waits(self) -> bool:
@@ -209,14 +178,21 @@ class ProgramRun(RunningMoves):
     def send(self, order: Order, now_s: float) -> list[Ordered | Revoked]:
         """Order a program."""
         self.order, self.since_s, self._checked = order, now_s, 0
-        self.number = self._numbers.next()
+        self.number = self.next_number()
         return self.handle(RunEvent.ORDER)
+
+    def next_number(self) -> int:
+        """Return the next number of an order or a change."""
+        self._newest_number += 1
+        return self._newest_number
 
     def renumber(self) -> list[Ordered | Revoked]:
         """Send the order again with an unused number; returns no action after too many attempts."""
-        if not self._numbers.leap():
+        self._leaps += 1
+        self._newest_number += LEAP**self._leaps  # beyond the numbers of another writer
+        if self._leaps > LEAPS_MAX:
             return []
-        self.number = self._numbers.next()
+        self.number = self.next_number()
         return self.handle(RunEvent.RENUMBER)
 
     def note_checked(self, rows: int, now_s: float) -> None:
@@ -236,7 +212,7 @@ class ProgramRun(RunningMoves):
             self.remains = step.remains
             self.cut_off = self.timeline if step.remains is Remains.CUT_OFF else None
         if step.state is RunState.NONE:
-            self.timeline = self._pending_timeline = None
+            self.timeline = self.pending = None
         elif before is RunState.NONE and self.order is not None:
             self.timeline, self._before = Timeline(self.order.plan, self._cycle_time_s), None
         elif event is RunEvent.ACCEPT and self.order is not None:
@@ -269,7 +245,7 @@ class ProgramRun(RunningMoves):
         if timeline is None:
             return
         profile = MotionProfile.from_array(row)
-        longer = self._pending_timeline
+        longer = self.pending
         if longer is not None and longer.profile is not None and profile.cycle >= longer.profile.cycle:
             timeline = self._switch_to(longer)
         if timeline.profile is None:
@@ -281,19 +257,15 @@ class ProgramRun(RunningMoves):
             self._before = timeline.copy()
             timeline.change(profile)
 
-    def set_pending(self, longer: Timeline | None) -> None:
-        """Set or clear the extended timeline that is active from the cycle of its motion profile on."""
-        self._pending_timeline = longer
-
     def accept_pending(self, number: int, program: Program | None) -> None:
         """Activate the pending timeline of an order by its number, and set the whole program."""
-        if self._pending_timeline is not None and self.timeline is not None:
-            self._switch_to(self._pending_timeline)
-        self._pending_timeline = None
+        if self.pending is not None and self.timeline is not None:
+            self._switch_to(self.pending)
+        self.pending = None
         self.base, self.program = number, program
 
     def _switch_to(self, longer: Timeline) -> Timeline:
-        self.timeline, self._before, self._pending_timeline = longer, None, None
+        self.timeline, self._before, self.pending = longer, None, None
         return longer
 
     def changes_from(self) -> int:
@@ -324,31 +296,21 @@ class StopRequest:
         if motion == MotionState.STOPPING:
             self.since_s = now_s
 
-    def answer(
-        self, run: RunState, motion: MotionState, completed: bool, refusal: Reason | None
-    ) -> str | None:
+    def answer(self, run: ProgramRun, motion: MotionState, refusal: Reason | None) -> str | None:
         """Return the reply to the request, None while the outcome is unknown.
 
-        Parameters
-        ----------
-        run, motion
-            State of the program, and of the motion.
-        came_to_its_end
-            Whether the program was executed to its end.
-        refusal
-            Why no program could be started now.
-
+        ``refusal`` is the reason why no program could be started now.
         """
-        if run is RunState.RUNNING:
+        if run.state is RunState.RUNNING:
             # a robot that was stopping or stopped already shows no change before the end
             begins = motion == MotionState.STOPPING and self._asked_in in (
                 MotionState.IDLE,
                 MotionState.MOVING,
             )
             return 'stops on the path' if begins else None
-        if run is RunState.FAILED:
+        if run.state is RunState.FAILED:
             return str(refusal) if refusal else 'a fault has stopped the robot'
-        if completed:
+        if run.completed:
             return 'it was at its end before it could be stopped'
         if self._asked_in == MotionState.STOPPED:
             return 'at rest on the path and aborted'

@@ -5,9 +5,9 @@ Pure: the functions that carry out a request are passed as arguments.
 
 from collections.abc import Callable
 
+from delta3_pacdrive.control.actions import PlannerAction, Replied, Reported
 from delta3_pacdrive.control.messages import Recent, Request
 from delta3_pacdrive.control.operation.control import control_refusal
-from delta3_pacdrive.control.queue.planner_actions import Action, Replied, Reported
 from delta3_pacdrive.control.queue.request_queue import RequestQueue
 from delta3_pacdrive.control.queue.request_tracker import RequestTracker
 from delta3_pacdrive.control.queue.task_status import TaskStatus
@@ -23,7 +23,7 @@ FOR_MOVES = frozenset({'program', 'move', 'trajectory'})
 class RequestService:
     """Requests served by one planner; ``act`` receives the actions, including replies."""
 
-    def __init__(self, task: TaskStatus, act: Callable[[Action], None]) -> None:
+    def __init__(self, task: TaskStatus, act: Callable[[PlannerAction], None]) -> None:
         self._task, self.act = task, act
         self._queue = RequestQueue()
         self._accepted: Recent[tuple[int, str]] = Recent(OPERATORS_MAX)  # number and description, by operator

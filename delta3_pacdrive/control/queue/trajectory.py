@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from delta3_pacdrive.control.actions import Arrival, PlannerAction, Replied, Revoked, Settled
 from delta3_pacdrive.control.messages import Request
 from delta3_pacdrive.control.motion_state import MotionState
 from delta3_pacdrive.control.operation.robot_state import START_CYCLES_MAX
-from delta3_pacdrive.control.queue.planner_actions import Action, Arrival, Replied, Revoked, Settled
 from delta3_pacdrive.control.queue.program_run import ProgramRun, Readiness, RunState
 from delta3_pacdrive.control.queue.request_tracker import RequestTracker
 from delta3_pacdrive.control.queue.tolerances import Tolerances, ToleranceWatch, TrajectoryState
@@ -123,7 +123,7 @@ class TrajectoryWatch:
         run: ProgramRun,
         task: Readiness,
         tracker: RequestTracker,
-        act: Callable[[Action], None],
+        act: Callable[[PlannerAction], None],
     ) -> None:
         self._watch, self._run, self._task = tolerances, run, task
         self._tracker, self._act = tracker, act
@@ -181,4 +181,4 @@ class TrajectoryWatch:
     def cancel(self, reason: Reason) -> None:
         """Cancel the wait for a goal."""
         if self._watch.clear():
-            self._act(Settled(self._request_id, Arrival.GIVEN_UP, reason))
+            self._act(Settled(self._request_id, Arrival.CANCELLED, reason))

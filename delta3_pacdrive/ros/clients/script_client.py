@@ -12,10 +12,10 @@ from typing import Any
 import rclpy
 from std_msgs.msg import String
 
+from delta3_pacdrive.control.actions import Ordered
 from delta3_pacdrive.control.messages import PROFILE, Origin, Verdict
 from delta3_pacdrive.control.operation.script_operations import END, ScriptOperation
 from delta3_pacdrive.control.queue.plan_rows import PlanRows
-from delta3_pacdrive.control.queue.planner_actions import Ordered
 from delta3_pacdrive.errors import Code, ProgramError, Reason, RefusedError, RunError, TelegramError
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.planning.execution import MotionProfile

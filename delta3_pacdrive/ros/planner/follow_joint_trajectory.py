@@ -15,9 +15,9 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from trajectory_msgs.msg import JointTrajectoryPoint
 
+from delta3_pacdrive.control.actions import Arrival
 from delta3_pacdrive.control.messages import Request, RequestReport
 from delta3_pacdrive.control.queue.planner import Planner
-from delta3_pacdrive.control.queue.planner_actions import Arrival
 from delta3_pacdrive.control.queue.request_tracker import Phase
 from delta3_pacdrive.control.queue.tolerances import ERASED, Tolerances, TrajectoryState, overridden
 from delta3_pacdrive.control.queue.trajectory import TrajectoryRequest

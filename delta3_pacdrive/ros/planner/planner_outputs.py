@@ -9,10 +9,20 @@ from typing import Any
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, String
 
+from delta3_pacdrive.control.actions import (
+    Cancelled,
+    Changed,
+    Entered,
+    Ordered,
+    Replied,
+    Reported,
+    Revoked,
+    Settled,
+)
 from delta3_pacdrive.control.messages import PROFILE, REVOKE, Origin
-from delta3_pacdrive.control.queue import planner_actions
 from delta3_pacdrive.control.queue.plan_rows import PlanRows
 from delta3_pacdrive.control.queue.planner import Planner
+from delta3_pacdrive.control.queue.planning_job import Job
 from delta3_pacdrive.ros.planner.follow_joint_trajectory import FollowJointTrajectory
 from delta3_pacdrive.ros.planner.planner_services import PlannerServices
 from delta3_pacdrive.ros.planner.planning_thread import PlanningThread
@@ -44,28 +54,28 @@ class PlannerOutputs:
         actions, self._planner.actions = self._planner.actions, []
         for action in actions:
             match action:
-                case planner_actions.Working(job):
-                    self._thread.begin(job)
-                case planner_actions.Cancelled(number):
+                case Job():
+                    self._thread.begin(action)
+                case Cancelled(number):
                     self._thread.cancel(number)
-                case planner_actions.Ordered():
+                case Ordered():
                     self._rows.begin(action)
                     self.send_rows()
-                case planner_actions.Revoked(number):
+                case Revoked(number):
                     self._rows.clear()
                     self._plan.publish(self._numbered(REVOKE, number, []))
-                case planner_actions.Changed(number, profile):
+                case Changed(number, profile):
                     self._change.publish(self._numbered(PROFILE, number, profile.to_array()))
-                case planner_actions.Replied(request, reason, sentence):
+                case Replied(request, reason, sentence):
                     self._operators.reply(request, reason, sentence)
-                case planner_actions.Reported(report):
+                case Reported(report):
                     self._operators.report(report)
                     if self._trajectories is not None:
                         self._trajectories.report(report)
-                case planner_actions.Settled(identity, arrival, reason):
+                case Settled(identity, arrival, reason):
                     if self._trajectories is not None:
                         self._trajectories.settle(identity, arrival, reason)
-                case planner_actions.Mirrored(state):
+                case Entered(state):
                     self._state.publish(String(data=str(state)))
         if actions:
             self._operators.publish_queue()

@@ -10,9 +10,17 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from delta3_pacdrive.control.actions import (
+    AccessRequested,
+    Entered,
+    Followed,
+    Injected,
+    Located,
+    Logged,
+    Replied,
+    Switched,
+)
 from delta3_pacdrive.control.cycle.joint_motion import JointMotion
-from delta3_pacdrive.control.operation import robot_actions
-from delta3_pacdrive.control.operation.robot_actions import AccessRequested, Located, Logged, Switched
 from delta3_pacdrive.control.operation.robot_controller import RobotController
 from delta3_pacdrive.errors import TelegramError
 from delta3_pacdrive.kinematics import geometry
@@ -146,13 +154,13 @@ class RobotOutputs:
         self._outputs = interfaces.OUTPUTS.publisher(node)
         self._states.publish(String(data=str(self._state.motion)))
         self._handlers: dict[type, Callable[[Any], object]] = {
-            robot_actions.Entered: lambda action: self._states.publish(String(data=str(action.state))),
-            robot_actions.Followed: lambda action: planner.publish_profile(action.profile),
+            Entered: lambda action: self._states.publish(String(data=str(action.state))),
+            Followed: lambda action: planner.publish_profile(action.profile),
             Located: self._publish_position,
             Switched: self._publish_outputs,
             AccessRequested: self._ask,
-            robot_actions.Injected: lambda action: faults.inject(action.faults, action.cycle),
-            robot_actions.Replied: lambda action: action.request(action.reason, action.sentence),
+            Injected: lambda action: faults.inject(action.faults, action.cycle),
+            Replied: lambda action: action.request(action.reason, action.sentence),
             Logged: self._log_message,
         }
 

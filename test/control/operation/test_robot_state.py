@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
+from delta3_pacdrive.control.actions import AccessRequested, Entered
 from delta3_pacdrive.control.motion_state import TRANSITIONS, Event, MotionState
-from delta3_pacdrive.control.operation.robot_actions import AccessRequested, Entered
 from delta3_pacdrive.errors import Code, FaultCode, Reason, RobotFault
 from delta3_pacdrive.robot.sercos.service_channel import Answer, ServiceError, parse_idn
 

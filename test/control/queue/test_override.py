@@ -5,8 +5,8 @@ import math
 import pytest
 
 from cases import for_each
+from delta3_pacdrive.control.actions import Changed, Ordered, Replied
 from delta3_pacdrive.control.motion_state import percent_allowed
-from delta3_pacdrive.control.queue.planner_actions import Changed, Ordered, Replied
 from delta3_pacdrive.control.queue.program_change import LEAD_CYCLES, LEAD_CYCLES_MAX
 from delta3_pacdrive.errors import Code
 from delta3_pacdrive.planning.execution import Timeline

@@ -5,16 +5,15 @@ from typing import Any
 
 import pytest
 
-from delta3_pacdrive.control.messages import Status, Verdict
-from delta3_pacdrive.control.queue.planner import VERDICT_S, Planner
-from delta3_pacdrive.control.queue.planner_actions import (
+from delta3_pacdrive.control.actions import (
     Cancelled,
-    Mirrored,
+    Entered,
     Ordered,
     Replied,
     Revoked,
-    Working,
 )
+from delta3_pacdrive.control.messages import Status, Verdict
+from delta3_pacdrive.control.queue.planner import VERDICT_S, Planner
 from delta3_pacdrive.control.queue.planning_job import CancelledError, Job, work
 from delta3_pacdrive.control.queue.request_queue import NEWS_S, WAITING_MAX
 from delta3_pacdrive.control.queue.task_status import MASTER_SILENT_S
@@ -128,11 +127,11 @@ def test_a_program_that_ran_on_a_bus_that_is_gone_can_be_started_again(client: C
 
 
 def test_the_state_is_mirrored_once_for_each_change(client: Client) -> None:
-    assert client.do(Mirrored).state == 'idle'
+    assert client.do(Entered).state == 'idle'
     client.say()
-    assert client.none(Mirrored)
+    assert client.none(Entered)
     client.say(state='moving')
-    assert client.do(Mirrored).state == 'moving'
+    assert client.do(Entered).state == 'moving'
 
 
 def test_who_knows_more_of_control_is_served_when_the_planner_knows_it_too(client: Client) -> None:
@@ -179,7 +178,7 @@ def test_a_lost_control_empties_the_queue_and_a_released_one_does_not(client: Cl
 
 def test_planning_that_is_withdrawn_is_given_up_and_its_result_counts_for_nothing(client: Client) -> None:
     request = client.ask('program', LINE)
-    job = client.do(Working).job
+    job = client.do(Job)
     client.ask('withdraw', str(request.number))
     assert client.do(Cancelled).number == job.number
     replies = [action for action in client.planner.actions if isinstance(action, Replied)]
@@ -256,7 +255,7 @@ def test_a_program_given_at_the_start_is_planned_and_started_by_itself_once_it_c
     planner = Planner(robot, ME, given, lambda: 0)
     status = Status('5e55', '', 1, '', 'idle', 'CP3', 'no', 'disabled', 1, HOME, 0, '', '', 0, 0, 0, 0)
     planner.receive_status(status, 0.0)
-    (job,) = [a.job for a in planner.actions if isinstance(a, Working)]
+    (job,) = [action for action in planner.actions if isinstance(action, Job)]
     planner.actions.clear()
     planner.take_result(work(job, robot, lambda *_: None), 0.1)
     assert planner.actions == []  # planned, not started

@@ -16,7 +16,7 @@ from delta3_pacdrive.control.queue.program_change import (
     ChangeState,
     ProgramChange,
 )
-from delta3_pacdrive.control.queue.program_run import OrderNumbers, ProgramRun
+from delta3_pacdrive.control.queue.program_run import ProgramRun
 from delta3_pacdrive.errors import Code, Reason
 
 LATE = Reason(Code.LATE, 'bus cycle 7 is over')
@@ -26,7 +26,7 @@ class Source:
     """A source of changes that sends them at once and records how they end."""
 
     def __init__(self) -> None:
-        self.change = ProgramChange(ProgramRun(OrderNumbers(), 1e-3), OrderNumbers(), lambda: 0)
+        self.change = ProgramChange(ProgramRun(1e-3), lambda: 0)
         self.ends: list[Any] = []
 
     def send(self, now_s: float) -> None:

@@ -6,13 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from delta3_pacdrive.control.queue.planner_actions import Ordered, Revoked
+from delta3_pacdrive.control.actions import Ordered, Revoked
 from delta3_pacdrive.control.queue.program_run import (
     LEAP,
     LEAPS_MAX,
     TRANSITIONS,
     Order,
-    OrderNumbers,
     ProgramRun,
     Remains,
     RunEvent,
@@ -35,12 +34,12 @@ def order(robot: Any) -> Order:
     document = {'moves': [{'move_l': {'to_m': [0.1, 0.0, -0.75]}}]}
     read = program_file.parse(document, robot.motion)
     planned = program_planner.plan(read, (0.0, 0.0, -0.75), robot)
-    return Order(planned.plan, (), -1, 1.0, 1.2, read, 'started')
+    return Order(planned.plan, 1.0, 1.2, read, 'started')
 
 
 @pytest.fixture
 def run() -> ProgramRun:
-    return ProgramRun(OrderNumbers(), 1e-3)
+    return ProgramRun(1e-3)
 
 
 def lead(run: ProgramRun, order: Order, *events: RunEvent) -> list[Any]:
@@ -79,7 +78,7 @@ def test_every_state_is_reached_and_left_and_every_event_happens() -> None:
 
 @given(events=st.lists(st.sampled_from([event for event in RunEvent if event is not E.ORDER]), max_size=12))
 def test_what_is_not_in_the_table_changes_nothing(events: list[RunEvent]) -> None:
-    run = ProgramRun(OrderNumbers(), 1e-3)
+    run = ProgramRun(1e-3)
     for event in events:
         assert run.handle(event) == []
     assert (run.state, run.remains, run.timeline) == (S.NONE, Remains.NOTHING, None)
@@ -87,7 +86,7 @@ def test_what_is_not_in_the_table_changes_nothing(events: list[RunEvent]) -> Non
 
 @given(events=st.lists(st.sampled_from(RunEvent), max_size=40))
 def test_after_any_events_state_timeline_and_what_is_left_agree(order: Order, events: list[RunEvent]) -> None:
-    run = ProgramRun(OrderNumbers(), 1e-3)
+    run = ProgramRun(1e-3)
     numbers, revoked = [0], []
     for event in events:
         if event is E.ORDER and run.state is not S.NONE:

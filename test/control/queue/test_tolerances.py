@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from delta3_pacdrive import kinematics
-from delta3_pacdrive.control.queue.planner import Planner
-from delta3_pacdrive.control.queue.planner_actions import (
+from delta3_pacdrive.control.actions import (
     Arrival,
     Ordered,
     Replied,
@@ -13,6 +12,7 @@ from delta3_pacdrive.control.queue.planner_actions import (
     Revoked,
     Settled,
 )
+from delta3_pacdrive.control.queue.planner import Planner
 from delta3_pacdrive.control.queue.tolerances import Tolerances, ToleranceWatch
 from delta3_pacdrive.control.queue.trajectory import TrajectoryRequest
 from delta3_pacdrive.errors import ProgramError
@@ -280,4 +280,4 @@ def test_a_goal_that_is_waited_for_is_given_up_for_another_program(robot):
     ordered = client.order()
     client.verdict(ordered.number)
     settled = client.do(Settled)
-    assert (settled.identity, settled.arrival) == (moved.request.identity, Arrival.GIVEN_UP)
+    assert (settled.identity, settled.arrival) == (moved.request.identity, Arrival.CANCELLED)

@@ -5,9 +5,10 @@ import json
 import pytest
 
 from delta3_pacdrive import kinematics
+from delta3_pacdrive.control.actions import Ordered, Replied, Revoked
 from delta3_pacdrive.control.messages import EXACT, ORDER
 from delta3_pacdrive.control.queue.planner import VERDICT_S
-from delta3_pacdrive.control.queue.planner_actions import Ordered, Replied, Revoked, Working
+from delta3_pacdrive.control.queue.planning_job import Job
 from delta3_pacdrive.control.queue.trajectory import LEAD_PER_POINT_S, LEAD_S, SOON, TrajectoryRequest
 from delta3_pacdrive.errors import Code, ProgramError
 from delta3_pacdrive.planning.paths.move import MoveKind
@@ -168,7 +169,7 @@ def test_a_robot_that_moves_takes_no_other_trajectory(client, robot):
     client.say(state='moving')
     reason, _ = client.answer()
     assert (reason.code, reason.sentence[:19]) == (Code.STATE, 'the robot is moving')
-    assert client.none(Working)
+    assert client.none(Job)
 
 
 def test_an_empty_trajectory_takes_the_order_back_that_is_driven(client):

@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 import control_msgs_build
-from delta3_pacdrive.control.queue.planner_actions import Arrival
+from delta3_pacdrive.control.actions import Arrival
 from delta3_pacdrive.control.queue.tolerances import Tolerances
 from delta3_pacdrive.errors import Code, ProgramError
 from delta3_pacdrive.ros.planner.follow_joint_trajectory import action_type, error_code_of, trajectory_request
@@ -106,7 +106,7 @@ def test_a_goal_that_is_none_of_this_robot_is_refused_with_what_is_wrong(bad: An
     [
         (Arrival.OFF_PATH, 'PATH_TOLERANCE_VIOLATED'),
         (Arrival.OFF_GOAL, 'GOAL_TOLERANCE_VIOLATED'),
-        (Arrival.GIVEN_UP, 'INVALID_GOAL'),
+        (Arrival.CANCELLED, 'INVALID_GOAL'),
         (Code.CONTENT, 'INVALID_GOAL'),
         (Code.STATE, 'INVALID_GOAL'),
         (Code.CONTROL, 'INVALID_GOAL'),

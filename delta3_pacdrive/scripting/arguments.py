@@ -1,7 +1,9 @@
-"""Conversion of script calls to program statements, with default frame and tool and the output names of the cell."""
+"""Arguments of script calls: checks of numbers, and conversion to program statements with default frame and tool."""
 
 from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from delta3_pacdrive.errors import ProgramError, shown
 from delta3_pacdrive.parameters import Motion
@@ -9,9 +11,30 @@ from delta3_pacdrive.planning.program.file_reader import read_statement
 from delta3_pacdrive.planning.program.frames import Frame, Tool
 from delta3_pacdrive.planning.program.model import Statement
 from delta3_pacdrive.planning.program.output_names import OutputNames
-from delta3_pacdrive.scripting.values import plain
 
+TIMEOUT_S = 10.0  # default timeout for inputs and parts
+TIME_MAX_S = 3600.0  # maximum time of a wait
 WITH_POINTS = ('move_l', 'move_c', 'move_sb', 'arch', 'cubic')
+
+
+def plain(value: Any) -> Any:
+    """Convert tuples, arrays and numpy numbers to the plain types of a program file."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+def number(name: str, value: Any, low: float, high: float, unit: str = '') -> float:
+    """Check that a value is a number within limits; raises ProgramError."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        raise ProgramError(f'{name} is {shown(value)}, but must be a number')
+    if not low <= value <= high:
+        raise ProgramError(f'{name} is {value:g}{unit}, but must be between {low:g} and {high:g}{unit}')
+    return float(value)
 
 
 class StatementMaker:
