@@ -15,10 +15,10 @@ from delta3_pacdrive.recording.signals import (
     DERIVED_SIGNALS,
     OF_DRIVES,
     REQUESTED_SIGNALS,
+    ROTARY_SIGNALS,
     SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
-    TURN_SIGNALS,
 )
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ KNOWN = (
     | TORQUE_SIGNALS
     | CURRENT_SIGNALS
     | TRUE_SIGNALS
-    | TURN_SIGNALS
+    | ROTARY_SIGNALS
     | DERIVED_SIGNALS
     | REQUESTED_SIGNALS
 )

@@ -96,7 +96,7 @@ def plan(
 
     """
     require_start(program, position_m)
-    require_axes(program.faults, bool(parameters.rotary_axes))
+    require_axes(program.faults, parameters.axes)
     turns = _start_turns(program, turns_rad, parameters)
 
     request = PlanRequest(

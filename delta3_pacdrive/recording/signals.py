@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from delta3_pacdrive.parameters import ROTARY_AXES_MAX, numbered
+
 # name: (unit, meaning); arrays of shape (cycles, 3), columns axis 1..3 or x, y, z
 SIGNALS = {
     'motor_command': ('rad', 'motor shaft command of the MDT'),
@@ -31,7 +33,7 @@ TRUE_SIGNALS = {
     'arm_angle': ('rad', 'true arm angle, after the gear'),
     'tcp_true': ('m', 'true TCP, with the tolerances of the arms'),
 }
-# rotary axis; angles and speeds of the tool
+# first rotary axis; angles and speeds of the tool
 TURN_SIGNALS = {
     'turn_command': ('rad', 'angle of the tool that the MDT commands'),
     'turn_position': ('rad', 'angle of the tool by the motor shaft of the AT'),
@@ -39,6 +41,12 @@ TURN_SIGNALS = {
     'turn_speed': ('rad/s', 'speed of the tool by the motor shaft of the AT'),
     'turn_current': ('A', 'I_eff of the motor of the rotary axis: one sample, the last before the AT'),
     'turn_true': ('rad', 'true angle of the tool, after gear and bar'),
+}
+# of all rotary axes
+ROTARY_SIGNALS = {
+    numbered(name, number): declared
+    for number in range(ROTARY_AXES_MAX)
+    for name, declared in TURN_SIGNALS.items()
 }
 # computed from other signals; each column of the master has its own unit
 DERIVED_SIGNALS = {
@@ -92,7 +100,7 @@ ONE_COLUMN = (
     'overruns',
     'cell_vacuum',
     'cell_payload',
-    *TURN_SIGNALS,
+    *ROTARY_SIGNALS,
 )
 
 

@@ -1,23 +1,29 @@
 """Signals in the telegrams of a run."""
 
+from delta3_pacdrive.parameters import numbered
 from delta3_pacdrive.robot.sercos import telegrams
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
+
+_DRIVES = [ALL_DRIVES[:count] for count in range(len(ALL_DRIVES), len(DRIVES) - 1, -1)]
 
 # one signal per array of a telegram, or per number; a topic may have several layouts
 TELEGRAM_SIGNALS = {
-    # with rotary axis
-    telegrams.mdt(torques=True, drives=ALL_DRIVES): ('motor_command', 'torque_command'),
-    telegrams.mdt(torques=False, drives=ALL_DRIVES): ('motor_command',),
-    telegrams.TOOL_AT: ('turn_position', 'turn_speed', 'turn_current'),
-    telegrams.TURN: ('turn_command', '', 'turn_error'),  # the second value is redundant: it is in the AT
-    telegrams.shafts(ALL_DRIVES): ('shaft_position', 'shaft_speed', 'coupling_torque'),
-    # without rotary axis
-    telegrams.TORQUE_MDT: ('motor_command', 'torque_command'),
-    telegrams.MDT: ('motor_command',),
+    # with each number of rotary axes
+    **dict.fromkeys((telegrams.mdt(True, drives) for drives in _DRIVES), ('motor_command', 'torque_command')),
+    **dict.fromkeys((telegrams.mdt(False, drives) for drives in _DRIVES), ('motor_command',)),
+    **dict.fromkeys(map(telegrams.shafts, _DRIVES), ('shaft_position', 'shaft_speed', 'coupling_torque')),
+    **{
+        telegram: tuple(numbered(name, n) for name in ('turn_position', 'turn_speed', 'turn_current'))
+        for n, telegram in enumerate(telegrams.ROTARY_AT)
+    },
+    # the second value is redundant: it is in the AT
+    **{
+        telegram: (numbered('turn_command', n), '', numbered('turn_error', n))
+        for n, telegram in enumerate(telegrams.TURNS)
+    },
     **dict.fromkeys(telegrams.AT, ('motor_position', 'motor_speed', 'current')),
     telegrams.FOLLOWING_ERROR: ('following_error',),
     telegrams.TCP_COMMAND: ('tcp_command',),
     telegrams.TCP_ACTUAL: ('tcp_actual',),
     telegrams.TCP_ERROR: ('tcp_error',),
-    telegrams.SHAFTS: ('shaft_position', 'shaft_speed', 'coupling_torque'),
 }

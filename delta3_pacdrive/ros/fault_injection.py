@@ -26,7 +26,6 @@ from delta3_pacdrive.control.operation.service_texts import split_mark
 from delta3_pacdrive.errors import Delta3Error, ProgramError, shown
 from delta3_pacdrive.robot.faults.fault import PROCESS_FAULTS, Fault, applies_to, parse, require_axes
 from delta3_pacdrive.robot.faults.schedule import Schedule, Scheduled
-from delta3_pacdrive.robot.sercos.configuration_check import TOOL_DRIVE
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.ros import node_process
 from delta3_pacdrive.ros.robot_node import RobotNode
@@ -83,7 +82,7 @@ class FaultInjection:
                 raise ProgramError(f'{fault.text}: all nodes of this robot are in one process')
 
     def _require_axes(self, faults: Sequence[Fault]) -> None:
-        require_axes(faults, rotary=TOOL_DRIVE in self._controller.services.drives)
+        require_axes(faults, self._controller.services.drives)
 
     def inject(self, faults: Sequence[Fault], cycle: int) -> list[Scheduled]:
         """Publish faults whose times are relative to a bus cycle; raises ProgramError."""

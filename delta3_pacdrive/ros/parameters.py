@@ -109,7 +109,7 @@ OWN: dict[str, tuple[Own, ...]] = {
         Own('shared_clock', '', 'file of the bus clock shared by several robots; empty: a separate clock'),
         Own('clock_member', 0, 'number of this robot on that clock', 0, 9),
     ),
-    'mc4_drive': (Own('axis', 0, 'number of the axis: 1 to 3, or 4 for a rotary axis', 0, len(ALL_DRIVES)),),
+    'mc4_drive': (Own('axis', 0, 'number of the axis: 1 to 3, or from 4 on for a rotary axis', 0, len(ALL_DRIVES)),),
     'plant': (
         Own('cell', '', 'cell file: gripper, parts, sensors and belts of the robot; empty: none'),
         Own(

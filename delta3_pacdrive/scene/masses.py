@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.parameters.rotary import Rotary
+from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.parts import ARMS, RODS, arm_of, payload_edge
 
 TINY_KG_M2 = 1e-14  # of slender rods about their axis; MuJoCo's minimum is 1e-15
@@ -67,15 +68,15 @@ def masses(parameters: Parameters, *, rods: bool | None = None) -> dict[str, Ine
         edge = payload_edge(d.payload_mass_kg)
         moment = d.payload_mass_kg * edge**2 / 6.0
         found['payload'] = Inertia(d.payload_mass_kg, (0.0, 0.0, -0.5 * edge), (moment, moment, moment))
-    if parameters.rotary.present:
-        found |= _turning(parameters.rotary, found.get('payload'))
+    for _, body, rotary in tool_bar.bodies(parameters):
+        found |= _turning(body, rotary, found.get('payload'))
     return found
 
 
-def _turning(rotary: Rotary, payload: Inertia | None) -> dict[str, Inertia]:
+def _turning(body: str, rotary: Rotary, payload: Inertia | None) -> dict[str, Inertia]:
     """Return the bodies that rotate about z with a rotary axis; lateral moments are at least physically consistent."""
     tool = rotary.tool_inertia_kg_m2
-    found = {'tool': Inertia(TINY_KG, (0.0, 0.0, 0.0), (tool, tool, tool))}
+    found = {body: Inertia(TINY_KG, (0.0, 0.0, 0.0), (tool, tool, tool))}
     if payload is not None:
         about = max(payload.mass_kg * rotary.part_gyration_radius_m**2, TINY_KG_M2)
         across = max(payload.moments_kg_m2[0], about)

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.dynamics import rotor_inertia
-from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
+from delta3_pacdrive.parameters import Parameters, Rotary
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.joints import joints
@@ -69,7 +69,7 @@ def mjcf(parameters: Parameters, *, rods: bool | None = None, step_s: float | No
         f'    <motor name="{axis}" joint="{axis}" ctrllimited="true" ctrlrange="{-torque!r} {torque!r}"/>'
         for axis in DRIVES
     )
-    motors += model.tool_motor()
+    motors += ''.join(map(_rotary_motor, tool_bar.bodies(parameters)))
     return f"""\
 <mujoco model="delta3_pacdrive">
   <compiler angle="radian" inertiafromgeom="false"/>
@@ -113,7 +113,7 @@ class _Model:
 
     def base(self) -> str:
         """Return the base, with the motor of a rotary axis."""
-        names = ('base', tool_bar.MOTOR) if self._parameters.rotary.present else ('base',)
+        names = [name for name in ('base', tool_bar.MOTOR) if name in self._parts]
         return '\n'.join(self.still(name, '    ') for name in names)
 
     def arm(self, arm: int) -> str:
@@ -175,39 +175,41 @@ class _Model:
 {self._body('plate', '      ')}
 {self._tool(payload)}
       <site name="tcp"/>
-{sites}{'' if self._parameters.rotary.present else payload}
+{sites}{'' if self._parameters.rotary_axes else payload}
     </body>"""
 
     def _tool(self, payload: str) -> str:
-        """Return the tool; with a rotary axis it is a body that rotates with its payload."""
-        rotary = self._parameters.rotary
-        if not rotary.present:
+        """Return the tool; each rotary axis is a body in the one before, the last with payload."""
+        axes = tool_bar.bodies(self._parameters)
+        if not axes:
             return self.still('tool', '      ')
-        low, high = math.radians(rotary.angle_min_deg), math.radians(rotary.angle_max_deg)
-        joint = (
-            f'<joint name="{TOOL_DRIVE}" axis="0 0 1" ref="{rotary.home_rad!r}" limited="true"'
-            f' range="{low!r} {high!r}" armature="{rotary.gear_ratio**2 * rotary.rotor_inertia_kg_m2!r}"'
-            f' damping="{rotary.gear_ratio**2 * rotary.viscous_friction_n_m_s_rad!r}"'
-            f' frictionloss="{rotary.gear_ratio * rotary.static_friction_n_m!r}"/>'
-        )
-        return f"""\
-      <body name="tool" quat="{_quaternion(Rotation.from_euler('z', rotary.home_rad))}">
+        inside = f'{self._body("tool", "        ")}\n{self.still("pointer", "        ")}{payload}'
+        for axis, body, rotary in reversed(axes):
+            low, high = math.radians(rotary.angle_min_deg), math.radians(rotary.angle_max_deg)
+            joint = (
+                f'<joint name="{axis}" axis="0 0 1" ref="{rotary.home_rad!r}" limited="true"'
+                f' range="{low!r} {high!r}" armature="{rotary.gear_ratio**2 * rotary.rotor_inertia_kg_m2!r}"'
+                f' damping="{rotary.gear_ratio**2 * rotary.viscous_friction_n_m_s_rad!r}"'
+                f' frictionloss="{rotary.gear_ratio * rotary.static_friction_n_m!r}"/>'
+            )
+            own = '' if body in self._parts else f'        {_inertial(self._masses[body])}\n'
+            inside = f"""\
+      <body name="{body}" quat="{_quaternion(Rotation.from_euler('z', rotary.home_rad))}">
         {joint}
-{self._body('tool', '        ')}
-{self.still('pointer', '        ')}{payload}
+{own}{inside}
       </body>"""
-
-    def tool_motor(self) -> str:
-        """Return the motor of a rotary axis; empty without one."""
-        rotary = self._parameters.rotary
-        if not rotary.present:
-            return ''
-        torque = rotary.gear_ratio * rotary.torque_constant_n_m_a * rotary.peak_current_a
-        limits = f'ctrllimited="true" ctrlrange="{-torque!r} {torque!r}"'
-        return f'\n    <motor name="{TOOL_DRIVE}" joint="{TOOL_DRIVE}" {limits}/>'
+        return inside
 
     def _body(self, name: str, indent: str) -> str:
         return f'{indent}{_inertial(self._masses[name])}\n{self.still(name, indent)}'
+
+
+def _rotary_motor(turned: tuple[str, str, Rotary]) -> str:
+    """Return the motor of a rotary axis, given as by ``tool_bar.bodies``."""
+    axis, _, rotary = turned
+    torque = rotary.gear_ratio * rotary.torque_constant_n_m_a * rotary.peak_current_a
+    limits = f'ctrllimited="true" ctrlrange="{-torque!r} {torque!r}"'
+    return f'\n    <motor name="{axis}" joint="{axis}" {limits}/>'
 
 
 def _inertial(inertia: Inertia) -> str:

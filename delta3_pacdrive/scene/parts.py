@@ -133,7 +133,7 @@ def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part
         edge = payload_edge(carried_kg)
         found.append(Part('payload', _CARTON, (Box((0.0, 0.0, -0.5 * edge), size_m=(edge, edge, edge)),)))
     found.append(Part('workspace', _AIR, (_workspace(kinematics),)))
-    if parameters.rotary.present:
+    if parameters.rotary_axes:
         base_top_m = sizes.base_height_m + 3.0 * sizes.sheet_m
         shapes = tool_bar.shapes(kinematics, sizes.tool_height_m, base_top_m)
         found += [Part(name, _TURNING[name], shapes[name]) for name in tool_bar.NAMES]
@@ -142,7 +142,7 @@ def parts(parameters: Parameters, payload_kg: float | None = None) -> tuple[Part
 
 def names_of(parameters: Parameters) -> tuple[str, ...]:
     """Return the names of all possible parts of a robot: ``NAMES`` or ``TURNING_NAMES``."""
-    return TURNING_NAMES if parameters.rotary.present else NAMES
+    return TURNING_NAMES if parameters.rotary_axes else NAMES
 
 
 def arm_of(rod: str) -> int:

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Kinematics
+from delta3_pacdrive.parameters import ARMS, Kinematics, Parameters, Rotary
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
 
 MOTOR = 'motor4'
@@ -24,6 +24,16 @@ TUBE_SHARE, LEFT_SHARE = 0.9, 0.05  # length of the tube and minimum overlap, re
 _TUBE_RADIUS, _ROD_RADIUS = 0.032, 0.02
 _MOTOR_RADIUS, _MOTOR_LENGTH = 0.10, 0.30
 _POINTER, _HEAD = (0.44, 0.05, 0.03), (0.08, 0.12, 0.06)  # length, width, height of pointer and head
+
+
+def bodies(parameters: Parameters) -> list[tuple[str, str, Rotary]]:
+    """Return name, turned body and parameters of each rotary axis; the last one turns the tool.
+
+    Each axis turns relative to the one before, about the same line; the bodies between them have no shape.
+    """
+    names = parameters.axes[ARMS:]
+    turned = [*(f'turned_{name}' for name in names[:-1]), 'tool']
+    return list(zip(names, turned, parameters.rotary_axes, strict=False))
 
 
 def top_m(tool_height_m: float) -> float:

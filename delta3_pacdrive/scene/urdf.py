@@ -15,8 +15,8 @@ from xml.etree import ElementTree as ET
 from scipy.spatial.transform import Rotation
 
 from delta3_pacdrive.dynamics import rotor_inertia
-from delta3_pacdrive.parameters import Parameters
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
+from delta3_pacdrive.parameters import Parameters, Rotary
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.scene import tool_bar
 from delta3_pacdrive.scene.masses import TINY_KG, Inertia, masses
 from delta3_pacdrive.scene.parts import ARMS, Part, Sizes, parts
@@ -61,10 +61,7 @@ def urdf(parameters: Parameters) -> str:
     for i, arm in enumerate(ARMS):
         for n, rod in enumerate('ab'):
             writer.fixed(f'plate_{arm}{rod}', 'plate', joint[i, n])
-    if parameters.rotary.present:
-        _tool_axis(writer, parameters)
-    else:
-        writer.fixed('tool', 'plate', (0.0, 0.0, 0.0))
+    _tool(writer, parameters)
     if 'payload' in writer.parts:
         writer.fixed('payload', 'tool', (0.0, 0.0, 0.0))
     ET.indent(robot)
@@ -91,11 +88,22 @@ def _axis(writer: '_Writer', arm: int, parameters: Parameters) -> None:
     )
 
 
-def _tool_axis(writer: '_Writer', parameters: Parameters) -> None:
-    """Add the motor of a rotary axis, and the tool on the plate."""
-    rotary = parameters.rotary
+def _tool(writer: '_Writer', parameters: Parameters) -> None:
+    """Add the tool on the plate; each rotary axis turns it relative to the axis before."""
+    axes = tool_bar.bodies(parameters)
+    if not axes:
+        writer.fixed('tool', 'plate', (0.0, 0.0, 0.0))
+        return
     writer.fixed(tool_bar.MOTOR, 'base', (0.0, 0.0, 0.0))
-    joint = writer.joint(TOOL_DRIVE, 'revolute', 'tool', 'plate', (0.0, 0.0, 0.0))
+    parent = 'plate'
+    for axis, body, rotary in axes:
+        _add_rotary(writer.joint(axis, 'revolute', body, parent, (0.0, 0.0, 0.0)), rotary)
+        parent = body
+    writer.fixed('pointer', 'tool', (0.0, 0.0, 0.0))
+
+
+def _add_rotary(joint: ET.Element, rotary: Rotary) -> None:
+    """Add direction, limits and friction of a rotary axis to its joint."""
     ET.SubElement(joint, 'axis', xyz=_text(Z))
     ET.SubElement(
         joint,
@@ -111,7 +119,6 @@ def _tool_axis(writer: '_Writer', parameters: Parameters) -> None:
         damping=repr(rotary.gear_ratio**2 * rotary.viscous_friction_n_m_s_rad),
         friction=repr(rotary.gear_ratio * rotary.static_friction_n_m),
     )
-    writer.fixed('pointer', 'tool', (0.0, 0.0, 0.0))
 
 
 class _Writer:

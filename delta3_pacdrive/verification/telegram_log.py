@@ -23,7 +23,7 @@ from delta3_pacdrive.ros.wire.polling import PollingNode, Taken
 from delta3_pacdrive.ros.wire.qos import WATCHER
 
 SHAFTS, MDT = MOTOR_SHAFTS.name, interfaces.MDT.name
-AT = interfaces.AT.names
+AT = interfaces.AT.names_of(DRIVES)
 
 
 def codecs_of(drives: Sequence[str] = DRIVES, torques: bool = False) -> dict[str, TelegramCodec]:

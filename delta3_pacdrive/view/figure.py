@@ -14,7 +14,7 @@ from delta3_pacdrive.scene.joints import joints
 from delta3_pacdrive.scene.parts import ARMS, Part, Sizes, parts
 from delta3_pacdrive.scene.poses import frames, poses
 from delta3_pacdrive.scene.shapes import Box, Cylinder, Shape, Sphere
-from delta3_pacdrive.view.values import Instant
+from delta3_pacdrive.view.values import Instant, tool_angle_rad
 
 SECTIONS, SUBDIVISIONS = 24, 2  # of cylinders and spheres
 RING_POINTS = 96
@@ -95,7 +95,7 @@ class _Body:
         self._plate = scene.add_frame(f'/{name}/plate', show_axes=False)
         self._mesh(f'/{name}/plate/plate', named['plate'], np.zeros(3))
         self._hand, self._turned, self._bar = f'/{name}/plate', None, []
-        if parameters.rotary.present:
+        if tool_bar.MOTOR in named:
             self._hand += '/turned'
             self._turned = scene.add_frame(self._hand, show_axes=False)
             self.carry('pointer', named['pointer'])
@@ -334,13 +334,14 @@ def ghost_of(
         Factor of the error.
 
     """
-    away, turn, off = None, instant.turn, 0.0
+    away, off = None, 0.0
     if kind == COMMAND:
-        away, off = error_m, 0.0 if turn is None else turn.error_rad
+        away, off = error_m, sum((turn.error_rad for turn in instant.turns), 0.0)
     elif kind == TRUE and instant.true_m is not None:
         away = instant.true_m - tcp_m
-        if turn is not None and turn.true_rad is not None:
-            off = turn.true_rad - turn.angle_rad
+        off = sum(
+            (turn.true_rad - turn.angle_rad for turn in instant.turns if turn.true_rad is not None), 0.0
+        )
     if away is None or not np.isfinite(away).all():
         return None
     away, off = magnification * away, max(-FAR_RAD, min(magnification * off, FAR_RAD))
@@ -348,4 +349,4 @@ def ghost_of(
     if length < NEAR_M and abs(off) < NEAR_RAD:
         return None
     share = min(1.0, FAR_M / length) if length > 0.0 else 0.0
-    return np.asarray(tcp_m + away * share), off + (0.0 if turn is None else turn.angle_rad)
+    return np.asarray(tcp_m + away * share), off + tool_angle_rad(instant.turns)

@@ -23,7 +23,7 @@ from delta3_pacdrive.view.figure import BLUE, KINDS, Figure, ghost_of, segments
 from delta3_pacdrive.view.plots import COLUMNS, ERROR, TCP, History, Plots, rows_of
 from delta3_pacdrive.view.scope_panel import ScopePanel
 from delta3_pacdrive.view.serving import Place
-from delta3_pacdrive.view.values import Facts, Instant, UiCommand
+from delta3_pacdrive.view.values import Facts, Instant, UiCommand, tool_angle_rad
 
 PICTURES_HZ = 30.2
 READ_S, PLOT_S = 0.2, 0.4  # refresh periods of the readout, and of plots and travelled path
@@ -224,7 +224,7 @@ class Page:
             return
         now = time.monotonic()
         with self.server.atomic():
-            angle = 0.0 if instant.turn is None else instant.turn.angle_rad
+            angle = tool_angle_rad(instant.turns)
             ghost = ghost_of(instant, tcp, error, self._ghost.value, self._magnification)
             ghost_m, ghost_rad = (None, angle) if ghost is None else ghost
             self._figure.place(instant.theta_rad, tcp, ghost_m, (angle, ghost_rad))
@@ -255,8 +255,8 @@ class Page:
             self.controls.show(facts)
 
     def _write(self) -> None:
-        turn = None if self._instant is None else self._instant.turn
-        self._status.content = readout.status(self._facts, self._tcp_m, turn)
+        turns = () if self._instant is None else self._instant.turns
+        self._status.content = readout.status(self._facts, self._tcp_m, turns)
         if self._instant is not None:
             self._bars.content = readout.bars(self._instant, self._facts.drives, self._scales)
 

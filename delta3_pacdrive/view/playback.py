@@ -13,7 +13,7 @@ from delta3_pacdrive import interrupts, kinematics
 from delta3_pacdrive.cell.cell_scene import Thing, brings_parts
 from delta3_pacdrive.errors import TraceError
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import ROTARY_AXES_MAX, Parameters, numbered
 from delta3_pacdrive.planning.paths.move import OUTPUTS
 from delta3_pacdrive.robot.drive.state_machine import overload_after
 from delta3_pacdrive.robot.sercos.telegrams import BRAKE_FREE, BRAKE_HELD
@@ -28,6 +28,7 @@ from delta3_pacdrive.view.values import (
     Instant,
     PartPlace,
     TurnInstant,
+    tool_angle_rad,
 )
 
 PICTURE_S = 1.0 / PICTURES_HZ
@@ -141,16 +142,20 @@ class Film:
             true_m=None if self._true is None else self._true[row],
             error_m=self._error[row],
             cell=self._cell_at(row),
-            turn=self._turn_at(row),
+            turns=self._turns_at(row),
         )
 
-    def _turn_at(self, row: int) -> TurnInstant | None:
-        """Return the tool in a cycle, None without a recorded rotary axis."""
-        angle, error, true = (
-            float(self._signals[name][row, 0]) if name in self._signals else None
-            for name in ('turn_position', 'turn_error', 'turn_true')
-        )
-        return None if angle is None else TurnInstant(angle, error or 0.0, true)
+    def _turns_at(self, row: int) -> tuple[TurnInstant, ...]:
+        """Return the recorded rotary axes in a cycle."""
+        found = []
+        for number in range(ROTARY_AXES_MAX):
+            angle, error, true = (
+                float(self._signals[name][row, 0]) if name in self._signals else None
+                for name in (numbered(name, number) for name in ('turn_position', 'turn_error', 'turn_true'))
+            )
+            if angle is not None:
+                found.append(TurnInstant(angle, error or 0.0, true))
+        return tuple(found)
 
     @property
     def things(self) -> tuple[Thing, ...]:
@@ -168,8 +173,8 @@ class Film:
         cycle = round(float(self.time_s[row]) / self.run.period_s) + start
         x, y, z = self._tcp[row].tolist()
         parts = []
-        turn = self._turn_at(row)
-        for part, place, angle in story.at(cycle, (x, y, z), turn.angle_rad if turn else 0.0):
+        tool_rad = tool_angle_rad(self._turns_at(row))
+        for part, place, angle in story.at(cycle, (x, y, z), tool_rad):
             length, width, height = part['size_m']
             parts.append(PartPlace(part['number'], part['type'], (length, width, height), place, angle))
         return CellInstant(tuple(parts), {name: story.way_m(name, cycle) for name in story.belts})

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from delta3_pacdrive.control.motion_state import UNDER_WAY
 from delta3_pacdrive.numerics.types import Floats
-from delta3_pacdrive.parameters import Parameters
+from delta3_pacdrive.parameters import Parameters, numbered
 from delta3_pacdrive.view.values import DriveFacts, Facts, InputFacts, Instant, TurnInstant
 
 GREEN, AMBER, RED, GREY, BLUE = '#2f9e5b', '#e08a00', '#d92d3a', '#868e96', '#3a86ff'
@@ -58,7 +58,7 @@ def _boxed(content: str) -> str:
     return f'<div style="{style}">{content}</div>'
 
 
-def status(facts: Facts, tcp_m: Floats | None, turn: TurnInstant | None = None) -> str:
+def status(facts: Facts, tcp_m: Floats | None, turns: Sequence[TurnInstant] = ()) -> str:
     """Return the state of robot and bus."""
     if not facts.state:
         waiting = html.escape(facts.waiting or 'waiting for a robot')
@@ -67,9 +67,9 @@ def status(facts: Facts, tcp_m: Floats | None, turn: TurnInstant | None = None) 
     if tcp_m is not None:
         x, y, z = (1e3 * tcp_m).tolist()
         rows.append(_pairs(('TCP', f'{x:.2f}, {y:.2f}, {z:.2f} mm')))
-    if turn is not None:
+    for number, turn in enumerate(turns):
         angle, error = math.degrees(turn.angle_rad), math.degrees(turn.error_rad)
-        rows.append(_pairs(('tool', f'{angle:.2f} deg'), ('error', f'{error:.3f} deg')))
+        rows.append(_pairs((numbered('tool', number), f'{angle:.2f} deg'), ('error', f'{error:.3f} deg')))
     if facts.moves and facts.state in SHOWS_MOVE:
         left = () if facts.remaining_s is None else (('left', f'{facts.remaining_s:.1f} s'),)
         rows.append(_pairs(('move', f'{facts.move + 1} of {facts.moves}'), *left))

@@ -1,7 +1,7 @@
 """Displayed values of the page and its UI commands as plain records."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,11 +37,16 @@ class CellInstant:
 
 @dataclass(frozen=True)
 class TurnInstant:
-    """The tool of a rotary axis at an instant."""
+    """A rotary axis of the tool at an instant."""
 
     angle_rad: float  # by the encoder of its motor
     error_rad: float = 0.0  # command minus actual without the set-point delay
     true_rad: float | None = None  # None: unknown
+
+
+def tool_angle_rad(turns: Sequence[TurnInstant]) -> float:
+    """Return the angle of the tool: each of the ``turns`` is a rotation relative to the axis before."""
+    return sum((turn.angle_rad for turn in turns), 0.0)
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ class Instant:
     true_m: Floats | None = None  # true TCP of the built robot; None: unknown
     error_m: Floats = field(default_factory=_zeros)  # TCP command minus actual without the set-point delay
     cell: CellInstant | None = None
-    turn: TurnInstant | None = None  # None: no rotary axis, or unknown
+    turns: tuple[TurnInstant, ...] = ()  # of each rotary axis; empty if unknown
 
 
 @dataclass(frozen=True)

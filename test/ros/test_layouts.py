@@ -14,7 +14,9 @@ from delta3_pacdrive.robot.sercos.telegrams import JOINTS
 from delta3_pacdrive.ros.wire.interfaces import JOINT_STATES, LATCHED, TOPICS, Topic
 
 FOLDER = Path(__file__).parents[2] / 'config' / 'layouts'
-BY_NAME = {name if name.startswith('/') else f'/{name}': topic for topic in TOPICS for name in topic.names}
+BY_NAME = {
+    name if name.startswith('/') else f'/{name}': topic for topic in TOPICS for name in topic.names_of(DRIVES)
+}
 SHOWS = {'MarkerArray': 'MarkerArray', 'RobotModel': 'String', 'PointStamped': 'PointStamped'}  # of RViz
 
 

@@ -16,6 +16,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from delta3_pacdrive import kinematics
 from delta3_pacdrive.cell import cell_file
 from delta3_pacdrive.parameters import load
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.nodes.plant import PlantNode
 from delta3_pacdrive.ros.nodes.transformation_task import TransformationTaskNode
@@ -59,13 +60,9 @@ OPEN = {
     topic.name: (topic.type, REQUEST)
     for topic in (interfaces.JOINT_TRAJECTORY, interfaces.OVERRIDE, interfaces.PROGRAM, interfaces.MOVE_L)
 }
-CYCLIC = {name for topic in RECORDED if topic.cyclic for name in topic.names_of(rotary=False)}
+CYCLIC = {name for topic in RECORDED if topic.cyclic for name in topic.names_of(DRIVES)}
 TOPICS = (
-    {
-        name: (topic.type, topic.delivery.publisher)
-        for topic in RECORDED
-        for name in topic.names_of(rotary=False)
-    }
+    {name: (topic.type, topic.delivery.publisher) for topic in RECORDED for name in topic.names_of(DRIVES)}
     | MORE
     | OPEN
 )

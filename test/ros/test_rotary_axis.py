@@ -13,7 +13,7 @@ from visualization_msgs.msg import MarkerArray
 from delta3_pacdrive import parameters
 from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.recording.motion_progress import MotionProgress
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES
 from delta3_pacdrive.robot.sercos.telegrams import JOINTS, mdt_form
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
 from delta3_pacdrive.ros.clients.robot_reader import RobotReader
@@ -23,6 +23,7 @@ from delta3_pacdrive.ros.nodes.unit_robot import UnitRobotNode
 from delta3_pacdrive.ros.wire.qos import CYCLIC_PUBLISHER
 
 ROBOT = parameters.load().replace(rotary__present=True)
+AXES = ROBOT.axes
 RATIO = ROBOT.rotary.gear_ratio
 TURNS = 'moves: [{move_l: {to_m: [0.2, 0.0, -0.75], speed_m_s: 0.4, turn_deg: 90}}]'
 NO_AXIS = 'the robot has no rotary axis (rotary.present is false)'
@@ -40,7 +41,7 @@ class Cell:
         self.commands = graph.listen(PointStamped, 'tcp/command', CYCLIC_PUBLISHER)
         self.turns = graph.listen(Vector3Stamped, 'tool/turn', CYCLIC_PUBLISHER)
         self.joints = graph.listen(JointState, 'joint_states', CYCLIC_PUBLISHER)
-        self.axes = ALL_DRIVES if rotary else DRIVES
+        self.axes = AXES if rotary else DRIVES
         numbers = [str(n + 1) for n in range(len(self.axes))]
         self.task = graph.robot(('plant', *numbers, 'task'), **own)
         graph.add(UnitRobotNode, **own)
@@ -76,7 +77,7 @@ def test_bus_and_machine_have_four_axes_and_the_tool_turns_with_the_robot(graph:
     graph.spin_until(lambda: cell.operator.state == 'idle', 'the end')
     assert cell.task.progress().fault == ''
     for messages in (cell.mdt, cell.shafts):
-        assert {tuple(message.name) for message in messages} == {ALL_DRIVES}
+        assert {tuple(message.name) for message in messages} == {AXES}
     newest = cyclic(cell.mdt)[-1]
     assert len(newest.header.frame_id) == len(mdt_form(4))
     words = newest.header.frame_id.split()
@@ -120,7 +121,7 @@ def test_the_tool_is_seen_to_turn_by_markers_and_page(graph: Any) -> None:
     graph.spin_until(lambda: pointer() == pytest.approx(math.pi / 2, abs=1e-3), 'a pointer that is turned')
     instants = []
     graph.spin_until(lambda: (found := reader.instant()) and not instants.append(found), 'a picture')
-    turn = instants[-1].turn
+    (turn,) = instants[-1].turns
     assert turn.angle_rad == pytest.approx(math.pi / 2, abs=1e-3)
     assert turn.error_rad == pytest.approx(math.pi / 2 - turn.angle_rad, abs=1e-6)
     assert turn.true_rad is None
@@ -209,8 +210,8 @@ def test_a_foreign_telegram_of_another_number_of_axes_is_refused_and_changes_not
     frames = known.header.frame_id
     for axes, frame in (
         (DRIVES, ' '.join(word for n, word in enumerate(frames.split()) if n not in (4, 8))),
-        (ALL_DRIVES, f'{frames[:-4]}0000'),
-        (ALL_DRIVES, 'CP4 e000'),
+        (AXES, f'{frames[:-4]}0000'),
+        (AXES, 'CP4 e000'),
     ):
         message = JointState(name=list(axes), position=[0.5] * len(axes))
         message.header.stamp.sec = known.header.stamp.sec + 1

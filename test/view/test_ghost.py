@@ -11,7 +11,7 @@ TRUE = TCP + np.array([0.0, 3e-4, 0.0])
 
 
 def instant(turn=None, true=TRUE):
-    return Instant(1.0, np.zeros(3), true_m=true, turn=turn)
+    return Instant(1.0, np.zeros(3), true_m=true, turns=() if turn is None else (turn,))
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from delta3_pacdrive.planning.program import file_reader as program_file
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.runs import runs
 from delta3_pacdrive.view.playback import SPEEDS, Clock, Film, Player, overload_of
-from delta3_pacdrive.view.values import TurnInstant
+from delta3_pacdrive.view.values import TurnInstant, tool_angle_rad
 
 
 @pytest.fixture(scope='module')
@@ -112,8 +112,8 @@ def test_the_tool_of_a_rotary_axis_is_shown_as_it_was_recorded(run, tmp_path, ro
         float(turned.window[f'turn_{name}'][row, 0]) for name in ('position', 'error', 'true')
     )
     assert 0.1 < angle < 1.0
-    assert Film(turned).at(row).turn == TurnInstant(angle, error, true)
-    assert Film(run).at(row).turn is None
+    assert Film(turned).at(row).turns == (TurnInstant(angle, error, true),)
+    assert Film(run).at(row).turns == ()
 
 
 def test_a_part_on_a_rotary_axis_is_shown_turned_as_it_was(tmp_path, robot):
@@ -133,7 +133,7 @@ def test_a_part_on_a_rotary_axis_is_shown_turned_as_it_was(tmp_path, robot):
     for row in (0, len(film.time_s) // 2, len(film.time_s) - 1):
         now = film.at(row)
         (part,) = (one for one in now.cell.parts if one.number == 0)
-        assert part.angle_rad == pytest.approx(now.turn.angle_rad, abs=np.radians(0.2))
+        assert part.angle_rad == pytest.approx(tool_angle_rad(now.turns), abs=np.radians(0.2))
     assert part.angle_rad == pytest.approx(np.radians(120.0), abs=np.radians(0.2))
 
 

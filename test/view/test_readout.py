@@ -36,7 +36,7 @@ def test_texts_of_others_are_shown_and_not_carried_out():
 
 def test_the_angle_of_the_tool_is_told_beside_the_tcp_where_there_is_one():
     tcp, turn = np.array([0.1, 0.0, -0.8]), TurnInstant(np.radians(123.4), np.radians(-0.05))
-    shown = readout.status(Facts(state='moving'), tcp, turn)
+    shown = readout.status(Facts(state='moving'), tcp, [turn])
     assert '123.40 deg' in shown
     assert '-0.050 deg' in shown
     assert 'deg' not in readout.status(Facts(state='moving'), tcp)

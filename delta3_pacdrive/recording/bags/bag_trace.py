@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from delta3_pacdrive.errors import TelegramError, TraceError
-from delta3_pacdrive.parameters import CYCLE_TIMES_S
+from delta3_pacdrive.parameters import CYCLE_TIMES_S, ROTARY_AXES_MAX, numbered
 from delta3_pacdrive.recording.bag_messages import PROFILE, BagMessages, typestore
 from delta3_pacdrive.recording.signals import (
     CURRENT_SIGNALS,
+    ROTARY_SIGNALS,
     SIGNALS,
     TORQUE_SIGNALS,
-    TURN_SIGNALS,
 )
 from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
 from delta3_pacdrive.recording.trace import Trace
@@ -45,7 +45,13 @@ LAYOUTS = {
     topic: [t for t in TELEGRAM_SIGNALS if t.topic == topic] for topic in (t.topic for t in TELEGRAM_SIGNALS)
 }
 SHAFTS = telegrams.SHAFTS.topic
-OF_TOOL = (telegrams.TOOL_AT.topic, telegrams.TURN.topic)
+ROTARY = {telegram.topic for telegram in (*telegrams.ROTARY_AT, *telegrams.TURNS)}
+# signals of a rotary axis in units of its motor, and the parameters that convert them to the tool
+OF_MOTOR = {
+    'turn_position': 'gear_ratio',
+    'turn_speed': 'gear_ratio',
+    'turn_current': 'torque_constant_n_m_a',
+}
 UNREADABLE = -1
 PROFILE_OF_START = 9  # length of a motion profile with a single phase
 PROFILE_ROW = 6  # leading numbers that distinguish the start of a program from a change of its motion profile
@@ -297,7 +303,7 @@ class _Column:
         self.refused += int(cyclic.sum() - good.sum())
         stamps = sec[good].astype(np.int64) * NANOSECONDS + nanosec[good].astype(np.int64)
         self._tables.append((stamps, values[good]))
-        if self.telegram in (*telegrams.AT, telegrams.TOOL_AT):
+        if self.telegram in (*telegrams.AT, *telegrams.ROTARY_AT):
             self._words.append(_status_words(frames[good]))
 
 
@@ -367,31 +373,28 @@ def _signals(
     at_topics = [telegram.topic for telegram in telegrams.AT]
     for topic, values in rows.items():
         if topic not in at_topics:
-            wide = 1 if topic in OF_TOOL else values.shape[1] // len(names[topic])
-            columns = 1 if topic in OF_TOOL else 3  # the arms come first
+            wide = 1 if topic in ROTARY else values.shape[1] // len(names[topic])
             for i, signal in enumerate(names[topic]):
                 if signal:
-                    found[signal] = np.ascontiguousarray(values[:, wide * i : wide * i + columns])
+                    # the arms come first
+                    found[signal] = np.ascontiguousarray(values[:, wide * i : wide * i + min(wide, 3)])
     feedback = [rows[telegram.topic] for telegram in telegrams.AT if telegram.topic in rows]
     if len(feedback) == len(telegrams.AT):
         for i, signal in enumerate(TELEGRAM_SIGNALS[telegrams.AT[0]]):
             found[signal] = np.stack([one[:, i] for one in feedback], axis=1)
-    return {signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS, *TURN_SIGNALS) if signal in found}
+    return {
+        signal: found[signal] for signal in (*SIGNALS, *TORQUE_SIGNALS, *ROTARY_SIGNALS) if signal in found
+    }
 
 
 def _convert_to_tool(signals: dict[str, Floats], meta: dict[str, Any]) -> None:
-    """Convert the signals of the rotary axis from the motor to the tool, in place."""
+    """Convert the signals of each rotary axis from the motor to the tool, in place."""
     given = meta.get('parameters')
-    constants = [
-        given.get(f'rotary.{name}') if isinstance(given, dict) else None
-        for name in ('gear_ratio', 'torque_constant_n_m_a')
-    ]
-    for signal, constant in zip(
-        ('turn_position', 'turn_speed', 'turn_current'), constants[:1] + constants, strict=True
-    ):
-        if signal not in signals:
-            continue
-        if isinstance(constant, int | float) and constant > 0.0:
-            signals[signal] /= constant
-        else:
-            del signals[signal]
+    known = given if isinstance(given, dict) else {}
+    for number in range(ROTARY_AXES_MAX):
+        for name, key in OF_MOTOR.items():
+            signal, constant = numbered(name, number), known.get(f'{numbered("rotary", number)}.{key}')
+            if signal in signals and isinstance(constant, int | float) and constant > 0.0:
+                signals[signal] /= constant
+            else:
+                signals.pop(signal, None)

@@ -15,10 +15,10 @@ from delta3_pacdrive.recording.signals import (
     DERIVED_SIGNALS,
     OF_DRIVES,
     REQUESTED_SIGNALS,
+    ROTARY_SIGNALS,
     SIGNALS,
     TORQUE_SIGNALS,
     TRUE_SIGNALS,
-    TURN_SIGNALS,
     columns_of,
 )
 
@@ -43,7 +43,7 @@ OF_ARMS = {
     'arm_acceleration_reference': ('rad/s2', 'arm acceleration that was commanded'),
     'tcp_error_norm': ('m', 'norm of the TCP error'),
 }
-OF_RUNS = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | TURN_SIGNALS | DERIVED_SIGNALS
+OF_RUNS = SIGNALS | TORQUE_SIGNALS | CURRENT_SIGNALS | TRUE_SIGNALS | ROTARY_SIGNALS | DERIVED_SIGNALS
 QUANTITIES = OF_RUNS | MEASURED | OF_ARMS | REQUESTED_SIGNALS
 
 ONE = '1'  # unit of dimensionless values

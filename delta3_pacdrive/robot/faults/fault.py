@@ -26,9 +26,9 @@ from delta3_pacdrive.errors import ProgramError
 from delta3_pacdrive.robot.sercos.configuration_check import (
     ALL_DRIVES,
     DRIVES,
-    NO_TOOL_DRIVE,
     PLANT,
-    TOOL_DRIVE,
+    ROTARY_DRIVES,
+    lack_of,
 )
 
 AFTER_MAX_S = 1e5
@@ -102,7 +102,7 @@ DUPLICATES = frozenset({'duplicate_mdt', 'duplicate_at'})
 # a telegram later than its cycle counts as lost
 MDT_LOSSES, AT_LOSSES = MDT_FAULTS - DUPLICATES, AT_FAULTS - DUPLICATES
 PROCESS_FAULTS = frozenset({'freeze', 'kill', 'deaf'})
-_PLACES = ('', *NODES, TOOL_DRIVE)  # numbered in messages
+_PLACES = ('', *NODES, *ROTARY_DRIVES)  # numbered in messages
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
     elif not kind.once:
         keys.add('for_s')
     fields = Section(value, where, errors, keys | required, sorted(required))
-    known = ALL_DRIVES if kind.target == Target.AXIS else (*NODES, TOOL_DRIVE)
+    known = ALL_DRIVES if kind.target == Target.AXIS else (*NODES, *ROTARY_DRIVES)
     return Fault(
         kind=name,
         target=fields.read(kind.target.value, one_of(known), '') if kind.target else '',
@@ -217,8 +217,8 @@ def read_fault(value: Any, where: str, errors: Errors, *more_keys: str) -> Fault
     )
 
 
-def require_axes(faults: Sequence[Fault], rotary: bool) -> None:
-    """Reject faults of an axis that the robot does not have; ``rotary``: it has a rotary axis.
+def require_axes(faults: Sequence[Fault], axes: Sequence[str]) -> None:
+    """Reject faults of an axis that is not among the ``axes`` of the robot.
 
     Raises
     ------
@@ -227,8 +227,8 @@ def require_axes(faults: Sequence[Fault], rotary: bool) -> None:
 
     """
     for fault in faults:
-        if fault.target == TOOL_DRIVE and not rotary:
-            raise ProgramError(f'{fault.text}: {NO_TOOL_DRIVE}')
+        if fault.target in ROTARY_DRIVES and fault.target not in axes:
+            raise ProgramError(f'{fault.text}: {lack_of(fault.target)}')
 
 
 def applies_to(fault: Fault, node: str) -> bool:

@@ -4,14 +4,24 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
-from delta3_pacdrive.parameters import Parameters, flatten
+from delta3_pacdrive.parameters import ROTARY_AXES_MAX, Parameters, flatten, numbered
 
 DRIVES = ('axis1', 'axis2', 'axis3')
-TOOL_DRIVE = 'axis4'  # drive of the optional rotary axis
-ALL_DRIVES = (*DRIVES, TOOL_DRIVE)
-NO_TOOL_DRIVE = f'the robot has no {TOOL_DRIVE} for a rotary axis (rotary.present is false)'
+# of the optional rotary axes
+ROTARY_DRIVES = tuple(f'axis{len(DRIVES) + number}' for number in range(1, ROTARY_AXES_MAX + 1))
+ALL_DRIVES = (*DRIVES, *ROTARY_DRIVES)
 PLANT = 'plant'
+TOOL_DRIVE = ROTARY_DRIVES[0]
 PARTICIPANTS = (*DRIVES, PLANT)  # of a robot without a rotary axis
+
+
+def lack_of(axis: str) -> str:
+    """Return that a robot has no such rotary axis, with the parameter that is false."""
+    group = numbered('rotary', ROTARY_DRIVES.index(axis))
+    return f'the robot has no {axis} for a rotary axis ({group}.present is false)'
+
+
+NO_TOOL_DRIVE = lack_of(TOOL_DRIVE)
 
 
 @dataclass(frozen=True)

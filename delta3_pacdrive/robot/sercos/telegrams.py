@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from delta3_pacdrive.errors import TelegramError
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
+from delta3_pacdrive.parameters import numbered
+from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, ROTARY_DRIVES
 from delta3_pacdrive.robot.sercos.words import PAYLOAD_MAX_KG, Phase
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -71,7 +72,7 @@ def shafts(drives: Sequence[str] = DRIVES) -> Telegram:
 
 MDT_FRAME = mdt_form(len(DRIVES))
 MDT, TORQUE_MDT = mdt(torques=False), mdt(torques=True)
-AT, TOOL_AT = tuple(at(axis) for axis in DRIVES), at(TOOL_DRIVE)
+AT, ROTARY_AT = (tuple(at(axis) for axis in drives) for drives in (DRIVES, ROTARY_DRIVES))
 INPUTS_TOPIC, BELTS_TOPIC = 'sercos/at/io', 'sercos/at/belts'
 SHAFTS = shafts()
 FOLLOWING_ERROR = Telegram('following_error', JOINT_STATE, DRIVES, (3, 0, 0), len(BASE_FRAME))
@@ -102,7 +103,8 @@ TCP_ERROR = Telegram.triple('tcp/error', VECTOR)
 JOINT_MOTION = Telegram('joint_motion', JOINT_STATE, DRIVES, (0, 3, 3), len(BASE_FRAME))
 JACOBIAN = Telegram.triple('jacobian', VECTOR)
 MASTER = Telegram.triple('motion/master', VECTOR)
-TURN = Telegram.triple('tool/turn', VECTOR)  # of the optional rotary axis
+# of the optional rotary axes
+TURNS = tuple(Telegram.triple(numbered('tool/turn', number), VECTOR) for number in range(len(ROTARY_DRIVES)))
 
 
 class DriveWords(NamedTuple):

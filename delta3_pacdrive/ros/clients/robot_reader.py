@@ -35,7 +35,7 @@ from delta3_pacdrive.ros.wire.joint_states import JointStatesReader
 from delta3_pacdrive.ros.wire.numbers import row_of
 from delta3_pacdrive.ros.wire.polling import Taken
 from delta3_pacdrive.ros.wire.qos import NEWEST
-from delta3_pacdrive.view.values import DriveFacts, Facts, Instant, TurnInstant
+from delta3_pacdrive.view.values import DriveFacts, Facts, Instant, TurnInstant, tool_angle_rad
 
 SILENT_S = 2.0  # without a report before the robot counts as gone
 OVERLOAD = 'overload_s'
@@ -51,12 +51,13 @@ class RobotReader:
         self._joints = interfaces.JOINT_STATES.polled_subscription(operator, profile=NEWEST)
         self._lags = interfaces.FOLLOWING_ERROR.polled_subscription(operator, profile=NEWEST)
         self._errors = interfaces.TCP_ERROR.polled_subscription(operator, profile=NEWEST)
-        self._turns = interfaces.TURN.polled_subscription(operator, profile=NEWEST)
+        self._turns = [topic.polled_subscription(operator, profile=NEWEST) for topic in interfaces.TURNS]
         self._joint_reader = JointStatesReader()
         self._lag_codec = cdr.codec(telegrams.FOLLOWING_ERROR)
         self._error_codec = cdr.codec(telegrams.TCP_ERROR)
-        self._turn_codec = cdr.codec(telegrams.TURN)
-        self._lag, self._error, self._turn = np.zeros(3), np.zeros(3), np.zeros(3)
+        self._turn_codec = cdr.codec(telegrams.TURNS[0])
+        self._lag, self._error = np.zeros(3), np.zeros(3)
+        self._tool = [np.zeros(3) for _ in self._turns]  # newest message of each rotary axis
         self.cell = CellReader(operator)
         self._overload = np.zeros(3)
         self._drives = [DriveFacts()] * len(DRIVES)
@@ -79,7 +80,10 @@ class RobotReader:
         found = None
         self._lag = _newest(self._lags, self._lag_codec, self._lag)
         self._error = _newest(self._errors, self._error_codec, self._error)
-        self._turn = _newest(self._turns, self._turn_codec, self._turn)
+        self._tool = [
+            _newest(take, self._turn_codec, known)
+            for take, known in zip(self._turns, self._tool, strict=True)
+        ]
         self.cell.read()
         while (taken := self._joints()) is not None:
             with suppress(TelegramError):  # joints of another robot on the same topic
@@ -92,8 +96,9 @@ class RobotReader:
         tcp = kinematics.forward(theta, self.parameters, unreachable='nan')
         solved = bool(np.isfinite(tcp).all())
         x, y, z = tcp.tolist()
-        turn = TurnInstant(self._turn[1], self._turn[2]) if self.parameters.rotary.present else None
-        turn_rad = 0.0 if turn is None else turn.angle_rad
+        turns = tuple(
+            TurnInstant(actual, error) for _, actual, error in self._tool[: len(self.parameters.rotary_axes)]
+        )
         return Instant(
             time_s=time_s,
             theta_rad=theta,
@@ -105,8 +110,8 @@ class RobotReader:
             if solved
             else 0.0,
             error_m=self._error,
-            cell=self.cell.at(time_s, (x, y, z), turn_rad) if solved else None,
-            turn=turn,
+            cell=self.cell.at(time_s, (x, y, z), tool_angle_rad(turns)) if solved else None,
+            turns=turns,
         )
 
     def facts(self) -> Facts:

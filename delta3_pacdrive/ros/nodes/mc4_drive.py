@@ -16,7 +16,7 @@ from delta3_pacdrive.parameters import Parameters
 from delta3_pacdrive.robot.drive.bus_drive import BusDrive
 from delta3_pacdrive.robot.faults.fault import TASK
 from delta3_pacdrive.robot.sercos.bus_time import Clock
-from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, PLANT, lack_of
 from delta3_pacdrive.robot.sercos.participants import Occasion
 from delta3_pacdrive.robot.sercos.telegrams import NO_SESSION
 from delta3_pacdrive.robot.sercos.words import Phase
@@ -44,14 +44,14 @@ class MC4DriveNode(RobotNode):
         number = declare_own(self, KIND)['axis']
         name = self.get_fully_qualified_name()
         if not number:
-            raise ParameterError(f'{name} needs the parameter axis: 1, 2 or 3, or 4 for a rotary axis')
+            raise ParameterError(
+                f'{name} needs the parameter axis: 1, 2 or 3, or from 4 on for a rotary axis'
+            )
         index, axis = number - 1, ALL_DRIVES[number - 1]
         rotary = index - len(DRIVES) if index >= len(DRIVES) else None
         parameters = declare_robot(self, KIND, frozenset(WRITABLE), rotary)
         if axis not in parameters.axes:
-            raise ParameterError(
-                f'{name}: axis is 4, but the robot has no rotary axis (rotary.present is false)'
-            )
+            raise ParameterError(f'{name}: axis is {number}, but {lack_of(axis)}')
         self._cycles = Clock(parameters.bus.cycle_time_s)
         self.telegrams = telegrams = DriveTelegrams(self, parameters, index)
         # direct references: one call less in every cycle

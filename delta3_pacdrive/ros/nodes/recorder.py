@@ -49,11 +49,10 @@ class RecorderNode(PollingNode):
         )
         self._writes: dict[str, Write] = before._writes if before else {}  # by name of the topic
         self._sent_ns: dict[str, int] = {}  # time of the newest message by topic
-        self._rotary: bool = before._rotary if before else parameters.rotary.present
         self._robot = RobotWatch(self, self.get_logger().warning, FLUSH_S)
-        self._drains = [
-            self._subscribe(topic, name) for topic in RECORDED for name in topic.names_of(self._rotary)
-        ]
+        self._drains: dict[str, Callable[[], None]] = {}  # by name of the topic
+        self._axes: tuple[str, ...] = before._axes if before else parameters.axes
+        self._subscribe_to_all()
         self._state = RECORDER_STATE.publisher(self)
         self._ready = self._reported_stop = False
         self._begin_ns = time.time_ns()
@@ -64,6 +63,13 @@ class RecorderNode(PollingNode):
         self._remote: RemoteParameters | None = RemoteParameters(self) if asks else None
         self.create_timer(DRAIN_S, self._drain)
         self.create_timer(FLUSH_S, self._flush)
+
+    def _subscribe_to_all(self) -> None:
+        """Subscribe to all topics of a robot with the known axes."""
+        for topic in RECORDED:
+            for name in topic.names_of(self._axes):
+                if name not in self._drains:
+                    self._drains[name] = self._subscribe(topic, name)
 
     def _subscribe(self, topic: Topic, name: str) -> Callable[[], None]:
         """Subscribe to a topic; return a function that records all received messages."""
@@ -104,7 +110,7 @@ class RecorderNode(PollingNode):
         return self._recording.add_cyclic_topic(name, topic.of_exchange, write) if topic.cyclic else write
 
     def _drain(self) -> None:
-        for drain in self._drains:
+        for drain in self._drains.values():
             drain()
         self._announce()
 
@@ -120,22 +126,12 @@ class RecorderNode(PollingNode):
             return
         if (found := self._remote.take()) is not None:
             self._recording.update_robot(found)
-            self._hear_rotary_axis(found)
+            self._axes = found.axes
+            self._subscribe_to_all()
             self._remote = None
             self.get_logger().info(f'controller of the robot: {found.controller}')
         else:
             self._remote.ask_until_received(time.monotonic())
-
-    def _hear_rotary_axis(self, robot: core.Parameters) -> None:
-        """Add the topics of a rotary axis if the robot turns out to have one."""
-        if robot.rotary.present and not self._rotary:
-            self._rotary = True
-            self._drains += [
-                self._subscribe(topic, name)
-                for topic in RECORDED
-                for name in topic.names_of(rotary=True)
-                if name not in topic.names_of(rotary=False)
-            ]
 
     def _catch_up(self) -> None:
         """Record everything published before this call."""

@@ -42,7 +42,7 @@ from delta3_pacdrive.ros.wire.interfaces import (
     STATUS,
     TCP_COMMAND,
     TCP_ERROR,
-    TURN,
+    TURNS,
     Topic,
 )
 from delta3_pacdrive.ros.wire.numbers import row_of
@@ -106,10 +106,10 @@ class RobotVisualizationNode(PollingNode):
         drives = self._robot.axes
         self._joints = _OptionalInput(self, JOINT_STATES, JOINT_STATES_QUEUE, joint_states(drives))
         self._command, self._error = _OptionalInput(self, TCP_COMMAND), _OptionalInput(self, TCP_ERROR)
-        self._turns = _OptionalInput(self, TURN)
+        self._turns = [_OptionalInput(self, topic) for topic in TURNS[: len(self._robot.rotary_axes)]]
         self._theta = self._tcp = np.full(3, np.nan)
         self._places = {'command': np.full(3, np.nan), 'error': np.zeros(3)}
-        self._turn_rad = self._robot.rotary.home_rad  # until received
+        self._turns_rad = [rotary.home_rad for rotary in self._robot.rotary_axes]  # until received
         self._ticks = 0
         self._time_s = 0.0  # of the bus
         self._present = RobotWatch(self, self.get_logger().warning, LOOK_S)
@@ -131,7 +131,8 @@ class RobotVisualizationNode(PollingNode):
         self._joints.listen(shown or self._bus_clock.wanted)
         self._command.listen(shown)
         self._error.listen(shown)
-        self._turns.listen(shown and self._robot.rotary.present)
+        for turn in self._turns:
+            turn.listen(shown)
         if shown and self._cell is None and self.count_publishers(SCENE.name):
             self._cell = CellReader(self)
         if not (shown or self._bus_clock.wanted):
@@ -155,8 +156,9 @@ class RobotVisualizationNode(PollingNode):
         for name, source in (('command', self._command), ('error', self._error)):
             for *_, values in source.all():
                 self._places[name] = np.array(values)
-        for *_, (_, actual, _) in self._turns.all():
-            self._turn_rad = actual
+        for number, turn in enumerate(self._turns):
+            for *_, (_, actual, _) in turn.all():
+                self._turns_rad[number] = actual
         markers = []
         if self._ticks % STILL_EVERY == 0:
             markers += self._markers.still()
@@ -165,7 +167,7 @@ class RobotVisualizationNode(PollingNode):
         if self._ticks % TRAVELLED_EVERY == 0:
             markers += self._markers.travelled()
         if self._ticks % ROBOT_EVERY == 0 and np.isfinite(self._tcp).all():
-            markers += self._markers.robot(self._theta, self._turn_rad)
+            markers += self._markers.robot(self._theta, sum(self._turns_rad))
             if np.isfinite(self._places['command']).all():
                 markers += self._markers.error(self._tcp, self._places['command'], self._places['error'])
         if markers:
@@ -181,7 +183,7 @@ class RobotVisualizationNode(PollingNode):
             found += self._cell_markers.still(cell.now.things)
         if self._ticks % ROBOT_EVERY == 0 and np.isfinite(self._tcp).all():
             x, y, z = self._tcp.tolist()
-            found += self._cell_markers.parts(cell.at(self._time_s, (x, y, z), self._turn_rad))
+            found += self._cell_markers.parts(cell.at(self._time_s, (x, y, z), sum(self._turns_rad)))
         return found
 
     def _on_plan(self, message: Float64MultiArray) -> None:

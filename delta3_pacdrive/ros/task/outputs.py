@@ -84,7 +84,8 @@ class TaskOutputs:
         self._joint_states = TelegramOutput(node, interfaces.JOINT_STATES, telegram)
         self.master = TelegramOutput(node, interfaces.MASTER)
         self._rotary = controller.task.rotary
-        self._turns = [(TelegramOutput(node, interfaces.TURN), axis) for axis in self._rotary[:1]]
+        turns = zip(interfaces.TURNS, self._rotary, strict=False)
+        self._turns = [(TelegramOutput(node, topic), axis) for topic, axis in turns]
         self._ratio = parameters.dynamics.gear_ratio
         self._tool_ratios = [rotary.gear_ratio for rotary in parameters.rotary_axes]
         self._geometry = geometry(parameters)

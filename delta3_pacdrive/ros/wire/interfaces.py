@@ -1,10 +1,10 @@
 """The table of interfaces: every topic and service of a robot.
 
 Publishers, subscriptions, recorder, the check for a second writer and the documentation are derived from it. Names are
-relative; ``axisN`` represents three topics, or four with a rotary axis.
+relative; ``axisN`` represents one topic per axis of the robot.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +29,7 @@ from visualization_msgs.msg import MarkerArray
 from delta3_pacdrive.errors import Code, Delta3Error, Reason, TelegramError, shown
 from delta3_pacdrive.recording.telegram_signals import TELEGRAM_SIGNALS
 from delta3_pacdrive.robot.sercos import telegrams
-from delta3_pacdrive.robot.sercos.configuration_check import DRIVES, TOOL_DRIVE
+from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES, ROTARY_DRIVES
 from delta3_pacdrive.robot.sercos.telegrams import AT_FRAME, BASE_FRAME, CURRENT_FRAME, MDT_FRAME, Telegram
 from delta3_pacdrive.ros.deferred_service import Respond, create_deferred_service
 from delta3_pacdrive.ros.wire import cdr, discovery, qos
@@ -152,21 +152,17 @@ class Topic:
     one_writer: bool = False  # a second writer keeps the bus in CP0
     recorded: bool = False
     answer: str = ''  # published field of ``controller.task_arrays.ANSWER``
+    axis: str = ''  # only on robots with this rotary axis
 
     def of(self, axis: str = '') -> str:
         """Return the name of the topic, or of that of an axis."""
         return self.name.replace(EVERY_AXIS, axis) if axis else self.name
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of all topics of this row without a rotary axis."""
-        return tuple(self.of(axis) for axis in DRIVES) if EVERY_AXIS in self.name else (self.name,)
-
-    def names_of(self, rotary: bool) -> tuple[str, ...]:
-        """Return the names of all topics of this row on a robot with or without a rotary axis."""
-        if EVERY_AXIS in self.name and rotary:
-            return (*self.names, self.of(TOOL_DRIVE))
-        return self.names if rotary or self.rate != ROTARY_RATE else ()
+    def names_of(self, axes: Sequence[str]) -> tuple[str, ...]:
+        """Return the names of all topics of this row on a robot with these axes."""
+        if EVERY_AXIS in self.name:
+            return tuple(self.of(axis) for axis in axes)
+        return (self.name,) if self.axis in ('', *axes) else ()
 
     @property
     def of_exchange(self) -> bool:
@@ -176,7 +172,7 @@ class Topic:
     @property
     def cyclic(self) -> bool:
         """Whether it is published in every bus cycle or exchange."""
-        return self.rate in (CYCLE, EXCHANGE, ROTARY_RATE)
+        return self.rate in (CYCLE, EXCHANGE) or bool(self.axis)
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -245,7 +241,6 @@ class Topic:
 
 
 CYCLE, EXCHANGE, CHANGE, ASKED = 'every cycle', 'every exchange', 'on a change', 'on request'
-ROTARY_RATE = 'every cycle, if there is a rotary axis'
 JOINT_MOTION_RATE = 'every cycle, if the parameter `joint_motion` of the node is true'
 _BASE = BASE_FRAME.decode()
 
@@ -257,11 +252,12 @@ def _telegram(
     rate: str = CYCLE,
     recorded: bool = False,
     answer: str = '',
+    axis: str = '',
 ) -> Topic:
     """Return the row of a telegram that the transformation task publishes in every cycle."""
     delivery, kind = CYCLIC_NEWEST if PLANNER in readers else CYCLIC, cdr.TYPES[telegram.type]
     row = Topic(telegram.topic, kind, delivery, (TASK,), readers, content, rate, _BASE, (telegram,))
-    return replace(row, recorded=recorded, answer=answer)
+    return replace(row, recorded=recorded, answer=answer, axis=axis)
 
 
 # fmt: off
@@ -386,10 +382,14 @@ TCP_ERROR = _telegram(
     'Cartesian error [m] without the set-point delay of 1.75 cycles; the raw error is command - actual',
     (VISUALIZATION,), recorded=True, answer='tcp_error',
 )
-TURN = _telegram(
-    telegrams.TURN,
-    'angle of the tool [rad]: commanded, measured by its motor encoder, and the error without the set-point delay',
-    (VISUALIZATION,), rate=ROTARY_RATE, recorded=True,
+TURNS = TURN, TURN_2 = tuple(
+    _telegram(
+        telegram,
+        f'angle of the tool on `{axis}` [rad]: commanded, measured by its motor encoder, and the error without the '
+        'set-point delay',
+        (VISUALIZATION,), rate=f'every cycle, if there is an `{axis}`', recorded=True, axis=axis,
+    )
+    for telegram, axis in zip(telegrams.TURNS, ROTARY_DRIVES, strict=True)
 )
 MASTER = _telegram(
     telegrams.MASTER, 'virtual master: distance [m], speed [m/s], number of the move', recorded=True,
@@ -409,7 +409,7 @@ JOINT_STATES = _telegram(
     telegrams.JOINT_STATES,
     'arm angles [rad], arm speeds [rad/s], arm torques (gear ratio times motor torque) [N m]; then, without '
     'torques, the passive joints of the tree in `robot_description`, and last, with torque, the '
-    'tool of a rotary axis (`axis4`)',
+    'tool of each rotary axis (`axis4`, `axis5`)',
     (PLANNER, VISUALIZATION), '100 Hz', recorded=True,
 )
 OUTPUTS = Topic(
@@ -554,7 +554,7 @@ RECORDER_STATE = Topic(
 TOPICS = tuple(item for item in list(vars().values()) if isinstance(item, Topic))
 RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
 ANSWER_TOPICS = tuple(topic for topic in TOPICS if topic.answer)
-ONE_WRITER = tuple(name for topic in TOPICS if topic.one_writer for name in topic.names_of(rotary=True))
+ONE_WRITER = tuple(name for topic in TOPICS if topic.one_writer for name in topic.names_of(ALL_DRIVES))
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
-"""Joint states of a robot with or without a rotary axis."""
+"""Joint states of a robot with any number of rotary axes."""
 
+from contextlib import suppress
 from typing import NamedTuple
 
 from delta3_pacdrive.errors import TelegramError
@@ -11,7 +12,7 @@ Arms = tuple[float, ...]
 
 
 class JointStates(NamedTuple):
-    """Arm angles [rad], speeds [rad/s] and torques [N m] at a stamp, without the rotary axis."""
+    """Arm angles [rad], speeds [rad/s] and torques [N m] at a stamp, without the rotary axes."""
 
     sec: int
     nanosec: int
@@ -22,19 +23,18 @@ class JointStates(NamedTuple):
 
 
 class JointStatesReader:
-    """Decodes both layouts, trying the one of the last message first."""
+    """Decodes the layouts of all numbers of axes, trying the one of the last message first."""
 
     def __init__(self) -> None:
-        self._codecs = [(cdr.codec(one), len(one.names)) for one in map(joint_states, (DRIVES, ALL_DRIVES))]
+        layouts = [joint_states(ALL_DRIVES[:count]) for count in range(len(DRIVES), len(ALL_DRIVES) + 1)]
+        self._codecs = [(cdr.codec(one), len(one.names)) for one in layouts]
 
     def read(self, data: bytes) -> JointStates:
         """Decode a message; raises TelegramError for joints of another robot."""
-        codec, count = self._codecs[0]
-        try:
-            sec, nanosec, frame, values = codec.decode(data)
-        except TelegramError:
-            codec, count = self._codecs[1]
-            sec, nanosec, frame, values = codec.decode(data)
-            self._codecs.reverse()
-        arms = (values[start : start + len(DRIVES)] for start in (0, count, 2 * count))
-        return JointStates(sec, nanosec, frame, *arms)
+        for n, (codec, count) in enumerate(self._codecs):
+            with suppress(TelegramError):
+                sec, nanosec, frame, values = codec.decode(data)
+                self._codecs.insert(0, self._codecs.pop(n))
+                arms = (values[start : start + len(DRIVES)] for start in (0, count, 2 * count))
+                return JointStates(sec, nanosec, frame, *arms)
+        raise TelegramError('joint states of another robot')

@@ -125,7 +125,7 @@ def _robot(run: Run) -> dict[str, Any]:
             'joints': joints.tolist(),
             'arms': list(robot.kinematics.upper_arm_lengths_m),
         }
-        | ({'bar_top': _bar_top_m(robot)} if robot.rotary.present else {})
+        | ({'bar_top': _bar_top_m(robot)} if robot.rotary_axes else {})
     )
 
 

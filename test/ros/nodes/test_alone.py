@@ -109,7 +109,8 @@ def drive(graph: Any) -> Drive:
 
 def test_a_drive_that_is_not_told_its_axis_is_none(graph: Any) -> None:
     with pytest.raises(
-        ParameterError, match=r'^/mc4_drive needs the parameter axis: 1, 2 or 3, or 4 for a rotary axis$'
+        ParameterError,
+        match=r'^/mc4_drive needs the parameter axis: 1, 2 or 3, or from 4 on for a rotary axis$',
     ):
         MC4DriveNode(context=graph.context)
 

@@ -217,7 +217,7 @@ def test_a_read_only_parameter_keeps_its_type_and_value(
         ({'motor__peak_current_a': 'much'}, 'motor.peak_current_a'),
         ({'motor__peak_current_a': -1.0}, 'motor.peak_current_a'),
         ({'bus__cycle_time_s': 1.5e-3}, 'must be 0.001, 0.002 or 0.004'),
-        ({'axis': 4}, '^/mc4_drive_4: axis is 4, but the robot has no rotary axis'),
+        ({'axis': 4}, '^/mc4_drive_4: axis is 4, but the robot has no axis4 for a rotary axis'),
         ({'axis': 5}, 'axis'),
         ({'plant': 'poor'}, "plant is 'poor', but must be plain or rich"),
         ({'plant': 'rich'}, 'rich.gear needs a bus.exchange_period_s'),

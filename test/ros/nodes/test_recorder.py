@@ -33,7 +33,7 @@ TMPFS_BYTES = 1 << 20
 SOON_S = 1.0  # for a recorder that has nothing else to do
 AT_ONCE = 50  # messages, fewer than the queues hold
 FRAME = 'x' * 200
-CYCLIC = {name: topic.type for topic in RECORDED if topic.cyclic for name in topic.names_of(rotary=False)}
+CYCLIC = {name: topic.type for topic in RECORDED if topic.cyclic for name in topic.names_of(DRIVES)}
 
 
 class Studio:
@@ -92,7 +92,7 @@ def test_who_joins_a_robot_that_is_up_counts_from_the_first_message_on(graph: An
     assert 'start_cycle' not in meta  # it knows of no program
 
 
-EVERY_TOPIC = {name for topic in RECORDED for name in topic.names_of(rotary=False)}
+EVERY_TOPIC = {name for topic in RECORDED for name in topic.names_of(DRIVES)}
 # of each kind of delivery, and of each node
 ESSENTIAL = {
     'sercos/mdt', 'sercos/phase', 'plant/motor_shafts', 'joint_states', 'tcp/command', 'tcp/error', 'outputs',

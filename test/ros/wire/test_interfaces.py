@@ -8,6 +8,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from delta3_pacdrive import parameters
 from delta3_pacdrive.control.cycle.task_arrays import ANSWER
 from delta3_pacdrive.robot.sercos.configuration_check import ALL_DRIVES, DRIVES
 from delta3_pacdrive.ros.clients.robot_client import OperatorNode
@@ -32,7 +33,6 @@ from delta3_pacdrive.ros.wire.interfaces import (
     RECORDED,
     SERVICES,
     TOPICS,
-    TURN,
     VISUALIZATION,
     Topic,
 )
@@ -43,23 +43,25 @@ OF_RCLPY = {
     'describe_parameters', 'get_parameter_types', 'get_parameters', 'get_type_description', 'list_parameters',
     'set_parameters', 'set_parameters_atomically',
 }  # fmt: skip
-BY_NAME = {name: topic for topic in TOPICS for name in topic.names_of(rotary=True)}
-ON_REQUEST = {'motion__start_cycle': -1, 'rotary__present': True}
+BY_NAME = {name: topic for topic in TOPICS for name in topic.names_of(ALL_DRIVES)}
+ROTARY = {'rotary__present': True}
+AXES = parameters.load().replace(**ROTARY).axes
+ON_REQUEST = {'motion__start_cycle': -1, **ROTARY}
 
 
 @pytest.fixture(scope='module')
 def robot(shared_graph: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     shared_graph.add(PlantNode, cell='cell', **ON_REQUEST)
-    shared_graph.robot(('1', '2', '3', '4'), **ON_REQUEST)
+    shared_graph.robot([str(n + 1) for n in range(len(AXES))], **ON_REQUEST)
     # the master comes last; it tells everything
     shared_graph.add(TransformationTaskNode, real_time_factor=0.0, joint_motion=True, **ON_REQUEST)
     shared_graph.add(UnitRobotNode, **ON_REQUEST)
     bag = str(tmp_path_factory.mktemp('bags') / 'bag')
-    shared_graph.add(RecorderNode, bag=bag, rotary__present=True)
+    shared_graph.add(RecorderNode, bag=bag, **ROTARY)
     shared_graph.add(OperatorNode, shared_graph.spin_for)
     shared_graph.add(ScriptNode)
     # it reads what it needs only as long as somebody looks
-    shared_graph.add(RobotVisualizationNode, rotary__present=True)
+    shared_graph.add(RobotVisualizationNode, **ROTARY)
     for topic in (MARKERS, CLOCK):
         shared_graph.listen(topic.type, topic.name)
     shared_graph.spin_until(lambda: shared_graph.listener.count_publishers(CLOCK.name), 'bus time')
@@ -143,7 +145,9 @@ def test_every_topic_that_a_node_writes_is_in_the_table_with_its_type_and_qos(ro
         assert info.topic_type == topic.type_name, name
         assert alike(info.qos_profile, topic.delivery.publisher), name
         found.add((node, topic.name))
-    assert found == {(writer, topic.name) for topic in TOPICS for writer in topic.writers}
+    assert found == {
+        (writer, topic.name) for topic in TOPICS if topic.names_of(AXES) for writer in topic.writers
+    }
 
 
 def test_writers_queue_as_many_messages_as_the_table_says(robot: Any) -> None:
@@ -171,12 +175,14 @@ def test_every_topic_that_a_node_reads_is_in_the_table_with_its_type_and_qos(rob
         assert alike(info.qos_profile, profile), (node, name)
         if node not in ('recorder', 'operator', 'script'):
             found.add((node, topic.name))
-    assert found == {(reader, topic.name) for topic in TOPICS for reader in topic.readers}
+    assert found == {
+        (reader, topic.name) for topic in TOPICS if topic.names_of(AXES) for reader in topic.readers
+    }
 
 
 def test_the_recorder_reads_what_the_table_says_and_nothing_else(robot: Any) -> None:
     found = {name for node, name, _ in endpoints(robot, 'subscriptions') if node == 'recorder'}
-    assert found == {name for topic in RECORDED for name in topic.names_of(rotary=True)}
+    assert found == {name for topic in RECORDED for name in topic.names_of(AXES)}
 
 
 def test_every_service_is_in_the_table_with_its_type(robot: Any) -> None:
@@ -191,7 +197,8 @@ def test_every_service_is_in_the_table_with_its_type(robot: Any) -> None:
 
 def test_a_telegram_of_the_table_is_a_message_of_its_type_and_topic() -> None:
     for topic in TOPICS:
-        for name, telegram in zip(topic.names, topic.telegrams, strict=bool(topic.telegrams)):
+        names = topic.names_of([topic.axis] if topic.axis else DRIVES)
+        for name, telegram in zip(names, topic.telegrams, strict=bool(topic.telegrams)):
             package, _, message = telegram.type.split('/')
             assert telegram.topic == name
             assert getattr(importlib.import_module(f'{package}.msg'), message) is topic.type
@@ -220,18 +227,18 @@ def test_every_telegram_of_bus_and_machine_has_one_writer() -> None:
     }
 
 
-def test_a_name_with_axis_n_stands_for_three_and_a_fourth_one_with_a_rotary_axis() -> None:
+def test_a_name_with_axis_n_stands_for_one_topic_per_axis() -> None:
     topic = next(topic for topic in TOPICS if topic.name == 'sercos/at/axisN')
     assert isinstance(topic, Topic)
-    assert topic.names == tuple(f'sercos/at/{axis}' for axis in DRIVES)
-    assert topic.names_of(rotary=False) == topic.names
-    assert topic.names_of(rotary=True) == (*topic.names, 'sercos/at/axis4')
+    for axes in (DRIVES, ALL_DRIVES[:4], ALL_DRIVES):
+        assert topic.names_of(axes) == tuple(f'sercos/at/{axis}' for axis in axes)
     assert topic.of('axis2') == 'sercos/at/axis2'
 
 
 def test_only_a_robot_with_a_rotary_axis_tells_of_its_turn() -> None:
-    assert [topic.name for topic in TOPICS if not topic.names_of(rotary=False)] == ['tool/turn']
-    assert TURN.names_of(rotary=True) == ('tool/turn',)
+    of_rotary_axes = [topic for topic in TOPICS if not topic.names_of(DRIVES)]
+    assert [topic.names_of(ALL_DRIVES) for topic in of_rotary_axes] == [('tool/turn',), ('tool/turn_2',)]
+    assert [topic.names_of(ALL_DRIVES[:4]) for topic in of_rotary_axes] == [('tool/turn',), ()]
 
 
 def test_any_client_may_ask_for_reliable_delivery_of_any_topic() -> None:

@@ -9,7 +9,7 @@ from delta3_pacdrive.errors import TuningError
 from delta3_pacdrive.numerics.types import Floats
 from delta3_pacdrive.parameters import RATED_PAYLOAD_KG, Parameters, rotary_axis_parameters
 from delta3_pacdrive.planning.program import file_reader as programs
-from delta3_pacdrive.planning.program.model import Program, Turn
+from delta3_pacdrive.planning.program.model import Program, turns_of
 from delta3_pacdrive.recording.trace import Trace
 from delta3_pacdrive.studies.drives.loops.load import Load, extremes, load_at
 
@@ -109,7 +109,7 @@ class ToolDrive(ArmDrive):
         if name is None:
             return programs.parse(HALF_TURN, robot.motion)
         program = programs.load(name, robot.motion)
-        if not any(turns(statement) for statement in program.statements):
+        if not any(map(turns_of, program.statements)):
             raise TuningError(f'{name} does not turn the tool: it cannot show the effect on its drive')
         return program
 
@@ -121,11 +121,6 @@ class ToolDrive(ArmDrive):
         """Return peak and rms current [A] of its motor."""
         figures = trace.meta['figures']
         return float(figures['turn_current_peak_a']), float(figures['turn_current_rms_a'])
-
-
-def turns(statement: object) -> bool:
-    """Return whether a statement of a program turns the tool."""
-    return isinstance(statement, Turn) or getattr(statement, 'turn', None) is not None
 
 
 def tuned_drive(axis: int, robot: Parameters) -> ArmDrive:

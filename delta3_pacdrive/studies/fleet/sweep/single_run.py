@@ -152,7 +152,7 @@ def figure_names() -> list[str]:
     """Return the names of the figures of a run; a robot with a rotary axis has more."""
     found = []
     for one in fields(Figures):
-        if one.name == 'turn':
+        if one.name == 'turns':
             continue
         several = str(one.type).startswith('list')
         found += [f'{one.name}_{n}' for n in (1, 2, 3)] if several else [one.name]
