@@ -142,8 +142,7 @@ def _show_volume(options: Options, path: Path, place: serving.Place) -> None:
 
 
 def _announce(options: Options, place: serving.Place) -> None:
-    """Print the address before the page is created: browsers load it meanwhile."""
-    place.greet()
+    """Print the address before the page is created; a browser that opens it waits for the page."""
     place.is_told = True
     print(f'the page is at {place.url} ; Ctrl-C ends', file=sys.stderr, flush=True)
     if options.open:

@@ -33,7 +33,7 @@ from delta3_pacdrive.view.browser_messages import (
     checked,
     decoded,
 )
-from delta3_pacdrive.view.serving import IS_THERE, START_S, is_cross_origin, own_names
+from delta3_pacdrive.view.serving import START_S, is_cross_origin, own_names
 
 CLIENTS_MAX, PENDING_MAX = 32, 32  # browsers, and connections without a request
 CONNECTS_HZ, CONNECTS_BURST = 10.0, 50.0
@@ -249,8 +249,6 @@ class Guard:
         origin = ','.join(one['Origin']) if one['Origin'] else None
         if is_cross_origin(origin, ','.join(one['Host']), self._host, self._names):
             return connection.respond(http.HTTPStatus.FORBIDDEN, 'requests of other pages are forbidden\n')
-        if request.path == IS_THERE:
-            return connection.respond(http.HTTPStatus.OK, '')
         if one['Upgrade'] != ['websocket']:
             return answer(connection, request)
         if not PROTOCOL.fullmatch(','.join(one['Sec-WebSocket-Protocol'])):  # viser prints it

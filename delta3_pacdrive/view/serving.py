@@ -4,12 +4,8 @@ import contextlib
 import importlib.util
 import ipaddress
 import os
-import selectors
 import socket
-import threading
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 from delta3_pacdrive.errors import RunError, shown
@@ -20,21 +16,7 @@ PORT_MAX = 65535
 PORTS = 20  # candidates if none is requested
 BACKLOG = 100
 LISTENING = 'DELTA3_LISTENING'  # file descriptor of a listener that the parent process has opened
-REQUEST_BYTES, GREETING_S, START_S = 65536, 2.0, 10.0
-# The client tries to connect for 5 s, then once a second while the page has the focus. After repeated failures Chromium
-# delays connections by more than the client's timeout, so it would never connect. Therefore the client gets no focus
-# until the page is available.
-IS_THERE = '/is-there'  # answered by the page itself
-PATIENT = f"""
-<script>
-document.hasFocus = () => false;
-fetch('{IS_THERE}').finally(() => {{
-  delete document.hasFocus;
-  window.dispatchEvent(new Event('focus'));
-}});
-</script>
-""".encode()
-REPLY = b'HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\nContent-Length: %d\r\n\r\n'
+START_S = 10.0  # for the server to start
 
 
 def refusal(name: str, port: int | None) -> str:
@@ -143,62 +125,14 @@ def held(host: str, port: int | None) -> Iterator['Place']:
 
 
 class Place:
-    """A port held for a page. Browsers that connect early get the client, which waits for the page.
-
-    Loading the client takes a browser as long as creating the page takes, so both happen in parallel.
-    """
+    """A port held for a page. Browsers that connect early wait in the queue of the listener for the page."""
 
     def __init__(self, host: str, listener: socket.socket) -> None:
         self.host, self.port = host, int(listener.getsockname()[1])
         self.url = address(host, self.port)
         self.is_told = False  # the user knows the address
-        self.listener = _Listener(listener)
+        self.listener = listener
         self._is_held = True
-        self._waiting: list[socket.socket] = []
-        self._greeter: threading.Thread | None = None
-        self._over, self._is_over = socket.socketpair()
-
-    def greet(self) -> None:
-        """Start a thread that serves the client until the page takes over the listener."""
-        client = client_file()
-        if client is not None and self._greeter is None:
-            self._greeter = threading.Thread(target=self._greet, args=(client,), daemon=True)
-            self._greeter.start()
-
-    def _greet(self, client: Path) -> None:
-        listener = self.listener
-        with selectors.DefaultSelector() as selector:
-            selector.register(listener, selectors.EVENT_READ)
-            selector.register(self._is_over, selectors.EVENT_READ)
-            while True:
-                for key, _ in selector.select():
-                    if key.fileobj is self._is_over:
-                        own = listener, self._is_over
-                        known = [registered.fileobj for registered in selector.get_map().values()]
-                        self._waiting += [
-                            one for one in known if isinstance(one, socket.socket) and one not in own
-                        ]
-                        return
-                    if key.fileobj is listener:
-                        with contextlib.suppress(OSError):
-                            selector.register(listener.accept()[0], selectors.EVENT_READ)
-                    elif isinstance(key.fileobj, socket.socket):
-                        selector.unregister(key.fileobj)
-                        self._answer(key.fileobj, client)
-
-    def _answer(self, connection: socket.socket, client: Path) -> None:
-        """Send the client to a browser that requests it; other requests wait for the page."""
-        try:
-            connection.settimeout(GREETING_S)
-            if asks_for_client(connection.recv(REQUEST_BYTES, socket.MSG_PEEK)):
-                connection.recv(REQUEST_BYTES)
-                content = client.read_bytes() + PATIENT
-                connection.sendall(REPLY % len(content) + content)
-                connection.close()
-            else:
-                self._waiting.append(connection)
-        except OSError:  # the browser is gone
-            connection.close()
 
     def inheritable(self) -> int:
         """Return the file descriptor of the listener for a child process, which ``held`` finds in LISTENING."""
@@ -206,70 +140,14 @@ class Place:
         return self.listener.fileno()
 
     def hand_over(self) -> None:
-        """Hand the listener to the server; waiting connections are accepted first."""
-        if self._is_held:
-            self._stop()
-            self.listener.admit(self._waiting)
-            self._is_held, self._waiting = False, []
-
-    def _stop(self) -> None:
-        self._over.close()
-        if self._greeter is not None:
-            self._greeter.join()
-        self._is_over.close()
+        """Hand the listener to the server."""
+        self._is_held = False
 
     def close(self) -> None:
         """Release the port, unless a server has taken it over."""
-        self._stop()
         if self._is_held:
-            for one in (*self._waiting, self.listener):
-                one.close()
-            self._is_held, self._waiting = False, []
-
-
-class _Listener(socket.socket):
-    """A listening socket that returns previously accepted connections first."""
-
-    def __init__(self, listener: socket.socket) -> None:
-        super().__init__(listener.family, listener.type, listener.proto, fileno=listener.detach())
-        self._accepted: list[socket.socket] = []
-        self._knock: Any = None
-
-    def admit(self, waiting: list[socket.socket]) -> None:
-        """Queue accepted connections."""
-        self._accepted = waiting
-        if waiting:  # wake the server, which polls its listener only on a new connection
-            with socket.socket(self.family, self.type) as knock:
-                knock.connect(self.getsockname())
-                self._knock = knock.getsockname()
-
-    def accept(self) -> tuple[socket.socket, Any]:
-        if self._accepted:
-            return self._accepted.pop(0), ()
-        connection, address = super().accept()
-        if address == self._knock:
-            self._knock = None
-            connection.close()
-            raise BlockingIOError
-        return connection, address
-
-
-def client_file() -> Path | None:
-    """Return the client file of viser, None if this version has none."""
-    found = importlib.util.find_spec('viser')
-    for folder in (found and found.submodule_search_locations) or ():
-        client = Path(folder) / 'client' / 'build' / 'index.html'
-        if client.is_file():
-            return client
-    return None
-
-
-def asks_for_client(request: bytes) -> bool:
-    """Whether the data is a complete request for the page itself."""
-    line, _, headers = request.partition(b'\r\n')
-    method, _, target = line.partition(b' ')
-    asked = method == b'GET' and target.partition(b' ')[0].partition(b'?')[0] == b'/'
-    return asked and headers.endswith(b'\r\n\r\n') and b'upgrade: websocket' not in headers.lower()
+            self._is_held = False
+            self.listener.close()
 
 
 def taken(host: str, port: int, reason: str) -> RunError:

@@ -1,20 +1,15 @@
 """Facts about where the page is served."""
 
 import os
-import queue
 import socket
 import subprocess
 import sys
-import threading
 import urllib.request
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import ClassVar
 
 import pytest
 
-from browser import Visit
 from delta3_pacdrive.errors import RunError
 from delta3_pacdrive.view import serving
 from delta3_pacdrive.view.page import Page
@@ -81,65 +76,25 @@ def test_a_port_that_is_asked_for_is_held_as_well():
     assert chosen(serving.HOST, port) == port
 
 
-def test_a_browser_that_comes_before_the_page_has_its_client_at_once_and_then_the_page(robot):
+def test_a_browser_that_comes_before_the_page_waits_for_it(robot):
     from websockets.sync.client import connect
 
     with serving.held(serving.HOST, None) as place, ThreadPoolExecutor(2) as other:
-        place.greet()
-        with urllib.request.urlopen(f'{place.url}/', timeout=WAIT_S) as client:
-            assert client.read() == serving.client_file().read_bytes() + serving.PATIENT
-        asked = other.submit(urllib.request.urlopen, place.url + serving.IS_THERE, timeout=WAIT_S)
+        client = other.submit(urllib.request.urlopen, f'{place.url}/', timeout=WAIT_S)
         early = other.submit(connect, place.url.replace('http', 'ws'), **CLIENT)
         with pytest.raises(TimeoutError):
             early.result(0.5)
-        assert not asked.done()
+        assert not client.done()
         page = Page(robot, place, 'a robot of the tests')
         try:
             with early.result(WAIT_S):
                 pass
-            with asked.result(WAIT_S) as answer:
+            with client.result(WAIT_S) as answer:
                 assert answer.status == 200
             with connect(place.url.replace('http', 'ws'), **CLIENT):  # and whoever comes later
                 pass
         finally:
             page.close()
-
-
-class Unready(BaseHTTPRequestHandler):
-    """Gives the client, and answers nothing else before ``there`` is set; counts the attempts to connect."""
-
-    attempts: ClassVar[queue.Queue]
-    there: ClassVar[threading.Event]
-
-    def do_GET(self):
-        if self.headers.get('Upgrade') == 'websocket':
-            self.attempts.put(self.path)
-        elif self.path == '/':
-            content = serving.client_file().read_bytes() + serving.PATIENT
-            self.send_response(200)
-            self.send_header('Content-Length', str(len(content)))
-            self.end_headers()
-            self.wfile.write(content)
-            return
-        self.there.wait(4 * WAIT_S)
-
-    def log_message(self, *_):
-        """Say nothing."""
-
-
-@pytest.mark.long
-def test_a_browser_tries_once_before_the_page_is_there_and_anew_as_soon_as_it_is(browser):
-    Unready.attempts, Unready.there = queue.Queue(), threading.Event()
-    with ThreadingHTTPServer((serving.HOST, 0), Unready) as server, ExitStack() as stack:
-        stack.callback(server.shutdown)
-        stack.callback(Unready.there.set)
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        with Visit(browser, f'http://{serving.HOST}:{server.server_port}/') as visit:
-            Unready.attempts.get(timeout=4 * WAIT_S)
-            visit.page.wait_for_timeout(9000)  # it gives up after 5 s, and would try in each second then
-            assert Unready.attempts.empty()
-            Unready.there.set()
-            Unready.attempts.get(timeout=4 * WAIT_S)
 
 
 def test_a_process_finds_the_listener_that_it_was_handed(monkeypatch):
@@ -148,22 +103,6 @@ def test_a_process_finds_the_listener_that_it_was_handed(monkeypatch):
         with serving.held(serving.HOST, place.port) as handed:
             assert handed.port == place.port
         assert serving.LISTENING not in os.environ
-
-
-@pytest.mark.parametrize(
-    ('request_of', 'asked'),
-    [
-        (b'GET / HTTP/1.1\r\nHost: a\r\n\r\n', True),
-        (b'GET /?dark HTTP/1.1\r\nHost: a\r\n\r\n', True),
-        (b'GET / HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\n\r\n', False),
-        (b'GET / HTTP/1.1\r\nHos', False),
-        (b'GET /other HTTP/1.1\r\nHost: a\r\n\r\n', False),
-        (b'POST / HTTP/1.1\r\nHost: a\r\n\r\n', False),
-        (b'', False),
-    ],
-)
-def test_only_who_asks_for_the_page_itself_has_the_client(request_of, asked):
-    assert serving.asks_for_client(request_of) is asked
 
 
 def test_where_every_port_is_taken_one_sentence_says_so():
